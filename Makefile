@@ -9,6 +9,9 @@ CONSTRAINTS ?= .ci/constraints.txt
 # files with tests marked `long`: the others need not be read for `make test-long`
 LONG := $(shell grep -l 'mark\.long' tests/test_*.py)
 
+# bytecode is kept: without it every worker, and every command that a test starts, compiles all that it imports
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo quick lowest test test-long test-all test-slow coverage lint types pages docs bench scaling fuzz mutants false-alarms confusion detectability compensator clean
 
 demo: $(READY)

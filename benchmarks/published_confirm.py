@@ -19,7 +19,19 @@ import numpy as np
 
 import heavebond as hb
 from benchmarks.published_search import RESULTS, kept_results
-from benchmarks.published_structures import CELLS, FINE, OURS, PUBLISHED, STRUCTURES, Array, Structure, arrays, numbers
+from benchmarks.published_structures import (
+    CELLS,
+    FINE,
+    FREE_FLOW,
+    K_Q,
+    OURS,
+    PUBLISHED,
+    STRUCTURES,
+    Array,
+    Structure,
+    arrays,
+    numbers,
+)
 from heavebond.linear.linearisation import ModesAtStart
 
 FAST = 100.0  # a first-order valve as the slow pole of a spool that is so many times faster
@@ -31,6 +43,7 @@ def parameters(structure: Structure, values: Mapping[str, float]) -> dict[str, f
     names = {"beta": "ahc.cylinder.beta", "leakage": "ahc.cylinder.leakage", "hook": "drilling.hook.m", "T_1": "mru.T_1",
              "d_wires": "drilling.wires.d", "d_string": "drilling.string.d", "d_formation": "drilling.formation.d"}
     found = {path: values[name] for name, path in names.items() if name in values}
+    found["ahc.valve.q_r"] = 2 * 460 / 60e3 * values.get("K_q", K_Q) / K_Q
     found["cmc.equaliser.A"] = values["equalised"] / 1.027 * 69e-4
     zeta = {"two lags": 1.0, "first order": FAST / 2}
     found["ahc.valve.zeta"] = zeta.get(structure.law, values.get("zeta", 0.87))
@@ -89,7 +102,7 @@ def main() -> None:
     changed = {name: float(value) for name, _, value in (text.partition("=") for text in options.set)}
     box = "as set" if changed else "wide" if options.wide else "data sheet"
     results = kept_results(RESULTS)
-    for structure in STRUCTURES:
+    for structure in (*STRUCTURES, *FREE_FLOW):
         if structure.name not in options.names:
             continue
         if not has_diagram(structure):

@@ -26,7 +26,7 @@ from benchmarks.published_search import BOXES, place, values_at
 from benchmarks.published_structures import (
     CELLS,
     FINE,
-    K_Q,
+    FREE_FLOW,
     OURS,
     PUBLISHED,
     STRUCTURES,
@@ -57,7 +57,8 @@ SETS: dict[str, tuple[int, ...]] = {     # columns of PUBLISHED
     "all fifteen numbers": tuple(range(15))}
 SHOWN = ("second order, natural frequency", "second order, -3 dB bandwidth", "first order",
          "crown block and hook as one mass", "crown block and hook as one mass, -3 dB",
-         "backward Euler, crown block and hook as one mass")
+         "backward Euler, crown block and hook as one mass",
+         "crown block and hook as one mass, -3 dB; flow gain free")
 
 
 class Nearest(TypedDict):
@@ -121,7 +122,7 @@ def nearest(structure: Structure, columns: Sequence[int], wide: bool, population
 def stable_gain(structure: Structure, v: Values) -> Array:
     """(n,) K_p at the stability boundary without friction at 0.75 Hz; of a cascade K_p/K_v, with the ideal feed-forward."""
     limit = limit_of_gain(structure, v, 0.75, open_loops(structure, v, friction=False, w=FINE))
-    return limit * K_Q if structure.cascade else limit
+    return limit * v["K_q"][:, 0] if structure.cascade else limit
 
 
 def most_stable(structure: Structure, wide: bool, population: int = 64,
@@ -168,7 +169,7 @@ def main() -> None:
     for name, columns in SETS.items():
         if not options.read:
             kept[name] = {structure.name: nearest(structure, columns, False, options.population, options.generations)
-                          for structure in STRUCTURES if structure.name in SHOWN}
+                          for structure in (*STRUCTURES, *FREE_FLOW) if structure.name in SHOWN}
             RESULTS.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
         print(row(name, kept[name]), flush=True)
 

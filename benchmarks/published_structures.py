@@ -40,7 +40,7 @@ F_C, F_S, V_S, SIGMA_2, XI = 12e3, 22.8e3, 0.1, 10e3, 1000.0
 F_P = 500.0  # pressure-dependent friction at 125 bar, ours
 SUPPLY = 345e5
 AREA = 2 * np.pi / 4 * (0.2**2 - 0.17**2)
-K_Q = 2 * 460 / 60e3 * np.sqrt(345 / 2 / 35) / AREA  # speed per unit of spool, m/s
+K_Q = float(2 * 460 / 60e3 * np.sqrt(345 / 2 / 35) / AREA)  # speed per unit of spool of the rated valves, m/s
 WIRES, STRING, FORMATION = 4000e3, 298e3, 1000e3
 LARGEST_K_P = 8.0  # end of the sweep
 # rms(v)/rms(x) of the crown in the passive run, which weighs the two parts of the index (measured on the full model)
@@ -72,6 +72,7 @@ class Structure:
     euler: bool = False  # integrated by backward Euler with a fixed step
     cascade: bool = False  # u = -K_v (dz/dt + K_p x): the published K_p in 1/s
     resolution: float = 0.0  # of the sweep of K_v, s/m
+    flow_gain: bool = False  # of the valve free within the tolerance of its rated flow
     stable: bool = True  # False: a run too short for its instability to grow
 
     @property
@@ -82,7 +83,7 @@ class Structure:
         names += ["beta", "leakage"] * (self.oil != "rigid") + ["zeta_oil"] * (self.oil == "damped")
         names += ["d_formation"] * (self.masses != "163 t")
         names += ["hook"] * (self.masses in ("three", "no wires")) + ["d_wires"] * (self.masses == "three")
-        names += ["T_s"] * self.sampled + ["step"] * self.euler
+        names += ["T_s"] * self.sampled + ["step"] * self.euler + ["K_q"] * self.flow_gain
         return tuple(names)
 
 
@@ -100,9 +101,10 @@ BOX: dict[str, tuple[float, float, bool, float, float]] = {
     "T_1": (1e-3, 50e-3, True, 1e-3, 300e-3),
     "T_s": (1e-2, 0.2, True, 1e-3, 0.5),
     "step": (1e-3, 0.1, True, 1e-3, 0.5),
+    "K_q": (0.9 * K_Q, 1.1 * K_Q, False, 0.5 * K_Q, 2 * K_Q),  # m/s; data sheets state the rated flow to 10 %
 }
 OURS = {"zeta": 0.87, "beta": 1.8e9, "leakage": 2e-11, "zeta_oil": 0.0, "hook": 68e3, "d_wires": 50e3, "d_string": 15e3,
-        "d_formation": 220e3, "equalised": 1.03, "T_1": 0.02, "T_s": 0.01, "step": 1e-3}
+        "d_formation": 220e3, "equalised": 1.03, "T_1": 0.02, "T_s": 0.01, "step": 1e-3, "K_q": K_Q}
 
 BASE = Structure("second order, natural frequency")
 STRUCTURES = (
@@ -152,6 +154,11 @@ STRUCTURES = (
     replace(BASE, name="run too short to show the instability", stable=False),
     replace(BASE, name="friction as printed, run too short", friction="printed", stable=False),
 )
+# the same with the flow gain of the valve free; the published K_v of 0.55 s/m is the inverse of 1.82 m/s
+FREE_FLOW = tuple(
+    replace(structure, name=f"{structure.name}; flow gain free", flow_gain=True) for structure in STRUCTURES
+    if structure.friction == "odd" and structure.stable
+    and not (structure.euler or structure.sampled or structure.resolution))
 
 
 def arrays(values: Mapping[str, float]) -> dict[str, Array]:
@@ -222,7 +229,7 @@ def linear(structure: Structure, v: Values, s: Complex, slope: float) -> Linear:
     y = compliance(structure, v, s)
     common = y * (dynamic + passive) + AREA**2 * s
     return Linear((y * passive + AREA**2 * s) / common, -y / common, AREA / common,
-                  AREA**2 * K_Q / common, formation, dynamic, passive)
+                  AREA**2 * v["K_q"] / common, formation, dynamic, passive)
 
 
 def plane(structure: Structure, v: Values, w: Array) -> Complex:
@@ -304,9 +311,9 @@ def dry_friction(structure: Structure, speed: Array) -> Array:
     return (F_C + F_P + (F_S - F_C) * bell) * np.tanh(XI * speed)
 
 
-def missing_flow(spool: Array, pressure: Array) -> Array:
+def missing_flow(v: Values, spool: Array, pressure: Array) -> Array:
     """Flow of the two metering edges under load, less that without load."""
-    return np.asarray(AREA * K_Q * spool * (np.sqrt(np.clip(1 - np.sign(spool) * pressure / SUPPLY, 0, 2)) - 1))
+    return np.asarray(AREA * v["K_q"] * spool * (np.sqrt(np.clip(1 - np.sign(spool) * pressure / SUPPLY, 0, 2)) - 1))
 
 
 @dataclass(frozen=True)
@@ -344,13 +351,13 @@ def tuned(structure: Structure, v: Values, s: Complex, machine: Linear, friction
     law = valve(structure, v, s, f_n) * hold(structure, v, s)
     held = law * machine.spool
     error = measured - z if structure.feedback == "stroke" else 0 * measured
-    x, spool = np.zeros_like(measured), -s * z / K_Q + 0 * v["T_1"]
+    x, spool = np.zeros_like(measured), -s * z / v["K_q"] + 0 * v["T_1"]
     force, flow = x, x
     for k in range(rounds):
         sliding = ((x - z) * s) @ BACK
         new_force = dry_friction(structure, sliding.real) @ FORWARD if friction else 0 * x
         pressure = (machine.dynamic * x + machine.passive * (x - z) + new_force) / AREA
-        new_flow = missing_flow((spool @ BACK).real, (pressure @ BACK).real) @ FORWARD
+        new_flow = missing_flow(v, (spool @ BACK).real, (pressure @ BACK).real) @ FORWARD
         mix = 1.0 if k == 0 else 0.5
         force, flow = force + mix * (new_force - force), flow + mix * (new_flow - flow)
         free = machine.heave * z + machine.force * force + machine.flow * flow

@@ -140,7 +140,8 @@ def _page(component: Component, domains: dict[str, Domain]) -> str:
     lines = [GENERATED, "", f"# {component.name}", "", f"![{component.name}]({component.path.stem}.svg)", "",
              f"**Restrictions.** {_prose(component.restrictions or 'None are stated.')}", "", _prose(component.summary)]
     for title, body in (("Ports and signs", _ports(component, domains)), ("Parts", _parts(component)),
-                        ("Equations", _equations(component)), ("Start", _start(component)), ("Events", _events(component)),
+                        ("Equations", _equations(component)), ("Start", _start(component)),
+                        ("States", _states(component)), ("Events", _events(component)),
                         ("Energy", _energy(component)), ("Parameters", _parameters(component)),
                         ("Variables", _variables(component)), ("What the diagnosis seeks", _effects(component)),
                         ("Source", [_prose(component.source)] if component.source else []),
@@ -218,6 +219,12 @@ def _aligned(rows: Sequence[str]) -> list[str]:
 def _start(component: Component) -> list[str]:
     values = ", ".join(f"`{r.target.text}` starts at `{r.value.text}`" for r in component.initial)
     return [f"Unless the diagram gives an initial value, {values}."] if values else []
+
+
+def _states(component: Component) -> list[str]:
+    return _table(("state", "on entry", "transitions", "meaning"), [
+        (f"`{s.name}`", ", ".join(f"`{r.target.text} = {r.value.text}`" for r in s.entry),
+         ", ".join(f"to `{t.target}`: `{t.text}`" for t in s.transitions), _prose(s.doc)) for s in component.states])
 
 
 def _events(component: Component) -> list[str]:

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from heavebond.estimation.experiment import Experiment, load_experiment
     from heavebond.estimation.fitting import Fit, fit
     from heavebond.language.model import Model, load, loads
+    from heavebond.laws.find import FoundLaw, Laws, find_laws
     from heavebond.linear.linear_system import StateSpace, state_space
     from heavebond.linear.margins import loop_crossings, loop_margins
     from heavebond.linear.root_locus import root_locus
@@ -77,6 +78,7 @@ _EXPORTS = {
     "estimation.fitting": ("Fit", "fit"),
     "localise.misfit": ("Localization", "localize"),
     "language.model": ("load", "loads", "Model"),
+    "laws.find": ("find_laws", "FoundLaw", "Laws"),
     "numerics.dae": ("assemble", "Assembly"),
     "numerics.result": ("Result",),
     "numerics.simulation": ("simulate",),
@@ -90,11 +92,12 @@ _EXPORTS = {
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
-    "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "HeavebondError", "Localization", "Model",
-    "ModelError", "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator", "StartError", "StateSpace", "Study",
-    "StudyResult", "Tuned", "TuningProblem", "UsageError", "assemble", "attempt", "audit", "candidates", "compare",
-    "diagnose", "draw", "fit", "ladder", "load", "load_experiment", "load_study", "loads", "localize", "loop_crossings",
-    "loop_margins", "read_run", "root_locus", "run_study", "simplify", "simulate", "state_space", "tune", "tuning_task",
+    "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "FoundLaw", "HeavebondError", "Laws",
+    "Localization", "Model", "ModelError", "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator",
+    "StartError", "StateSpace", "Study", "StudyResult", "Tuned", "TuningProblem", "UsageError", "assemble", "attempt",
+    "audit", "candidates", "compare", "diagnose", "draw", "find_laws", "fit", "ladder", "load", "load_experiment",
+    "load_study", "loads", "localize", "loop_crossings", "loop_margins", "read_run", "root_locus", "run_study",
+    "simplify", "simulate", "state_space", "tune", "tuning_task",
 ]
 
 

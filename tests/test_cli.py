@@ -221,10 +221,10 @@ def test_a_position_that_no_equation_uses_can_be_drawn(folder: Path) -> None:
     (("--plot", "pul"), "name-unknown", "Did you mean 'pull'"),
     (("--plot", "max(pull"), "formula-incomplete", "--plot max"),
     (("--output", "p.jpg"), "file-suffix", ".png"), (("--save", "t.xlsx"), "file-suffix", ".csv"),
-    (("--output", "nowhere/p.png"), "file-unwritable", "no folder"), (("--output", ".png"), "file-suffix", ".png"),
-    (("--save", "nowhere/t.csv"), "file-unwritable", "no folder"), (("--until", "5"), "unit-missing", "5 s"),
+    (("--output", "nowhere/p.png"), "file-unwritable", "find the folder"), (("--output", ".png"), "file-suffix", ".png"),
+    (("--save", "nowhere/t.csv"), "file-unwritable", "find the folder"), (("--until", "5"), "unit-missing", "5 s"),
     (("--until", "-1 s"), "time-not-positive", "above 0"), (("--rtol", "2"), "usage", "rtol"),
-    (("--json", "nowhere/o.json"), "file-unwritable", "no folder"), (("more",), "usage", "unexpected extra argument"),
+    (("--json", "nowhere/o.json"), "file-unwritable", "find the folder"), (("more",), "usage", "unexpected extra argument"),
     (("--plt", "pull"), "usage", "--plot"), (("--set",), "usage", "requires an argument"),
 ])
 def test_wrong_usage_ends_with_2(words: tuple[str, ...], code: str, said: str) -> None:
@@ -472,7 +472,7 @@ def test_new_takes_clock_times_by_their_look_and_lists_what_a_column_may_be(fold
     Path("log.csv").write_text("Datum;Heizung kW;Tempo\n;kW;°C\n" + "\n".join(rows) + "\n", encoding="utf-8")
     found = figures("new", "measured.yaml", "--from", "heated.yaml", "log.csv")
     assert [(c["name"], c["role"]) for c in found["columns"]] == [("Datum", "time"), ("Heizung kW", "input"), ("Tempo", "")]
-    assert "no column was recognised as an output: say under `outputs:` what was measured" in found["remarks"]
+    assert "no column was recognised as an output: give the measured quantities under `outputs:`" in found["remarks"]
     text = Path("measured.yaml").read_text(encoding="utf-8")
     assert "#   oil.T: {column: Tempo, unit: degC}   # or air.T" in text
     Path("measured.yaml").write_text(text.replace("#   oil.T", "  oil.T"), encoding="utf-8")

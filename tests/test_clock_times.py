@@ -51,7 +51,7 @@ def test_moments_are_read(cells: list[str], seconds: list[float]) -> None:
 
 
 @pytest.mark.parametrize(("cells", "row", "said"), [
-    (["01/02/2024 12:00", "02/02/2024 12:00"], 0, "'01/02/2024 12:00' does not tell which is the day and which the month"),
+    (["01/02/2024 12:00", "02/02/2024 12:00"], 0, "'01/02/2024 12:00' is ambiguous: day and month could be exchanged"),
     (["12:05", "12:06"], 0, "'12:05' may be hours and minutes, or minutes and seconds"),
     (["", "12:00:03", "12:00:61"], 2, "'12:00:61' is neither a number nor"),
     (["2024-05-01 12:00", "2024-05-32 12:00"], 1, "'2024-05-32 12:00' is neither a number nor"),
@@ -123,7 +123,7 @@ def test_what_is_said_of_clocks_that_cannot_be_used(tmp_path: Path) -> None:
     assert "holds times of day, 'when' of 'log.csv' does not" in refused(path, "record-clocks")
     (tmp_path / "log.csv").write_text("when,foot,cart\n01/02/2024 12:00,1,2\n02/02/2024 12:00,2,3\n")
     said = refused(written_only(tmp_path), "record-clock")
-    assert "log.csv:2: the times in 'when' cannot be read: '01/02/2024 12:00' does not tell" in said
+    assert "log.csv:2: the times in 'when' cannot be read: '01/02/2024 12:00' is ambiguous" in said
     (tmp_path / "log.csv").write_text("when,foot,cart\n0,1,2024-05-01\n1,2,2024-05-02\n")
     assert isinstance(refused(written_only(tmp_path), "record-column-text"), str)
 

@@ -84,8 +84,11 @@ def test_blocks_that_never_act_at_the_same_instant_may_read_each_other() -> None
     assert run["one.y"] == pytest.approx(1 + np.floor(run.time / 0.1 + 1e-9))
 
 
-def test_an_update_reads_the_held_variable_that_it_sets_as_it_was() -> None:
-    run = hb.simulate(hb.loads(diagram({"n": "{is: SampleHold, T_s: 0.1 s, u: =n.y + 1}"})))
+def test_a_hold_counts_by_a_unit_delay() -> None:
+    with pytest.raises(hb.ModelError, match="'n' forms an algebraic loop with itself"):
+        hb.simulate(hb.loads(diagram({"n": "{is: SampleHold, T_s: 0.1 s, u: =n.y + 1}"})))
+    run = hb.simulate(hb.loads(diagram({"n": "{is: SampleHold, T_s: 0.1 s, u: =d.y + 1}",
+                                        "d": "{is: UnitDelay, T_s: 0.1 s, u: =n.y}"})))
     assert run["n.y"] == pytest.approx(1 + np.floor(run.time / 0.1 + 1e-9))
 
 
@@ -178,3 +181,28 @@ def test_an_fmu_updates_sampled_blocks_in_the_order_of_the_run(version: int, tmp
 def test_a_c_program_updates_sampled_blocks_in_the_order_of_the_run(tmp_path: Path) -> None:
     show = "show: {s: {is: s.y, unit: 1}, e: {is: e.y, unit: 1}}"
     agree(hb.loads(diagram(CHAIN, ("e", "s", "f", "r", "g", "a"), show)), tmp_path)
+
+
+def test_transitions_between_rates_are_listed_with_the_block_to_add() -> None:
+    """A formula that reads another rate; a hold and a unit delay state the transition."""
+    parts = {"fast": "{is: SampleHold, T_s: 0.1 s, u: =sin(time/(1 s))}",
+             "slow": "{is: SampleHold, T_s: 0.3 s, u: =2 - fast.y}", "back": "{is: SampleHold, T_s: 0.1 s, u: =1 + slow.y}",
+             "odd": "{is: SampleHold, T_s: 0.25 s, u: =1 + fast.y}",
+             "late": "{is: SampleHold, T_s: 0.1 s, t_0: 0.04 s, u: =1 + fast.y}"}
+
+    def found(**changed: str) -> dict[tuple[str, str], str]:
+        assembly = hb.assemble(hb.loads(diagram({**parts, **changed})))
+        return {(t.reader, t.source): t.text for t in assembly.update_order.transitions(assembly.p)}
+
+    texts = found()
+    assert set(texts) == {("slow", "fast"), ("back", "slow"), ("odd", "fast"), ("late", "fast")}
+    assert "one value of 3" in texts["slow", "fast"] and "SampleHold with T_s: 0.3 s" in texts["slow", "fast"]
+    assert "1.6667 Hz folds" in texts["slow", "fast"]  # 1/(2 * 0.3 s)
+    assert "UnitDelay with T_s: 0.3 s behind slow" in texts["back", "slow"]
+    assert "neither period is a multiple" in texts["odd", "fast"]
+    assert "at other instants" in texts["late", "fast"]
+    explicit = found(slow="{is: SampleHold, T_s: 0.3 s, u: =taken.y - 2}",
+                     taken="{is: SampleHold, T_s: 0.3 s, u: =3*fast.y}",
+                     back="{is: SampleHold, T_s: 0.1 s, u: =1 + passed.y}",
+                     passed="{is: UnitDelay, T_s: 0.3 s, u: =slow.y}")
+    assert set(explicit) == {("odd", "fast"), ("late", "fast")}

@@ -156,11 +156,7 @@ simulate: {until: 1 s, every: 10 ms}
     assert np.abs(run.sensitivity("i.y", "p.t_s") - by_start).max() < 1e-3
 
 
-def test_exports_and_modes_name_the_approximation(tmp_path):
-    from heavebond.exchange.portable import portable
-
-    made = portable(hb.loads(LOOP.format(T=0.5, until=1, k=1)))
-    assert made.assembly.flat.expanded.approximated == (("d", "Delay", "PadeDelay"),)
+def test_modes_have_the_approximation_and_exact_responses():
     system = hb.state_space(hb.loads(LOOP.format(T=0.5, until=1, k=1)), ["i.u"], ["i.y"])
     # 1/(s + exp(-s T)) at s = 2 pi j
     s = 2j * np.pi

@@ -105,11 +105,11 @@ no effect of class 'dry' fits in this diagram [class-unknown]
   Did you mean 'dry friction'?
 """),
     (("fit", "receiver_rig/choked", "--profile", "inlet.c"), """\
---profile inlet.c: that is not free [free-unknown]
+--profile inlet.c: this parameter is not free [free-unknown]
   Did you mean 'inlet.C'?
 """),
     (("compare", __file__), f"""\
-'{__file__}' is no experiment: that is a YAML file [file-suffix]
+'{__file__}' is not a YAML file [file-suffix]
   Give the experiment, whose name ends in .yaml.
 """),
     (("diagnose", "receiver_rig/choked", "--report", "found.txt"), """\
@@ -155,7 +155,7 @@ def test_a_folder_is_made_with_its_parents(folder: Path) -> None:
     (folder / "taken").write_text("mine")
     answer = call("diagnose", "receiver_rig/choked", "--folder", "taken/monday")
     assert answer.exit_code == 2
-    assert answer.stderr == "the folder 'taken/monday' cannot be made: not a directory [file-unwritable]\n" \
+    assert answer.stderr == "the folder 'taken/monday' cannot be created: not a directory [file-unwritable]\n" \
         "  Give another one.\n"
 
 
@@ -213,7 +213,7 @@ rig/firm_spring.yaml:15: there is no component 'Sprng' [component-unknown]
   Did you mean 'Spring' or 'GasSpring'?
 """),
     ("Spring", "2*old.k", """\
-rig/firm_spring.yaml:19: 'old.k' is no parameter of Spring [effect-start]
+rig/firm_spring.yaml:19: 'old.k' is not a parameter of Spring [effect-start]
    19 |   start: {c: 2*old.k}
       |              ^^^^^^^
   Did you mean 'old.c' or 'old.l0'?

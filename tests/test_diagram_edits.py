@@ -230,7 +230,7 @@ def test_parts_are_moved_together_and_keep_their_distances() -> None:
     assert [line.split(":")[0].strip() for line in came] == ["wheel", "tyre", "road"] and len(went) == 3
     assert "at: [3, 2]" in came[0] and "at: [3, 3]" in came[1] and "at: [3, 4]" in came[2]
     assert _refused(CAR, "move_parts", grid=grid, parts=["wheel", "tyre"], part="tyre", column=1, row=4) == \
-        "'tyre' would stand where 'road' is"
+        "'tyre' would cover 'road'"
 
 
 def test_parts_are_copied_with_the_wires_between_them() -> None:
@@ -258,6 +258,6 @@ def test_outputs_initial_values_and_the_duration_are_set() -> None:
     rest = _edit(bare, "setting", key="start", value="rest")
     assert hb.loads(rest).initial.mode == "rest" and _edit(rest, "setting", key="start", value="") == bare
     mine = f"model: mine\nextends: {bundled('models') / 'quarter_car' / 'quarter_car.yaml'}\n"
-    assert "no output of this file" in _refused(mine, "show", signal="body.x", on=False)
+    assert "not an output of this file" in _refused(mine, "show", signal="body.x", on=False)
     again = _edit(CAR, "setting", key="start", value="")
     assert _lines(CAR, again) == (["initial: {start: steady}"], [])

@@ -48,7 +48,7 @@ def test_every_block_of_a_page_is_so(page: Path, tmp_path: Path, monkeypatch: py
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("COLUMNS", raising=False)
     if page.name == "exchange.md" and not any(shutil.which(name) for name in COMPILERS):
-        pytest.skip("there is no C compiler here")
+        pytest.skip("no C compiler is installed")
     found = PageRun(page).execute().found
     assert not found, "\n\n".join(found)
 

@@ -355,8 +355,8 @@ PAD = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="-20 -20 40 40">{}<circle
     (PAD.format('<path fill="url(#x)" d="M0 0"/>'), "<path> has fill, which a symbol cannot have"),
     ('<!DOCTYPE svg [<!ENTITY a "aa">]>' + PAD.format(""), "a symbol has no document type and no entities"),
     (PAD.format("").replace('cx="-20"', 'cx="-15"'), "the place of port 'a' is not on the edge"),
-    (PAD.format("").replace("-20 -20 40 40", "wide"), "this is no symbol"),
-    (PAD.format("<path"), "this is no symbol"),
+    (PAD.format("").replace("-20 -20 40 40", "wide"), "this is not a symbol"),
+    (PAD.format("<path"), "this is not a symbol"),
     (PAD.format("").replace('data-port="a"', 'data-port="b"'), "the symbol 'pad' has no place for a of Pad"),
 ])
 def test_a_symbol_that_could_act_or_misses_a_port_is_refused(tmp_path: Path, symbol: str, said: str) -> None:
@@ -429,7 +429,7 @@ def test_a_part_is_turned_as_its_place_says(turn: int) -> None:
     drawn = laid_out(hb.loads(text.replace("at: [2, 1]", f"at: [2, 1, {turn}]")))
     damper = next(item for item in drawn.items if item.part.name == "damper")
     assert damper.shape.turn[:2] == {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[turn]
-    with pytest.raises(HeavebondError, match="is not turned by 45 degrees"):
+    with pytest.raises(HeavebondError, match="cannot be rotated by 45 degrees"):
         hb.loads(text.replace("at: [2, 1]", "at: [2, 1, 45]"))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from diagrams import BALL, FLOOR, PEAKS
@@ -15,6 +16,8 @@ from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.fitting import fit
 from heavebond.exchange.portable import portable
 from heavebond.numerics.dae import Assembly
+from heavebond.numerics.jumps import EventEquations
+from heavebond.numerics.pointwise import AT_ONCE
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.optimise.adjoint import Adjoint
 from heavebond.optimise.gradient_check import check_gradients, costs_of
@@ -608,3 +611,37 @@ def test_what_an_event_holds_may_equal_the_bound_of_a_condition(tmp_path: Path, 
     assert [t for t, _ in run.events] == pytest.approx([1.0, 2.0], abs=1e-9)
     never = hb.simulate(hb.load(str(tmp_path / "m.yaml")), parameters={"part.level": 1.0})
     assert not never.events
+
+
+def test_conditions_are_evaluated_at_many_points_as_at_each_by_itself() -> None:
+    """To the last bit, whatever the number of points: they are handed over some at a time."""
+    assembly = hb.assemble(hb.load("circuits/pile_driver"))
+    equations = EventEquations(assembly, ca.SX(0, 1), ca.SX(0, 1))
+    n, random = 2*AT_ONCE + 7, np.random.default_rng(1)
+    times, u = np.linspace(0, 1, n), np.zeros((0, n))
+    x, z = (size[:, None]*random.normal(size=(len(size), n)) for size in (assembly.x_nominal, assembly.z_nominal))
+    many = equations.indicators(times, x, z, assembly.p, u)
+    assert len(many[0]) == 4
+    assert all(np.ptp(values, axis=1).any() for values in many)
+    for k in range(n):
+        at = slice(k, k + 1)
+        one = equations.indicators(times[at], x[:, at], z[:, at], assembly.p, u[:, at])
+        for values, alone in zip(many, one, strict=True):
+            np.testing.assert_array_equal(values[:, at], alone)
+
+
+def test_dense_events_are_named_with_their_part_and_rate() -> None:
+    """A comparator behind a burst of 60 kHz for 2 ms: an event in each half of a period."""
+    text = """model: burst
+components:
+  quiet: {is: Comparator, level: 0.5, u: "=sin(2*pi*3 Hz*time)"}
+  edges: {is: Comparator, level: 0, u: "=if_else(time < 2 ms, sin(2*pi*F*time), -1)"}
+simulate: {until: 1 s}
+"""
+    with pytest.warns(hb.RunWarning, match=r"edges has 12\d{4} events per second at 0\.00\d+ s and 24\d in the run"):
+        run = hb.simulate(hb.loads(text.replace("F", "60 kHz")))
+    found, = run.verdict.findings
+    assert (found.kind, found.part, found.failed) == ("dense-events", "edges", False)
+    assert found.value == pytest.approx(2 * 60e3, rel=0.02)  # of 99 half periods
+    assert "Relay" in found.advice
+    assert not hb.simulate(hb.loads(text.replace("F", "10 kHz"))).verdict.findings

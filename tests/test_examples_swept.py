@@ -48,7 +48,7 @@ def test_other_inputs_give_a_finite_run_or_a_message(example: str) -> None:
             values: list[np.ndarray] = []
             try:
                 run = hb.simulate(model.with_parameters({path: f"={factor}*({text})"}))
-                values = [run.x, *run.display.values()]
+                values = [run.x, *run.signals(run.display).values()]
             except HeavebondError as error:
                 told = list(error.problems)
             assert told or values, (path, factor)

@@ -53,9 +53,10 @@ def circuit(name: str) -> Path:
 
 @pytest.mark.parametrize(("name", "version"), [
     ("circuits/tank_level", 3),
+    *(pytest.param(name, version, marks=pytest.mark.long) for name, version in (
+        ("circuits/vibrating_conveyor", 3), ("power_unit/power_unit", 2), ("circuits/train_buffers", 3))),
     *(pytest.param(name, version, marks=pytest.mark.slow) for name, version in (
-        ("circuits/positioning_servo", 2), ("circuits/pneumatic_hammer", 3), ("circuits/vibrating_conveyor", 3),
-        ("power_unit/power_unit", 2), ("circuits/train_buffers", 3)))])
+        ("circuits/positioning_servo", 2), ("circuits/pneumatic_hammer", 3)))])
 def test_machines_with_events_run_in_another_program_as_here(name: str, version: int, tmp_path: Path) -> None:
     from fmpy.validation import validate_fmu
 

@@ -134,6 +134,17 @@ def test_a_variant_in_another_folder_knows_the_functions_of_both(folder: Callabl
     assert again.library.functions is hb.load(base).library.functions, "another process must not read all components anew"
 
 
+def test_a_component_that_is_renamed_in_its_file_is_found_under_its_new_name(tmp_path: Path) -> None:
+    """Heads of files are kept from one look at a folder to the next, as long as the file is the same."""
+    file = tmp_path / "own.yaml"
+    for name in ("OwnDamper", "OwnViscousDamper"):
+        file.write_text(f"component: {name}\nsummary: A damper.\n")
+        assert [known for known, path in library([tmp_path]).files.items() if path == file] == [name]
+    file.unlink()
+    file.mkdir()
+    assert file not in library([tmp_path]).files.values()
+
+
 # -- what is wrong -------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("changes", "code", "said"), [
     ({"brake": ("drag(a.v, k).F", "drak(a.v, k).F")}, "function-unknown", "Did you mean 'drag'?"),
@@ -150,16 +161,16 @@ def test_a_variant_in_another_folder_knows_the_functions_of_both(folder: Callabl
     ({"drag": ("  P = F*v                   # power\n", "")}, "function-output", "no line gives the output 'P'"),
     ({"drag": ("P = F*v ", "F = F*v ")}, "function-given-twice", "'F' is given by a line above already"),
     ({"drag": ("P = F*v ", "v = F*v ")}, "function-given-twice", "'v' is an input already"),
-    ({"drag": ("P = F*v ", "P = F*der(v)")}, "function-refused", "der() has no place in a function"),
+    ({"drag": ("P = F*v ", "P = F*der(v)")}, "function-refused", "der() is not permitted in a function"),
     ({"drag": ("P = F*v ", "P = floor(F*v/1)")}, "function-refused", "jumps"),
     ({"drag": ("P = F*v ", "P = F*time*v ")}, "name-unknown", "'time' is not given"),
     ({"drag": ("P = F*v   ", "P + F = F*v   ")}, "function-left", "one name"),
     ({"drag": ("P = F*v   ", "P[1] = F*v   ")}, "function-left", "each i in 1..n: y[i] = f(i, ...)"),
     ({"drag": ("P = F*v   ", "each i in 1..2: P[i] = F*v   ")}, "function-left", "not its elements"),
-    ({"drag": ("# power\n", "# power\n  e = 1 # nothing\n")}, "function-unused", "nothing uses 'e'"),
+    ({"drag": ("# power\n", "# power\n  e = 1 # nothing\n")}, "function-unused", "'e' is not used"),
     ({"drag": ("1 mm/s", "1 mm")}, "unit-wrong", "value of v_t"),
     ({"drag": ("1 mm/s", "1")}, "unit-missing", "value of v_t"),
-    ({"drag": ("P: {unit: W", "v: {unit: W")}, "name-twice", "'v' stands under inputs and under outputs"),
+    ({"drag": ("P: {unit: W", "v: {unit: W")}, "name-twice", "'v' is declared under inputs and under outputs"),
     ({"drag": ("P = F*v ", "P = drag(v, k).P ")}, "function-circle", "'drag' calls itself"),
     ({"drag": ("summary: D", "sumary: D")}, "key-unknown", "has no entry 'sumary'"),
     ({"drag": ("function: drag", "function: sqrt")}, "function-unknown", "there is no function 'drag'"),
@@ -497,10 +508,10 @@ def test_a_matrix_by_elements_in_formulas_of_a_page() -> None:
     ("coupled", "momenta(M, v).p", "momenta(v, v).p", "units-argument", "M of momenta must be in kg"),
     ("lines", "ys[1] + sum(d", "ys + sum(d", "list-length", "in lines, `y = ys + sum"),
     ("lines", "count: n, doc: values", "doc: values", "list-index", "'ys' is a number, it has no elements"),
-    ("lines", "x - xs[i]", "x - xs[i + n]", "list-index", "'xs[4]' is no element of xs, which has 3"),
+    ("lines", "x - xs[i]", "x - xs[i + n]", "list-index", "'xs[4]' is not an element of xs, which has 3"),
     ("lines", "ys[2..n] -", "ys[3..n] -", "list-length", "in lines, `d = ys[3..n]"),
     ("lines", "count: n, doc: points", "count: n + 1, doc: points", "count-bad", "is a name or a whole number"),
-    ("momenta", "N*s, count: n", "N*s, count: m", "count-bad", "depends on m, which no input tells"),
+    ("momenta", "N*s, count: n", "N*s, count: m", "count-bad", "depends on m, which no input determines"),
     ("momenta", "N*s, count: n", "N*s", "list-number", "the output p is declared as a number"),
     ("momenta", "count: [n, n]", "count: [v, v]", "name-twice", "'v' is a length and an input")])
 def test_mistakes_in_functions_of_lists(tmp_path: Path, file: str, old: str, new: str, code: str, said: str) -> None:

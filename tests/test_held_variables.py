@@ -41,10 +41,9 @@ initial: {b.x: 0.1 m, b.v: 0 m/s}
 simulate: {until: 4 s, every: 10 ms}
 """
 RECORDER = OSCILLATOR.replace("PART", 'h: {is: SampleHold, T_s: 40 ms, u: "=b.x"}')
-QUANTISED = SAMPLED_POSITION.replace(
-    'h: {is: SampleHold, T_s: 40 ms, u: "=-20 N/m*b.x - 9 N*s/m*b.v"}',
-    'h: {is: Quantiser, step: 1 N, T_s: 40 ms, u: "=-20 N/m*b.x - 9 N*s/m*b.v"}')
-# a controller of a user, whose memory is a state that each sample sets to whole newtons
+# a relay that is sampled: its derivative is zero, its effect is not
+SAMPLED_RELAY = SAMPLED_POSITION.replace('"=-20 N/m*b.x - 9 N*s/m*b.v"', '"=if_else(b.x + 0.2 s*b.v > 0 m, -5 N, 5 N)"')
+# a controller of a user, whose memory is a state that each sample sets to one of two values
 MEMORY = """
 component: Memory
 summary: A sampled force law.
@@ -55,7 +54,7 @@ variables: {q: {unit: N, doc: memory}}
 equations: |
   der(q) = 0
   y = q
-when: {sample: {every: T_s, then: {q: "s*floor(u/s)"}}}
+when: {sample: {every: T_s, then: {q: "if_else(u > s, s, -s)"}}}
 """
 # a sample is taken by the edges of a square wave
 TRIGGERED = """
@@ -109,18 +108,26 @@ def _memory(text: str) -> str:
     return text.replace("{is: SampleHold,", "{is: Memory,")
 
 
-def test_a_loop_through_a_quantiser_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_loop_through_a_sampled_relay_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """The loop was said not to exist, and the machine marginally stable."""
-    file = _file(SAMPLED_LOOP.replace("SampleHold,", "Quantiser, step: 0.001,"), tmp_path)
+    file = _file(SAMPLED_LOOP.replace("h: {is: SampleHold,", 'h: {is: SampleHold, u: "=if_else(e.y > 0.1, 1, -1)",').replace(
+        "e: [e.y, h.u]", "e: [e.y]"), tmp_path)
     code, _ = _command(["linear", str(file), "--loop", "y"], tmp_path)
     said = capsys.readouterr()
     assert code != 0 and "loop-held" in said.err
-    assert "h.k" in said.err and "Quantiser" in said.err and "machine.yaml:4" in said.err
+    assert "h.last" in said.err and "SampleHold" in said.err and "machine.yaml:4" in said.err
     assert "marginally stable" not in said.out
 
 
+@pytest.mark.parametrize("law", ["if_else(u > s, s, -s)", "s*sign(u)"])
+def test_a_state_that_a_sampled_relay_sets_is_no_constant(law: str, tmp_path: Path):
+    """Four random motions on one side of its threshold made it one."""
+    file = _file(_memory(SAMPLED_POSITION), tmp_path, memory=MEMORY.replace("if_else(u > s, s, -s)", law))
+    assert hb.state_space(hb.load(file), ["b.f"], ["b.x"]).stability().verdict == UNDECIDED
+
+
 @pytest.mark.parametrize(("text", "parts", "name", "kind"), [
-    (QUANTISED, {}, "h.k", "Quantiser"),
+    (SAMPLED_RELAY, {}, "h.last", "SampleHold"),
     (_memory(SAMPLED_POSITION), {"memory": MEMORY}, "h.q", "Memory"),
     (SAMPLED_POSITION.replace("SampleHold, T_s: 40 ms,", "Triggered,").replace(
         "  m: {is", "  w: {is: SquareWave, T: 40 ms, high: 1, low: 0}\n  m: {is").replace(
@@ -176,36 +183,37 @@ def test_a_law_that_a_clock_switches_takes_the_verdict(tmp_path: Path):
 
 
 def test_state_spaces_and_their_exports_name_held_variables(tmp_path: Path):
-    file = _file(QUANTISED, tmp_path)
+    file = _file(SAMPLED_RELAY, tmp_path)
     system = hb.state_space(hb.load(file), ["b.f"], ["b.x"])
     assert system.stability().verdict == UNDECIDED and not system.stable
     held, = system.held
     assert (held.name, held.part, held.component, held.place.line, held.sampled, held.in_loop) == \
-        ("h.k", "h", "Quantiser", 6, True, True)
-    # the first sample is taken at 0 s: -20 N/m times 0.1 m
-    assert held.value == pytest.approx(-2.0)
+        ("h.last", "h", "SampleHold", 6, True, True)
+    # the first sample is taken at 0 s, at 0.1 m
+    assert held.value == pytest.approx(-5.0)
     assert system.to_control().held == (held.text,)
     saved = tmp_path / "matrices.npz"
     code, told = _command(["linear", str(file), "--from", "b.f", "--to", "b.x", "--save", str(saved)], tmp_path)
     assert code == 0 and told["stability"] is None and told["stable"] is None
-    assert [one["variable"] for one in told["held"]] == ["h.k"]
+    assert [one["variable"] for one in told["held"]] == ["h.last"]
     assert list(np.load(saved)["held"]) == [held.text]
 
 
 def test_figures_name_held_variables(tmp_path: Path):
     from heavebond.pictures.plot_linear import plot_bode
 
-    system = hb.state_space(hb.load(_file(QUANTISED, tmp_path)), ["b.f"], ["b.x"])
+    system = hb.state_space(hb.load(_file(SAMPLED_RELAY, tmp_path)), ["b.f"], ["b.x"])
     figure = plot_bode([system], np.array([0.1, 1.0]), title="a title")
-    assert any("held constant" in text.get_text() and "h.k" in text.get_text() for text in figure.texts)
+    assert any("held constant" in text.get_text() and "h.last" in text.get_text() for text in figure.texts)
 
 
-def test_a_root_locus_of_a_quantised_loop_has_no_stability_boundary(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    file = _file(QUANTISED.replace("components:", "parameters: {K: 1 N*s/m}\ncomponents:").replace(
+def test_a_root_locus_of_a_loop_with_a_sampled_relay_has_no_stability_boundary(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = _file(SAMPLED_RELAY.replace("components:", "parameters: {K: 1 N*s/m}\ncomponents:").replace(
         "u: 0 N}", 'u: "=-K*b.v"}'), tmp_path)
     code, told = _command(["linear", str(file), "--over", "K=-1 .. 1 N*s/m"], tmp_path)
     assert code == 0 and told["limits"] == [] and set(told["stability"]) == {None}
-    assert [one["variable"] for one in told["held"]] == ["h.k"] and "h.k" in capsys.readouterr().out
+    assert [one["variable"] for one in told["held"]] == ["h.last"] and "h.last" in capsys.readouterr().out
 
 
 def test_margins_name_a_relay_that_is_held_and_keep_those_of_the_loop_around_it(tmp_path: Path):
@@ -242,26 +250,26 @@ def test_what_happens_at_the_start_is_done_before_the_machine_is_linearised(tmp_
     assert told["held"][0]["value"] == 1.0 and told["stability"] == STABLE
 
 
-def test_tuning_refuses_a_stability_limit_of_a_quantised_loop_and_otherwise_says_that_it_is_not_decided(tmp_path: Path):
-    file = _file(QUANTISED, tmp_path)
+def test_tuning_refuses_a_stability_limit_with_a_sampled_relay_and_otherwise_says_that_it_is_not_decided(tmp_path: Path):
+    file = _file(SAMPLED_RELAY, tmp_path)
     free = {"h.T_s": "30 .. 50 ms"}
-    with pytest.raises(UsageError, match=r"h\.k.*Quantiser"):
+    with pytest.raises(UsageError, match=r"h\.last.*SampleHold"):
         Objective(assemble(hb.load(file)), tuning_task(free, "rms(b.x)/1 m", stable=True))
     found = tune(hb.load(file), tuning_task(free, "rms(b.x)/1 m", end="1 s"), explore=0, most_steps=1)
-    assert found.stability.stable is None and "h.k" in found.stability.undecided[0]
+    assert found.stability.stable is None and "h.last" in found.stability.undecided[0]
     assert "stable" not in found.limits
-    with pytest.raises(UsageError, match=r"h\.k"):
+    with pytest.raises(UsageError, match=r"h\.last"):
         Objective(assemble(hb.load(file)), tuning_task(free, "rms(b.x)/1 m", limits=["damping(least) > 0.1"]))
 
 
-def test_the_command_tune_says_that_the_stability_of_a_quantised_loop_is_not_decided(tmp_path: Path,
+def test_the_command_tune_says_that_the_stability_of_a_loop_with_a_sampled_relay_is_not_decided(tmp_path: Path,
                                                                                    capsys: pytest.CaptureFixture[str]):
-    file = _file(QUANTISED, tmp_path)
+    file = _file(SAMPLED_RELAY, tmp_path)
     words = ["tune", str(file), "--free", "h.T_s=30 .. 50 ms", "--cost", "rms(b.x)/1 m", "--evaluate", "0 .. 1 s",
              "--explore", "0", "--no-robustness"]
     code, told = _command(words, tmp_path)
     assert code == 0 and told["stability"]["stable"] is None
     said = capsys.readouterr().out
-    assert "stability not decided" in said and "h.k" in said
+    assert "stability not decided" in said and "h.last" in said
     code, _ = _command([*words, "--stable"], tmp_path)
-    assert code != 0 and "h.k" in capsys.readouterr().err
+    assert code != 0 and "h.last" in capsys.readouterr().err

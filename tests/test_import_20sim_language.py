@@ -304,7 +304,7 @@ def test_a_count_of_integration_steps_is_not_translated(tmp_path: Path, section:
     text = one_part(f"variables\n integer i;\ninitialequations\n i = 0;\n{section}\n i = i + 1;\n y = i;", "y")
     (tmp_path / "cart.emx").write_text(text)
     (problem,) = import_emx(tmp_path / "cart.emx").untranslated
-    assert problem.reason == "'i' follows from its own value at the integration step before, and so depends on the method"
+    assert problem.reason == "'i' depends on its value at the integration step before, and so on the integration method"
     counted = one_part("variables\n integer i;\ncode\n if frequencyevent (0.5, 0.5) then i = i + 1; end;\n y = i;", "y")
     assert at(run_part(tmp_path, counted), "y", 0.4, 1.2) == [0, 2]
 

@@ -677,7 +677,7 @@ def test_tables_of_two_inputs_from_files(tmp_path: Path) -> None:
     agree(run["Own.y"], 3 - read(second, first / 2))
     assert "{is: Lookup2, x_1: [0, 1, 2.5], x_2: [-1, 0, 0.5, 4], v: [" in (tmp_path / "out" / "m.yaml").read_text()
     reasons = " ".join(u.reason for u in import_emx(tmp_path / "m.emx", frozenset(library().names())).untranslated)
-    assert "the table 'lost.txt' is not beside the model" in reasons and "not of numbers: 2 x 4" in reasons
+    assert "the table 'lost.txt' is not in the folder of the model" in reasons and "not of numbers: 2 x 4" in reasons
 
 
 PROFILE = """parameters

@@ -62,7 +62,7 @@ def test_noise_and_steps_of_a_position_are_seen_and_a_clean_one_is_left_alone(tm
 
 
 @pytest.mark.parametrize(("interpolation", "smooth", "message"), [
-    ("spline", "5 rad/s", "smooth"), ("spline", "-1 Hz", "is no frequency above 0"),
+    ("spline", "5 rad/s", "smooth"), ("spline", "-1 Hz", "is not a frequency above 0"),
     ("hold", "5 Hz", "an input that is held from sample to sample"),
 ])
 def test_a_wrong_bandwidth_is_reported_with_its_line(tmp_path, interpolation, smooth, message):

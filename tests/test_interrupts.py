@@ -66,7 +66,7 @@ def test_the_first_is_answered_and_the_second_obeyed() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         work()
-    assert done == ["finished"] and len(said) == 1 and "Ctrl-C once more" in said[0]
+    assert done == ["finished"] and len(said) == 1 and "second Ctrl-C" in said[0]
     with pytest.raises(KeyboardInterrupt):  # and as it was behind it
         interrupt()
 
@@ -363,7 +363,7 @@ def test_a_signal_while_a_diagnosis_writes_loses_nothing(folder: Path, monkeypat
     Path("damped.yaml").write_text(CHIRP.replace("chirp\n", "damped\n").replace("spring.d: 5 .. 80 N*s/m", ""))
     answer = CliRunner().invoke(main, ["diagnose", "damped.yaml", "--only", "value of a parameter", "--processes", "1"])
     assert answer.exit_code == 0, answer.output
-    assert Path("damped_report.html").exists() and "Ctrl-C once more" in answer.stderr
+    assert Path("damped_report.html").exists() and "second Ctrl-C" in answer.stderr
 
 
 def test_a_diagnosis_that_is_terminated_early_does_not_end_as_a_complete_one(

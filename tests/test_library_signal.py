@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +107,24 @@ simulate: {until: 1 s}
     assert [p.code for p in caught.value.problems] == ["floor-moves"]
     assert "then:" in str(caught.value)
     with pytest.raises(ModelError, match="SampleHold of a Ramp"):
-        hb.simulate(hb.loads(text.replace("cart.x/(1 m)", "time/(1 s)")))
+        hb.simulate(hb.loads(text.replace("cart.x/(1 m)", "sin(time/(1 s))")))
+
+
+def test_the_advice_for_floor_of_the_time_gives_its_staircase() -> None:
+    text = """\
+model: stairs
+components:
+  source: {is: ForceSource, u: "=1 N*floor(time/(0.3 s)) + 2 N"}
+  cart: {is: Mass, m: 1 kg}
+nodes: {cart: [source.a, cart.a]}
+simulate: {until: 1 s, every: 50 ms}
+"""
+    with pytest.raises(ModelError) as caught:
+        hb.simulate(hb.loads(text))
+    block, part = re.search(r"Add `(.*)` and write (\S+) in place of floor", caught.value.problems[0].hint).groups()  # type: ignore[union-attr]
+    followed = text.replace("floor(time/(0.3 s))", part).replace("  cart: {is", f"  {block}\n  cart: {{is", 1)
+    run = hb.simulate(hb.loads(followed))
+    assert run["source.u"] == pytest.approx(np.floor(run.time / 0.3 + 1e-9) + 2, abs=1e-9)
 
 
 # -- blocks without memory ----------------------------------------------------------------------------------------------
@@ -146,6 +164,13 @@ STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
      np.interp(U, [-1, 0, 2], [5, 1, -3])),
     ("Lookup", {"u": "0 V", "x": "[-1 V, 0 V, 1 V]", "v": "[5 N, 1 N, -3 N]", "outside": 1}, {"u": U},
      1 - 4*U),
+    ("Lookup", {"u": "0 V", "x": "[-1 V, 0 V, 2 V]", "v": "[5 N, 1 N, 5 N]", "outside": 2}, {"u": 3*U},
+     np.interp((3*U + 1) % 3 - 1, [-1, 0, 2], [5, 1, 5])),
+    # at the step the value of its second point
+    ("Lookup", {"u": "0 V", "x": "[-1 V, 0 V, 0 V, 2 V]", "v": "[5 N, 1 N, 2 N, 4 N]"}, {"u": U},
+     np.where(U < 0, np.interp(U, [-1, 0], [5, 1]), np.interp(U, [0, 2], [2, 4]))),
+    ("Lookup", {"u": "0 V", "x": "[-1 V, -1 V, 0.2 V, 0.2 V]", "v": "[5 N, 1 N, 2 N, -3 N]"}, {"u": U},
+     np.where(U < -1, 5, np.where(U < 0.2, 1 + (U + 1)/1.2, -3))),
     ("MonotoneLookup", {"u": "0 V", "x": "[-2 V, -1.5 V, 0 V, 1 V, 2 V]", "v": "[0 N, 3 N, 3.5 N, 3.5 N, -2 N]"}, {"u": U},
      PchipInterpolator([-2, -1.5, 0, 1, 2], [0, 3, 3.5, 3.5, -2])(np.clip(U, -2, 2))),
     ("TableSource", {"t": "[1 s, 2 s, 4 s]", "v": "[5 N, 1 N, -3 N]"}, {"time": TIME},
@@ -423,3 +448,36 @@ nodes: {release: [release.y, part.u], command: [part.y]}
 simulate: {until: 3.9 s, every: 10 ms}
 """).events
     agree([time for time, name in events if name == "part.next"], [0.2, 1.4, 2.0, 2.2, 3.4], 1e-9)
+
+
+@pytest.mark.parametrize(("values", "words"), [
+    ("outside: 1, x: [0 V, 0 V, 1 V], v: [0, 1, 2]", "outside"), ("outside: 2, x: [0 V, 1 V], v: [0, 1]", "outside"),
+    ("x: [1 V, 0 V], v: [0, 1]", "x[1] < x[n]")])
+def test_a_table_without_slope_or_period_at_its_end_is_refused(values: str, words: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        hb.simulate(hb.loads(f"model: t\ncomponents:\n  a: {{is: Lookup, u: 0 V, {values}}}\nsimulate: {{until: 1 s}}\n"))
+    assert words in str(caught.value)
+
+
+def test_a_periodic_table_repeats_in_a_run_and_in_its_slope() -> None:
+    """y' = f(a t) with the triangle f of period 3 and mean 3 over the angle a t: y = G(a t)/a with the integral G of f, and
+    dy/da = t f(a t)/a - G(a t)/a^2."""
+    text = """model: t
+parameters: {a: 7}
+components:
+  angle: {is: Integrator, k: 1 1/s, u: =a}
+  table: {is: Lookup, outside: 2, x: [-1, 0, 2], v: [1, 5, 1], u: =angle.y}
+  sum:   {is: Integrator, k: 1 1/s, u: =table.y}
+initial: {angle.y: 0, sum.y: 0}
+simulate: {until: 5 s, every: 10 ms}
+"""
+    run = hb.simulate(hb.loads(text), sensitivities=["a"])
+    assert not run.verdict.findings
+    u = 7 * run.time
+    f = np.interp((u + 1) % 3 - 1, [-1, 0, 2], [1, 5, 1])
+    rest = u % 3  # falls from 5 to 1 over 2, rises to 5 over 1
+    g = 9 * (u // 3) + np.where(rest < 2, 5*rest - rest**2, 6 + (rest - 2) + 2*(rest - 2)**2)
+    # twelve kinks, each of which the integrator crosses within its tolerance of 1e-6 or so
+    assert run["table.y"] == pytest.approx(f, abs=1e-5)
+    assert run["sum.y"] == pytest.approx(g/7, abs=1e-4)
+    assert run.sensitivity("sum.y", "a")[-1] == pytest.approx(5*f[-1]/7 - g[-1]/49, rel=1e-3)

@@ -374,7 +374,7 @@ def test_a_nyquist_curve_has_a_plane_for_each_unit_and_no_corners() -> None:
 
 
 @pytest.mark.parametrize(("words", "message"), [
-    ([], "it is not said between what to look"), (["--loop", "command", "--from", "heave"], "each ask for something else"),
+    ([], "no input and output are given"), (["--loop", "command", "--from", "heave"], "exclude each other"),
     (["--over", "controller.K_p=3"], "--over"),
     (["--from", "heave", "--to", "crown.x", "--frequencies", "1 .. 2 m"], "in Hz"),
     (["--from", "heave", "--to", "crown.x", "--at", "1 s", "--steady"], "two operating points")])

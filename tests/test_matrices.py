@@ -181,7 +181,7 @@ simulate: {until: 1 s}
     ("der(X) = V", "der(X) = abs(V)", "list-number", "the argument of abs is a number; this is a matrix"),
     ("X[i, 1..c]", "X[i]", "list-index", "two indices are needed"),
     ("u[i] - S", "u[i, 1] - S", "list-index", "one index is needed"),
-    ("X[i, 1..c]", "X[i, 1..4]", "name-unknown", "'X[2, 4]' is not known here|is not known here"),
+    ("X[i, 1..c]", "X[i, 1..4]", "name-unknown", "'X[2, 4]' is not a name in this component|is not known here"),
     ("symmetric(K)", "symmetric(m)", "list-number", "symmetric takes a square matrix; this is a matrix of 2 x 3"),
     ("count: [c, c], doc", "count: [c, c, c], doc", "count-bad", "rows and columns of a matrix"),
     ("S = K*transpose(X)", "S = y*K", "list-product", "a vector stands on the left of a matrix"),

@@ -69,7 +69,7 @@ effect: {class: loss, attaches: across, amplitude: [F], description: a loss, mea
 
 @pytest.mark.parametrize(("meaning", "said", "hint"), [
     ("A loss of {G} {place}.",
-     "'G' in the meaning is no parameter of this component", "Fields: F, d, part, place, a, b."),
+     "'G' in the meaning is not a parameter of this component", "Fields: F, d, part, place, a, b."),
     ("A loss of {F + d} {place}.", "'+' joins N and N*s/m", ""),
     ("A loss of {F {place}.", "a brace of the meaning has no partner", "Write a field as `{F_c}`"),
     ("A loss of {F *} {place}.", "", ""),

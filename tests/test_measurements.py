@@ -194,7 +194,7 @@ def test_repeated_and_decreasing_times(tmp_path: Path) -> None:
     assert where(caught.value) == [("record-time-repeated", 4, 1), ("record-time-decreasing", 7, 1)]
     assert "the time 1 in 't' stands twice (line 4)" in str(caught.value)
     assert "the time 0 in 't' is less than the one before it (line 7)" in str(caught.value)
-    assert "make it a record of its own" in str(caught.value) and "one row per instant" in str(caught.value)
+    assert "make it a separate record" in str(caught.value) and "one row per instant" in str(caught.value)
 
 
 def test_rows_without_time_or_value(tmp_path: Path) -> None:
@@ -315,7 +315,7 @@ def test_mat_vectors_of_other_lengths_have_their_own_time(tmp_path: Path) -> Non
     path = mat(tmp_path / "train.mat", {"t": np.arange(8.0), "z": np.arange(8.0), "t_2": np.arange(3.0), "w": np.ones(3)})
     assert read_table(path).columns.keys() == {"t", "z"}
     assert read_table(path, beside="t_2").columns.keys() == {"t_2", "w"}
-    with pytest.raises(DataError, match=r"'w' of 'train.mat' has 3 values, 't' has 8(.|\n)*Name its own time"):
+    with pytest.raises(DataError, match=r"'w' of 'train.mat' has 3 values, 't' has 8(.|\n)*Give its time column"):
         column(read_table(path, beside="t"), "w")
 
 

@@ -170,7 +170,6 @@ MISTAKES = [
 ]
 
 
-NOT_YET = {"the relief valve reversed": "2332 bar are within what machines have, and no law says that a valve never opens"}
 
 
 def record() -> str:
@@ -196,8 +195,7 @@ def message(mistake: Mistake, folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     return [p["code"] for p in problems], " ".join([*texts, *([] if problems else [run.output])])
 
 
-@pytest.mark.parametrize("mistake", [pytest.param(m, id=m.name, marks=[pytest.mark.xfail(strict=True, reason=NOT_YET.get(
-    m.name))] * (m.name in NOT_YET)) for m in MISTAKES])
+@pytest.mark.parametrize("mistake", [pytest.param(m, id=m.name) for m in MISTAKES])
 def test_the_message_names_the_mistake(mistake: Mistake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     codes, text = message(mistake, tmp_path, monkeypatch)
     assert not mistake.code or mistake.code in codes, f"{codes}: {text}"

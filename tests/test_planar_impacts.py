@@ -34,7 +34,9 @@ class Mechanism:
         return np.stack([(self.bodies(q + d) - self.bodies(q - d))/(2*H) for d in H*np.eye(len(q))], axis=-1)
 
     def inertia(self, q: Array) -> Array:
-        J = self.jacobian(q)
+        return self.inertia_by(self.jacobian(q))
+
+    def inertia_by(self, J: Array) -> Array:
         return np.asarray(np.einsum("cbi,cb,cbj->ij", J, self.masses, J))
 
     def energy(self, q: Array, w: Array) -> float:
@@ -48,7 +50,7 @@ class Mechanism:
         drift = (self.jacobian(q + 1e-4*w) - self.jacobian(q - 1e-4*w))/2e-4 @ w
         force = -self.masses*drift
         force[1] -= G*self.masses[1]
-        return np.concatenate([w, np.linalg.solve(self.inertia(q), np.einsum("cbi,cb->i", J, force))])
+        return np.concatenate([w, np.linalg.solve(self.inertia_by(J), np.einsum("cbi,cb->i", J, force))])
 
     def struck(self, y: Array) -> Array:
         n = len(y)//2

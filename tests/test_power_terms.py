@@ -64,7 +64,8 @@ simulate: {until: 1 s}
     (DAMPER, "b.f = F\n  a.f = -F", "b.f = -F\n  a.f = F", "power-created", 12, "the sign at ports 'a' and 'b' is wrong"),
     (DAMPER, "F   = d * v", "F   = -d * v", "power-created", 11, "the force law `F   = -d * v` has the wrong sign"),
     (DAMPER, "dissipates: F * v", "dissipates: -F * v", "power-created", 14, "`dissipates: -F * v` of Brake has the wrong"),
-    (DAMPER, "dissipates: F * v\n", "", "power-undeclared", 12, "takes in power and does not declare what becomes of it"),
+    (DAMPER, "dissipates: F * v\n", "", "power-undeclared", 12, "takes in power and does not declare its storage or "
+                                                                "dissipation"),
     (DAMPER.replace("d * v", "-d * v"), "dissipates: F * v\n", "", "power-undeclared", 12, "gives power and does not"),
     (SPRING, "F   = c * s", "F   = -c * s", "power-created", 12, "the sign at ports 'a' and 'b' is wrong"),
     (SPRING, "1/2 * c", "c", "power-created", 12, "is neither stored, dissipated nor declared"),

@@ -13,12 +13,13 @@ from benchmarks import published_confirm as confirm
 from benchmarks import published_search as search
 from benchmarks import published_structures as structures
 from benchmarks import reference_cmc_ahc as reference
-from benchmarks.published_structures import BASE, OURS, PUBLISHED, STRUCTURES
+from benchmarks.published_structures import BASE, FREE_FLOW, K_Q, OURS, PUBLISHED, STRUCTURES
 
 PAGE = Path(__file__).parents[1] / "docs" / "published_structures.md"
+TABLES = PAGE.with_name("published_structures_tables.md")
 RIGID = replace(BASE, oil="rigid")
 RESULTS = search.kept_results(search.RESULTS)
-BY_NAME = {structure.name: structure for structure in STRUCTURES}
+BY_NAME = {structure.name: structure for structure in (*STRUCTURES, *FREE_FLOW)}
 
 
 def values(**changed: float) -> dict[str, np.ndarray]:
@@ -58,15 +59,32 @@ def test_boundary_of_the_full_model() -> None:
 
 @pytest.mark.parametrize("box", search.BOXES)
 def test_the_page_has_the_recorded_results(box: str) -> None:
-    rows = [" ".join(line.split()) for line in PAGE.read_text(encoding="utf-8").splitlines()]
-    assert set(RESULTS[box]) == {structure.name for structure in STRUCTURES}
-    for structure in STRUCTURES:
+    rows = [" ".join(line.split()) for line in TABLES.read_text(encoding="utf-8").splitlines()]
+    assert set(RESULTS[box]) == {structure.name for structure in search.BOXES[box]}
+    for structure in search.BOXES[box]:
         assert search.row(structure, RESULTS[box][structure.name]) in rows
+
+
+def test_the_short_table_is_part_of_the_appendix() -> None:
+    appendix = TABLES.read_text(encoding="utf-8").splitlines()
+    rows = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.endswith("| none |")]
+    assert len(rows) == 7 and set(rows) <= set(appendix)
+
+
+def test_the_flow_gain_scales_gains_and_boundary() -> None:
+    """K_p K_q and K_v K_q, and the cells with them, do not depend on K_q alone."""
+    free = BY_NAME["crown block and hook as one mass, -3 dB; flow gain free"]
+    rated, less = (structures.numbers(free, values(zeta=1.0, K_q=share * K_Q), structures.FINE)[0] for share in (1, 0.93))
+    assert less[:10] == pytest.approx(rated[:10], rel=1e-3)
+    assert less[10:14] * 0.93 == pytest.approx(rated[10:14], rel=1e-3)
+    loops = [structures.open_loops(free, values(K_q=share * K_Q), friction=False) for share in (1, 0.93)]
+    limits = [structures.limit_of_gain(free, values(), 0.75, one).item() for one in loops]
+    assert limits[1] * 0.93 == pytest.approx(limits[0], rel=1e-3)
 
 
 @pytest.mark.parametrize("box", search.BOXES)
 def test_recorded_numbers_follow_from_recorded_values(box: str) -> None:
-    for structure in STRUCTURES:
+    for structure in search.BOXES[box]:
         kept = RESULTS[box][structure.name]
         found = structures.numbers(structure, values(**kept["values"]), structures.FINE)[0]
         assert found == pytest.approx(kept["numbers"], rel=1e-6)
@@ -86,7 +104,8 @@ def test_sentences_on_the_results() -> None:
 
 def test_sentences_on_single_results() -> None:
     """What the page says of K_p 6.15 1/m, of 7.1 kN and of 1.1 kN."""
-    wide, narrow = (RESULTS[box] for box in ("wide", "data sheet"))
+    wide, narrow = ({structure.name: RESULTS[box][structure.name] for structure in STRUCTURES}
+                    for box in ("wide", "data sheet"))
 
     def met(kept: search.Kept) -> np.ndarray:
         return search.misses(np.array(kept["numbers"])) == 0
@@ -119,9 +138,9 @@ def test_sentences_on_single_results() -> None:
     three = [T_1 for name, T_1 in late.items() if BY_NAME[name].masses == "three"]
     assert min(three) == pytest.approx(0.21, abs=0.005) and min(late.values()) == pytest.approx(0.12, abs=0.005)
     assert len(three) < len(late) == 4
-    steep = [met(kept) for box in search.BOXES for kept in RESULTS[box].values() if met(kept)[6]]
+    steep = [met(kept) for box in (narrow, wide) for kept in box.values() if met(kept)[6]]
     assert len(steep) == 3 and not any(row[10:14].all() for row in steep)
-    low = [BY_NAME[name] for box in search.BOXES for name, kept in RESULTS[box].items() if met(kept)[7]]
+    low = [BY_NAME[name] for box in (narrow, wide) for name, kept in box.items() if met(kept)[7]]
     assert all(one.euler or not one.stable for one in low if one.law == "natural frequency")
 
 
@@ -179,7 +198,8 @@ def test_seven_cells_with_the_full_model() -> None:
 def test_counts_of_the_numbers_that_are_met() -> None:
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in PAGE.read_text(encoding="utf-8").splitlines()]
     counts = np.array([[int(row[1]), int(row[2])] for row in rows if len(row) == 3 and row[1].isdigit()])
-    found = [sum(search.misses(np.array(kept["numbers"])) == 0 for kept in RESULTS[box].values()) for box in search.BOXES]
+    found = [sum(search.misses(np.array(RESULTS[box][structure.name]["numbers"])) == 0 for structure in STRUCTURES)
+             for box in search.BOXES]
     assert np.array_equal(counts, np.transpose(found))
 
 

@@ -357,7 +357,7 @@ def test_outliers_are_told_and_dropped_on_request(tmp_path: Path) -> None:
     channel = kept.records["one"].channels["load.x"]
     assert np.flatnonzero(channel.outlier).tolist() == spots
     assert channel.counts[[33, 250]].all() and channel.chi2 > 10
-    assert "load.x: 5 samples stand far from their neighbours, at 0.66 s, 2 s, 2.02 s, 5 s, 7.98 s: counted" in notes(kept)
+    assert "load.x: 5 samples are far from their neighbours, at 0.66 s, 2 s, 2.02 s, 5 s, 7.98 s: counted" in notes(kept)
     assert kept.as_dict()["one"]["channels"]["load.x"]["outliers"] == pytest.approx([0.66, 2, 2.02, 5, 7.98])
     assert kept.records["one"].channels["spring.F"].outlier.sum() == 0
     dropped = compare(experiment(tmp_path, columns, x="outliers: drop"))
@@ -455,7 +455,7 @@ def test_the_command_tells_what_was_noticed(tmp_path: Path) -> None:
     answer = CliRunner().invoke(main, ["compare", str(tmp_path / "rig_beside.yaml"), "--json", str(tmp_path / "c.json")])
     assert answer.exit_code == 0, answer.output
     said = " ".join(answer.output.split("noticed")[1].split())
-    assert "spring.F: 2 samples stand far from their neighbours, at 0.66 s, 4 s: counted in all figures" in said
+    assert "spring.F: 2 samples are far from their neighbours, at 0.66 s, 4 s: counted in all figures" in said
     assert "load.x looks late by 30" in said and "one, held out" in answer.output
     figures = json.loads((tmp_path / "c.json").read_text(encoding="utf-8"))["records"]["one"]
     assert figures["channels"]["load.x"]["late"]["seconds"] == pytest.approx(0.03, abs=1e-3)

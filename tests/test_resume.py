@@ -84,7 +84,7 @@ def test_an_ended_search_goes_on_to_the_same_answer(tmp_path: Path, undisturbed:
     with monkeypatch.context() as first:
         made = counted(first, end_after=3)
         answer = CliRunner().invoke(main, [*COMMAND, "--processes", "1"])
-    assert answer.exit_code == 0 and "with --resume goes on" in answer.output, answer.output
+    assert answer.exit_code == 0 and "with --resume continues" in answer.output, answer.output
     assert told()["partial"] and len(made) == 4
     lines = KEPT.read_text().splitlines()
     assert len(refits()) == 3 and lines[-1] == refits()[-1]

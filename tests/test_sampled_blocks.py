@@ -60,6 +60,26 @@ def test_a_discrete_loop_without_direct_feedthrough_follows_its_difference_equat
         hb.simulate(hb.loads(diagram(parts)))
 
 
+def test_a_block_that_feeds_itself_at_once_is_an_algebraic_loop() -> None:
+    """With b[1] = 0 and with a unit delay it is a difference equation."""
+    parts = {"p": "{is: DiscreteTransferFunction, b: [0.5, 0.2], a: [1, -0.9], T_s: 0.1 s, u: =1 - p.y}"}
+    for own in (parts, {"p": "{is: SampleHold, T_s: 0.1 s, u: =g.y}", "g": "{is: Gain, k: 0.5, u: =1 - p.y}"}):
+        with pytest.raises(hb.ModelError, match="'p' forms an algebraic loop with itself") as caught:
+            hb.simulate(hb.loads(diagram(own)))
+        assert "UnitDelay" in str(caught.value)
+    parts["p"] = parts["p"].replace("[0.5, 0.2]", "[0, 0.2]")
+    y = [0.0]
+    for _ in range(12):
+        y.append(0.9 * y[-1] + 0.2 * (1 - y[-1]))
+    run = hb.simulate(hb.loads(diagram(parts)))
+    assert run["p.y"] == pytest.approx(np.array(y)[number(run, 0.1)], abs=1e-12)
+    parts = {"p": "{is: DiscreteTransferFunction, b: [0.5, 0], a: [1, 0], T_s: 0.1 s, u: =1 - d.y}",
+             "d": "{is: UnitDelay, T_s: 0.1 s, u: =p.y}"}
+    run = hb.simulate(hb.loads(diagram(parts)))
+    # y[k] = (1 - y[k - 1])/2 from y[-1] = 0: (1 - (-1/2)^(k + 1))/3
+    assert run["p.y"] == pytest.approx((1 - (-0.5) ** (number(run, 0.1) + 1.0)) / 3, abs=1e-12)
+
+
 def test_a_loop_that_a_new_value_closes_is_refused_in_that_run() -> None:
     parts = {"c": "{is: SampleHold, T_s: 0.1 s, u: =2*(1 - p.y)}",
              "p": "{is: DiscreteTransferFunction, b: [=b_1, 0.2], a: [1, -0.9], T_s: 0.1 s, u: =c.y}"}

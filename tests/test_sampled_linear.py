@@ -14,6 +14,7 @@ from scipy.linalg import expm
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import UsageError
+from heavebond.linear.held_variables import sampled_lines
 from heavebond.linear.linear_system import StateSpaces
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.margins import crossings, loops, open_loop
@@ -54,7 +55,7 @@ LOOP = """
 model: loop
 components:
   c: {is: Compensator, T_s: 0.1 s, p: 0, c: 0, d: 1, u: "=-g.y"}
-  g: {is: TransferFunction, n: ORDER, a: ONES, b: ONES}
+  g: {is: TransferFunction, n: ORDER, a: ONES, b: PROPER}
 nodes: {u: [c.y, g.u]}
 simulate: {until: 1 s}
 """
@@ -136,8 +137,9 @@ def test_fifty_random_loops_have_the_poles_and_margins_of_python_control(tmp_pat
     generator = np.random.default_rng(4)
     verdicts = list[bool]()
     for order in range(1, 6):
-        zeros = f"[{', '.join('1' for _ in range(order + 1))}]"
-        file = _file(LOOP.replace("ORDER", str(order + 1)).replace("ONES", zeros), tmp_path, compensator=COMPENSATOR)
+        ones = ", ".join("1" for _ in range(order))
+        file = _file(LOOP.replace("ORDER", str(order + 1)).replace("ONES", f"[1, {ones}]").replace("PROPER", f"[0, {ones}]"),
+                     tmp_path, compensator=COMPENSATOR)
         made = loops(hb.load(file), "c.y")
         for _ in range(10):
             roots = -generator.uniform(0.2, 5, order) + 0j
@@ -430,11 +432,66 @@ def test_tuning_keeps_to_the_stability_limit_of_a_sampled_loop(tmp_path: Path):
     assert at is not None and at[2].worst < 0
 
 
-def test_a_quantiser_in_a_loop_stays_held_and_takes_the_verdict(tmp_path: Path):
-    text = POSITION.replace("SampleHold, T_s", "Quantiser, step: 1 N, T_s")
+@pytest.mark.parametrize("block", [
+    "{is: Quantiser, step: 1 N, T_s: 40 ms, u: LAW}",
+    "{is: AnalogDigitalConverter, bits: 12, u_min: -100 N, u_max: 100 N, T_s: 40 ms, u: LAW}",
+])
+def test_a_quantiser_has_a_gain_of_one_and_is_named(block: str, tmp_path: Path):
+    """The poles and the verdict are those of a sample and hold."""
+    law = '"=-K*b.x - 9 N*s/m*b.v"'
+    hold = f"{{is: SampleHold, T_s: 40 ms, u: {law}}}"
+    base = POSITION[:POSITION.index("h: {")] + "h: BLOCK" + POSITION[POSITION.index("}", POSITION.index("h: {")) + 1:]
+    found = []
+    for k, text in enumerate((hold, block.replace("LAW", law))):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        at_start = ModesAtStart(assemble(hb.load(_file(base.replace("BLOCK", text), folder))))
+        found.append(at_start.linearisation.at(at_start.point(at_start.start({}))))
+    plain, rounded = found
+    assert _ordered(plain.poles()) == pytest.approx(_ordered(rounded.poles()), rel=1e-9, abs=1e-9)
+    assert rounded.stability().verdict == plain.stability().verdict and rounded.period == plain.period
+    assert [(h.name, h.rounded) for h in rounded.sampled] == [("h.k", True)] and not any(h.rounded for h in plain.sampled)
+    told = sampled_lines(rounded.sampled)[1]
+    assert told.startswith("rounded to steps: h.k (") and "a gain of 1" in told and "limit cycle" in told
+
+
+@pytest.mark.filterwarnings("ignore:stability_margins. Falling back:UserWarning")
+def test_an_encoder_in_a_loop_gives_a_verdict_and_its_margin(tmp_path: Path):
+    """phi'' = T/J, T = -K times the counted angle, with a damper d on the shaft: the gain margin is that of the loop with an
+    ideal sampler, and a run on either side of it decays to some counts or grows."""
+    text = """
+model: turned
+parameters: {K: 2 N*m/rad}
+components:
+  shaft:   {is: Inertia, J: 0.1 kg*m**2}
+  air:     {is: RotationalDamper, d: 0.2 N*m*s/rad}
+  frame:   {is: FixedShaft}
+  drive:   {is: TorqueSource, u: "=-K*encoder.y"}
+  encoder: {is: Encoder, N: 65536, T_s: 20 ms}
+nodes: {shaft: [shaft.a, air.a, drive.a, encoder.a], frame: [air.b, frame.a]}
+initial: {shaft.phi: 0.1 rad, shaft.w: 0 rad/s}
+simulate: {until: 20 s, every: 20 ms}
+"""
+    model = hb.load(_file(text, tmp_path))
+    margin = min(m.value for m in hb.loop_margins(model, "encoder.y").gain if m.value > 1)
+    loop = control.sample_system(control.tf([2], [0.1, 0.2, 0]), 0.02)
+    assert margin == pytest.approx(control.margin(loop)[0], rel=1e-6)
+    for factor, stable in ((0.7, True), (1.3, False)):
+        changed = model.with_parameters({"K": f"{2 * margin * factor!r} N*m/rad"})
+        at_start = ModesAtStart(assemble(changed))
+        linear = at_start.linearisation.at(at_start.point(at_start.start({})))
+        assert linear.stability().verdict == (STABLE if stable else UNSTABLE)
+        run = hb.simulate(changed)["shaft.phi"]
+        # a hundred counts are a tenth of the initial angle
+        assert (np.abs(run[-100:]).max() < 100 * 2 * np.pi / 65536) == stable
+
+
+def test_a_random_number_is_no_quantiser(tmp_path: Path):
+    """Its generator rounds its own state: a hold that loses samples keeps its place among what is not decided."""
+    text = POSITION.replace("SampleHold, T_s", "LossySampleHold, p: 0.3, T_s")
     at_start = ModesAtStart(assemble(hb.load(_file(text, tmp_path))))
     linear = at_start.linearisation.at(at_start.point(at_start.start({})))
-    assert linear.stability().verdict == UNDECIDED and [h.name for h in linear.held] == ["h.k"] and linear.period is None
+    assert linear.stability().verdict == UNDECIDED and not linear.sampled
 
 
 @pytest.mark.parametrize("law", ["if_else(b.x > 0 m, -5 N, 5 N) - 0*K*1 m", "-K*b.x - 3 N*sign(b.v)"])

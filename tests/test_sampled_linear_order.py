@@ -61,7 +61,7 @@ simulate: {until: 1 s}
 
 
 def test_a_part_of_a_controller_with_a_gain_of_zero_takes_no_verdict() -> None:
-    """The derivative part of this PI controller is always zero; that of a quantiser is not."""
+    """The derivative part of this PI controller is always zero, and a converter adds no pole."""
     text = """
 model: heated
 components:
@@ -76,5 +76,7 @@ simulate: {until: 1 s}
     rounded = text.replace("READ", "=converter.y").replace("initial:", """  converter: {is: AnalogDigitalConverter, bits: 8,
     u_min: -2, u_max: 2, T_s: 0.1 s, u: =plant.y}\ninitial:""")
     at_start = ModesAtStart(assemble(hb.loads(rounded)))
-    found = at_start.linearisation.at(at_start.point(at_start.start({})))
-    assert any(h.undecided for h in found.held)
+    other = at_start.linearisation.at(at_start.point(at_start.start({})))
+    assert not any(h.undecided for h in other.held) and [h.name for h in other.sampled if h.rounded] == ["converter.k"]
+    poles, expected = (np.sort_complex(np.linalg.eigvals(a))[-2:] for a in (other.a, found.a))
+    assert poles == pytest.approx(expected)

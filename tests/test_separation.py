@@ -161,7 +161,7 @@ def test_what_no_channel_shows_and_the_channel_that_would(tmp_path: Path) -> Non
     assert within is not None and within.name == "spring.F"
     # twice the same: no channel can tell
     same = separate([one, replace(one, label="the same")])
-    assert not same.decides and same.words[-1].startswith("No further channel would")
+    assert not same.decides and same.words[-1].startswith("No further channel distinguishes")
 
 
 @pytest.mark.parametrize("rate", [0.3, np.inf])

@@ -86,7 +86,7 @@ def written(folder: Path, text: str = BESIDE, load: np.ndarray | None = None) ->
 
 
 @pytest.mark.parametrize(("column", "unit", "told"), [
-    ("pull [kN]", "N", "in kN, the experiment says `unit: N`"), ("pull [kN]", "kN", ""), ("pull [kN]", "bar", "in kN"),
+    ("pull [kN]", "N", "in kN, the experiment has `unit: N`"), ("pull [kN]", "kN", ""), ("pull [kN]", "bar", "in kN"),
     ("p_Pa", "bar", "in Pa"), ("p_Pa", "Pa", ""), ("crown_m", "kg", ""), ("T (°C)", "K", "in °C"), ("free", "m", ""),
 ])
 def test_a_file_that_gives_another_unit(tmp_path: Path, column: str, unit: str, told: str) -> None:
@@ -198,7 +198,7 @@ def test_an_input_that_drives_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("change", "said"), [
     (("unit: mm, noise: 0.1 mm", "unit: mmm, noise: 0.1 mm"), "'mmm' is not a known unit"),
     (("time: {column: t, unit: s}\n", ""), "Write for example `time: {column: time_s, unit: s}`."),
-    ((", interpolation: spline", ""), "Add `interpolation: spline` (what moves smoothly), `linear`, or `hold`"),
+    ((", interpolation: spline", ""), "Add `interpolation: spline` (for smooth signals), `linear`, or `hold`"),
     (("outputs:", "free: {spring.c: 1 kN/m +/- 10 %}\noutputs:"), "Write `1 kN/m +- 10 %`."),
     (("outputs:", "free: {spring.c: 1 kN/m}\noutputs:"), "Write `1 kN/m +- 20 %`."),
     (("outputs:", "free: {spring.c: 1 kN +- 10 %}\noutputs:"), "Write it in N/m or in a multiple of it."),
@@ -219,7 +219,7 @@ def test_what_is_fitted_does_not_check_the_fit(tmp_path: Path, change: str, refu
     if not refused:
         assert len(load_experiment(path).records) == 2
         return
-    with pytest.raises(ModelError, match="record 'two' is to check the fit, but what it holds is fitted as 'one'"):
+    with pytest.raises(ModelError, match="record 'two' validates the fit, but its data are fitted as 'one'"):
         load_experiment(path)
 
 

@@ -329,6 +329,15 @@ simulate: {until: 1 s, every: 10 ms}
 """
 
 
+def test_the_verdict_names_a_node_without_capacity_that_was_filled() -> None:
+    """Once the node has a volume of its own, the verdict is clean."""
+    with pytest.warns(hb.RunWarning, match=r"middle has no capacity of its own: .* a volume of 0\.001 L there"):
+        run = hb.simulate(hb.loads(SHUT))
+    assert [(f.kind, f.part, f.value, f.failed) for f in run.verdict.findings] == [("filled", "middle", 1e-6, False)]
+    block = SHUT.replace("  tank:", "  block: {is: Volume, V: 1 cm**3}\n  tank:").replace("exit.a]", "exit.a, block.a]")
+    assert hb.simulate(hb.loads(block)).verdict.status == "clean"
+
+
 def test_a_node_between_shut_valves_is_filled_and_the_run_begins_anew() -> None:
     run = hb.simulate(hb.loads(SHUT))
     fills = run.statistics["fills"]
@@ -401,7 +410,7 @@ outputs: {p: {is: middle.p, column: p, unit: bar}}
 """)
     compared = hb.compare(tmp_path / "rig.yaml").records["bench"]
     assert compared.channels["p"].error < 1e-3
-    assert any("short bore of oil or gas on middle" in note for note in compared.notes)
+    assert [f.name for f in compared.result.verdict.findings if f.kind == "filled"] == ["middle"]
     with (tmp_path / "rig.yaml").open("a") as rig:
         rig.write("free: {inlet.q_r: 40 .. 80 L/min}\n")
     with pytest.raises(hb.HeavebondError, match="add Volume on middle"):

@@ -348,7 +348,7 @@ def test_conditions_are_timed_and_counted() -> None:
     ("cases:\n", "free: {spring.c: 1 .. 2 kN/m}\ncases:\n", """study.yaml:3: 'free' belongs under `tune:` [key-strayed]
     3 | free: {spring.c: 1 .. 2 kN/m}
       | ^^^^
-  Write `tune:` on a line of its own, and `free:` below it, indented."""),
+  Write `tune:` on a separate line, and `free:` below it, indented."""),
     ("4 Hz]", "4 mm]", """study.yaml:5: f: '4 mm' is not in Hz as the first value is [unit-wrong]
     5 |   f: [1 Hz, 2 Hz, 4 mm]
       |                   ^^^^
@@ -366,16 +366,16 @@ def test_conditions_are_timed_and_counted() -> None:
     9 |   travel: {is: rms(machine.x - floor.x), unit: kN}
       |                ^^^^^^^^^^^^^^^^^^^^^^^^
   Write a unit of the same kind, or leave it out."""),
-    ("-, 0.6]", "0.6]", """study.yaml:12: transmission: 2 numbers stand along 'f', which has 3 levels [beside-number]
+    ("-, 0.6]", "0.6]", """study.yaml:12: transmission: 2 numbers are given along 'f', which has 3 levels [beside-number]
    12 |     transmission: {soft: [1.2, 0.6]}
       |                          ^
-  Write `-` where there is no number."""),
+  Write `-` for a missing number."""),
     ("{soft: [", "{sofft: [", """study.yaml:12: transmission: these are not levels of one axis [level-unknown]
    12 |     transmission: {sofft: [1.2, -, 0.6]}
       |                   ^
   Levels: spring: hard, soft; f: 1 Hz, 2 Hz, 4 Hz."""),
-    ("    transmission: {", "    transmision: {", """study.yaml:12: 'transmision' is nothing that this study measures or """
-     """tunes [quantity-unknown]
+    ("    transmission: {", "    transmision: {", """study.yaml:12: 'transmision' is neither measured nor tuned in """
+     """this study [quantity-unknown]
    12 |     transmision: {soft: [1.2, -, 0.6]}
       |     ^^^^^^^^^^^
   Did you mean 'transmission'?"""),

@@ -15,6 +15,7 @@ from test_export import compiled
 import heavebond as hb
 from heavebond.exchange.fmu_export import export_fmu
 from heavebond.language.model import Model
+from heavebond.numerics.looks import LookAhead
 
 LOW_PASS = """
 model: low_pass
@@ -117,3 +118,14 @@ def test_an_fmu_of_any_length(span: float, tmp_path: Path) -> None:
     found = fmpy.simulate_fmu(str(path), fmi_type="CoSimulation", stop_time=span, output_interval=span / 50,
                               record_events=False)
     assert_rises(found["time"], found["v"], span)
+
+
+def test_points_of_an_integrator_that_crawls_stay_an_instant_apart() -> None:
+    """Their distance was halved to 0 s where each call took many steps, which ended in a division by zero."""
+    same = 1e-12
+    for crawl in ("accept", "refine"):
+        ahead = LookAhead(np.array([0.0, 1.0]), same, True, True)
+        for _ in range(200):
+            looks = ahead.coming(0.5, 1.0, 0)
+            assert looks.times[0] - 0.5 >= 0.4 * same  # it divides the way to the next stop by a power of two
+            ahead.accept(0.5, looks, 10**6) if crawl == "accept" else ahead.refine(0.5, looks, 0)

@@ -225,7 +225,7 @@ def test_wrong_costs_are_refused_with_a_caret(absorber: Assembly, cost: str, cod
 def test_wrong_tasks_are_refused(absorber: Assembly) -> None:
     with pytest.raises(hb.UsageError, match="outside its range"):
         tune(absorber, TuningProblem(ranges({"damper.d": "10 .. 20 N*s/m"}), "rms(load.x)"))
-    with pytest.raises(hb.UsageError, match="'genetic' is no method"):
+    with pytest.raises(hb.UsageError, match="'genetic' is not a tuning method"):
         tune(absorber, _task("rms(load.x)"), method="genetic")
     with pytest.raises(hb.UsageError, match="set under `modes:`"):
         tune(absorber, _task("rms(load.x)", modes={"damper.d": "1 N*s/m"}))

@@ -108,7 +108,7 @@ def test_hertz_and_radians_do_not_mix() -> None:
     with pytest.raises(UnitProblem) as caught:
         check_unit(hertz, radians, 1.0, "1 Hz")
     assert "write '6.28319 rad/s'" in caught.value.hint
-    with pytest.raises(UnitProblem, match="does not say whether"):
+    with pytest.raises(UnitProblem, match="does not distinguish"):
         check_unit(read_unit("1/s"), hertz, 1.0, "1 1/s")
     with pytest.raises(UnitProblem) as caught:  # of a pump, whose data sheet leaves "per revolution" out
         check_unit(read_unit("cm**3"), declared_unit("m**3/rad"), 28e-6, "28 cm**3")

@@ -124,8 +124,9 @@ def _invariant(assembly: Assembly, times: Array, change: Change, rates_by: Array
         if values_by is not None:
             pairs.append((np.array(assembly.values(t, x, z, assembly.p, u, 1.0)).ravel() * values_by,
                           np.array(assembly.values(other_t, other_x, other_z, other_p, u, 1.0)).ravel(), sizes * values_by))
-        # differences of what is equal are no more than rounding
-        if any(np.any(np.abs(other - same) > REACH * (np.abs(same) + CANCELLED * size)) for same, other, size in pairs):
+        # differences of what is equal are no more than rounding; a value that is no number has its reason in a constant
+        if not all(np.all(np.isnan(same) | (np.abs(other - same) <= REACH * (np.abs(same) + CANCELLED * size)))
+                   for same, other, size in pairs):
             return False
         with np.errstate(divide="ignore", invalid="ignore"):
             loops.append(np.where(alg == alg_2, 1.0, alg_2 / alg))

@@ -15,6 +15,7 @@ int model_advance(void *run, double end, const double *u, double *x, double *y, 
   if (u && memcmp(now->u, u, sizeof(double) * model_n_u)) {
     memcpy(now->u, u, sizeof(double) * model_n_u);
     now->fresh = false;
+    now->history.set = true;
   }
   if (now->starting) wrong = end_start(now);
   if (!wrong && !(end >= now->t)) wrong = "the end of a step is before its begin";

@@ -85,9 +85,11 @@ typedef struct {
   const int *rows, *columns;
 } Pattern;
 
+struct Sampled;
+
 typedef struct {
   const Sundials *sundials;
-  Tape right, full, signals; /* f; f and g with their Jacobian; s with its Jacobian */
+  Tape right, full, signals, looked; /* f; f and g with their Jacobian; s with its Jacobian; indicators of conditions */
   Pattern slopes, signal_slopes;
   long n, n_z, m, total, n_moving, n_p, n_u, n_signals, n_pieces, restart, n_kinks; /* restart: integration stops at each break */
   const double *breaks, *pieces; /* (n_pieces + 1,), (n_u, n_pieces) by columns */
@@ -107,6 +109,7 @@ typedef struct {
   double *stages;  /* (8, total), of the one-step method */
   long one_step, most_steps, most_evaluations;
   double rtol, atol, longest, step;
+  struct Sampled *sampled; /* null in a run without samples */
 } Problem;
 
 /* The problem that this thread integrates: a linear solver of CVODES is given nothing of it. */
@@ -330,6 +333,8 @@ static int right(double t, N_Vector given, N_Vector found, void *data) {
   Problem *problem = data;
   return rates(problem, t, problem->sundials->values(given), problem->sundials->values(found));
 }
+
+static int passed(Problem *problem, double t, double step, const double *x, const double *next, double *const *k);
 
 #include "dormand_prince.c"
 
@@ -571,3 +576,5 @@ int advance(Problem *problem, long number, const double *stops, long first, doub
   }
   return 0;
 }
+
+#include "sampled.c"

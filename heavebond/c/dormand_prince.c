@@ -67,6 +67,7 @@ static int explicit_steps(Problem *problem, double t, double end, int known, dou
     /* a step cut short by a stop says nothing against the one that the error allowed before */
     problem->step = step < problem->step ? fmax(problem->step, step * share) : step * share;
     ++counts[0];
+    if (problem->sampled && (bad = passed(problem, t, step, x, next, k))) return *reached = t, bad;
     t = last ? end : t + step;
     memcpy(x, next, total * sizeof(double));
     memcpy(k[0], k[STAGES - 1], total * sizeof(double));

@@ -53,6 +53,10 @@ EXPORT fmi2Component fmi2Instantiate(const char *name, int type, const char *tok
                  "modelDescription.xml and the binary do not belong together");
     return NULL;
   }
+  if (type == 0 && model_n_d) {
+    if (calls && calls->log) calls->log(calls->environment, name, fmi2Error, "logStatusError", "%s", NO_EXCHANGE);
+    return NULL;
+  }
   model = calloc(1, sizeof *model);
   if (!model) return NULL;
   if (calls) model->calls = *calls;

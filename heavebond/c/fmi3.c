@@ -44,8 +44,9 @@ static fmi3Instance instantiate(const char *token, void *environment, LogMessage
 
 EXPORT fmi3Instance fmi3InstantiateModelExchange(const char *name, const char *token, const char *resources, bool visible,
                                                  bool logging, void *environment, LogMessage log) {
-  Model *model = instantiate(token, environment, log);
+  Model *model = model_n_d ? NULL : instantiate(token, environment, log);
   (void)name, (void)resources, (void)visible, (void)logging;
+  if (model_n_d && log) log(environment, fmi3Error, "logStatusError", NO_EXCHANGE);
   if (model) model->event_mode = true;
   return model;
 }

@@ -26,6 +26,7 @@ enum {
 
 typedef uint32_t Reference;
 
+static const char NO_EXCHANGE[] = "the history of delays is kept in co-simulation only";
 static const char NO_VARIABLE[] = "there is no variable with this value reference";
 static const char NO_SETTING[] = "only states, parameters and inputs can be set";
 static const char NO_KNOWN[] = "derivatives are taken by the time, states, parameters and inputs only";
@@ -62,12 +63,15 @@ static const char *set_values(Values *now, const Reference references[], size_t 
   size_t k;
   for (k = 0; k < n; ++k) {
     int i = (int)references[k];
+    double *place;
     if (references[k] >= OUTPUTS || i == TIME || (i >= RATES && i < PARAMETERS)) return NO_SETTING;
     if (now->starting && i < RATES) { /* to set a state to the value of the export is no wish for it */
       if (values[k] == model_x_start[i - STATES] && !now->own) continue;
       now->own = true;
     }
-    *(i < RATES ? &now->x[i - STATES] : i < INPUTS ? &now->p[i - PARAMETERS] : &now->u[i - INPUTS]) = values[k];
+    place = i < RATES ? &now->x[i - STATES] : i < INPUTS ? &now->p[i - PARAMETERS] : &now->u[i - INPUTS];
+    now->history.set = now->history.set || *place != values[k];
+    *place = values[k];
     if (i >= PARAMETERS && i < INPUTS) now->events.timed = false;
   }
   now->fresh = false;

@@ -4,18 +4,15 @@
    that length. Events of time end a step exactly. New values follow the order of the updates. */
 
 enum { MOST_STEPS = 1000000, CASCADES = 100, CHATTERING = 30, ITERATIONS = 80, HALVINGS = 14, PARTS = 8 };
-static const double SAME = 1e-12;     /* share of the run within which two instants are one */
 static const double PRECISION = 1e-2; /* of an instant, as a share of that */
 static const double CHATTER_SHARE = 1e-8, SLIDING_SHARE = 1e-4; /* of the run, in which CHATTERING or PASSED events are too many */
 static const double SHORTEST = 1e-14; /* step that is not halved any more */
 static const double LOOKS = 1e-3;     /* longest step between two looks at the conditions, as a share of the run */
 static const double REDUCED = 0.5; /* share of its force that a contact at its limit keeps in the trial whether it moves */
 static const double HELD = 1e-4;   /* share of the acceleration without sticking contacts below which others hold a body */
+static const double SLIVER = 1e-3; /* of a step: a shorter rest before its target is added to it */
+static const double REPEATED = 5; /* error of the history over that allowed from which on a step is made again */
 static const double JUMP = 1e-7;      /* what a quantity may differ before and after an event and count as continuous */
-
-static double spacing(double t) { return nextafter(fabs(t), INFINITY) - fabs(t); }
-
-static double same_instant(const Values *now) { return fmax(SAME * now->events.span, 8 * spacing(now->t)); }
 
 /* Indicators and their rates along the motion. */
 static const char *look(Values *now, double indicators[], double rates[]) {
@@ -182,7 +179,7 @@ static const char *happen(Values *now, bool by_condition, bool *sets) {
     }
     memcpy(marked, set_off, sizeof marked);
   }
-  if ((wrong = schedule(now)) != NULL || !model_n_f || *sets) return wrong;
+  if ((wrong = schedule(now)) != NULL || (wrong = cut(now, 0)) != NULL || !model_n_f || *sets) return wrong;
   if ((wrong = followed(now, after)) != NULL) return wrong;
   for (i = 0; i < model_n_f; ++i)
     if (!(fabs(after[i] - before[i]) <= JUMP * model_f_size[i])) return IMPULSE;
@@ -358,22 +355,48 @@ static const char *first_crossing(const Values *now, const double *y, const Line
 
 /* One step of the integrator towards `end`, at most to the next event; *crossed says that a condition becomes true there. */
 static const char *advance(Values *now, double end, bool *crossed) {
-  double y[UNKNOWNS + 1], reached_y[UNKNOWNS + 1], a[model_n_c + 1], ra[model_n_c + 1], reached;
-  const char *wrong = evaluate(now);
+  double y[UNKNOWNS + 1], reached_y[UNKNOWNS + 1], a[model_n_c + 1], ra[model_n_c + 1], reached,
+         least = 0, target, planned;
+  const char *wrong = NULL;
   Linear here;
   *crossed = false;
+  if (model_longest > 0) end = fmin(end, now->t + model_longest);
+  target = end;
+  if (model_n_d) {
+    double T[model_n_d + 1], shortest, longest;
+    if ((wrong = delays(now, T, &shortest, &longest)) != NULL) return wrong;
+    end = fmin(end, now->t + DELAY_SHARE * shortest);
+    if (now->step > 0) end = fmin(end, now->t + (1 + 1e-9) * now->step); /* no rounding makes this step a shorter one */
+    if (target - end < SLIVER * (end - now->t)) end = target;
+    if ((wrong = set_pieces(now, &end, &least)) != NULL) return wrong;
+    if (!model_direct || !(least < INFINITY)) least = 0; /* a source that follows the history itself is no smoother than that */
+  }
+  wrong = evaluate(now);
   if (wrong || (model_n_c > 0 && (wrong = look(now, a, ra)) != NULL)) return wrong;
   memcpy(y, now->x, sizeof(double) * model_n_x);
   memcpy(y + model_n_x, now->z, sizeof(double) * model_n_z);
   if (linearise(now->t, y, now->p, now->u, &here)) return NO_STEP;
   if (!(now->step > 0)) now->step = 1e-3 * (end - now->t);
   if (model_n_c) end = fmin(end, now->t + LOOKS * now->events.span);
+  planned = now->step;
   reached = accepted_step(now->t, end, y, now->p, now->u, &here, now->tolerance, &now->step, reached_y);
   if (!(reached > now->t)) return NO_STEP;
-  if (model_n_c) {
+  if (model_n_d && now->step == planned && reached - now->t > 0.9 * planned) now->step *= 2; /* shorter by rounding only */
+  if (model_n_c || model_n_d) {
     Values next = *now;
     set_point(&next, reached, reached_y);
-    if ((wrong = first_crossing(now, y, &here, a, ra, &next, crossed)) != NULL) return wrong;
+    if (model_n_c && (wrong = first_crossing(now, y, &here, a, ra, &next, crossed)) != NULL) return wrong;
+    if (model_n_d && next.t > now->t) {
+      double error, length = next.t - now->t;
+      if ((wrong = remember_step(now, y, &here, &next, &error)) != NULL) return wrong;
+      if (error > REPEATED && length > fmax(64 * same_instant(now), 1.5 * least)) { /* its history is not dense enough */
+        now->step = fmax(least, length * fmax(0.2, 0.9 * pow(error, -1.0 / STENCIL)));
+        *crossed = false;
+        return NULL;
+      }
+      if (error > 1) next.step = fmin(next.step, fmax(least, 0.9 * length * pow(error, -1.0 / STENCIL)));
+      else next.step = fmin(next.step, length * fmax(1, 0.9 * pow(fmax(error, 1e-12), -1.0 / STENCIL)));
+    }
     *now = next;
   } else {
     set_point(now, reached, reached_y);
@@ -388,9 +411,9 @@ static const char *do_step(Values *now, double end, bool stop, bool *event) {
   bool sets, any, by_condition, crossed = false;
   int steps;
   *event = false;
-  if (wrong || (!stop && (wrong = update(now, &sets)) != NULL)) return wrong;
+  if (wrong || (wrong = begin_history(now)) != NULL || (!stop && (wrong = update(now, &sets)) != NULL)) return wrong;
   for (steps = 0; now->t < end; ++steps) {
-    double instant, same = same_instant(now), target;
+    double instant, same = same_instant(now), target, back = INFINITY;
     if (steps == MOST_STEPS) return NO_STEP;
     if ((wrong = schedule(now)) != NULL) return wrong;
     instant = model_n_e ? next_instant(now) : INFINITY;
@@ -398,9 +421,12 @@ static const char *do_step(Values *now, double end, bool stop, bool *event) {
       *event = true;
       return evaluate(now);
     }
+    if (model_n_d && (wrong = next_return(now, &back)) != NULL) return wrong;
+    instant = fmin(instant, fmax(back, now->t));
     target = instant < end - same ? instant : end;
     if ((wrong = advance(now, target, &crossed)) != NULL || (wrong = limit_passed(now)) != NULL) return wrong;
     if (!crossed && now->t < target) continue;
+    if (model_n_d && (wrong = returned(now, &any)) != NULL) return wrong;
     if ((wrong = due(now, &any, &by_condition)) != NULL) return wrong;
     if (any && stop) {
       *event = true;

@@ -159,3 +159,26 @@ void smooth(const System *s) {
     }
   }
 }
+
+/* What a whitened filter makes of inputs (see localise/whitening.py): from rest, [v; x'] = map [x; input; mean] sample by
+   sample, with maps (N, m+n, n+2), inputs (N, width), means (N-1, width) over the steps, v (N, m, width); `work` has room for
+   2 n width numbers. */
+void respond(long count, long m, long n, long width, const double *maps, const double *inputs, const double *means, double *v,
+             double *work) {
+  double *x = work, *next = work + n * width;
+  long i, a, j, b;
+  memset(work, 0, 2 * n * width * sizeof(double));
+  for (i = 0; i < count; ++i) {
+    const double *input = inputs + i * width, *mean = means + (i < count - 1 ? i : count - 2) * width;
+    for (a = 0; a < m + n; ++a) {
+      const double *row = maps + (i * (m + n) + a) * (n + 2);
+      double *made = a < m ? v + (i * m + a) * width : next + (a - m) * width;
+      for (b = 0; b < width; ++b) made[b] = row[n] * input[b] + row[n + 1] * mean[b];
+      for (j = 0; j < n; ++j)
+        for (b = 0; b < width; ++b) made[b] += row[j] * x[j * width + b];
+    }
+    double *other = x;
+    x = next;
+    next = other;
+  }
+}

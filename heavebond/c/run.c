@@ -20,22 +20,35 @@ typedef struct {
   int count;
 } Happened;
 
+enum { NODES = model_n_d ? 8192 : 1, BREAKS = model_n_d ? 2048 : 1 }; /* of the history of delayed variables, in rings */
+static const double PI = 3.14159265358979323846;
+
+/* the sources of delayed variables: points, each in a stretch without discontinuities, and the discontinuities */
+typedef struct {
+  int number, stretches, breaks, next[model_n_d + 1]; /* next: the first discontinuity that has not returned */
+  bool begun, set; /* set: an input, a parameter or a state was set since the last step */
+  double begin, t[NODES], w[NODES][model_n_d + 1], largest[model_n_d + 1], at[BREAKS];
+  int stretch[NODES], level[BREAKS];
+} History;
+
 /* all that changes: a copy of it is a snapshot, from which a run goes on to the last bit */
 typedef struct {
-  double t, x[model_n_x + 1], dx[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_u + 1], y[model_n_y + 1];
+  double t, x[model_n_x + 1], dx[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_v + 1], y[model_n_y + 1];
   double step, tolerance; /* of the integrator of co-simulation */
   bool fresh;             /* whether dx, z and y belong to the rest */
   bool starting, own;     /* whether the start of the diagram follows parameters and inputs; unless a state was set */
   Happened events;
+  History history;
   char message[model_n_m]; /* on a physical limit */
 } Values;
 
 /* a direction of all arguments, and what the results change along it */
 typedef struct {
-  double t, x[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_u + 1];
+  double t, x[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_v + 1];
   double dx[model_n_x + 1], y[model_n_y + 1], indicators[model_n_c + 1];
 } Direction;
 
+static const double SAME = 1e-12; /* share of the run within which two instants are one */
 static const char NO_SOLUTION[] = "the algebraic equations have no solution here";
 static const char NOT_FINITE[] = "a derivative is not finite";
 static const char NO_DERIVATIVE[] = "the algebraic equations have no derivative here";
@@ -120,4 +133,9 @@ static const char *end_start(Values *now) {
   return wrong;
 }
 
+static double spacing(double t) { return nextafter(fabs(t), INFINITY) - fabs(t); }
+
+static double same_instant(const Values *now) { return fmax(SAME * now->events.span, 8 * spacing(now->t)); }
+
+#include "history.c"
 #include "fmu_events.c"

@@ -35,7 +35,7 @@ def animate(model: str, output: Path | None, signals: tuple[str, ...], until: st
     path = output or Path(f"{Path(model).stem}.html")
     check_writable(path, SUFFIXES)
     with blamed_on_settings(settings):
-        found = motion.animate(with_settings(load(model), settings), until, every=every, signals=signals)
-    save_animation(found, path, speed=speed)
+        moving = motion.animate(with_settings(load(model), settings), until, every=every, signals=signals)
+    save_animation(moving, path, speed=speed)
     terminal.output().print(f"wrote {path}", soft_wrap=True)
-    return {"files": [str(path)], "frames": len(found.time)}
+    return {"files": [str(path)], "frames": len(moving.time)}

@@ -39,7 +39,7 @@ class Number(click.FloatRange):
 
 
 class Whole(click.IntRange):
-    """A whole number within bounds, with the digits 0 to 9."""
+    """A finite integer within bounds, with the digits 0 to 9."""
 
     name = "n"
 
@@ -50,7 +50,7 @@ class Whole(click.IntRange):
 
 
 def json_option(command: Command) -> Command:
-    """--json FILE; the file is written by the command line's own `main`, where failures end too."""
+    """--json FILE; `main` of the command line writes the file, also after a failure."""
     return click.option("--json", metavar="FILE", expose_value=False,
                         help="Write the results to FILE as JSON, problems included.")(command)
 
@@ -77,7 +77,7 @@ def at_options(command: Command) -> Command:
 
 
 def operating_time(at: str | None, steady: bool) -> str | None:
-    """What `OperatingPoints` takes; UsageError where both are asked for."""
+    """Argument of `OperatingPoints`; UsageError if --at and --steady are both given."""
     if at is not None and steady:
         raise UsageError([Problem("at-and-steady", "--at and --steady name two operating points", None,
                                   "Give one of them.")])
@@ -108,7 +108,7 @@ def listed(texts: Iterable[str]) -> list[str]:
 
 
 def with_settings(model: Model, settings: Iterable[str]) -> Model:
-    """The model with every `PATH=VALUE` set; UsageError for a text of another form."""
+    """Set every `PATH=VALUE` in the model; UsageError for a text of another form."""
     values = settings_of("--set", settings)
     return model.with_parameters(values) if values else model
 
@@ -127,17 +127,17 @@ def settings_of(option: str, settings: Iterable[str]) -> dict[str, str]:
 
 @contextmanager
 def blamed_on_settings(settings: Iterable[str]) -> Iterator[None]:
-    """Inside, a problem that lies in the text of a --set is told as one of the command line, not of a file."""
+    """Inside, report a problem in the text of a --set option as one of the command line instead of a file."""
     try:
         yield
     except HeavebondError as error:
         problems = [_about(problem, settings) for problem in error.problems]
-        here = any(new is not old for new, old in zip(problems, error.problems, strict=True))
-        raise (UsageError if here else type(error))(problems) from None
+        changed = any(new is not old for new, old in zip(problems, error.problems, strict=True))
+        raise (UsageError if changed else type(error))(problems) from None
 
 
 def _about(problem: Problem, settings: Iterable[str]) -> Problem:
-    """The problem without its place, where that is a value that was set from outside."""
+    """Remove the file position of a problem if it lies in a value that was set by an option."""
     if problem.place is None:
         return problem
     for text in settings:
@@ -148,37 +148,37 @@ def _about(problem: Problem, settings: Iterable[str]) -> Problem:
 
 
 def read_signals(option: str, texts: Sequence[str], model: Model) -> dict[str, Expr]:
-    """The signals of an option as formulas; UsageError where one cannot be read."""
+    """Read the signals of an option as formulas; UsageError if one cannot be read."""
     from heavebond.text.expression import ExpressionProblem
 
-    found, problems = {}, Problems()
+    formulas, problems = {}, Problems()
     for text in texts:
         try:
-            found[text] = model.library.formula(text)
+            formulas[text] = model.library.formula(text)
         except ExpressionProblem as problem:
             problems.add(problem.code, f"{option} {text}: {problem.message}", hint=problem.hint)
     problems.raise_as(UsageError)
-    return found
+    return formulas
 
 
 def check_signals(assembly: Assembly, option: str, formulas: dict[str, Expr]) -> None:
-    """UsageError for what the diagram does not have; found here and not after the integration."""
+    """Raise UsageError for a signal that the diagram does not have, before the integration begins."""
     from heavebond.text.expression import ExpressionProblem
 
-    problems, shown = Problems(), assembly.model.show
+    problems, outputs = Problems(), assembly.model.show
     for text, formula in formulas.items():
         try:
-            if text not in shown:
+            if text not in outputs:
                 assembly.resolver().dimension(formula)
                 assembly.expression(formula)
         except ExpressionProblem as problem:
-            hint = suggest(text, [*shown, *assembly.flat.names]) or problem.hint
+            hint = suggest(text, [*outputs, *assembly.flat.names]) or problem.hint
             problems.add(problem.code, f"{option} {text}: {problem.message}", hint=hint)
     problems.raise_as(UsageError)
 
 
 def assembled(model: Model, option: str, formulas: dict[str, Expr]) -> Assembly:
-    """The diagram with the positions that only signals of an option ask for; UsageError for a signal that is not there."""
+    """Assemble the diagram with the positions that only signals of an option need; UsageError for an unknown signal."""
     from heavebond.numerics.dae import assemble
     from heavebond.text.expression import names
 
@@ -188,7 +188,7 @@ def assembled(model: Model, option: str, formulas: dict[str, Expr]) -> Assembly:
 
 
 def check_picture(path: Path | None) -> None:
-    """UsageError where no picture can be written to `path`."""
+    """Raise UsageError if no picture can be written to `path`."""
     if path is not None:
         from heavebond.pictures.plot import SUFFIXES
 
@@ -196,7 +196,7 @@ def check_picture(path: Path | None) -> None:
 
 
 def check_writable(path: Path, suffixes: Sequence[str] = ()) -> None:
-    """UsageError where a file cannot be written to `path`: found before an hour of computing, not after it."""
+    """Raise UsageError if a file cannot be written to `path`, before the computation begins."""
     if suffixes and path.suffix.lower() not in suffixes:
         raise UsageError([Problem("file-suffix", f"'{path}' does not end in {' or '.join(suffixes)}", None,
                                   f"Write for example {path.stem or 'file'}{suffixes[0]}.")])
@@ -207,7 +207,7 @@ def check_writable(path: Path, suffixes: Sequence[str] = ()) -> None:
     elif path.exists() and not os.access(path, os.W_OK):
         reason = "permission denied"
     else:
-        # the new file is made beside the old one; a device or a pipe is written directly
+        # the new file is created in the folder of the old one; a device or a pipe is written directly
         target = Path(os.path.realpath(path))
         reason = "" if target.exists() and not target.is_file() else why_unwritable(target.parent)
     if reason:
@@ -215,7 +215,7 @@ def check_writable(path: Path, suffixes: Sequence[str] = ()) -> None:
 
 
 def check_new(path: Path, suffixes: Sequence[str]) -> None:
-    """UsageError where a file of the user's stands at `path` already, or none can be made there."""
+    """Raise UsageError if `path` is an existing file, or if no file can be created there."""
     check_writable(path, suffixes)
     if os.path.lexists(path):  # also as a link that leads nowhere
         raise UsageError([Problem("file-exists", f"{path} exists already", None, "Give another name, or remove it first.")])

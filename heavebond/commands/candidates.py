@@ -18,27 +18,29 @@ HEAD = ("class", "effect", "place", "what is fitted")
 @click.argument("experiment")
 @json_option
 def candidates(experiment: str) -> dict[str, object]:
-    """List every effect of the catalogue at every place of EXPERIMENT's diagram where it fits, and one law at all like
+    """List every effect of the catalogue at every place of EXPERIMENT's diagram where it fits, and one law at all similar
     places together.
 
-    A component of your own with an `effect:` entry, beside the diagram or in its `components` folder, takes part.
+    A user-defined component with an `effect:` entry, in the folder of the diagram or in its `components` folder, is
+    included.
     """
     from heavebond.commands import terminal
     from heavebond.diagnosis.candidates import places
 
-    found = places.candidates(experiment)
-    ordered = sorted(found, key=lambda c: c.kind)
+    candidate_list = places.candidates(experiment)
+    ordered = sorted(candidate_list, key=lambda c: c.kind)
     rows = [(c.kind if k == 0 or ordered[k - 1].kind != c.kind else "", name_to_type(c), c.place,
              ", ".join(n.name.rpartition(".")[2] for n in c.numbers)) for k, c in enumerate(ordered)]
     console = terminal.output()
     console.print(terminal.table("", HEAD, rows, text=4))
-    console.print(f"{len(found)} candidates of {len({c.kind for c in found})} classes. Try one by hand: heavebond try "
+    console.print(f"{len(candidate_list)} candidates of {len({c.kind for c in candidate_list})} classes. Try one by hand: "
+                  "heavebond try "
                   f"{experiment} EFFECT, with --at PLACE or --between NODE NODE where it fits at several places.",
                   soft_wrap=True)
     return {"candidates": [{**c.as_dict(), "description": c.description, "numbers": [n.name for n in c.numbers]}
-                           for c in found]}
+                           for c in candidate_list]}
 
 
 def name_to_type(candidate: Candidate) -> str:
-    """What `heavebond try` calls an effect: the parameter that wakes (`cylinder.leakage`), else the component."""
+    """Name of an effect for `heavebond try`: the inactive parameter (`cylinder.leakage`), else the component."""
     return candidate.name if candidate.attaches == "in" else candidate.component

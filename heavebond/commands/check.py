@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 @set_option
 @json_option
 def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
-    """Check FILE and show what it contains, or all problems that are found.
+    """Check FILE and show what it contains, or all problems in it.
 
-    FILE is a YAML file or a bundled name (cmc_ahc, cmc_ahc/passive). Its first key tells what is checked. Diagram: states,
-    algebraic loops, index, initial conditions, and whether your own components in it create power. Component: units,
+    FILE is a YAML file or a bundled name (cmc_ahc, cmc_ahc/passive). Its first key selects the checks. Diagram: states,
+    algebraic loops, index, initial conditions, and whether user-defined components in it create power. Component: units,
     equations and power. Function: names and units. Experiment: the records, their columns, times and units, and that the
     diagram has the inputs, outputs and free parameters. Study: that every case assembles and every quantity exists.
     """
@@ -34,13 +34,13 @@ def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, obje
 
     path = find(model)
     kind = next(iter(read(path).root.items), "")
-    others = {"component": _check_component, "function": _check_function, "experiment": _check_experiment,
+    checks = {"component": _check_component, "function": _check_function, "experiment": _check_experiment,
               "study": _check_study}
-    if kind in others and (listed or settings):
+    if kind in checks and (listed or settings):
         option = "--names" if listed else "--set"
         raise UsageError([Problem("option-unsuited", f"{option} is for diagrams; {model} is a file of the kind `{kind}:`",
                                   None, f"Leave {option} out, or check the diagram itself.")])
-    return others[kind](path) if kind in others else _check_diagram(model, listed, settings)
+    return checks[kind](path) if kind in checks else _check_diagram(model, listed, settings)
 
 
 def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
@@ -49,22 +49,22 @@ def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[
     from heavebond.commands.terminal import output, working
     from heavebond.core.errors import StartError
     from heavebond.language.model import load
-    from heavebond.numerics.dae import assemble
+    from heavebond.numerics.dae import assemble, at_zero
     from heavebond.numerics.run_verdict import report_verdict
     from heavebond.numerics.validity import at_point
     from heavebond.reports.summary import summary
 
     with blamed_on_settings(settings):
         with working("assembling"):
-            assembly = assemble(with_settings(load(model), settings))
+            assembly = at_zero(assemble(with_settings(load(model), settings)))
         failure, begun, first = None, None, None
         try:
             begun, first = _start(assembly)
-        except StartError as error:  # the structure is worth seeing all the same
+        except StartError as error:  # print the structure also if the diagram cannot start
             failure = error
-        found = summary(assembly, begun)
+        entries = summary(assembly, begun)
         console = output()
-        for line in found.text(console.width).splitlines():
+        for line in entries.text(console.width).splitlines():
             console.print(line, style="bold" if line[:1].strip() else None, soft_wrap=True)
         if listed:
             console.print()
@@ -76,29 +76,29 @@ def _check_diagram(model: str, listed: bool, settings: tuple[str, ...]) -> dict[
         if first is not None:
             report_verdict(assembly.model.name, at_point(assembly, first))
     growing = warn_of_growing(assembly, first) if first is not None and assembly.model.initial.mode == "steady" else []
-    return {**found.as_dict(), "power": [problem.as_dict() for problem in powers], "growing": growing}
+    return {**entries.as_dict(), "power": [problem.as_dict() for problem in powers], "growing": growing}
 
 
 def _check_powers(assembly: Assembly) -> list[Problem]:
-    """Print what is not declared about the powers of the user's components; ModelError where one creates power."""
+    """Print undeclared sources and losses of power in user-defined components; ModelError if one creates power."""
     from heavebond.commands.terminal import output, working
     from heavebond.core.errors import ModelError
     from heavebond.language.power_terms import CREATED, power_problems, used
 
     model = assembly.model
     with working("checking the power of components"):
-        found = list(power_problems(used(model.library, [model.body]), model.library.domains))
-    created = [problem for problem in found if problem.code == CREATED]
-    for problem in found:
+        power_issues = list(power_problems(used(model.library, [model.body]), model.library.domains))
+    created = [problem for problem in power_issues if problem.code == CREATED]
+    for problem in power_issues:
         if problem not in created:
             output().print(str(problem), style="yellow", soft_wrap=True, markup=False, highlight=False)
     if created:
         raise ModelError(created)
-    return found
+    return power_issues
 
 
 def _check_experiment(path: Path) -> dict[str, object]:
-    """Each record read and its diagram assembled; nothing is simulated."""
+    """Read each record and assemble its diagram; nothing is simulated."""
     from heavebond.commands.terminal import output, table, working
     from heavebond.core.errors import ModelError, Problems
     from heavebond.core.presentation import number, readable_difference
@@ -108,18 +108,18 @@ def _check_experiment(path: Path) -> dict[str, object]:
     from heavebond.estimation.records import Measured, measure
     from heavebond.estimation.residuals import columns_of, starts_outside
 
-    experiment, problems, found = load_experiment(path), Problems(), dict[str, Measured]()
+    experiment, problems, measured_records = load_experiment(path), Problems(), dict[str, Measured]()
     with working("reading the records"):
         experiment = with_channel_noise(experiment)
         for name, record in experiment.records.items():
             try:
                 problems.extend(UsageError(starts_outside(columns_of(experiment, {name: assemble_for(experiment, record)}))))
-                found[name] = measure(experiment, record)
+                measured_records[name] = measure(experiment, record)
             except HeavebondError as error:
                 problems.extend(error)
     problems.raise_as(ModelError)
     rows, figures = [], {}
-    for name, measured in found.items():
+    for name, measured in measured_records.items():
         use, span = measured.record.use, f"{number(measured.grid[0], 5)} .. {number(measured.grid[-1], 5)} s"
         channels = {}
         for channel, c in measured.channels.items():
@@ -135,7 +135,7 @@ def _check_experiment(path: Path) -> dict[str, object]:
     console = output()
     console.print(table(f"Experiment {experiment.name}", ("record", "use", "time", "channel", "samples", "noise", ""), rows,
                         text=4))
-    for name, measured in found.items():
+    for name, measured in measured_records.items():
         for note in measured.notes:
             console.print(f"{name}: {note}", soft_wrap=True)
     free = ", ".join(experiment.free)
@@ -144,7 +144,7 @@ def _check_experiment(path: Path) -> dict[str, object]:
 
 
 def _check_study(path: Path) -> dict[str, object]:
-    """Every level of every axis assembled, every quantity with its unit; nothing is run."""
+    """Assemble every level of every axis and check each quantity and its unit; nothing is run."""
     from heavebond.commands.terminal import output, working
     from heavebond.core.presentation import count
     from heavebond.studies.run_case import checked
@@ -168,7 +168,7 @@ def _check_study(path: Path) -> dict[str, object]:
 
 
 def _check_component(path: Path) -> dict[str, object]:
-    """Units, balance and power of a component; ModelError with what is wrong."""
+    """Check units, balance and power of a component; ModelError with the mistakes."""
     from heavebond.commands.terminal import output, working
     from heavebond.core.errors import ModelError
     from heavebond.language.component_file import parse_component
@@ -187,20 +187,20 @@ def _check_component(path: Path) -> dict[str, object]:
     console = output()
     with working("checking its power"):
         report = check_power(component, known.domains)
-        found = list(power_problems([component, *used(known, [component.body])], known.domains))
+        power_issues = list(power_problems([component, *used(known, [component.body])], known.domains))
     console.print(f"Component {component.name}", style="bold")
     console.print("  units and equations agree" if not component.composite else "  a block: its parts are checked with it",
                   soft_wrap=True)
     if report.holds and (component.ports or component.signals):
         console.print(f"  {report.verdict.partition(': ')[2]}", soft_wrap=True)
-    if found:
-        raise ModelError(found)
+    if power_issues:
+        raise ModelError(power_issues)
     return {"component": component.name, "power": {"tried": report.tried, "exempt": report.exempt,
                                                    "imbalance": report.imbalance, "problems": []}}
 
 
 def _check_function(path: Path) -> dict[str, object]:
-    """Names and units of a function, and of those that it calls."""
+    """Check names and units of a function and of the functions that it calls."""
     from heavebond.commands.terminal import output
     from heavebond.language.function_file import parse_function
     from heavebond.language.library import library
@@ -219,7 +219,7 @@ def _check_function(path: Path) -> dict[str, object]:
 
 
 def _names(assembly: Assembly) -> object:
-    """Variables, then parameters with their values: what formulas, --plot and --set understand."""
+    """Variables, then parameters with their values: the names for formulas, --plot and --set."""
     from heavebond.commands.terminal import table
     from heavebond.core.presentation import readable
 
@@ -231,7 +231,7 @@ def _names(assembly: Assembly) -> object:
 
 
 def _start(assembly: Assembly) -> tuple[Start, Point]:
-    """The start, and the same as a point with the inputs there."""
+    """The start, as `Start` and as a point with the inputs at this time."""
     import numpy as np
 
     from heavebond.linear.linearisation import start_point
@@ -242,7 +242,7 @@ def _start(assembly: Assembly) -> tuple[Start, Point]:
     if not assembly.flat.inputs:
         begun = start(assembly)
         return begun, start_point(begun, np.zeros(assembly.arguments[4].numel()))
-    # a record must cover the whole run, which is said here and not first by `run`
+    # a record must cover the whole run: report it here and not only in `run`
     times = grid(assembly.model, None, None)
     u = pieced(assembly.flat, float(times[0]), float(times[-1])).at(times[:1])[:, 0]
     begun = start(assembly, None, u)

@@ -30,10 +30,10 @@ WORDS = {"agrees": "agrees", "tolerance": "tolerance too loose", "kink": "kink",
          "unsettled": "unsettled"}
 
 
-@click.command("check-gradient", short_help="Compare sensitivities with differences of runs, and say why they differ.")
+@click.command("check-gradient", short_help="Compare sensitivities with differences of runs, and explain deviations.")
 @click.argument("file")
 @of_option(required=False)
-@parameter_option("By default what is free in a study.")
+@parameter_option("By default the free parameters of a study.")
 @set_option
 @click.option("--until", metavar="TIME", help="End time of the simulation, e.g. --until '2 min'.")
 @click.option("--rtol", metavar="NUMBER", type=Number(0, 0.1, min_open=True),
@@ -44,8 +44,8 @@ def check_gradient(file: str, of: tuple[str, ...], parameters: tuple[str, ...], 
                    rtol: float | None, backwards: bool) -> dict[str, object]:
     """Compare sensitivities with differences of runs at steps of 1e-2 to 1e-5 of each parameter.
 
-    FILE is a diagram, or a tuning study, whose cost and limits are checked unless signals are named. Where they differ,
-    the reason is told: tolerances that are too loose, a law with a kink between the runs, or a mistake.
+    FILE is a diagram, or a tuning study, whose cost and limits are checked unless signals are named. If they differ, the
+    reason is printed: tolerances that are too loose, a law with a kink between the runs, or a mistake.
     """
     from heavebond.commands import terminal
     from heavebond.numerics.simulator import Tolerances

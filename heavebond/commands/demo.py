@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sea:
-    """A sea: the diagram of each mode; from when on (s, of its end and its parameters) a run is evaluated and drawn."""
+    """A sea: the diagram of each mode, and the time in s from which a run is evaluated and drawn (a function of its end
+    and its parameters).
+    """
 
     title: str
     file: str
@@ -30,7 +32,7 @@ class Sea:
 
 @dataclass(frozen=True)
 class Figure:
-    """A line of the table: a number from the signals of a run over the evaluated stretch and their values at rest."""
+    """A line of the table: a number from the signals of a run over the evaluated time and their values at rest."""
 
     name: str
     unit: str
@@ -68,10 +70,10 @@ def _largest(values: Array) -> float:
               help="Folder for the pictures; created if it does not exist.")
 @json_option
 def demo(output: Path) -> dict[str, object]:
-    """Run the crown-mounted compensator passive and active in two seas; one table and a picture of each sea.
+    """Run the crown-mounted compensator passive and active in two seas; show a table and draw a picture of each sea.
 
-    Evaluated are the last two periods of the regular wave and the last half of the irregular sea: the largest
-    deviation of the weight on bit (WOB) from its value at rest, the largest motion of the crown block, and so on.
+    The last two periods of the regular wave and the last half of the irregular sea are evaluated: the largest deviation
+    of the weight on bit (WOB) from its value at rest, the largest motion of the crown block, and further figures.
     """
     from heavebond.commands import terminal
 
@@ -90,7 +92,7 @@ def demo(output: Path) -> dict[str, object]:
 
     console.print(terminal.table(
         "Crown-mounted compensator", ("", "unit", *(label.replace(" sea, ", "\n") for label in runs)),
-        [(f.name, f.unit, *(number(found[f.name], 4) for found in runs.values())) for f in FIGURES], text=2))
+        [(f.name, f.unit, *(number(figures[f.name], 4) for figures in runs.values())) for f in FIGURES], text=2))
     for path in pictures:
         console.print(f"wrote {path}", soft_wrap=True)
     return {"runs": runs, "units": {f.name: f.unit for f in FIGURES}, "files": list(map(str, pictures))}
@@ -112,9 +114,9 @@ def _run(name: str) -> Result:
 def evaluated(result: Result, sea: Sea) -> dict[str, float]:
     """The figures of a run in a sea."""
     values = result.signals(SIGNALS)
-    rest = {name: float(found[0]) for name, found in values.items()}
+    rest_values = {name: float(course[0]) for name, course in values.items()}
     late = result.time >= _from(sea.evaluated, result)
-    return {f.name: f.of({name: found[late] for name, found in values.items()}, rest) for f in FIGURES}
+    return {f.name: f.of({name: course[late] for name, course in values.items()}, rest_values) for f in FIGURES}
 
 
 def _from(when: Callable[[float, dict[str, float]], float], result: Result) -> float:

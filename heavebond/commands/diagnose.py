@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 @click.option("--samples", type=Whole(100), metavar="N", help="Search on the beginning of the fitted records, so many "
               "points in time [default: all, or 5000 of more than 30000].")
 @click.option("--folder", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
-              help="Where the files go; made if it does not exist [default: beside EXPERIMENT].")
-@click.option("--resume", is_flag=True, help="Go on from what is kept of the same search, which was ended early.")
+              help="Folder for the files; created if it does not exist [default: the folder of EXPERIMENT].")
+@click.option("--resume", is_flag=True, help="Continue the same search from its stored results, if it was ended early.")
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
               help="The report [default: NAME_report.html in the folder].")
 @scheduler_option
@@ -37,10 +37,9 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     """Identify the physical effect that is missing in the model of EXPERIMENT, its place, and the confidence of the result.
 
     Writes a diagram that extends the model with the effect, the experiment on it (NAME_2.yaml) and a report
-    (NAME_report.html). Held-out records decide; where there are none, sections of the records are held out. Ctrl-C and
-    SIGTERM end the search with the best result so far, which is written too (exit code 0 after Ctrl-C, 143 after SIGTERM).
-    NAME_refits.jsonl holds what was done until the search ends: also after a crash,
-    --resume goes on from there.
+    (NAME_report.html). Held-out records decide; without any, sections of the records are held out. Ctrl-C and SIGTERM end
+    the search with the best result so far, which is written too (exit code 0 after Ctrl-C, 143 after SIGTERM).
+    NAME_refits.jsonl stores the completed refits until the search ends: --resume continues from them, also after a crash.
     """
     from heavebond.commands import terminal
     from heavebond.core.cancellation import Budget, Interrupted, finishing, last_heard
@@ -55,56 +54,57 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     from heavebond.reports.result_tables import diagnosis_items
 
     budget = Budget(seconds)
-    given = load_experiment(experiment)
-    check_classes(given, classes)
-    targets = Targets.beside(given, folder)
+    loaded = load_experiment(experiment)
+    check_classes(loaded, classes)
+    targets = Targets.beside(loaded, folder)
     page = report_file or targets.report
     check_writable(page, (".html",))
-    kept = KeptLines.begin(targets.kept, resume)
-    if resume and not kept.known:
-        terminal.warn(f"there is nothing to go on from in {targets.kept}: the search begins anew")
+    kept_lines = KeptLines.begin(targets.kept, resume)
+    if resume and not kept_lines.known:
+        terminal.warn(f"{targets.kept} holds no results of this search: it begins anew")
     try:
-        with connected(scheduler) as cluster, terminal.working("diagnosing") as progress, keeping(kept):
-            found = diagnosed(given, steps=steps, number=processes, executor=cluster, seconds=budget.left(), classes=classes,
-                              samples=samples, progress=progress)
+        with connected(scheduler) as cluster, terminal.working("diagnosing") as progress, keeping(kept_lines):
+            result = diagnosed(loaded, steps=steps, number=processes, executor=cluster, seconds=budget.left(),
+                               classes=classes,
+                               samples=samples, progress=progress)
     except KeyboardInterrupt:
         click.echo("ended before all records were simulated: there is nothing to report yet", err=True)
         raise
     with finishing(terminal.warn):
-        terminal.show(diagnosis_items(found))
-        targets = Targets.beside(given, folder)  # another command may have written there meanwhile
-        files = write_findings(given, found.added, targets)
-        proposed = write_proposal(found.separation, targets.proposal) if found.separation is not None else []
+        terminal.show(diagnosis_items(result))
+        targets = Targets.beside(loaded, folder)  # another command may have written to this folder meanwhile
+        files = write_findings(loaded, result.added, targets)
+        proposed = write_proposal(result.separation, targets.proposal) if result.separation is not None else []
     with finishing(terminal.warn):
         page = report_file or targets.report
-        write_text(page, report(found, found.localization, written=files))
+        write_text(page, report(result, result.localization, written=files))
     console = terminal.output()
     if (files or proposed) and targets.passed:
         console.print(f"{targets.passed} exists and is kept: the new files have the next free number", soft_wrap=True)
     for path in (*files, *proposed, page):
         console.print(f"wrote {path}", soft_wrap=True)
-    if found.partial:
-        again = "with --resume goes on" if kept.known else "searches anew"
+    if result.partial:
+        again = "with --resume continues" if kept_lines.known else "searches anew"
         console.print(f"the search was ended early: the same command {again}, --only CLASS narrows it, --seconds gives it "
                       f"more time than {seconds:g} s", soft_wrap=True)
     else:
-        kept.remove()
-    if files and found.partial:
-        console.print(f"look at it: heavebond compare {files[-1]}", soft_wrap=True)
+        kept_lines.remove()
+    if files and result.partial:
+        console.print(f"to see its errors: heavebond compare {files[-1]}", soft_wrap=True)
     elif files:
-        look = "fit" if found.started else "compare"  # a comparison would begin where the diagram does
+        look = "fit" if result.started else "compare"  # a comparison would begin with the starts of the diagram
         console.print(f"next: heavebond {look} {files[-1]}; heavebond diagnose {files[-1]}", soft_wrap=True)
-    elif found.verdict == "parameters":
-        keep = f"keep the starts in {experiment} as said above, then " if found.started else ""
+    elif result.verdict == "parameters":
+        keep = f"keep the starts in {experiment} as described above, then " if result.started else ""
         console.print(f"next: {keep}heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
-    figures = {"experiment": given.name, **found.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
-    if found.partial and (number := last_heard()) != SIGINT:  # a batch system sees that the search is not complete
+    figures = {"experiment": loaded.name, **result.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
+    if result.partial and (number := last_heard()) != SIGINT:  # a batch system sees that the search is not complete
         raise Interrupted(number, figures)
     return figures
 
 
 def check_classes(experiment: Experiment, classes: tuple[str, ...]) -> None:
-    """UsageError for a class that the catalogue does not have for this diagram."""
+    """Raise UsageError for a class that no effect of the catalogue has in this diagram."""
     from heavebond.core.errors import Problem, UsageError, listing, suggest
     from heavebond.diagnosis.candidates.catalogue import single_candidates
     from heavebond.diagnosis.candidates.fixed_values import VALUE

@@ -18,33 +18,33 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.core.writable import new_file
 
 SUFFIXES = (".svg", ".png", ".pdf")
-PIXELS = 2  # of a PNG picture for each unit of the drawing, which is a pixel of a screen
+PIXELS = 2  # pixels of a PNG picture per unit of the drawing, which is one pixel on a screen
 
 
 @click.command(short_help="Draw a diagram with symbols, wires and names.")
 @click.argument("model")
 @click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path),
-              help="Where to draw (.svg, .png or .pdf); without it MODEL.svg in the current folder.")
+              help="Picture file (.svg, .png or .pdf) [default: MODEL.svg in the current folder].")
 @click.option("--open", "opened", metavar="BLOCK", multiple=True,
-              help="Draw a block with what is inside, e.g. --open ahc. May be repeated.")
-@click.option("--open-all", is_flag=True, help="Draw every block with what is inside.")
+              help="Draw the components inside a block, e.g. --open ahc. May be repeated.")
+@click.option("--open-all", is_flag=True, help="Draw the components inside every block.")
 @click.option("--values", is_flag=True, help="Write the values set on each component below its name.")
 @click.option("--highlight", "marked", metavar="NAME[=LABEL]", multiple=True,
               help="Mark a component, a node or a port, e.g. --highlight cmc.gas='stiffer than given'. May be repeated.")
 @click.option("--bond-graph", "bonds", is_flag=True, help="Draw the bond graph, with half arrows and causal strokes.")
 @click.option("--colour", metavar="SIGNAL",
-              help="Colour by what a run finds: `power`, a variable such as p, v, q or F, or one with its path.")
+              help="Colour by a result of a run: `power`, a variable such as p, v, q or F, or one with its path.")
 @click.option("--at", metavar="TIME", help="With --colour: at this time, e.g. --at '12 s'; without it over the whole run.")
 @click.option("--over", type=click.Choice(("mean", "peak")), default="mean", show_default=True,
-              help="With --colour: what is taken of the run.")
+              help="With --colour: the statistic of the variable over time.")
 @set_option
 @json_option
 def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: bool, values: bool, marked: tuple[str, ...],
          bonds: bool, colour: str | None, at: str | None, over: str, settings: tuple[str, ...]) -> dict[str, object]:
     """Draw the diagram MODEL as an SVG, PNG or PDF picture.
 
-    MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). Parts stand where `at: [column, row]`
-    puts them, the others near the parts to which they are connected. Blocks are drawn as boxes unless they are opened.
+    MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). Parts are placed by `at: [column,
+    row]`, the others near the parts to which they are connected. Blocks are drawn as boxes unless they are opened.
     """
     from heavebond.language.model import load
     from heavebond.pictures import bond_picture, drawing
@@ -59,9 +59,9 @@ def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: boo
         highlight[name.strip()] = label.strip()
     if bonds and (colour or values or marked or opened):
         raise UsageError([Problem("bonds-alone", "a bond graph has no colours, values, marks or closed blocks", None,
-                                  "Draw it with --bond-graph alone, and the rest in a picture of its own.")])
+                                  "Draw it with --bond-graph alone, and the other options in a second picture.")])
     if at is not None and not colour:
-        raise UsageError([Problem("at-alone", "--at says when colours are taken, and none are asked for", None,
+        raise UsageError([Problem("at-alone", "--at sets the time of the colours, but --colour is missing", None,
                                   "Add for example --colour power.")])
     with blamed_on_settings(settings):
         diagram = with_settings(load(model), settings)

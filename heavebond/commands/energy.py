@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 @click.option("--reduce", "share", metavar="SHARE", type=Number(0, 100, min_open=True),
               help="Keep the components with this share of the activity in per cent, and neutralise the others.")
 @click.option("--error", "limit", metavar="PERCENT", type=Number(0, min_open=True), default=5.0, show_default=True,
-              help="With --reduce: leave what would move an output by more than this.")
+              help="With --reduce: keep components whose removal would move an output by more than this.")
 @click.option("--write", "written", metavar="FILE", type=click.Path(path_type=Path),
               help="With --reduce: write the reduced diagram, which extends MODEL (.yaml).")
 @set_option
@@ -60,49 +60,49 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
     for path in (sankey, activity):
         check_picture(path)
     if written is not None and share is None:
-        raise UsageError([Problem("write-what", "--write writes the reduced diagram, and nothing is to be reduced", None,
+        raise UsageError([Problem("write-what", "--write writes the reduced diagram, but --reduce is missing", None,
                                   "Add --reduce 98, for the components that make up 98 % of the activity.")])
     if written is not None:
         check_new(written, (".yaml",))
     with blamed_on_settings(settings), terminal.working("integrating"):
         diagram = with_settings(load(model), settings)
-        found = audit(diagram, until, every=every)
-    shown = with_blocks(found, found.result.assembly.flat.expanded.blocks if close_all else closed)
+        energy_audit = audit(diagram, until, every=every)
+    shown_audit = with_blocks(energy_audit, energy_audit.result.assembly.flat.expanded.blocks if close_all else closed)
     console = terminal.output()
-    console.print(table(shown))
-    for line in changes_of(found.result):
+    console.print(table(shown_audit))
+    for line in changes_of(energy_audit.result):
         console.print(line)
-    files = _pictures(shown, diagram.name, sankey, activity)
-    told: dict[str, object] = {"model": diagram.name, **shown.as_dict()}
+    files = _pictures(shown_audit, diagram.name, sankey, activity)
+    figures: dict[str, object] = {"model": diagram.name, **shown_audit.as_dict()}
     if audited:
-        found.raise_if_open()
+        energy_audit.raise_if_open()
         console.print("the energy balance closes")
     if share is not None:
         from heavebond.energy.simplification import simplify
 
         with terminal.working("trying without") as progress:
-            reduced = simplify(diagram, share / 100, limit / 100, found=found, progress=progress)
+            reduced = simplify(diagram, share / 100, limit / 100, found=energy_audit, progress=progress)
         _print_reduced(reduced)
-        told["reduced"] = reduced.as_dict()
+        figures["reduced"] = reduced.as_dict()
         if written is not None and reduced.removed:
             write_text(written, reduced.diagram(written))
             files.append(written)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
-    return {**told, "files": [str(path) for path in files]}
+    return {**figures, "files": [str(path) for path in files]}
 
 
-def _pictures(found: EnergyAudit, name: str, sankey: Path | None, activity: Path | None) -> list[Path]:
-    """The pictures that are asked for, written."""
+def _pictures(energy_audit: EnergyAudit, name: str, sankey: Path | None, activity: Path | None) -> list[Path]:
+    """Write the requested pictures."""
     if sankey is None and activity is None:
         return []
     from heavebond.energy.power_flow import energy_flow
     from heavebond.pictures.plot import save
     from heavebond.pictures.plot_energy import plot_activity, plot_energy_flow
 
-    title = f"{name}: energy over {found.result.time[-1]:.6g} s"
-    files = [] if sankey is None else [save(plot_energy_flow(energy_flow(found), title=title), sankey)]
-    return files if activity is None else [*files, save(plot_activity(found, title=f"{name}: activity"), activity)]
+    title = f"{name}: energy over {energy_audit.result.time[-1]:.6g} s"
+    files = [] if sankey is None else [save(plot_energy_flow(energy_flow(energy_audit), title=title), sankey)]
+    return files if activity is None else [*files, save(plot_activity(energy_audit, title=f"{name}: activity"), activity)]
 
 
 def _print_reduced(reduced: Simplified) -> None:
@@ -112,10 +112,10 @@ def _print_reduced(reduced: Simplified) -> None:
     console = terminal.output()
     rows = [(one.component, f"{100 * one.share:.3g} %", one.step.words if not one.kept else
              f"stays: {one.kept}") for one in reduced.tried]
-    console.print(terminal.table("Little active", ("component", "activity", "what becomes of it"), rows, text=3))
+    console.print(terminal.table("Little active", ("component", "activity", "replacement"), rows, text=3))
     if reduced.removed:
         console.print(terminal.table("What that moves", ("output", "rms error / rms about the mean"), [
             (name, f"{number(100 * error, 3)} %") for name, error in reduced.errors.items()], text=1))
         console.print(f"{reduced.states[0]} states before, {reduced.states[1]} after")
     else:
-        console.print("nothing can go: raise --error to see what that would move")
+        console.print("no component can be neutralised within --error; a larger --error shows the outputs that would move")

@@ -11,7 +11,7 @@ import click
 from heavebond.commands.arguments import blamed_on_settings, check_writable, json_option, set_option, with_settings
 
 if TYPE_CHECKING:
-    from heavebond.exchange.portable import Quantity
+    from heavebond.exchange.portable import Portable, Quantity
 
 SUFFIXES = (".fmu", ".c")
 
@@ -23,7 +23,8 @@ SUFFIXES = (".fmu", ".c")
 @click.option("--fmi", "version", type=click.Choice(["2", "3"]), default="3", show_default=True,
               help="The standard of an FMU, which is for model exchange and for co-simulation.")
 @click.option("--input", "inputs", metavar="SIGNAL", multiple=True,
-              help="Make a signal input of the diagram an input of what is written, e.g. --input deck.u. May be repeated.")
+              help="Make a signal input of the diagram an input of the exported model, e.g. --input deck.u. May be "
+                   "repeated.")
 @set_option
 @json_option
 def export(model: str, output: Path, version: str, inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
@@ -39,19 +40,37 @@ def export(model: str, output: Path, version: str, inputs: tuple[str, ...], sett
     check_writable(output, SUFFIXES)
     with blamed_on_settings(settings), terminal.working("writing"):
         diagram = with_settings(load(model), settings)
-        made = export_fmu(diagram, output, inputs, int(version)) if output.suffix.lower() == ".fmu" \
+        exported = export_fmu(diagram, output, inputs, int(version)) if output.suffix.lower() == ".fmu" \
             else export_c(diagram, output, inputs)
     console = terminal.output()
-    kept = [q for q, own in zip(made.parameters, made.tunable, strict=True) if own]
-    groups = {"inputs": made.inputs, "outputs": made.outputs, "states": made.states, "algebraic unknowns": made.algebraic,
-              "parameters": kept}
-    console.print(terminal.table(made.name, ("", "name", "unit", "start"), [
+    tunable = [q for q, is_tunable in zip(exported.parameters, exported.tunable, strict=True) if is_tunable]
+    groups = {"inputs": exported.inputs, "outputs": exported.outputs, "states": exported.states,
+              "algebraic unknowns": exported.algebraic,
+              "parameters": tunable}
+    console.print(terminal.table(exported.name, ("", "name", "unit", "start"), [
         (title, q.name, q.unit.text, f"{q.start:.6g}") for title in ("inputs", "outputs") for q in groups[title]], text=3))
-    console.print(", ".join(f"{len(found)} {name}" for name, found in groups.items() if found), soft_wrap=True)
-    for path, kind, other in made.assembly.flat.expanded.approximated:
-        console.print(f"{path} ({kind}) is a {other} in it: what is exported keeps no history", soft_wrap=True)
+    console.print(", ".join(f"{len(members)} {name}" for name, members in groups.items() if members), soft_wrap=True)
+    for note in _notes(exported, output.suffix.lower() == ".fmu"):
+        console.print(note, soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
-    return {"model": made.name, "file": str(output), **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}
+    return {"model": exported.name, "file": str(output),
+            **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}
+
+
+def _notes(exported: Portable, fmu: bool) -> list[str]:
+    """Limits of the export for an importing program: delays and the longest step."""
+    from heavebond.core.errors import listing
+    from heavebond.numerics.output_times import largest_step_of
+
+    notes = []
+    if exported.delays and fmu:
+        names = listing([d.name for d in exported.delays], 3)
+        notes.append(f"{names}: the history of delayed variables is kept in co-simulation only. The FMU is not for "
+                     "model exchange; approximate the delays for that (for a Delay `m: 3`)")
+    if fmu and not exported.delays and (longest := largest_step_of(exported.assembly.model)):
+        notes.append(f"co-simulation makes no step longer than {longest:g} s (`largest_step`); in model exchange set this "
+                     "limit in the importing program")
+    return notes
 
 
 def _listed(quantities: Sequence[Quantity]) -> list[dict[str, object]]:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
               help="Interval of a parameter by profile likelihood. May be repeated.")
 @click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),
               help="Write a diagram that extends the model with the fitted values (.yaml, must be new).")
-@click.option("--resume", is_flag=True, help="Go on from the starts of the same fit, which was ended early.")
+@click.option("--resume", is_flag=True, help="Continue the same fit from its completed starts, if it was ended early.")
 @picture_option("Draw records, fitted model and residual")
 @scheduler_option
 @json_option
@@ -35,9 +35,9 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
         resume: bool, output: Path | None, scheduler: str | None) -> dict[str, object]:
     """Estimate the parameters under `free:` of EXPERIMENT by least squares.
 
-    Records with `use: fit` are fitted; the others are held out as validation data. Without other records the last third of
-    each record is held out. Of several starts NAME_starts.jsonl, in the current folder, holds those that are done until
-    the fit ends: also after a crash, --resume goes on from there.
+    Records with `use: fit` are fitted; the others are held out as validation data. Without other records the last third
+    of each record is held out. With several starts NAME_starts.jsonl, in the current folder, stores the completed starts
+    until the fit ends: --resume continues from them, also after a crash.
     """
     from heavebond.commands import terminal
     from heavebond.core.cluster import connected
@@ -52,48 +52,49 @@ def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tup
     if written is not None:
         check_new(written, (".yaml",))
     with connected(scheduler) as cluster, terminal.working("fitting") as progress:
-        given = load_experiment(experiment)
-        _check_free(given, profiled)
-        kept = KeptLines.begin(Path(f"{given.path.stem}_starts.jsonl"), resume) if starts > 1 else None
-        if resume and (kept is None or not kept.known):
-            terminal.warn("there is no start to go on from: the fit begins anew")
-        found = fitted(given, starts=starts, segments=segments, robust=robust, executor=cluster, kept=kept,
-                       progress=progress, partial=True)
-        early = found.message == ENDED_EARLY
-        profiles = {} if early else {name: profile(found, name, progress=progress) for name in profiled}
-    terminal.show(fit_items(found))
+        loaded = load_experiment(experiment)
+        _check_free(loaded, profiled)
+        kept_lines = KeptLines.begin(Path(f"{loaded.path.stem}_starts.jsonl"), resume) if starts > 1 else None
+        if resume and (kept_lines is None or not kept_lines.known):
+            terminal.warn("no completed start is stored: the fit begins anew")
+        fit_result = fitted(loaded, starts=starts, segments=segments, robust=robust, executor=cluster, kept=kept_lines,
+                            progress=progress, partial=True)
+        early = fit_result.message == ENDED_EARLY
+        profiles = {} if early else {name: profile(fit_result, name, progress=progress) for name in profiled}
+    terminal.show(fit_items(fit_result))
     console = terminal.output()
-    told = {name: replace(next(p for p in found.parameters if p.name == name), interval=ends, at_bound="")
-            for name, ends in profiles.items()}
-    for name, p in told.items():
-        said = p.known(found.experiment.free[name].range.unit.written)
-        console.print(f"{name}: {said} by profile likelihood", soft_wrap=True)
+    profiled_parameters = {name: replace(next(p for p in fit_result.parameters if p.name == name), interval=ends,
+                                         at_bound="")
+                           for name, ends in profiles.items()}
+    for name, p in profiled_parameters.items():
+        interval_text = p.known(fit_result.experiment.free[name].range.unit.written)
+        console.print(f"{name}: {interval_text} by profile likelihood", soft_wrap=True)
     files = []
     if written is not None:
-        write(written, fitted_diagram(found, written))
+        write(written, fitted_diagram(fit_result, written))
         files.append(written)
     if output is not None:
         from heavebond.pictures.plot import plot_comparison, save
 
-        files.append(save(plot_comparison(found.after), output))
+        files.append(save(plot_comparison(fit_result.after), output))
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
-    figures = {"experiment": found.experiment.name, **found.as_dict(),
-               "profiles": {name: list(p.told) for name, p in told.items()}, "files": list(map(str, files))}
-    if kept is not None and not early:
-        kept.remove()
+    figures = {"experiment": fit_result.experiment.name, **fit_result.as_dict(),
+               "profiles": {name: list(p.told) for name, p in profiled_parameters.items()}, "files": list(map(str, files))}
+    if kept_lines is not None and not early:
+        kept_lines.remove()
     if early:
-        again = "; the same command with --resume goes on" if kept is not None and kept.known else ""
+        again = "; the same command with --resume continues" if kept_lines is not None and kept_lines.known else ""
         console.print(f"ended early: these are the best values so far{again}", soft_wrap=True)
         raise Interrupted(last_heard(), figures)
     return figures
 
 
-def _check_free(given: Experiment, names: Sequence[str]) -> None:
-    """UsageError for a name that is not free: found before the fit and not after it."""
+def _check_free(experiment: Experiment, names: Sequence[str]) -> None:
+    """Raise UsageError for a name that is not free, before the fit."""
     from heavebond.core.errors import Problem, UsageError, listing, suggest
 
     for name in names:
-        if name not in given.free:
-            raise UsageError([Problem("free-unknown", f"--profile {name}: that is not free", None,
-                                      suggest(name, given.free) or f"Free are {listing(given.free, 40)}.")])
+        if name not in experiment.free:
+            raise UsageError([Problem("free-unknown", f"--profile {name}: this parameter is not free", None,
+                                      suggest(name, experiment.free) or f"Free are {listing(experiment.free, 40)}.")])

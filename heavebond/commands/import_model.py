@@ -18,7 +18,7 @@ from heavebond.core.errors import Problem, UsageError
 def import_model(file: Path, output: Path | None) -> dict[str, object]:
     """Translate the 20-sim model FILE (.emx) into a folder with a diagram and component files.
 
-    What cannot be translated is listed with its submodel and line. Nothing in the file is executed.
+    Elements that cannot be translated are listed with submodel and line. Nothing in the file is executed.
     """
     from heavebond.commands import terminal
     from heavebond.core.quoting import visible
@@ -26,22 +26,22 @@ def import_model(file: Path, output: Path | None) -> dict[str, object]:
     from heavebond.language.library import library
 
     if file.suffix.lower() != ".emx":
-        raise UsageError([Problem("emx-suffix", f"'{file}' is no 20-sim model", None, "Name a file that ends in .emx.")])
+        raise UsageError([Problem("emx-suffix", f"'{file}' is not a 20-sim model", None, "Name a file that ends in .emx.")])
     if not file.is_file():
-        raise UsageError([Problem("file", f"there is no file '{file}'")])
+        raise UsageError([Problem("file", f"cannot find the file '{file}'")])
     with terminal.working("translating"):
-        made = import_emx(file, frozenset(library().names()))
-        folder = output or Path(made.name)
-        left, written = made.left_over(folder), made.write(folder)
+        imported = import_emx(file, frozenset(library().names()))
+        folder = output or Path(imported.name)
+        left, written = imported.left_over(folder), imported.write(folder)
     console = terminal.output()
     console.print(f"wrote {written[0]} and {len(written) - 1} components", soft_wrap=True, markup=False)
-    for item in made.untranslated:
+    for item in imported.untranslated:
         console.print(visible(f"not translated: {file.name}:{item.line}: {item.submodel}: {item.reason}"), soft_wrap=True,
                       markup=False)
     for path in left:
         console.print(visible(f"no longer part of the model: {path} (from an earlier import; delete it if unused)"),
                       soft_wrap=True, markup=False)
     console.print(f"next: heavebond check {written[0]}", soft_wrap=True, markup=False)
-    return {"model": made.name, "files": [str(path) for path in written],
+    return {"model": imported.name, "files": [str(path) for path in written],
             "left_over": [str(path) for path in left],
-            "untranslated": [{"submodel": u.submodel, "line": u.line, "reason": u.reason} for u in made.untranslated]}
+            "untranslated": [{"submodel": u.submodel, "line": u.line, "reason": u.reason} for u in imported.untranslated]}

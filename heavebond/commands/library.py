@@ -25,7 +25,7 @@ OWN = "this folder"
 def library(words: tuple[str, ...]) -> dict[str, object]:
     """List the components by domain, those of the current folder first, and the functions.
 
-    With NAME describe one; other words (rope, check valve) list those with all of them in their name or summary.
+    With NAME describe one; other words (rope, check valve) list those that have all of them in their name or summary.
     """
     from heavebond.language.library import library as load_library
 
@@ -41,7 +41,7 @@ def library(words: tuple[str, ...]) -> dict[str, object]:
 
 
 def _list(known: Library, wanted: str = "") -> dict[str, object]:
-    """Print all, or those whose name or summary contains every word of `wanted`; UsageError where there is none."""
+    """Print all, or those whose name or summary contains every word of `wanted`; UsageError if there is none."""
     from heavebond.commands.terminal import output
     from heavebond.core.presentation import columns
     from heavebond.language.library import bundled
@@ -68,11 +68,11 @@ def _list(known: Library, wanted: str = "") -> dict[str, object]:
         except ExpressionProblem as problem:
             problems.add(problem.code, problem.message, hint=problem.hint)
     words = wanted.lower().split()
-    folders = {folder: part for folder, found in folders.items() if (part := _with_words(found, words))}
+    folders = {folder: part for folder, members in folders.items() if (part := _with_words(members, words))}
     functions = _with_words(functions, words)
     if wanted and not folders and not functions:
-        said = f"there is no component '{wanted}', and none with this in its summary"
-        raise UsageError([Problem("component-unknown", said, None,
+        message = f"there is no component '{wanted}', and none with this in its summary"
+        raise UsageError([Problem("component-unknown", message, None,
                                   near_components(wanted, {**known.files, **known.functions.files}))])
     console = output()
     for folder, summaries in [*folders.items(), *([("functions", functions)] if functions else [])]:
@@ -80,13 +80,13 @@ def _list(known: Library, wanted: str = "") -> dict[str, object]:
         for line in columns(sorted(summaries.items()), console.width):
             console.print(line, soft_wrap=True)
         console.print()
-    console.print("`heavebond library NAME` tells all about one.", soft_wrap=True)
+    console.print("`heavebond library NAME` describes one.", soft_wrap=True)
     problems.raise_as(ModelError)
     return {"components": folders, "functions": functions}
 
 
 def _with_words(summaries: dict[str, str], words: list[str]) -> dict[str, str]:
-    """Those of the summaries by name in which each of the words (small letters) begins a word of the name or the summary."""
+    """Select the summaries, by name, in which each of the lower-case words begins a word of the name or the summary."""
     def found(name: str) -> bool:
         text = " ".join([re.sub("(?<=[a-z])(?=[A-Z])", " ", name), name, summaries[name]]).lower()
         return all(re.search(f"(?<![a-z]){re.escape(word)}", text) for word in words)
@@ -146,6 +146,8 @@ def _show(component: Component) -> dict[str, object]:
                        for p in component.parameters.values()],
         "Variables": [(v.name, _unit(v), v.doc if v.held is None else f"{v.doc} (held)".lstrip())
                       for v in component.variables.values()],
+        "States": [(s.name, ", ".join(f"{r.target.text} = {r.value.text}" for r in s.entry),
+                    ", ".join(f"to {t.target}: {t.text}" for t in s.transitions)) for s in component.states],
         "Events": [(e.name, f"{e.key}: {e.formula.text}", ", ".join(f"{r.target.text} becomes {r.value.text}"
                                                                     for r in e.resets)
                     + f" by an impulse of {e.impulse}" * bool(e.impulse)
@@ -205,7 +207,7 @@ def _example(component: Component) -> None:
 
 
 def _text(component: Component, k: int) -> str:
-    """An equation as its author wrote it, `each` included."""
+    """An equation in the author's form, `each` included."""
     line = component.equations[k]
     written = line.place.text.partition("#")[0].strip()
     return written if line.text.strip() in written else line.text.strip()
@@ -236,14 +238,14 @@ def _given(parameter: Parameter, medium: str) -> str:
 def _as_dict(component: Component) -> dict[str, object]:
     from heavebond.language.library import example
 
-    shown = example(component)
+    example_path = example(component)
     formulas = {key: formula.text for key, formula in (
         ("stores", component.stores), ("dissipates", component.dissipates), ("unbalanced", component.unbalanced))
         if formula}
     return {
         "name": component.name, "summary": component.summary, "restrictions": component.restrictions,
         "source": component.source, "file": str(component.path),
-        "example": str(shown) if shown else None, "power": component.power, **formulas,
+        "example": str(example_path) if example_path else None, "power": component.power, **formulas,
         "ports": {p.name: p.domain for p in component.ports.values()},
         "signals": {s.name: {"direction": s.direction, "unit": s.unit.text} for s in component.signals.values()},
         "parameters": {p.name: {
@@ -257,6 +259,8 @@ def _as_dict(component: Component) -> dict[str, object]:
                             **({"moves": e.moves, "otherwise": {r.target.text: r.value.text for r in e.otherwise}}
                                if e.moves else {})}
                    for e in component.when},
+        "states": {s.name: {"entry": {r.target.text: r.value.text for r in s.entry},
+                            "to": {t.target: t.text for t in s.transitions}} for s in component.states},
         "initial": {r.target.text: r.value.text for r in component.initial},
         "equations": [{"text": line.text.strip(), "label": line.label} for line in component.equations],
         "parts": {i.name: i.kind for i in component.body.instances.values()},

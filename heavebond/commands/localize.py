@@ -35,25 +35,26 @@ def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, ob
     loaded = load_experiment(experiment)
     with terminal.working("localizing model errors") as progress:
         values = fit(loaded, progress=progress) if fitted else None
-        found = localize(loaded, values=values, progress=progress)
+        localization = localize(loaded, values=values, progress=progress)
     console = terminal.output()
-    terminal.show(localization_items(found))
-    if looked := cut(found.experiment, loaded):
-        console.print(f"The records are long: their beginning was looked at ({looked}); `from:` and `to:` at a record take "
-                      "another part.", soft_wrap=True)
-    files = _drawn(found, output) if output is not None else []
+    terminal.show(localization_items(localization))
+    if looked := cut(localization.experiment, loaded):
+        console.print(f"The records are long: only their beginning was analysed ({looked}); `from:` and `to:` of a record "
+                      f"select another part.", soft_wrap=True)
+    files = _drawn(localization, output) if output is not None else []
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
-    return {"experiment": found.experiment.name, **found.as_dict(), "files": list(map(str, files))}
+    return {"experiment": localization.experiment.name, **localization.as_dict(), "files": list(map(str, files))}
 
 
-def _drawn(found: Localization, output: Path) -> list[Path]:
+def _drawn(localization: Localization, output: Path) -> list[Path]:
     from heavebond.localise.misfit import best_of_each_group
     from heavebond.pictures.plot import save
     from heavebond.pictures.plot_where import plot_misfit, plot_place
 
-    files = [save(plot_place(found, s.place.name), _numbered(output, k)) for k, s in enumerate(best_of_each_group(found), 1)]
-    return [*files, save(plot_misfit(found), output.with_stem(output.stem + "_misfit"))]
+    files = [save(plot_place(localization, s.place.name), _numbered(output, k))
+             for k, s in enumerate(best_of_each_group(localization), 1)]
+    return [*files, save(plot_misfit(localization), output.with_stem(output.stem + "_misfit"))]
 
 
 def _numbered(output: Path, number: int) -> Path:

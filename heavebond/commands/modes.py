@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from heavebond.numerics.dae import Assembly
     from heavebond.numerics.start_equations import Point
 
-LEAST = 0.05  # what takes part by less is not named
+LEAST = 0.05  # smaller shares are not listed
 MOST = 4
 
 
@@ -32,24 +32,25 @@ MOST = 4
 @click.argument("model")
 @at_options
 @click.option("--slowest", metavar="COUNT", type=Whole(1),
-              help="Compute so many modes, the slowest; of more than 300 states 30 by default.")
+              help="Number of the slowest modes to compute; 30 by default above 300 states.")
 @set_option
 @json_option
 def modes(model: str, at: str | None, steady: bool, slowest: int | None, settings: tuple[str, ...]) -> dict[str, object]:
     """Linearise MODEL at its initial conditions and list its modes: frequency, damping, the components that take part (their
     share of the energy), and those that damp it. A mode in which no component stores energy is described by its states.
-
-    Of a diagram with more than 300 states the slowest modes are listed, and growing ones that a search finds beyond them.
+    For a diagram with more than 300 states the slowest modes are listed, and growing modes that a search finds beyond
+    them.
 
     A friction law is linearised at rest, where it locks its parts: --set its forces to 0 for the modes in motion, or
-    linearise at an instant of the motion with --at. Loops with samples at regular times are discretised exactly; their modes
-    have a pole z, and are described by their states. Variables that other events change (relays, quantisers, friction that
-    sticks) are held constant and listed; with a quantiser in a loop there is no verdict on stability.
+    linearise at an instant of the motion with --at. Loops with samples at regular times are discretised exactly; their
+    modes have a pole z, and are described by their states. Quantisers and encoders count with a gain of 1. Variables that
+    other events change (relays, friction that sticks) are held constant and listed; with a sampled relay in a loop there is
+    no verdict on stability.
     """
     from heavebond.commands import terminal
     from heavebond.core.presentation import count
     from heavebond.language.model import load
-    from heavebond.linear.held_variables import held_lines, sampled_lines
+    from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
     from heavebond.linear.modal_energy import energy_shares
     from heavebond.linear.operating_point import OperatingPoints, stuck
     from heavebond.linear.sampled import sampled_words
@@ -57,24 +58,24 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     with blamed_on_settings(settings), terminal.working("linearising"):
         operating = OperatingPoints(with_settings(load(model), settings), operating_time(at, steady))
         assembly, point = operating.assembly, operating.at()
-        found, judged, words, held, linear = _modes(assembly, point, slowest, operating.words)
-        shares = energy_shares(assembly, point, found)
+        listed_modes, judged, words, held, linear = _modes(assembly, point, slowest, operating.words)
+        shares = energy_shares(assembly, point, listed_modes)
     console = terminal.output()
     period, sampled = (linear.period, linear.sampled) if linear is not None else (None, ())
     first = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")))
-             for mode in found]
-    states = found[0].states if period is not None and found else assembly.state_names
+             for mode in listed_modes]
+    states = listed_modes[0].states if period is not None and listed_modes else assembly.state_names
     title = f"{assembly.model.name} {operating.words}, {count(len(states), 'state')}"
     if period is None:
         rows = [(*begin, _named(share.energy or mode.participation), _named(share.damping))
-                for begin, mode, share in zip(first, found, shares, strict=True)]
+                for begin, mode, share in zip(first, listed_modes, shares, strict=True)]
         console.print(terminal.table(title, ("frequency", "damping", "decay", "energy in", "damping contribution"), rows,
                                      text=5))
     else:
-        rows = [(*begin, _pole(mode), _named(mode.participation)) for begin, mode in zip(first, found, strict=True)]
+        rows = [(*begin, _pole(mode), _named(mode.participation)) for begin, mode in zip(first, listed_modes, strict=True)]
         title = f"{title}, {sampled_words(period)}"
         console.print(terminal.table(title, ("frequency", "damping", "decay", "z", "states"), rows, text=5))
-    for line in (*words, *sampled_lines(sampled)):
+    for line in (*words, *sampled_lines(sampled), *clock_lines(assembly.model.clocks.values() if sampled else ())):
         console.print(line, soft_wrap=True)
     notes = stuck(assembly, point)
     for note in filter(None, (*held_lines(held), *notes, operating.filled)):
@@ -84,7 +85,7 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     return {"model": assembly.model.name, "at": operating.words, "operating_point": _point_told(assembly, point),
             "stability": judged, "T": period, "sampled": [h.as_dict() for h in sampled],
             "held": [h.as_dict() for h in held], "stuck": notes, "filled": operating.filled or None,
-            "modes": [_told(mode, share) for mode, share in zip(found, shares, strict=True)]}
+            "modes": [_told(mode, share) for mode, share in zip(listed_modes, shares, strict=True)]}
 
 
 def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str
@@ -103,15 +104,15 @@ def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str
         judged = linear.stability()
         if judged.undecided:
             return linear.modes(), None, [f"{UNDECIDED} {at}: {'; '.join(judged.reasons)}"], linear.held, linear
-        told = [] if judged.growing or judged.stable else [f"{judged.verdict} {at}: {'; '.join(judged.reasons)}"]
-        told += [f"stable {at}"] if judged.stable and linear.period is not None else []
-        return linear.modes(), judged.verdict, _growth(len(judged.growing), at) + told, linear.held, linear
+        sentences = [] if judged.growing or judged.stable else [f"{judged.verdict} {at}: {'; '.join(judged.reasons)}"]
+        sentences += [f"stable {at}"] if judged.stable and linear.period is not None else []
+        return linear.modes(), judged.verdict, _growth(len(judged.growing), at) + sentences, linear.held, linear
     times = grid(model, None, None) if model.until is not None else [0.0, 1.0]
-    found = slow_modes(linearisation, point, float(times[-1] - times[0]), slowest or SLOW_MODES.count)
+    slow = slow_modes(linearisation, point, float(times[-1] - times[0]), slowest or SLOW_MODES.count)
     held = linearisation.held(point)
     if reasons := undecided_reasons(held):
-        return found.modes, None, [f"{UNDECIDED} {at}: {'; '.join(reasons)}", *_not_computed(found)], held, None
-    return found.modes, UNSTABLE if found.unstable else None, _growth(found.unstable, at) + _not_computed(found), held, None
+        return slow.modes, None, [f"{UNDECIDED} {at}: {'; '.join(reasons)}", *_not_computed(slow)], held, None
+    return slow.modes, UNSTABLE if slow.unstable else None, _growth(slow.unstable, at) + _not_computed(slow), held, None
 
 
 def _growth(growing: int, at: str) -> list[str]:
@@ -119,17 +120,18 @@ def _growth(growing: int, at: str) -> list[str]:
             f"1 mode grows {at}: it is not stable there"] if growing else []
 
 
-def _not_computed(found: SlowModes) -> list[str]:
-    """Which modes were computed, and what is therefore not known."""
+def _not_computed(slow: SlowModes) -> list[str]:
+    """State which modes were computed, and the limits of this result."""
     from heavebond.core.presentation import number
 
-    low, high = (number(rate, 3) for rate in found.searched)
-    result = f", and {len(found.growing)} found" if found.growing else ", and none was found"
-    return [f"Computed: the {found.computed} slowest eigenvalues of {found.states} (a line is a pair, where it oscillates), "
-            f"those with |s| up to {number(found.reach, 4)} 1/s. Of hundreds that are nearly equal, as of equal pieces "
-            "damped alike, only some are listed.",
-            f"Growing modes beyond these were looked for at rates from {low} to {high} 1/s{result}. This is no proof that "
-            "there is no other: one that grows by a small share of its frequency, beside many undamped ones, can be missed."]
+    low, high = (number(rate, 3) for rate in slow.searched)
+    result = f", and {len(slow.growing)} found" if slow.growing else ", and none was found"
+    return [f"Computed: the {slow.computed} slowest eigenvalues of {slow.states} (one line for each pair of complex "
+            f"eigenvalues), "
+            f"those with |s| up to {number(slow.reach, 4)} 1/s. Of hundreds of nearly equal eigenvalues, for example of "
+            f"equal pieces with equal damping, only some are listed.",
+            f"Growing modes beyond these were looked for at rates from {low} to {high} 1/s{result}. This does not exclude "
+            f"others: the search can miss a mode that grows slowly compared with its frequency among many undamped modes."]
 
 
 def _told(mode: Mode, share: ModalShares) -> dict[str, object]:
@@ -158,7 +160,7 @@ def _pole(mode: Mode) -> str:
 
 
 def _named(shares: dict[str, float]) -> str:
-    """The largest shares; where each is small, those of the blocks of the diagram."""
+    """The largest shares; if each is small, the shares of the blocks of the diagram."""
     named = _large(shares)
     if not named and shares:
         blocks: dict[str, float] = {}

@@ -36,13 +36,13 @@ def new(target: Path, records: tuple[Path, ...], origin: str | None) -> dict[str
     if records or target.suffix in (".yaml", ".yml"):
         return _experiment(target, origin, records)
     with terminal.working("writing"):
-        made = start_folder(target, origin)
+        starter = start_folder(target, origin)
     console = terminal.output()
-    for path in made.files:
+    for path in starter.files:
         console.print(f"wrote {path}", soft_wrap=True)
-    console.print(f"next: cd {target}; heavebond run {made.diagrams[0].name}; then as {target / 'README.md'} says",
+    console.print(f"next: cd {target}; heavebond run {starter.diagrams[0].name}; then as {target / 'README.md'} describes",
                   soft_wrap=True)
-    return {"folder": str(target), "files": [str(path) for path in made.files]}
+    return {"folder": str(target), "files": [str(path) for path in starter.files]}
 
 
 def _experiment(path: Path, origin: str | None, records: tuple[Path, ...]) -> dict[str, object]:
@@ -52,23 +52,23 @@ def _experiment(path: Path, origin: str | None, records: tuple[Path, ...]) -> di
     from heavebond.language.model import load
 
     if origin is None or not records:
-        what = "the diagram is not given" if origin is None else "there are no records"
-        raise UsageError([Problem("usage", what, None, f"Write for example `heavebond new {path} --from "
+        problem_text = "the diagram is missing" if origin is None else "there are no records"
+        raise UsageError([Problem("usage", problem_text, None, f"Write for example `heavebond new {path} --from "
                                   f"{origin or 'machine.yaml'} {' '.join(map(str, records)) or 'record.csv'}`.")])
     check_new(path, (".yaml", ".yml"))
     with terminal.working("reading the records"):
-        text, found = proposed_text(path, load(origin), records)
+        text, proposal = proposed_text(path, load(origin), records)
     console = terminal.output()
     console.print(terminal.table("", HEAD, [(c.name, c.role or "not used", c.target, _unit(c.unit, c.unit_known))
-                                            for c in found.columns], text=4))
-    for remark in found.remarks:
+                                            for c in proposal.columns], text=4))
+    for remark in proposal.remarks:
         console.print(remark, soft_wrap=True)
     write_text(path, text)
     console.print(f"wrote {path}", soft_wrap=True)
     console.print(f"next: look through {path}, then heavebond compare {path}", soft_wrap=True)
-    return {"experiment": str(path), "files": [str(path)], "columns": [asdict(c) for c in found.columns],
-            "remarks": list(found.remarks)}
+    return {"experiment": str(path), "files": [str(path)], "columns": [asdict(c) for c in proposal.columns],
+            "remarks": list(proposal.remarks)}
 
 
 def _unit(unit: str, known: bool) -> str:
-    return unit if known else f"{unit} (supposed: the file gives none that is known)"
+    return unit if known else f"{unit} (assumed: the file gives no known unit)"

@@ -1,8 +1,8 @@
-"""Progress of long commands as plain lines on standard error, where that is no terminal: in log files and batch jobs.
+"""Progress of long commands as plain lines on standard error if it is not a terminal: in log files and batch jobs.
 
-A line is printed every five seconds, the first after five seconds of the command. A thread prints it, as a computation may
-take longer than that between two calls of its progress callback. (CasADi holds the interpreter during an integration: a
-single integration that takes longer delays the line.)
+A line is printed every five seconds, the first after five seconds of the command. A separate thread prints it, because a
+computation may take longer than five seconds between two calls of its progress callback. (CasADi holds the interpreter
+during an integration: a single longer integration delays the line.)
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from typing import TextIO
 from heavebond.core.progress import duration
 
 EVERY = 5.0  # seconds between two lines
-VARIABLE = "HEAVEBOND_PROGRESS"  # environment variable: another number of seconds, 0 for no lines
+VARIABLE = "HEAVEBOND_PROGRESS"  # environment variable: number of seconds between lines, 0 for no lines
 COUNTED = re.compile(r"\b([0-9]+) of ([0-9]+)\b")  # the progress of a stage in its text: `refitting 3 of 24: ...`
-TELLING = 1.0  # seconds that a stage has to take before its remaining time is estimated
+TELLING = 1.0  # seconds that a stage must take before its remaining time is estimated
 
-_running: list[ProgressLines] = []  # of the command that runs
+_running: list[ProgressLines] = []  # of the running command
 
 
 class ProgressLines:
-    """What a command is doing (`words`), its latest progress text, and the lines made of them. Times are in s."""
+    """The lines about the running stage (`words`) and its latest progress text. Times are in s."""
 
     def __init__(self, words: str, now: float):
         self.words, self.text, self.began = words, "", now
@@ -40,31 +40,32 @@ class ProgressLines:
         counts = list(COUNTED.finditer(text))
         if not counts:
             return
-        found = counts[-1]
-        done, of = int(found.group(1)), int(found.group(2))
-        stage = (text[:found.start()], of)
-        if stage != self._stage or done < self._last[1]:
-            self._stage, self._first = stage, (now, done)
-        self._last = (now, done)
+        last_count = counts[-1]
+        steps_done, of = int(last_count.group(1)), int(last_count.group(2))
+        stage = (text[:last_count.start()], of)
+        if stage != self._stage or steps_done < self._last[1]:
+            self._stage, self._first = stage, (now, steps_done)
+        self._last = (now, steps_done)
 
     def left(self, now: float) -> float | None:
-        """Seconds to the end of the stage at its mean rate so far; None where that is not known."""
-        done, took = self._last[1] - self._first[1], self._last[0] - self._first[0]
+        """Seconds to the end of the stage at its mean rate so far; None if the rate is not known."""
+        progressed, took = self._last[1] - self._first[1], self._last[0] - self._first[0]
         counted = COUNTED.search(self.text) is not None and self.text.startswith(self._stage[0])
-        if not counted or done <= 0 or took < TELLING or " left" in self.text:  # a study estimates it itself
+        if not counted or progressed <= 0 or took < TELLING or " left" in self.text:  # a study estimates it itself
             return None
-        return max(0.0, took / done * (self._stage[1] - self._last[1]) - (now - self._last[0]))
+        return max(0.0, took / progressed * (self._stage[1] - self._last[1]) - (now - self._last[0]))
 
     def line(self, now: float) -> str:
         """`diagnosing, 1 min 05 s: step 1: refitting 3 of 24: ...; about 40 s left for these 24`."""
-        left = self.left(now)
+        seconds_left = self.left(now)
         return f"{self.words}, {duration(now - self.began)}" + (f": {self.text}" if self.text else "") \
-            + (f"; about {duration(left)} left for these {self._stage[1]}" if left and round(left) else "")
+            + (f"; about {duration(seconds_left)} left for these {self._stage[1]}" if seconds_left and round(seconds_left)
+               else "")
 
 
 @contextlib.contextmanager
 def progress_lines(words: str) -> Iterator[None]:
-    """Within it lines are printed where standard error is no terminal; within another one, or without words, nothing
+    """Print lines inside if standard error is not a terminal; inside another such context, or without words, nothing
     changes."""
     every = interval()
     if _running or not every or not words or sys.stderr.isatty():
@@ -89,7 +90,7 @@ def progress_lines(words: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def told(words: str) -> Iterator[Callable[[str], None]]:
-    """Within it the lines say what is done now, `words`; gives the progress callback."""
+    """Set the words for the current stage inside; yields the progress callback."""
     if not _running:
         yield lambda text: None
         return
@@ -113,18 +114,18 @@ def _print(lines: ProgressLines, write: Callable[[str], None], every: float, end
     while not ended.wait(every):
         try:
             write(lines.line(clock.monotonic()) + "\n")
-        except (OSError, ValueError):  # nobody reads any more
+        except (OSError, ValueError):  # the reader of standard error has closed it
             return
 
 
 @contextlib.contextmanager
 def _errors() -> Iterator[Callable[[str], None]]:
-    """A function that writes to standard error as it is now, without buffers: during an integration the solver's own words
-    are caught from file descriptor 2, and a lock that is held when a worker process is forked stays locked there."""
+    """A function that writes to the present standard error without buffers. During an integration the solver's output is
+    captured from file descriptor 2, and a lock that is held while a worker process is forked stays locked in it."""
     stream: TextIO = sys.stderr
     try:
         copy = os.dup(stream.fileno())
-    except (OSError, ValueError):  # no file behind it
+    except (OSError, ValueError):  # standard error has no file descriptor
         yield lambda text: print(text, end="", file=stream, flush=True)
         return
     try:

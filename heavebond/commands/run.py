@@ -39,7 +39,7 @@ if TYPE_CHECKING:
               help="Draw a variable, an output or a formula of these. May be repeated.")
 @click.option("--save", "saved", metavar="FILE", multiple=True, type=click.Path(path_type=Path),
               help="Write the time series (.csv, .parquet, .mat or .nc). May be repeated.")
-@picture_option("Where to draw; without --plot all outputs of the diagram are drawn")
+@picture_option("Picture file; without --plot all outputs of the diagram are drawn")
 @click.option("--rtol", metavar="NUMBER", type=Number(0, 0.1, min_open=True), default=1e-8, show_default=True,
               help="Relative tolerance of the integrator.")
 @click.option("--solver", metavar="NAME",
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 @click.option("--allow-fmu", is_flag=True,
               help="Run the programs in the FMUs of the diagram. Do so only with FMUs you trust.")
 @click.option("--verify", "verified", is_flag=True, help="Repeat with tighter tolerances and a tenth of the widths of all "
-              "transitions; tell which outputs move.")
+                                                         "transitions; show how far each output moves.")
 @click.option("--within", metavar="SHARE", type=Number(0, 1, min_open=True), default=0.01, show_default=True,
               help="With --verify: allowed change of an output, as a share of its range.")
 @json_option
@@ -99,7 +99,8 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
         console.print(line, soft_wrap=True)
     growing = warn_where_it_stands(result)
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
-    told: dict[str, object] = {"model": assembly.model.name, "until": float(result.time[-1]), "points": len(result.time),
+    run_figures: dict[str, object] = {"model": assembly.model.name, "until": float(result.time[-1]),
+                                      "points": len(result.time),
             "outputs": figures, "events": [{"time": time, "name": name} for time, name in result.events],
             "files": list(map(str, files)), "statistics": statistics, "growing": growing}
     if verified:
@@ -107,34 +108,37 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
         from heavebond.optimise.verification import verify
 
         with blamed_on_settings(settings), terminal.working("repeating with tighter tolerances and narrower transitions"):
-            found = verify(result, names, [n.text for f in formulas.values() for n in names_in(f)], Tolerances(rtol), within)
-        _tell(found, told)
-    return told
+            verification = verify(result, names, [n.text for f in formulas.values() for n in names_in(f)], Tolerances(rtol),
+                                  within)
+        _tell(verification, run_figures)
+    return run_figures
 
 
-def _tell(found: Verification, told: dict[str, object]) -> None:
-    """Print how far each output moves, and put it into the figures; SimulationError with these where one moves too far."""
+def _tell(verification: Verification, figures: dict[str, object]) -> None:
+    """Print how far each output moves and add it to the figures; SimulationError if one moves too far."""
     from heavebond.commands import terminal
     from heavebond.optimise.verification import raise_if_moved
 
     terminal.output().print(terminal.table(
-        "what moves, in shares of the range", ("output", "tolerances / 100", "and widths / 10"),
-        [(m.name, f"{m.by_tolerances:.1e}", f"{m.by_widths:.1e}" if found.widths else "-") for m in found.outputs], text=1))
-    shares = {m.name: {"by_tolerances": m.by_tolerances, "by_widths": m.by_widths} for m in found.outputs}
-    told["verify"] = {"allowed": found.allowed, "widths": list(found.widths), "moved": [m.name for m in found.moved],
-                      "outputs": shares}
-    raise_if_moved(found, told)
+        "change, as a share of the range", ("output", "tolerances / 100", "and widths / 10"),
+        [(m.name, f"{m.by_tolerances:.1e}", f"{m.by_widths:.1e}" if verification.widths else "-")
+         for m in verification.outputs], text=1))
+    shares = {m.name: {"by_tolerances": m.by_tolerances, "by_widths": m.by_widths} for m in verification.outputs}
+    figures["verify"] = {"allowed": verification.allowed, "widths": list(verification.widths),
+                         "moved": [m.name for m in verification.moved],
+                         "outputs": shares}
+    raise_if_moved(verification, figures)
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:
-    """min, max, rms and last value of signals, each in the unit in which the result gives it."""
+    """min, max, rms and last value of signals, each in the unit of the result."""
     return {name: {**figures.as_dict(), "unit": result.unit(name)} for name, figures in result.figures(names).items()}
 
 
 def _shown(value: float | str) -> str:
     from heavebond.core.presentation import number
 
-    # below this it is the integrator's rounding in any unit that an engineer shows
+    # smaller values are rounding of the integrator in any unit in use
     return number(0.0 if abs(float(value)) < 1e-12 else float(value))
 
 
@@ -157,14 +161,16 @@ def _files(result: Result, plotted: Sequence[str], output: Path | None, saved: S
 def _statistics(result: Result) -> str:
     from heavebond.core.presentation import count
 
-    said = result.statistics
-    seconds = said["seconds"]
+    statistics = result.statistics
+    seconds = statistics["seconds"]
     assert isinstance(seconds, dict)
     reduced = result.assembly.reduced
     parts = [f"{count(len(reduced.states), 'state')}, {count(len(reduced.algebraic), 'algebraic unknown')}",
              *([count(len(result.events), "event")] if result.assembly.flat.events else []),
-             f"{len(result.time)} points", f"solver {said['solver']} ({said['why']})", f"start {seconds['start']:.2g} s",
+             f"{len(result.time)} points", f"solver {statistics['solver']} ({statistics['why']})",
+             f"start {seconds['start']:.2g} s",
              f"integration {seconds['integration']:.2g} s"]
-    if "nsteps" in said:
-        parts.append(f"{said['nsteps']} steps")
+    if "nsteps" in statistics:
+        parts.append(f"{statistics['nsteps']} steps")
+    parts += [clock.text for clock in result.assembly.model.clocks.values()]
     return "; ".join(parts)

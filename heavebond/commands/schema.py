@@ -16,23 +16,23 @@ NAME = "heavebond.schema.json"
 
 @click.command(short_help="Write a JSON schema for completion and checks in an editor.")
 @click.option("--for", "folder", metavar="FOLDER", type=click.Path(path_type=Path), default=Path(),
-              help="Where your diagrams are; its components are known too.  [default: the current folder]")
+              help="Folder of your diagrams; its components are included.  [default: the current folder]")
 @click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path),
-              help=f"Where to write the schema (.json).  [default: FOLDER/.vscode/{NAME}]")
+              help=f"File of the schema (.json).  [default: FOLDER/.vscode/{NAME}]")
 @json_option
 def schema(folder: Path, output: Path | None) -> dict[str, object]:
     """Write a JSON Schema of the files of the language, and the settings for Visual Studio Code.
 
-    Its extension YAML (redhat.vscode-yaml) then completes while you type and underlines what is wrong. Run this again after
-    you have added a component.
+    Its extension YAML (redhat.vscode-yaml) then completes while you type and underlines mistakes. Run this command again
+    after you have added a component.
     """
     from heavebond.commands.terminal import output as console
     from heavebond.exchange.json_schema import schema as make
     from heavebond.language.library import library
 
     if not folder.is_dir():
-        raise UsageError([Problem("folder-missing", f"there is no folder '{folder}'", None,
-                                  "Give --for a folder that is there.")])
+        raise UsageError([Problem("folder-missing", f"cannot find the folder '{folder}'", None,
+                                  "Give an existing folder to --for.")])
     path, files = output or folder / ".vscode" / NAME, []
     if output is None:
         path.parent.mkdir(exist_ok=True)
@@ -55,7 +55,7 @@ def schema(folder: Path, output: Path | None) -> dict[str, object]:
 
 
 def _from(folder: Path, path: Path) -> str:
-    """The file as an editor that has the folder open names it."""
+    """Path of the file from the folder that is open in the editor."""
     try:
         return path.resolve().relative_to(folder.resolve()).as_posix()
     except ValueError:

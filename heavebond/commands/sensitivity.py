@@ -60,22 +60,22 @@ def sensitivity(model: str, of: tuple[str, ...], parameters: tuple[str, ...], se
         with terminal.working("assembling"):
             assembly = assembled(loaded, "--of", formulas)
         with terminal.working("sensitivities") as progress:
-            found = rank(assembly, list(formulas), listed(parameters), until, every=every, most=most, progress=progress)
+            rankings = rank(assembly, list(formulas), listed(parameters), until, every=every, most=most, progress=progress)
     console = terminal.output()
-    for ranking in found.rankings:
+    for ranking in rankings.rankings:
         console.print(_table(ranking, rows))
         console.print()
-    if found.left_out:
-        console.print(f"{len(found.left_out)} more parameters were not tried; add --most "
-                      f"{most + len(found.left_out)}: {', '.join(found.left_out)}", soft_wrap=True)
-    if found.filled:
-        console.print(f"Run {found.filled}", style="yellow", soft_wrap=True)
+    if rankings.left_out:
+        console.print(f"{len(rankings.left_out)} more parameters were not tried; add --most "
+                      f"{most + len(rankings.left_out)}: {', '.join(rankings.left_out)}", soft_wrap=True)
+    if rankings.filled:
+        console.print(f"Run {rankings.filled}", style="yellow", soft_wrap=True)
     if output is not None:
         from heavebond.pictures.plot import plot_influence, save
 
-        save(plot_influence(found, title=f"{assembly.model.name}: influence of parameters"), output)
+        save(plot_influence(rankings, title=f"{assembly.model.name}: influence of parameters"), output)
         console.print(f"wrote {output}", soft_wrap=True)
-    return {"model": assembly.model.name, "until": float(found.time[-1]), **_figures(found),
+    return {"model": assembly.model.name, "until": float(rankings.time[-1]), **_figures(rankings),
             "files": [str(output)] if output else []}
 
 
@@ -90,11 +90,11 @@ def _table(ranking: Ranking, rows: int) -> object:
         for i in ranking.influences[:rows]])
 
 
-def _figures(found: Rankings) -> dict[str, object]:
+def _figures(rankings: Rankings) -> dict[str, object]:
     def one(influence: Influence) -> dict[str, object]:
         return {"parameter": influence.parameter, "value": influence.value, "unit": influence.unit.text,
                 "influence": influence.relative, "peak": influence.peak, "time": influence.time}
 
     return {"signals": {r.signal: {"unit": r.unit, "rms": r.size, "still": r.still,
-                                   "influences": [one(i) for i in r.influences]} for r in found.rankings},
-            "left_out": list(found.left_out), "filled": found.filled or None}
+                                   "influences": [one(i) for i in r.influences]} for r in rankings.rankings},
+            "left_out": list(rankings.left_out), "filled": rankings.filled or None}

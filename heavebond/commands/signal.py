@@ -45,8 +45,9 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
            ) -> dict[str, object]:
     """Analyse an oscillating signal of a saved RUN (.csv, .parquet, .mat, .nc), of a record, or of a simulation.
 
-    The significant height is 4 sqrt(m_0) of the spectrum; waves go from one upward crossing of the mean to the next; cycles
-    are counted by the rainflow method (ASTM E1049-85), the equivalent range is that of one cycle a second.
+    The significant height is 4 sqrt(m_0) of the spectrum. A wave lasts from one upward crossing of the mean to the next.
+    Cycles are counted by the rainflow method (ASTM E1049-85); the equivalent range is the range of one cycle per second
+    with the same damage.
     """
     from heavebond.commands import terminal
     from heavebond.numerics.output_times import seconds
@@ -60,12 +61,12 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
         courses = _run(file, signals, settings, until, every, window)
     else:
         courses = read_courses(Path(file), signals, time=time, begin=window[0], end=window[1])
-    found = [SignalAnalysis(course, length) for course in courses]
-    figures = [_figures(one, slope) for one in found]
+    analyses = [SignalAnalysis(course, length) for course in courses]
+    figures = [_figures(one, slope) for one in analyses]
     console = terminal.output()
-    for one, told in zip(found, figures, strict=True):
+    for one, entry in zip(analyses, figures, strict=True):
         title = f"{one.course.name}, {one.course.time[0]:g} to {one.course.time[-1]:g} s"
-        console.print(terminal.table(title, ("", "value", "unit"), list(_rows(told, one.course.unit, slope)), text=1))
+        console.print(terminal.table(title, ("", "value", "unit"), list(_rows(entry, one.course.unit, slope)), text=1))
         if one.course.note:
             console.print(one.course.note, soft_wrap=True)
         console.print()
@@ -73,13 +74,13 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
         from heavebond.pictures.plot import save
         from heavebond.pictures.plot_spectra import plot_spectra
 
-        console.print(f"wrote {save(plot_spectra(found), output)}", soft_wrap=True)
-    return {"signals": {one.course.name: told for one, told in zip(found, figures, strict=True)}}
+        console.print(f"wrote {save(plot_spectra(analyses), output)}", soft_wrap=True)
+    return {"signals": {one.course.name: entry for one, entry in zip(analyses, figures, strict=True)}}
 
 
 def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: str | None, every: str | None,
          window: tuple[float, float]) -> list[EvenSignal]:
-    """Signals of a diagram that is run now."""
+    """Simulate a diagram and take the signals of the run."""
     from heavebond.commands import terminal
     from heavebond.language.model import load
     from heavebond.numerics.simulation import simulate
@@ -98,16 +99,16 @@ def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: 
 
 
 def _figures(one: SignalAnalysis, slope: float) -> dict[str, Any]:
-    """The numbers of a signal, in its unit and in s; only its mean where it stands still."""
+    """The numbers of a signal, in its unit and in s; only its mean if it does not vary."""
     course = one.course
-    told: dict[str, Any] = {"unit": course.unit, "from": float(course.time[0]), "to": float(course.time[-1]),
-                            "step": course.step, "note": course.note, "mean": one.mean, "deviation": one.deviation,
-                            "least": float(course.values.min()), "most": float(course.values.max())}
+    figures: dict[str, Any] = {"unit": course.unit, "from": float(course.time[0]), "to": float(course.time[-1]),
+                               "step": course.step, "note": course.note, "mean": one.mean, "deviation": one.deviation,
+                               "least": float(course.values.min()), "most": float(course.values.max())}
     if one.still:
-        return told
+        return figures
     known, counted = one.spectrum, one.waves
     heights = counted.heights.tolist()
-    return {**told, "significant": known.significant, "peak_period": known.peak_period, "mean_period": known.mean_period,
+    return {**figures, "significant": known.significant, "peak_period": known.peak_period, "mean_period": known.mean_period,
             "crossing_period": known.crossing_period, "segments": known.segments, "waves": len(heights),
             "wave_period": float(counted.periods.mean()) if heights else None,
             "highest_third": counted.significant[0], "period_of_highest_third": counted.significant[1],

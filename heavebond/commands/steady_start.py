@@ -10,14 +10,14 @@ if TYPE_CHECKING:
     from heavebond.numerics.result import Result
     from heavebond.numerics.start_equations import Point
 
-# A state that moves by less than this share of its nominal value stands still: ten times the errors of the integrator over a
-# run, and far less than a mode that grows needs to be seen.
+# A state that moves by less than this share of its nominal value is at rest: ten times the errors of the integrator over a
+# run, and much less than a growing mode needs to become visible.
 STILL = 1e-6
 
 
 def warn_of_growing(assembly: Assembly, point: Point) -> list[dict[str, object]]:
-    """Tell the modes that grow at a steady start: the machine leaves such an equilibrium at the least disturbance. Of large
-    diagrams they are not computed."""
+    """Warn of growing modes at a steady start: the machine leaves such an equilibrium after any disturbance. They are not
+    computed for large diagrams."""
     from heavebond.commands import terminal
     from heavebond.core.errors import SimulationError
     from heavebond.linear.held_variables import StartEvents
@@ -26,19 +26,20 @@ def warn_of_growing(assembly: Assembly, point: Point) -> list[dict[str, object]]
 
     if len(assembly.state_names) > SLOW_MODES.max_all:
         return []
-    with suppress(SimulationError):  # the run says so
+    with suppress(SimulationError):  # the run reports it
         point = StartEvents(assembly).after(point)
     judged = Linearisation(assembly).at(point).stability()
-    found = sorted(() if judged.undecided else judged.growing, key=lambda e: -e.value.real)
-    if found:
-        terminal.warn(f"The steady start is not stable, so that the machine leaves it: {'; '.join(e.text for e in found)}. "
-                      "`heavebond modes` shows its modes; guesses (`~`) lead to another steady state where there is one.")
-    return [{"real": e.value.real, "imaginary": e.value.imag, "states": list(e.states)} for e in found]
+    growing_modes = sorted(() if judged.undecided else judged.growing, key=lambda e: -e.value.real)
+    if growing_modes:
+        terminal.warn(f"The steady start is not stable, so that the machine leaves it: "
+                      f"{'; '.join(e.text for e in growing_modes)}. "
+                      "`heavebond modes` shows its modes; guesses (`~`) may lead to another steady state.")
+    return [{"real": e.value.real, "imaginary": e.value.imag, "states": list(e.states)} for e in growing_modes]
 
 
 def warn_where_it_stands(result: Result) -> list[dict[str, object]]:
-    """The same after a run in which a state has kept the value of its steady start: there alone an integrator hides what the
-    least disturbance would do, and a machine that moves in all its states needs no linearisation."""
+    """The same after a run in which a state has kept the value of its steady start. Only then can the integrator hide the
+    effect of a small disturbance; a machine that moves in all its states needs no linearisation."""
     import numpy as np
 
     from heavebond.linear.linearisation import start_point

@@ -26,11 +26,11 @@ NEEDED = ("starlette", "uvicorn", "websockets")
 @click.option("--no-browser", is_flag=True, help="Print the address of the page, and do not open a browser.")
 @json_option
 def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]:
-    """Open a page on which the diagrams of FOLDER (the current folder where none is given) are drawn, changed and run.
+    """Open a page on which the diagrams of FOLDER (by default the current folder) are drawn, changed and run.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). The page is served to this computer
-    alone, at an address that holds a secret token, until Ctrl-C. If the browser opens no page or an empty one (some do not
-    read temporary files), open the printed address in it.
+    only, at an address that contains a secret token, until Ctrl-C. If the browser opens no page or an empty one (some do
+    not read temporary files), open the printed address in it.
     """
     absent = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if absent:
@@ -48,9 +48,10 @@ def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]
             open_browser(opened.address, Path(private))
 
     try:
-        with tempfile.TemporaryDirectory(prefix="heavebond-", ignore_cleanup_errors=True) as private:  # for this user alone
+        # readable by this user only
+        with tempfile.TemporaryDirectory(prefix="heavebond-", ignore_cleanup_errors=True) as private:
             serve(opened, listener, ready)
-    except KeyboardInterrupt:  # the usual end
+    except KeyboardInterrupt:  # Ctrl-C is the normal end
         from heavebond.core.cancellation import clear_signal
 
         clear_signal()
@@ -58,8 +59,8 @@ def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]
 
 
 def open_browser(address: str, private: Path) -> None:
-    """Open an address in the browser by a file in a `private` folder, which leads there. All users of the machine see the
-    command line of a browser, and with it an address that it is started with."""
+    """Open an address in the browser by an HTML file in a `private` folder that redirects to it: all users of the machine
+    can read the command line of a browser, which must not contain the address."""
     import webbrowser
 
     page = private / "open.html"

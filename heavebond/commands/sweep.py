@@ -29,7 +29,7 @@ from heavebond.core.writable import write_text
 @click.option("--until", "end", metavar="TIME", default="", help="End time of each simulation.")
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True, help="Draw a signal of all cases. May be repeated.")
 @click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
-              help="Where study, tables and pictures go [default: a folder MODEL_sweep].")
+              help="Folder for study, tables and pictures [default: MODEL_sweep].")
 @click.option("--processes", type=Whole(1), help="Number of cases that run in parallel [default: all processors].")
 @click.option("--fresh", is_flag=True, help="Run all cases again, also those that are complete.")
 @scheduler_option
@@ -40,8 +40,8 @@ def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample:
           scheduler: str | None, settings: tuple[str, ...]) -> dict[str, object]:
     """Run the diagram MODEL with every combination of values, or at points sampled within ranges.
 
-    The sweep is written as a study into the folder: `heavebond study FOLDER/study.yaml` goes on from there. Each completed
-    case is kept: after Ctrl-C the same command continues.
+    The sweep is written as a study into the folder: `heavebond study FOLDER/study.yaml` runs it again or continues it.
+    Each completed case is stored: after Ctrl-C the same command continues.
     """
     from heavebond.language.edits import Change, extended_from
     from heavebond.language.model import find
@@ -52,9 +52,9 @@ def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample:
     folder = output or Path(f"{path.stem}_sweep")
     values = settings_of("--set", settings)
     diagram = folder / f"{path.stem}_set.yaml" if values else path
-    asked = Sweep(diagram, tuple(map(read_over, overs)), tuple(map(read_measure, measures)), sample, seed, (begin, end),
-                  worst or "", plotted, path.stem)
-    text = study_text(asked, folder)
+    requested = Sweep(diagram, tuple(map(read_over, overs)), tuple(map(read_measure, measures)), sample, seed, (begin, end),
+                      worst or "", plotted, path.stem)
+    text = study_text(requested, folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if values:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from heavebond.reports.result_tables import Item
 
 PIPE_CLOSED = 141  # exit code that shells report for SIGPIPE
-PLAIN_WIDTH = 120  # of tables that go to a file or a pipe
+PLAIN_WIDTH = 120  # width of tables in a file or a pipe
 GAP = 3  # between columns
 
 
@@ -48,39 +48,39 @@ def _console(file: IO[str]) -> Console:
             for segment in super().render(*given, **options):
                 yield segment if segment.control else segment._replace(text=visible(segment.text))
 
-    # a file has no width; the default of 80 characters would fold tables
+    # a file has no width; the default of 80 characters would break tables
     width = None if file.isatty() or "COLUMNS" in os.environ else PLAIN_WIDTH
     return Terminal(file=file, width=width, highlight=False, markup=False, emoji=False, soft_wrap=False)
 
 
 def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, text: int = 1) -> Group:
-    """A table; the first `text` columns are aligned left, the others, numbers, right. The title stands on a line of its own,
-    which is not broken at the width of the table."""
+    """A table; the first `text` columns are aligned left, the others, numbers, right. The title is a separate line, which
+    is not broken at the width of the table."""
     from rich import box
     from rich.console import Group
     from rich.table import Table
     from rich.text import Text
 
-    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    rich_table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for k, (name, width) in enumerate(zip(head, _widths(head, rows, output().width), strict=True)):
-        made.add_column(name, justify="left" if k < text else "right", overflow="fold", width=width)
+        rich_table.add_column(name, justify="left" if k < text else "right", overflow="fold", width=width)
     for row in rows:
-        made.add_row(*row)
-    return Group(*([Text(title, style="bold", no_wrap=True, overflow="ignore")] if title else []), made)
+        rich_table.add_row(*row)
+    return Group(*([Text(title, style="bold", no_wrap=True, overflow="ignore")] if title else []), rich_table)
 
 
 def _widths(head: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> Sequence[int | None]:
-    """The widths of the columns where the lines of a table must be broken: between words, in the widest columns. None where
-    the table fits, and where not even its words do."""
+    """Column widths for a table whose lines must be broken between words, in the widest columns. None if the table fits,
+    or if its longest words do not fit."""
     cells = [[name, *(row[k] for row in rows)] for k, name in enumerate(head)]
     words = [max((len(word) for cell in column for word in cell.split()), default=0) for column in cells]
-    found = [max(map(len, column)) for column in cells]
+    widths = [max(map(len, column)) for column in cells]
     room = width - GAP * (len(head) - 1)
-    if sum(found) <= room or sum(words) > room:
+    if sum(widths) <= room or sum(words) > room:
         return [None] * len(head)
-    while sum(found) > room:
-        found[max((k for k in range(len(head)) if found[k] > words[k]), key=found.__getitem__)] -= 1
-    return found
+    while sum(widths) > room:
+        widths[max((k for k in range(len(head)) if widths[k] > words[k]), key=widths.__getitem__)] -= 1
+    return widths
 
 
 def show(items: Sequence[Item]) -> None:
@@ -107,15 +107,15 @@ def warn(line: str) -> None:
 
 
 def print_problems(problems: Sequence[Problem]) -> None:
-    """Print problems on standard error in the form of `str(Problem)`, with their number where there are several."""
+    """Print problems on standard error in the form of `str(Problem)`, numbered if there are several."""
     console = messages()
     for k, problem in enumerate(problems[:PROBLEMS_SHOWN]):
         if k:
             console.print()
         _print_problem(console, problem)
     if len(problems) > 1:
-        shown = f", the first {PROBLEMS_SHOWN} are shown" if len(problems) > PROBLEMS_SHOWN else ""
-        console.print(f"\n{len(problems)} problems{shown}", style="bold red")
+        suffix = f", the first {PROBLEMS_SHOWN} are shown" if len(problems) > PROBLEMS_SHOWN else ""
+        console.print(f"\n{len(problems)} problems{suffix}", style="bold red")
 
 
 def _print_problem(console: Console, problem: Problem) -> None:
@@ -133,7 +133,7 @@ def _print_problem(console: Console, problem: Problem) -> None:
         styled.append(Text(line, style="yellow" if caret else ""))
     styled += [Text(line, style="green") for line in lines[len(lines) - hint:]]
     for line_text in styled:
-        # no line breaks of our own: they could split a name that is to be copied
+        # no line breaks here: they could split a name that the user copies
         console.print(line_text, soft_wrap=True)
 
 

@@ -33,16 +33,17 @@ if TYPE_CHECKING:
 @click.command(short_help="Tune parameters of a diagram by exact gradients.")
 @click.argument("study", metavar="STUDY|DIAGRAM")
 @click.option("--free", metavar="PARAMETER[=RANGE][,...]", multiple=True,
-              help="What may move: controller.K_p='0 .. 8 1/m'. Without a range 0 to three times its value. May repeat.")
-@click.option("--cost", metavar="FORMULA", help="What is to be small, e.g. 'rms(crown.x)/ref(rms(crown.x))'.")
+              help="A free parameter and its range: controller.K_p='0 .. 8 1/m'. Without a range 0 to three times its "
+                   "value. May be repeated.")
+@click.option("--cost", metavar="FORMULA", help="The cost to minimise, e.g. 'rms(crown.x)/ref(rms(crown.x))'.")
 @click.option("--limit", "limits", metavar="FORMULA", multiple=True,
-              help="What must be kept, e.g. 'peak(extension) < 3.8 m' or 'damping(least) > 0.1'. May be repeated.")
+              help="A limit, e.g. 'peak(extension) < 3.8 m' or 'damping(least) > 0.1'. May be repeated.")
 @click.option("--stable/--no-stable", default=None,
-              help="Whether the tuned machine must be stable at rest [default: as the study says, else it must "
-                   "if that can be decided].")
-@click.option("--evaluate", metavar="'FROM .. TO'", help="The time that counts, e.g. '72 .. 96 s'; else the whole run.")
+              help="Whether the tuned machine must be stable at rest [default: as in the study; else yes if stability can "
+                   "be decided].")
+@click.option("--evaluate", metavar="'FROM .. TO'", help="The evaluated time, e.g. '72 .. 96 s' [default: the whole run].")
 @click.option("--reference", metavar="PATH=VALUE", multiple=True,
-              help="A value of the run that ref(...) is taken from. May be repeated.")
+              help="A value of the run from which ref(...) is computed. May be repeated.")
 @set_option
 @click.option("--method", default="trust", show_default=True, help="trust or ipopt.")
 @click.option("--explore", type=Whole(0), default=5, show_default=True,
@@ -74,12 +75,12 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
     check_picture(output)
     if written is not None:
         check_new(written, (".yaml",))
-    asked = tuning_request(study, cost, limits, evaluate, settings_of("--reference", reference))
+    request = tuning_request(study, cost, limits, evaluate, settings_of("--reference", reference))
     if stable is not None:
-        asked = replace(asked, task=replace(asked.task, stable=stable))
+        request = replace(request, task=replace(request.task, stable=stable))
     with blamed_on_settings(settings), terminal.working("tuning") as progress:
-        assembly = assemble(with_settings(asked.model, settings))
-        task = with_free(assembly, asked.task, free)
+        assembly = assemble(with_settings(request.model, settings))
+        task = with_free(assembly, request.task, free)
         if output is not None and (grid is None or len(task.free) != 2):
             raise UsageError("a cost surface needs two free parameters and --sweep", hint="Add --sweep 12.")
         objective = Objective(assembly, task)
@@ -90,15 +91,15 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
         robust = around(objective, result, progress=progress) if robustness and not early else None
         if task.end is not None or assembly.model.until is not None:
             simulate(assembly.with_parameters(result.values), task.end)  # for its verdict
-    terminal.show(tuning_items(asked.name, assembly, result, robust, swept))
-    files = _files(asked, result, robust, swept, output, written, settings_of("--set", settings))
-    figures = {**tuning_figures(asked.name, result, robust), "files": list(map(str, files))}
+    terminal.show(tuning_items(request.name, assembly, result, robust, swept))
+    files = _files(request, result, robust, swept, output, written, settings_of("--set", settings))
+    figures = {**tuning_figures(request.name, result, robust), "files": list(map(str, files))}
     if early:
         raise Interrupted(last_heard(), figures)
     return figures
 
 
-def _files(asked: TuningRequest, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
+def _files(request: TuningRequest, result: Tuned, robust: Robustness | None, swept: tuple[list[Array], Array] | None,
            output: Path | None, written: Path | None, settings: Mapping[str, str]) -> list[Path]:
     from heavebond.commands import terminal
 
@@ -111,7 +112,7 @@ def _files(asked: TuningRequest, result: Tuned, robust: Robustness | None, swept
         from heavebond.language.edits import write
         from heavebond.optimise.tuning import tuned_diagram
 
-        write(written, tuned_diagram(asked.model, result.task, result, written, settings))
+        write(written, tuned_diagram(request.model, result.task, result, written, settings))
         files.append(written)
     for path in files:
         terminal.output().print(f"wrote {path}", soft_wrap=True)

@@ -22,53 +22,53 @@ from heavebond.core.progress import Progress
 # Ctrl-C, the request to end, the end of the terminal
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 WORDS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "terminated: the terminal was closed"}
-# of the process, as signals are: that which is not obeyed yet, and the last one
+# pending signal of the process that has not been obeyed yet, and the last one
 _heard: list[int] = []
 _last: list[int] = []
-_deferring = False  # whether the main thread is in a `deferred` block
-_deferred: list[int] = []  # what was heard there
+_deferring = False  # True if the main thread is in a `deferred` block
+_deferred: list[int] = []  # signals received in it
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal that asks to end, `number`; a KeyboardInterrupt, so that every command ends by it as by Ctrl-C. `figures` are
-    what a command has to tell all the same: its best so far."""
+    """A signal that requests the end, `number`; a KeyboardInterrupt, so that every command ends as after Ctrl-C.
+    `figures` are the best results so far, which a command prints nevertheless."""
 
     def __init__(self, number: int = signal.SIGINT, figures: Mapping[str, object] | None = None):
         super().__init__()
         self.number, self.figures = int(number), dict(figures or {})
 
 
-SOON = 1e-3  # the shortest limit (s): a timer of 0 never comes
+SOON = 1e-3  # the shortest limit (s): a timer of 0 never fires
 T = TypeVar("T")
-ENDED_EARLY = "interrupted"  # why a search ended that gives its best so far
+ENDED_EARLY = "interrupted"  # reason of the end of a search that returns its best result so far
 
 
 @contextmanager
 def listening(numbers: Sequence[int] = SIGNALS) -> Iterator[None]:
-    """Within it SIGTERM and SIGHUP end what runs as Ctrl-C does, and none of them is lost. Outside the main thread nothing
-    changes, as signals do not come there, nor for those that are ignored, as in jobs behind `nohup`, or that have a
+    """Let SIGTERM and SIGHUP end the computation inside like Ctrl-C, and lose none of them. Nothing changes outside the
+    main thread, which receives no signals, nor for signals that are ignored, as in jobs behind `nohup`, or that have a
     handler already."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     before = {number: signal.getsignal(number) for number in numbers}
-    taken = [number for number, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
+    handled = [number for number, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
     reported = sys.unraisablehook
 
     def report(dropped: sys.UnraisableHookArgs) -> None:
         if not isinstance(dropped.exc_value, Interrupted):  # (of a destructor or a callback: `check` raises it again)
             reported(dropped)
 
-    for number in taken:
+    for number in handled:
         signal.signal(number, _hear)
     sys.unraisablehook = report
     try:
         yield
     finally:
         sys.unraisablehook = reported
-        for number in taken:
+        for number in handled:
             signal.signal(number, before[number])
-        if taken:
+        if handled:
             _heard.clear()
             _last.clear()
 
@@ -86,9 +86,9 @@ def _raise(number: int) -> None:
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Within it a signal is only stored; it is raised at the end of the block. For short steps that an exception in their
-    midst would leave half done, such as those of an executor, whose locks it would keep. Elsewhere than in the main thread
-    nothing changes."""
+    """Only store signals inside; raise them at the end of the block. For short operations that an exception would leave
+    in an inconsistent state, for example of an executor, whose locks would stay held. Outside the main thread nothing
+    changes."""
     global _deferring
     if threading.current_thread() is not threading.main_thread() or _deferring:
         yield
@@ -104,28 +104,26 @@ def deferred() -> Iterator[None]:
 
 
 def check() -> None:
-    """Raise again what a library has dropped."""
+    """Raise an exception again that a library has discarded."""
     if _heard:
         raise Interrupted(_heard[0])
 
 
 def clear_signal() -> int | None:
-    """Forget the signal that was heard, as what it asked for is done; its number."""
+    """Forget the received signal after it has been obeyed; returns its number."""
     return _heard.pop() if _heard else None
 
 
 def last_heard() -> int:
-    """The number of the last signal that was heard, obeyed or not; that of Ctrl-C where none was listened to."""
+    """The number of the last received signal, obeyed or not; SIGINT if signals were not handled."""
     return _last[-1] if _last else signal.SIGINT
 
 
 @contextmanager
 def finishing(say: Progress) -> Iterator[None]:
-    """Within it the first Ctrl-C is only answered (by `say`) and not obeyed, so that a search that took minutes is not lost
-    in the seconds in which its result is worked out; the second one is obeyed. The same for SIGTERM where it is listened to.
-
-    Outside the main thread nothing changes, as signals do not come there, nor where they are ignored, as in jobs that a
-    shell has put into the background."""
+    """Answer the first Ctrl-C inside by `say` only, so that the result of a long search is not lost in the seconds of its
+    completion; obey the second one. The same holds for SIGTERM if it is handled. Nothing changes outside the main
+    thread, which receives no signals, or if they are ignored, as in jobs that a shell has put into the background."""
     before = {number: signal.getsignal(number) for number in SIGNALS}
     taken = [number for number, handler in before.items() if callable(handler)]
     if threading.current_thread() is not threading.main_thread() or not taken:
@@ -138,7 +136,7 @@ def finishing(say: Progress) -> Iterator[None]:
 
     def once(number: int, frame: FrameType | None) -> None:
         restore()
-        say("finishing what was found; Ctrl-C once more ends without it")
+        say("completing the result; a second Ctrl-C discards it")
 
     for number in taken:
         signal.signal(number, once)
@@ -150,9 +148,9 @@ def finishing(say: Progress) -> Iterator[None]:
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Within it what runs ends after so many seconds (s) as by Ctrl-C: a KeyboardInterrupt, for searches that then give
-    their best so far. A limit around another one holds within that too, and is told again behind it. Outside the main
-    thread, and where the system has no timer (Windows), nothing changes: those that look at the time themselves end by
+    """End the computation inside after so many seconds (s) as by Ctrl-C: a KeyboardInterrupt, after which searches return
+    their best result so far. An outer limit holds inside as well, and is raised again outside. Outside the main
+    thread, and if the system has no timer (Windows), nothing changes; functions that read the time themselves end by
     that."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer") \
             or not 0 <= seconds < float("inf"):
@@ -165,7 +163,7 @@ def time_limit(seconds: float) -> Iterator[None]:
             _heard[:] = [number]
             _raise(number)
 
-    outer, began = set_timer(0), now()  # what is left to the limit around, 0 for none
+    outer, began = set_timer(0), now()  # time left to the outer limit, 0 for none
     before = signal.signal(signal.SIGALRM, late)
     set_timer(min(max(seconds, SOON), outer or float("inf")))
     try:
@@ -181,33 +179,32 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 
 def now() -> float:
-    """The time that limits are kept by (s)."""
+    """The clock of time limits (s)."""
     return clock.perf_counter()
 
 
 def set_timer(seconds: float) -> float:
-    """Have SIGALRM come after so many seconds, 0 for never; after how many it would have come."""
+    """Send SIGALRM after so many seconds, 0 for never; returns the time that was left to the former one."""
     return signal.setitimer(signal.ITIMER_REAL, seconds)[0]
 
 
 @dataclass(frozen=True)
 class Budget:
-    """The time of a whole computation: `seconds` (s) from `began` on."""
+    """Time budget of a whole computation: `seconds` (s) from `began` on."""
 
     seconds: float
     began: float = field(default_factory=lambda: now())
 
     @property
     def spent(self) -> float:
-        """What has gone of it (s)."""
         return now() - self.began
 
     def left(self, kept: float = 0.0) -> float:
-        """What is left of it, less what is kept for later (s)."""
+        """Time left, minus a reserve for later (s)."""
         return max(0.0, self.seconds - kept - self.spent)
 
     def made(self, make: Callable[[], T], kept: float = 0.0) -> T | None:
-        """What `make` gives; None where it was ended before, by Ctrl-C or as the time was over but for what is `kept`."""
+        """Result of `make`; None if it was interrupted by Ctrl-C, or by the time limit less the reserve `kept`."""
         if self.left(kept) <= 0:
             return None
         try:
@@ -219,8 +216,8 @@ class Budget:
 
 
 def is_interrupt(error: BaseException | None) -> bool:
-    """Whether an exception is Ctrl-C, or is a library's answer to it: CasADi's conversion of matrices ends as a SystemError
-    that was caused by it, and other calls in errors that come of its having been dropped."""
+    """True if an exception is Ctrl-C, or results from it in a library: CasADi's conversion of matrices ends as a
+    SystemError that was caused by it, and other calls in errors that follow after it was discarded."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__
     return error is not None or bool(_heard)

@@ -16,19 +16,19 @@ from heavebond.core.parallel import Workers
 from heavebond.core.version import VERSION
 
 T = TypeVar("T")
-AHEAD = 2  # tasks that a worker has at a time, so that it need not wait for the next one
-PATIENCE = 20.0  # seconds for a scheduler, for the first answer of a worker, and for workers that were lost to come back
-AGAIN = "give the same command again, or without `--scheduler`: what was done is kept (`diagnose` takes it with `--resume`)."
-ANSWERS, PAUSE = 20, 0.1  # how often, and after how many seconds, an answer is asked for whose connection has closed
+AHEAD = 2  # tasks of a worker at a time, so that it need not wait for the next one
+PATIENCE = 20.0  # seconds to wait for a scheduler, for the first answer of a worker, and for the return of lost workers
+AGAIN = "give the same command again, or without `--scheduler`: completed results are stored (`diagnose`: with `--resume`)."
+ANSWERS, PAUSE = 20, 0.1  # number of attempts, and seconds between them, to fetch a result whose connection has closed
 _one = Lock()
 
 
 class Cluster(Workers):
-    """The workers of a scheduler (`tcp://host:8786`) as an executor. The scheduler gives what a worker loses to another one,
-    and gives a task up with which several died.
+    """The workers of a scheduler (`tcp://host:8786`) as an executor. The scheduler repeats a lost task on another worker,
+    and gives a task up after several workers died with it.
 
-    UsageError where dask is not installed, where nobody answers, or where the workers have another version of this program;
-    later where the scheduler is lost, or all workers are and none comes back.
+      UsageError if dask is not installed, if nothing answers, or if the workers have another version of this program;
+      later if the scheduler is lost, or all workers are and none returns.
     """
 
     together = False
@@ -41,7 +41,7 @@ class Cluster(Workers):
             raise UsageError([Problem("dask-missing", "a scheduler needs dask.distributed", None,
                                       "pip install 'heavebond[cluster]'")]) from None
         self.died = (KilledWorker,)
-        # what it logs of a scheduler that is lost is told by `listen`
+        # `listen` reports a lost scheduler instead of dask's log
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
@@ -50,9 +50,9 @@ class Cluster(Workers):
         except (OSError, TimeoutError, ValueError) as error:
             raise UsageError([Problem("scheduler-silent", f"no scheduler answers at '{address}'", None,
                                       "Start one with `dask scheduler`, and workers with `dask worker tcp://HOST:8786 "
-                                      "--nthreads 1`; the address is what it prints.", (str(error),))]) from None
+                                      "--nthreads 1`; it prints its address.", (str(error),))]) from None
         self.address = address
-        self._missed: float | None = None  # since when there is no worker
+        self._missed: float | None = None  # time since the last worker was seen
         try:
             self.number = self._checked(address)
         except BaseException:
@@ -61,11 +61,9 @@ class Cluster(Workers):
 
     @property
     def ahead(self) -> int:
-        """How many tasks are handed over at a time."""
         return AHEAD * self.number
 
     def _checked(self, address: str) -> int:
-        """How many tasks the workers take at a time."""
         threads = self.client.nthreads()
         if not threads:
             raise UsageError([Problem("scheduler-alone", f"the scheduler at '{address}' has no workers", None,
@@ -92,18 +90,18 @@ class Cluster(Workers):
         return answer
 
     async def _handed_over(self, task: Any, answer: Future[Any]) -> None:
-        """What comes of a task as the answer to it. A result that goes with its worker before it is fetched is waited for
-        again, as the scheduler has it made anew; the executor of dask itself raises a TypeError then. So is one while whose
-        answer the connection closes, unless the scheduler is lost."""
+        """Result of a task. If a result is lost with its worker before it is fetched, this waits again, because the
+        scheduler recomputes it; dask's executor raises a TypeError in this case. The same if the connection closes
+        during the answer, unless the scheduler is lost."""
         from distributed.comm.core import CommClosedError
 
-        for left in reversed(range(ANSWERS)):
+        for attempts_left in reversed(range(ANSWERS)):
             try:
-                found = await self.client.gather(task, asynchronous=True)
+                answers = await self.client.gather(task, asynchronous=True)
             except (asyncio.CancelledError, CancelledError):
                 _cancel(answer)
             except CommClosedError as error:
-                if self.client.status == "running" and left:
+                if self.client.status == "running" and attempts_left:
                     await asyncio.sleep(PAUSE)
                     continue
                 if self.client.status == "running":
@@ -113,7 +111,7 @@ class Cluster(Workers):
             except BaseException as error:
                 answer.set_exception(error)
             else:
-                answer.set_result(found)
+                answer.set_result(answers)
             return
 
     def listen(self) -> None:
@@ -134,7 +132,7 @@ class Cluster(Workers):
 
 @contextmanager
 def connected(address: str | None) -> Iterator[Cluster | None]:
-    """The cluster at an address, where one is given."""
+    """The cluster at an address, if one is given."""
     if address is None:
         yield None
         return
@@ -152,6 +150,6 @@ def _version() -> str:
 
 
 def _alone(function: Callable[..., T], *given: Any, **named: Any) -> T:
-    """One task at a time in a process: the words of the solver are caught from a file descriptor, which threads share."""
+    """One task at a time in a process: the solver's output is captured from a file descriptor, which threads share."""
     with _one:
         return function(*given, **named)

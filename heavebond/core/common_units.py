@@ -9,7 +9,7 @@ from math import pi
 
 _PREFIXES = {"": Fraction(1), "c": Fraction(1, 100), "m": Fraction(1, 1000), "k": Fraction(10**3), "M": Fraction(10**6),
              "G": Fraction(10**9)}
-# symbol: size in base units, powers of m, kg, s, A, K, prefixes beside none, what it counts
+# symbol: size in base units, powers of m, kg, s, A, K, permitted prefixes, counted quantity
 _SYMBOLS: dict[str, tuple[Fraction, tuple[int, ...], str, str]] = {
     "m": (Fraction(1), (1,), "cmk", ""), "kg": (Fraction(1), (0, 1), "", ""), "s": (Fraction(1), (0, 0, 1), "m", ""),
     "A": (Fraction(1), (0, 0, 0, 1), "m", ""), "K": (Fraction(1), (0, 0, 0, 0, 1), "", ""),
@@ -31,9 +31,9 @@ _FACTOR = re.compile(r"([*/])([A-Za-z]+)(?:\*\*(-?[0-9]{1,2}))?(?![^*/])")
 
 
 def common_unit(text: str) -> tuple[float, Mapping[str, Fraction], str] | None:
-    """Size in SI, powers of the base units, and what it counts, of a product such as `kN*s/m` or `1/min`.
+    """Size in SI, powers of the base units, and counted quantity of a product such as `kN*s/m` or `1/min`.
 
-    None where a factor is not among the common units, or is written in another way; the units library knows more.
+    None if a factor is not among the common units, or is written in another form; the units library knows more.
     """
     powers = _factors(text)
     if powers is None:
@@ -47,19 +47,19 @@ def common_unit(text: str) -> tuple[float, Mapping[str, Fraction], str] | None:
         counted.add(counts if power else "")
         for base, exponent in zip(_BASE, dimension, strict=False):
             exponents[base] += exponent * power
-    # sixteen digits, as the units library is asked for
+    # sixteen digits, as requested from the units library
     return float(f"{float(scale):.16g}"), exponents, "cycles" if "cycles" in counted else max(counted)
 
 
 def _factors(text: str) -> dict[str, int] | None:
     """The power of each unit in a product."""
-    rest = text[1:] if text.startswith("1/") else "*" + text
+    remainder = text[1:] if text.startswith("1/") else "*" + text
     powers: dict[str, int] = {}
-    while rest:
-        found = _FACTOR.match(rest)
-        if found is None or found.group(2) not in _UNITS:
+    while remainder:
+        factor_match = _FACTOR.match(remainder)
+        if factor_match is None or factor_match.group(2) not in _UNITS:
             return None
-        sign = 1 if found.group(1) == "*" else -1
-        powers[found.group(2)] = powers.get(found.group(2), 0) + sign * int(found.group(3) or 1)
-        rest = rest[found.end():]
+        sign = 1 if factor_match.group(1) == "*" else -1
+        powers[factor_match.group(2)] = powers.get(factor_match.group(2), 0) + sign * int(factor_match.group(3) or 1)
+        remainder = remainder[factor_match.end():]
     return powers

@@ -10,16 +10,16 @@ from heavebond.core.limits import PROBLEMS_SHOWN
 
 WIDEST_EXCERPT = 110
 LONGEST_MESSAGE = 400
-FEW = 3  # candidates with the same last word that are named
-SHORTEST_KIND = 5  # letters from which a capitalised name is taken for a component's in suggestions
-SHORTEST_BEGIN = 3  # letters with which a longer name may be meant
+FEW = 3  # limit of suggested candidates with the same last word
+SHORTEST_KIND = 5  # least number of letters of a component's name that is searched inside a word
+SHORTEST_BEGIN = 3  # least number of letters that may begin a longer name
 
 
 @dataclass(frozen=True)
 class Place:
-    """A stretch of one line of a file; `line` and `column` count from 1, `text` is the whole line.
+    """A range of characters in one line of a file; `line` and `column` count from 1, `text` is the whole line.
 
-    Where a text goes on in later lines, `continued` says from how many characters on, and where: (characters, place).
+    If a text continues in later lines, `continued` gives the character counts and places: (characters, place).
     """
 
     file: str
@@ -30,15 +30,15 @@ class Place:
     continued: tuple[tuple[int, Place], ...] = ()
 
     def moved(self, characters: int, length: int = 1) -> Place:
-        """The stretch that begins `characters` further on in the text that begins here."""
+        """The range that begins `characters` later in the same text."""
         for start, place in reversed(self.continued):
             if characters >= start:
                 return place.moved(characters - start, length)
-        rest = tuple((start - characters, place) for start, place in self.continued)
-        return Place(self.file, self.line, self.column + characters, self.text, max(1, length), rest)
+        continued = tuple((start - characters, place) for start, place in self.continued)
+        return Place(self.file, self.line, self.column + characters, self.text, max(1, length), continued)
 
     def excerpt(self) -> list[str]:
-        """The line with a caret below the stretch (tabs count as one column, as they do in `column`)."""
+        """The line with a caret below the range (tabs count as one column, as in `column`)."""
         if not self.text:
             return []
         number = f"{self.line:>5} | "
@@ -59,7 +59,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong. `code` is stable; `notes` are further known facts; `hint` says what to type."""
+    """One mistake. `code` is stable; `notes` are further known facts; `hint` states what to type."""
 
     code: str
     message: str
@@ -79,7 +79,6 @@ class Problem:
         return "\n".join(lines)
 
     def as_dict(self) -> dict[str, object]:
-        """The problem for a machine (JSON)."""
         place = self.place
         where = {"file": place.file, "line": place.line, "column": place.column} if place else None
         return {"code": self.code, "message": self.message, "place": where, "hint": self.hint,
@@ -87,8 +86,8 @@ class Problem:
 
 
 class HeavebondError(Exception):
-    """A user's mistake, or a model or record that cannot do what was asked; never a fault of the program. `figures` is
-    what was computed all the same, for the JSON file."""
+    """A user's mistake, or a model or record that cannot do what was requested; never a fault of the program. `figures`
+    are the results that were computed nevertheless, for the JSON file."""
 
     def __init__(self, problems: Iterable[Problem] | str, *, hint: str = ""):
         self.figures: dict[str, object] = {}
@@ -103,7 +102,7 @@ class HeavebondError(Exception):
 
 
 class ModelError(HeavebondError):
-    """A component, diagram, experiment or study file says something impossible."""
+    """A component, diagram, experiment or study file is wrong."""
 
     default_code = "model"
 
@@ -121,7 +120,7 @@ class UsageError(HeavebondError):
 
 
 class StartError(HeavebondError):
-    """No consistent initial values exist, or the file does not decide them."""
+    """No consistent initial values exist, or the file does not determine them."""
 
     default_code = "start"
 
@@ -133,7 +132,7 @@ class SimulationError(HeavebondError):
 
 
 class RunWarning(UserWarning):
-    """A run left the range in which its results mean something; the message is its verdict."""
+    """A run left the range in which its results are valid; the message is its verdict."""
 
 
 @dataclass
@@ -145,21 +144,21 @@ class Problems:
 
     def add(self, code: str, message: str, place: Place | None = None, *, hint: str = "",
             notes: Iterable[str] = ()) -> None:
-        """Note a problem and go on; the same problem at the same place is noted once."""
+        """Record a problem and continue; the same problem at the same place is recorded once."""
         problem = Problem(code, message, place, hint, tuple(notes))
         if problem not in self._known:
             self._known.add(problem)
             self.found.append(problem)
 
     def extend(self, error: HeavebondError) -> None:
-        """Note the problems of an error that was caught."""
+        """Record the problems of an error that was caught."""
         for problem in error.problems:
             if problem not in self._known:
                 self._known.add(problem)
                 self.found.append(problem)
 
     def raise_as(self, kind: type[HeavebondError] = ModelError) -> None:
-        """Raise all that was noted as one error, in the order of the lines; do nothing where nothing was."""
+        """Raise all recorded problems as one error, in the order of the lines; do nothing without problems."""
         if self.found:
             files = {f: k for k, f in enumerate(dict.fromkeys(p.place.file for p in self.found if p.place))}
             raise kind(sorted(self.found, key=lambda p: (
@@ -169,10 +168,10 @@ class Problems:
 def suggest(word: str, candidates: Iterable[str]) -> str:
     """`Did you mean 'x'?` for the candidates nearest to `word` (case ignored), or an empty text.
 
-    The name of a component that stands in the word as a whole (`HydraulicCylinder`, `cylinder`) is the only one, and so is a
-    candidate that differs in case alone. A word that ends a few candidates (`K_p` of `controller.K_p`) means these, so does
-    one that lacks a part between its first and its last (`line.p` of `line.a.p`), and one that begins them (`dry`) where
-    nothing is nearer.
+    If the word contains the whole name of a component (`HydraulicCylinder`, `cylinder`), this is the only suggestion;
+    the same for a candidate that differs in case only. A word that ends a few candidates (`K_p` of `controller.K_p`)
+    suggests these; so does one that lacks a part between its first and its last (`line.p` of `line.a.p`), and one that
+    begins them (`dry`) if no other name is more similar.
     """
     if len(word) > 100:
         return ""
@@ -193,19 +192,19 @@ def suggest(word: str, candidates: Iterable[str]) -> str:
     inside = [n for n in kinds if n in word.lower()]
     if inside:
         near = [max(inside, key=len)]
-    elif near[0] in kinds:  # there are many components: a second one is a help only if it is about as near
+    elif near[0] in kinds:  # there are many components: a second suggestion must be about as similar
         near = near[:1] + difflib.get_close_matches(word.lower(), near[1:], cutoff=0.68)
     return "Did you mean " + " or ".join(f"'{by_lower[n]}'" for n in near) + "?"
 
 
-# where no name is near, and there are too many to list
+# advice if no name is similar and there are too many to list
 NAMES_LISTED = "`heavebond check --names` lists them all."
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str | None:
-    """The candidate that `word` most likely means, if any."""
-    found = suggest(word, candidates)
-    return found.split("'")[1] if found else None
+    """The candidate that is most similar to `word`, if any."""
+    suggestion = suggest(word, candidates)
+    return suggestion.split("'")[1] if suggestion else None
 
 
 def either(words: Iterable[str], joint: str = "and") -> str:

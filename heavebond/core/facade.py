@@ -1,7 +1,8 @@
-"""Methods of public objects whose functions belong to packages above, such as `result.plot()` and `model.graph()`.
+"""Methods of public objects that are implemented in packages above, such as `result.plot()` and `model.graph()`.
 
-A module imports from its own package and those below. The package above registers its function by `provides`, and the method
-calls it by `call`. `heavebond/__init__.py` imports the packages that register functions, so every method is available.
+A module imports from its own package and those below. The package above registers its function by `provides`, and the
+method calls it by `call`. `heavebond/__init__.py` imports the packages that register functions, so every method is
+available.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ _PROVIDED: dict[str, Callable[..., Any]] = {}
 
 
 def provides(*methods: str) -> Callable[[AnyFunction], AnyFunction]:
-    """Register a function as the content of methods (`Class.method`); its first argument is the object."""
+    """Register a function as the implementation of methods (`Class.method`); its first argument is the object."""
     def register(function: AnyFunction) -> AnyFunction:
         _PROVIDED.update(dict.fromkeys(methods, function))
         return function

@@ -1,7 +1,7 @@
-"""Results of a long search kept as lines of a JSON file as they are made, so that a search that was ended goes on from them.
+"""Resume file: results of a long search, appended as lines of JSON, so that an interrupted search can continue.
 
-Each line is the entry of one result with a digest of all that it depends on. A line that was cut short by the end of the
-process is left out.
+Each line is the entry of one result with a digest of all its inputs. A line that was cut short by the end of the process
+is ignored.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Kept = Mapping[str, Any]
 
 @dataclass
 class KeptLines:
-    """The entries of a file by their digests; `taken` counts those that a search has asked for."""
+    """The entries of a file by their digests; `taken` counts the entries that a search has used."""
 
     path: Path
     known: dict[str, Kept] = field(default_factory=dict)
@@ -26,11 +26,11 @@ class KeptLines:
 
     @classmethod
     def read(cls, path: Path) -> KeptLines:
-        """What a file holds; nothing where there is none."""
+        """Read the entries of a file; empty if it does not exist."""
         known: dict[str, Kept] = {}
         with suppress(OSError):
             for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-                with suppress(ValueError):  # one that was cut short
+                with suppress(ValueError):  # an incomplete line
                     entry = json.loads(line)
                     if isinstance(entry, dict) and isinstance(entry.get("digest"), str):
                         known[entry["digest"]] = entry
@@ -38,29 +38,29 @@ class KeptLines:
 
     @classmethod
     def begin(cls, path: Path, resume: bool) -> KeptLines:
-        """What a file holds where a search is to `resume`; else an empty one in its place."""
+        """Read the entries of a file to `resume` a search; else start an empty file."""
         if resume:
             return cls.read(path)
-        kept = cls(path)
-        kept.remove()
-        return kept
+        lines = cls(path)
+        lines.remove()
+        return lines
 
     def remove(self) -> None:
-        """Remove the file, as a search has come to its end."""
+        """Remove the file after the search is complete."""
         with suppress(OSError):
             self.path.unlink()
 
     def get(self, digest: str) -> Kept | None:
-        """The entry with this digest, where it is kept."""
-        found = self.known.get(digest)
-        self.taken += found is not None
-        return found
+        """The entry with this digest, or None."""
+        entry = self.known.get(digest)
+        self.taken += entry is not None
+        return entry
 
     def add(self, digest: str, entry: Kept) -> None:
-        """Keep an entry. Where the file cannot be written the search goes on without it."""
+        """Append an entry. If the file cannot be written, the search continues without it."""
         if digest in self.known:
             return
         self.known[digest] = entry = {"digest": digest, **entry}
         with suppress(OSError), open(self.path, "a", encoding="utf-8", newline="\n") as file:
-            # a line break before, too: the last line may have been cut short
+            # a line break first, because the last line may be incomplete
             file.write(f"\n{json.dumps(entry)}\n")

@@ -1,7 +1,7 @@
 """Numbers in text: one grammar for diagrams, records, descriptions of FMUs and the command line.
 
-Python's `float` and `int` also take underscores between digits (`1_0` is 10) and the digits of every script; here a number
-has the digits 0 to 9 only.
+Python's `float` and `int` also accept underscores between digits (`1_0` is 10) and the digits of every script; here a
+number has the digits 0 to 9 only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _WHOLE = re.compile(r"[0-9]{1,9}")
 
 
 def number(text: str) -> float:
-    """The number that a text is, `nan` and `inf` included; ValueError where it is none."""
+    """Convert a text to a number, `nan` and `inf` included; ValueError if it is not one."""
     plain = text.strip()
     if not (_NUMBER.fullmatch(plain) or _SPECIAL.fullmatch(plain)):
         raise ValueError(f"'{text}' is not a number")
@@ -24,11 +24,11 @@ def number(text: str) -> float:
 
 
 def whole(text: str) -> int | None:
-    """The number that a text of up to nine digits is; None for any other text."""
+    """Convert a text of up to nine digits to a whole number; None for any other text."""
     return int(text) if _WHOLE.fullmatch(text) else None
 
 
 def plain(texts: Sequence[str]) -> bool:
-    """Whether whatever Python reads as a number in these texts is one here, too: a look at the letters, for long columns."""
+    """True if every text that Python reads as a number is also one here: a test of the characters, for long columns."""
     joined = "".join(texts)
     return joined.isascii() and "_" not in joined

@@ -1,4 +1,4 @@
-"""What many tasks share, as it is sent to the workers of this program: serialised once, never written to a file."""
+"""Serialisation of data that many tasks share: done once, sent to the workers of this program, never written to a file."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 
 def packed(shared: object) -> bytes:
-    """An object of this program as bytes."""
+    """Serialise an object."""
     return zlib.compress(pickle.dumps(shared))
 
 
 def unpacked(shared: bytes) -> Any:
-    """The object that `packed` was given, by a process of this program."""
+    """Restore an object that `packed` has serialised, in a process of this program."""
     return pickle.loads(zlib.decompress(shared))

@@ -21,58 +21,57 @@ from heavebond.core.threads import single
 
 T = TypeVar("T")
 K = TypeVar("K")
-Lost = tuple[tuple[K, tuple[Any, ...]], BaseException]  # a job, its key and what is given, and how it ended
-ALONE = 2  # a job may never have begun when others took its process away: only so many deaths alone are its own
-LISTEN = 5.0  # seconds without a result after which it is asked whether any worker is left
-ANSWER = 0.2  # seconds within which a signal is obeyed while results are waited for
-WATCH = 1.0  # seconds between two looks whether the parent is there
-GRACE = 2.0  # seconds that processes have to end by themselves
-LATER = 1.0  # seconds by which SIGTERM ends a worker later than the process that collects
-PR_SET_PDEATHSIG = 1  # of Linux's prctl
-_stop: Event | None = None  # of a process that works for another one: set where what it does is not wanted any more
+Lost = tuple[tuple[K, tuple[Any, ...]], BaseException]  # a job, its key and arguments, and its outcome
+# a job may be lost before it began, when others ended its process: only so many deaths in a separate process are due to it
+ALONE = 2
+LISTEN = 5.0  # seconds without a result after which the existence of workers is checked
+ANSWER = 0.2  # seconds within which a signal is obeyed while waiting for results
+WATCH = 1.0  # seconds between two checks for the parent process
+GRACE = 2.0  # seconds for processes to end by themselves
+LATER = 1.0  # delay in seconds of SIGTERM in a worker, after the collecting process
+PR_SET_PDEATHSIG = 1  # constant of Linux's prctl
+_stop: Event | None = None  # in a process that works for another one: set if its work is not needed any more
 
 
 class Stopped(Exception):
-    """What this process was doing is not wanted any more."""
+    """The work of this process is not needed any more."""
 
 
 def processors() -> int:
-    """How many this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def forks() -> bool:
-    """Whether a new process can have what this one has already."""
+    """True if a new process inherits the memory of this one."""
     return "fork" in multiprocessing.get_all_start_methods()
 
 
 def check_cancelled(text: str) -> None:
-    """The progress of something long in a process that works for another one; raises Stopped where that has left."""
+    """Progress callback of a long computation in a worker process; raises Stopped if the collecting process has left."""
     if _stop is not None and _stop.is_set():
         raise Stopped(text)
 
 
 class Workers(Executor):
-    """An executor some of whose workers may die: `died` are the errors by which that is told, `together` says whether all
-    that runs is lost with one of them, and `renew` puts new ones in their place."""
+    """An executor whose workers may die: `died` are the errors that report this, `together` is True if all running jobs
+    are lost with one worker, and `renew` starts new ones."""
 
     died: tuple[type[BaseException], ...] = (BrokenExecutor,)
     together = True
 
     def renew(self) -> None:
-        """New workers, where those that died are not replaced by themselves."""
+        """Start new workers if dead ones are not replaced automatically."""
 
     def listen(self) -> None:
-        """Called where nothing was done for a while, and where a job was given up; raises where no worker is left that could
-        do it."""
+        """Called after a while without results, and after a job was given up; raises if no worker is left."""
 
 
 class Processes(Workers):
-    """So many processes, each begun by `begin(*given)`; on leaving, what still runs and tells its progress to `heed` ends,
-    after a while also what does not. All of them end with the process that made them, however that ends.
+    """A number of processes, each started by `begin(*given)`. On leaving, running jobs that report progress to `heed` end,
+    after a while also the others. All of them end with the process that made them, however that ends.
 
-    (A process that ends while it hands over a result would leave the pool waiting for the rest of it for ever: once all of
-    them are gone, their pipe is closed here too, so that the pool finds its end.)
+      (If a process ended while it hands over a result, the pool would wait for the rest of it for ever: after all of them
+      have ended, their pipe is closed here too, so that the pool ends.)
     """
 
     def __init__(self, number: int, begin: Callable[..., None] | None = None, given: tuple[Any, ...] = ()):
@@ -102,44 +101,44 @@ class Processes(Workers):
         until = clock.monotonic() + GRACE
         for process in working:
             process.join(max(0.0, until - clock.monotonic()))
-            if process.is_alive():  # in an integration, which nobody wants any more
+            if process.is_alive():  # in an integration that is not needed any more
                 process.kill()
                 process.join()
-        if results is not None:  # the pool has not let go of it before
+        if results is not None:  # the pool has not released it before
             results._writer.close()  # type: ignore[attr-defined]  # no public way to close a pool's pipe
 
 
-def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
+def _begun(parent: int, stop: Event, begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
     global _stop
     _stop = stop
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that collects
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the collecting process
     for number in set(SIGNALS) - {signal.SIGINT}:
         signal.signal(number, _end_later)
     _die_with(parent)
     single()
-    warnings.simplefilter("ignore", FutureWarning)  # the process that began this one has read the same files
+    warnings.simplefilter("ignore", FutureWarning)  # the parent process has read the same files
     if begin is not None:
-        begin(*given)
+        begin(*arguments)
 
 
 def _end_later(number: int, _: FrameType | None) -> None:
-    """End this process by a signal that the whole group of processes may have received: a little later, so that the process
-    that collects has obeyed it first and does not take this one for lost. What it is about to hand over is handed over."""
+    """End this process by a signal that the whole process group may have received: slightly later, so that the collecting
+    process has obeyed it first and does not count this one as lost. A result in transfer is completed."""
     ending = threading.Timer(LATER, os._exit, (128 + number,))
     ending.daemon = True
     ending.start()
 
 
 def _die_with(parent: int) -> None:
-    """End this process when its parent is gone, however that ended: nobody would collect what it finds.
+    """End this process when its parent is gone, however that ended: nobody would collect its results.
 
-    Linux sends a signal then. Elsewhere a thread looks once a second (as CasADi holds the interpreter during an integration,
-    between two of them).
+    Linux sends a signal then. Elsewhere a thread checks once a second (between two integrations, because CasADi holds
+    the interpreter during one).
     """
     if sys.platform == "linux":
         prctl = ctypes.CDLL(None, use_errno=True).prctl
         if prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) == 0:
-            if os.getppid() != parent:  # it went before the call
+            if os.getppid() != parent:  # the parent ended before the call
                 os._exit(1)
             return
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()
@@ -147,7 +146,7 @@ def _die_with(parent: int) -> None:
 
 def _watch(parent: int) -> None:
     begun_by = multiprocessing.parent_process()
-    if sys.platform == "win32" and begun_by is not None:  # the number of a parent that is gone stays
+    if sys.platform == "win32" and begun_by is not None:  # the number of an ended parent does not change
         begun_by.join()
     else:
         while os.getppid() == parent:
@@ -157,11 +156,10 @@ def _watch(parent: int) -> None:
 
 def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple[K, tuple[Any, ...]]], ahead: int,
             until: float = float("inf"), instead: Callable[[K, BaseException], T] | None = None) -> Iterator[tuple[K, T]]:
-    """The key of each job and function(*arguments), in the order in which they are done; `ahead` jobs are handed over at a
-    time, none after `until` (of `time.perf_counter`), and taken from `jobs` only then. What a job raises is raised here.
-
-    Where a worker dies, the jobs that were lost with it are tried again, each alone, so that the one to blame is known;
-    `instead(key, error)` stands for what comes of that one. Without it the error is raised.
+    """Key and result of function(*arguments) for each job, in the order of completion. `ahead` jobs are submitted at a
+    time, none after `until` (of `time.perf_counter`), and taken from `jobs` only then. Exceptions of a job are raised
+    here. If a worker dies, the jobs that were lost with it are repeated, each alone, to identify the cause;
+    `instead(key, error)` gives the result of this job. Without it the error is raised.
     """
     coming, refused, heard = iter(jobs), list[tuple[K, tuple[Any, ...]]](), clock.monotonic()
     running: dict[Future[T], tuple[K, tuple[Any, ...]]] = {}
@@ -192,35 +190,35 @@ def as_done(executor: Executor, function: Callable[..., T], jobs: Iterable[tuple
         elif isinstance(executor, Workers) and clock.monotonic() - heard > LISTEN:
             executor.listen()
             heard = clock.monotonic()
-        for done in ended:
-            job = running.pop(done)
-            if isinstance(executor, Workers) and done.cancelled():
+        for ended_job in ended:
+            job = running.pop(ended_job)
+            if isinstance(executor, Workers) and ended_job.cancelled():
                 executor.listen()
-            if workers is not None and isinstance(error := done.exception(), workers.died):
+            if workers is not None and isinstance(error := ended_job.exception(), workers.died):
                 lost.append((job, error))
             else:
-                yield job[0], done.result()
+                yield job[0], ended_job.result()
         if lost and workers is not None and instead is not None:
-            while workers.together and running:  # lost too, though not all of it says so yet
-                done, job = running.popitem()
-                if isinstance(error := done.exception(), workers.died):
+            while workers.together and running:  # lost too, but not all of them report it yet
+                ended_job, job = running.popitem()
+                if isinstance(error := ended_job.exception(), workers.died):
                     lost.append((job, error))
                 else:
-                    yield job[0], done.result()
+                    yield job[0], ended_job.result()
             yield from _again(workers, function, lost, instead)
 
 
 def _again(workers: Workers, function: Callable[..., T], lost: Sequence[Lost[K]],
            instead: Callable[[K, BaseException], T]) -> Iterator[tuple[K, T]]:
-    """Jobs that were lost with a worker, each tried alone where it need not be the one to blame."""
+    """Repeat jobs that were lost with a worker, each alone unless it was the only one."""
     workers.renew()
-    for (key, given), error in lost:
+    for (key, arguments), error in lost:
         for _ in range(ALONE if workers.together else 0):
-            again = workers.submit(function, *given)
-            if not isinstance(found := again.exception(), workers.died):
+            again = workers.submit(function, *arguments)
+            if not isinstance(outcome := again.exception(), workers.died):
                 yield key, again.result()
                 break
-            error = found
+            error = outcome
             workers.renew()
         else:
             yield key, instead(key, error)

@@ -43,33 +43,33 @@ _POWERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def quantity(unit: str) -> str:
-    """What a unit measures, in a word (`force`); empty where there is no common word for it."""
+    """The quantity of a unit, in a word (`force`); empty if there is no common word for it."""
     try:
         read = read_unit(unit)
     except UnitProblem:
         return ""
     if read.counts == "angle":
         return "angular velocity" if read.dimension else "angle"
-    # kg/s is N*s/m by its dimension, and yet a flow as it is written
+    # kg/s equals N*s/m by its dimension, but is written for a flow
     return QUANTITIES.get(unit) or QUANTITIES.get(dimension_text(read.dimension), "")
 
 
 def readable_unit(unit: str, size: float) -> str:
-    """The unit in which values of about `size` (given in `unit`) read well; any but a base unit is somebody's choice
-    and stays."""
+    """The unit in which values of about `size` (given in `unit`) are readable; any unit except a base unit was chosen by
+    somebody and stays."""
     if unit not in READABLE or not math.isfinite(size) or size == 0:
         return unit
-    return next(shown for least, shown in READABLE[unit] if abs(size) >= least)
+    return next(display_unit for least, display_unit in READABLE[unit] if abs(size) >= least)
 
 
 def readable_units(unit: str) -> list[tuple[float, str, float]]:
-    """From which size on (in a base unit) values read well in which unit, and the size of that unit, largest first;
-    nothing for a unit that stays."""
-    return [(least, shown, read_unit(shown).scale) for least, shown in READABLE.get(unit, ())]
+    """Display units for values in a base unit: least size for the unit, unit, and size of that unit, largest first; empty
+    for a unit that stays."""
+    return [(least, display_unit, read_unit(display_unit).scale) for least, display_unit in READABLE.get(unit, ())]
 
 
 def converted(values: NDArray[np.float64], unit: str, shown: str) -> NDArray[np.float64]:
-    """Values in one unit told in another of its kind."""
+    """Convert values from one unit to another."""
     if unit == shown:
         return values
     source, target = read_unit(unit), read_unit(shown)
@@ -77,34 +77,34 @@ def converted(values: NDArray[np.float64], unit: str, shown: str) -> NDArray[np.
 
 
 def readable(value: float, unit: str, digits: int = 5, *, beside: float | None = None) -> str:
-    """A value with its unit: 17250000 Pa as `172.5 bar`; in the unit of another one that it stands `beside`."""
-    shown = readable_unit(unit, value if beside is None else beside)
-    if shown != unit:
-        value = read_unit(shown).from_si(value)
-    return f"{number(value, digits)} {shown}" if shown != "1" else number(value, digits)
+    """A value with its unit: 17250000 Pa as `172.5 bar`; in the display unit of another value if `beside` is given."""
+    display_unit = readable_unit(unit, value if beside is None else beside)
+    if display_unit != unit:
+        value = read_unit(display_unit).from_si(value)
+    return f"{number(value, digits)} {display_unit}" if display_unit != "1" else number(value, digits)
 
 
 def difference_unit(unit: str) -> tuple[float, str]:
-    """The unit of differences of values in a unit, and its size in it: that of temperatures, whose scales have an origin of
-    their own, is the kelvin (of 1 degF 5/9 K)."""
-    found = read_unit(unit) if unit else None
-    return (found.scale, "K") if found is not None and found.offset else (1.0, unit)
+    """The unit of differences of values in a unit, and its size in it: for temperatures, whose scales have an offset, the
+    kelvin (for 1 degF 5/9 K)."""
+    read = read_unit(unit) if unit else None
+    return (read.scale, "K") if read is not None and read.offset else (1.0, unit)
 
 
 def readable_difference(value: float, unit: str, digits: int = 5, *, beside: float | None = None) -> str:
-    """A difference of values, an error or a noise, with its unit: of degC in K."""
-    scale, shown = difference_unit(unit)
-    return readable(scale * value, shown, digits, beside=None if beside is None else scale * beside)
+    """A difference of values, an error or a noise, with its unit: for degC in K."""
+    scale, display_unit = difference_unit(unit)
+    return readable(scale * value, display_unit, digits, beside=None if beside is None else scale * beside)
 
 
 def written(value: float, unit: str, digits: int) -> str:
     """A value with its unit as on paper: `0.017 m²`."""
-    first, *rest = readable(value, unit, digits).split(" ", 1)
-    return " ".join([first, *map(unit_label, rest)])
+    first, *unit_words = readable(value, unit, digits).split(" ", 1)
+    return " ".join([first, *map(unit_label, unit_words)])
 
 
 def readable_time(seconds: float, *others: float) -> list[str]:
-    """A stretch of time and others in the unit that suits it, to three digits: `21.3 ms`."""
+    """A duration and others in the unit that suits it, to three digits: `21.3 ms`."""
     unit, scale = next(((u, k) for u, k in (("s", 1.0), ("ms", 1e-3)) if abs(seconds) >= k), ("us", 1e-6))
     return [f"{number(value / scale, 3)} {unit}" for value in (seconds, *others)]
 
@@ -130,8 +130,8 @@ def in_unit(value: float, unit: Unit, digits: int) -> str:
 
 def path_text(path: Path) -> str:
     """A path as a user would type it: from the current folder where it lies below."""
-    whole, here = path.resolve(), Path.cwd()
-    return str(whole.relative_to(here) if whole.is_relative_to(here) else path)
+    whole, current = path.resolve(), Path.cwd()
+    return str(whole.relative_to(current) if whole.is_relative_to(current) else path)
 
 
 def count(how_many: int, thing: str, plural: str = "") -> str:
@@ -141,7 +141,7 @@ def count(how_many: int, thing: str, plural: str = "") -> str:
 
 
 def brief(thing: object, name: str, *parts: str) -> str:
-    """What `repr` gives of an object with a name: a line each for its parts, instead of all that it holds."""
+    """`repr` of an object with a name: a line for each of its parts, instead of all its contents."""
     return f"<{type(thing).__name__} {name!r}: " + "\n ".join(part for part in parts if part) + ">"
 
 
@@ -154,8 +154,8 @@ def unit_label(unit: str) -> str:
 
 
 def columns(rows: Sequence[Sequence[str]], width: int) -> list[str]:
-    """Rows as lines of aligned columns, indented by two and two apart; the last column takes what is left and wraps (no
-    column is cut)."""
+    """Rows as lines of aligned columns, indented by two and separated by two; the last column takes the remaining width
+    and wraps (no column is cut)."""
     if not rows:
         return []
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]) - 1)]
@@ -163,13 +163,13 @@ def columns(rows: Sequence[Sequence[str]], width: int) -> list[str]:
     lines = []
     for row in rows:
         head = "  " + "".join(cell.ljust(w) + "  " for cell, w in zip(row, widths, strict=False))
-        # a wide first column must not squeeze the last one into a strip
+        # a wide first column must not squeeze the last one
         narrow = width - begin < 24
         if narrow and len(row[-1]) > width - begin:
             lines.append(head.rstrip())
-            head, rest = " " * 6, 6
+            head, remaining = " " * 6, 6
         else:
-            rest = begin
-        wrapped = textwrap.wrap(row[-1], max(20, width - rest), break_long_words=False, break_on_hyphens=False)
-        lines += [(head + (wrapped[0] if wrapped else "")).rstrip(), *(" " * rest + line for line in wrapped[1:])]
+            remaining = begin
+        wrapped = textwrap.wrap(row[-1], max(20, width - remaining), break_long_words=False, break_on_hyphens=False)
+        lines += [(head + (wrapped[0] if wrapped else "")).rstrip(), *(" " * remaining + line for line in wrapped[1:])]
     return lines

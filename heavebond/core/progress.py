@@ -7,9 +7,9 @@ from collections.abc import Callable
 Progress = Callable[[str], None]
 
 
-def numbered(say: Progress, what: str, number: int, of: int) -> Progress:
+def numbered(say: Progress, subject: str, number: int, of: int) -> Progress:
     """A callback that puts `{what} 2 of 5: ` before each text; with `of` = 1 the text is passed on unchanged."""
-    return lambda text: say(f"{what} {number} of {of}: {text}" if of > 1 else text)
+    return lambda text: say(f"{subject} {number} of {of}: {text}" if of > 1 else text)
 
 
 def duration(seconds: float) -> str:

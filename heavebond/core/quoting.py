@@ -11,15 +11,15 @@ import unicodedata
 
 LONGEST_STEM = 100  # characters of a file name without its suffix
 REPLACEMENT = "\ufffd"
-_INVISIBLE = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}  # controls, marks of direction, halves of pairs, ends of lines
+_INVISIBLE = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}  # control characters, direction marks, lone surrogates, line ends
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(10))}  # of Windows
-# what may not stand inside a script element, even within a string of JSON
+# forbidden inside a script element, even within a string of JSON
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
 
 def visible(text: str) -> str:
-    """The text for a terminal: characters that steer it, or turn the direction of writing, as `\\x1b`, `\\u202e`; ends of
-    lines and tabs stay."""
+    """The text for a terminal: characters that control it, or change the direction of writing, as `\x1b`, `\u202e`; line
+    ends and tabs stay."""
     if text.isascii() and text.isprintable():
         return text
     return "".join(c if c in "\n\t" or unicodedata.category(c) not in _INVISIBLE else _code(c) for c in text)
@@ -31,14 +31,14 @@ def _code(character: str) -> str:
 
 
 def c_comment(text: str) -> str:
-    """One line of the text inside a comment of C that nothing in it can end, continue or translate: `*/` and trigraphs are
-    parted by a space, a backslash is a bar, what is no printable character a space."""
+    """One line of the text inside a comment of C, which it cannot end, continue or translate: a space is inserted into
+    `*/` and trigraphs, a backslash becomes a bar, a non-printable character a space."""
     plain = "".join(c if c.isprintable() else " " for c in text).replace("\\", "|")
     return re.sub(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)", " ", plain)
 
 
 def c_string(text: str) -> str:
-    """One line of the text as a string literal of C, in its UTF-8 bytes; no trigraph is in it."""
+    """One line of the text as a string literal of C, in its UTF-8 bytes, without trigraphs."""
     plain = "".join(c if c.isprintable() else " " for c in text)
     return '"' + "".join(c if c.isascii() and c not in '"\\?' else "".join(f"\\{byte:03o}" for byte in c.encode(
         "utf-8", "replace")) for c in plain) + '"'
@@ -56,7 +56,7 @@ def xml(text: str) -> str:
 
 
 def script_json(value: object) -> str:
-    """JSON inside a script element, which nothing in it can end early."""
+    """JSON inside a script element, which its content cannot end early."""
     text = json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     for unsafe, safe in _UNSAFE.items():
         text = text.replace(unsafe, safe)
@@ -64,6 +64,6 @@ def script_json(value: object) -> str:
 
 
 def file_stem(text: str) -> str:
-    """A name of a file, without suffix and folder, on every system: `rig 1/2` is `rig_1_2`."""
+    """A file name that is valid on every system, without suffix and folder: `rig 1/2` becomes `rig_1_2`."""
     plain = re.sub(r"[^\w.+-]+", "_", text).strip("._ ")[:LONGEST_STEM] or "unnamed"
     return f"_{plain}" if plain.partition(".")[0].lower() in _DEVICES or plain[0] == "-" else plain

@@ -1,6 +1,6 @@
 """Progress and cancellation of long functions when they are called from Python.
 
-In a notebook a function without a progress callback shows a bar, where tqdm is installed. Outside notebooks it prints
+In a notebook a function without a progress callback shows a bar if tqdm is installed. Outside notebooks it prints
 nothing. Ctrl-C, or the stop button of a notebook, ends each of them with KeyboardInterrupt.
 """
 
@@ -19,7 +19,7 @@ from heavebond.core.progress import Progress
 
 P = ParamSpec("P")
 T = TypeVar("T")
-# whether a function that reports is running: those that it calls report by it
+# True while a reporting function runs: functions that it calls report through it
 _running: ContextVar[bool] = ContextVar("running", default=False)
 
 
@@ -35,25 +35,23 @@ class Bar:
             self.bar.update(1)
 
     def place(self, done: int, of: int) -> None:
-        """Set how many of how many steps are done."""
         self.placed, self.bar.n, self.bar.total = True, done, of
         self.bar.refresh()
 
 
 def place(progress: Progress | None, done: int, of: int) -> None:
-    """Set how many of how many steps are done, where progress is shown as a bar."""
+    """Set the number of completed steps and their total, if progress is shown as a bar."""
     if isinstance(progress, Bar):
         progress.place(done, of)
 
 
 def in_notebook() -> bool:
-    """Whether the program is the kernel of a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return getattr(shell, "kernel", None) is not None
 
 
 def make_bar(title: str) -> Bar | None:
-    """A bar, in a notebook where tqdm is installed; else None."""
+    """A bar, in a notebook with tqdm; else None."""
     if not in_notebook():
         return None
     try:
@@ -65,7 +63,7 @@ def make_bar(title: str) -> Bar | None:
 
 @contextmanager
 def reported(title: str, progress: Progress | None = None) -> Iterator[Progress | None]:
-    """The progress callback of a function that is called with `progress`; cancellation within is a KeyboardInterrupt."""
+    """The progress callback of a function that is called with `progress`; cancellation inside is a KeyboardInterrupt."""
     if _running.get():
         yield progress
         return
@@ -74,7 +72,7 @@ def reported(title: str, progress: Progress | None = None) -> Iterator[Progress 
         with listening((signal.SIGINT,)):
             try:
                 yield bar or progress
-            except Exception as error:  # CasADi's answer to Ctrl-C may be an error of its own
+            except Exception as error:  # CasADi may convert Ctrl-C to another error
                 if is_interrupt(error):
                     raise KeyboardInterrupt from error
                 raise
@@ -85,12 +83,12 @@ def reported(title: str, progress: Progress | None = None) -> Iterator[Progress 
 
 
 def reporting(function: Callable[P, T]) -> Callable[P, T]:
-    """The function with a bar for its keyword argument `progress`, where none is given, and with cancellation."""
+    """Decorator: show a progress bar if `progress` is not given, and make the call cancellable."""
 
     @wraps(function)
     def wrapped(*args: P.args, **named: P.kwargs) -> T:
-        given: Any = named.pop("progress", None)
-        with reported(function.__name__, given) as say:
+        progress: Any = named.pop("progress", None)
+        with reported(function.__name__, progress) as say:
             if say is not None:
                 named["progress"] = say
             return function(*args, **named)
@@ -99,7 +97,7 @@ def reporting(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def cancellable(function: Callable[P, T]) -> Callable[P, T]:
-    """The function with cancellation alone."""
+    """Decorator: make the call cancellable."""
 
     @wraps(function)
     def wrapped(*args: P.args, **named: P.kwargs) -> T:

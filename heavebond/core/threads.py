@@ -15,14 +15,14 @@ T = TypeVar("T")
 
 
 def single() -> None:
-    """From now on, in this process."""
+    """Restrict this process to one thread from now on."""
     from threadpoolctl import threadpool_limits
 
     threadpool_limits(1, "blas")
 
 
 def single_threaded(function: Callable[P, T]) -> Callable[P, T]:
-    """The function with one thread while it runs."""
+    """Decorator: run the function with one thread."""
 
     @wraps(function)
     def limited(*args: P.args, **named: P.kwargs) -> T:

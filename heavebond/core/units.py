@@ -1,8 +1,8 @@
 """Quantities as `NUMBER SPACE UNIT`, ranges and tolerances; dimensions as exponents (the only importer of pint).
 
 Inside heavebond every number is in SI base units. A dimension is a sorted tuple of (base unit, exponent) pairs without
-zeros; beside m, kg, s, A, K, mol, cd a base may be a unit still to be solved, such as `$U`. An angle in radians is
-dimensionless, as in the SI, but `Hz` and `rad/s` are told apart where a value is read.
+zeros; in addition to m, kg, s, A, K, mol, cd a base may be an unknown unit such as `$U`. An angle in radians is
+dimensionless, as in the SI, but `Hz` and `rad/s` are distinguished when a value is read.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ SPELLINGS = {
 COMMON = [
     "N", "kN", "MN", "kg", "t", "g", "m", "mm", "cm", "km", "s", "ms", "min", "h", "Pa", "kPa", "MPa", "GPa", "bar",
     "L", "L/min", "Hz", "kHz", "rad", "rad/s", "deg", "rpm", "degC", "K", "J", "kJ", "W", "kW", "V", "A", "mA", "%"]
-# the units library also knows constants (`c`, `e`, `k`), currencies and decibels, which would be misread names here
+# the units library also knows constants (`c`, `e`, `k`), currencies and decibels, which would misread names here
 KNOWN = {
     "meter", "gram", "metric_ton", "second", "minute", "hour", "day", "newton", "pascal", "bar", "liter", "hertz",
     "radian", "degree", "revolution", "turn", "revolutions_per_minute", "revolutions_per_second", "degree_Celsius",
@@ -68,8 +68,8 @@ KNOWN = {
     "pint", "barrel", "horsepower", "metric_horsepower", "kilogram_force", "force_kilogram", "atmosphere",
     "standard_atmosphere", "torr", "millimeter_Hg", "centimeter_H2O", "poise", "stokes", "hectare", "are", "dyne",
     "erg", "standard_gravity", "british_thermal_unit", "calorie", "technical_atmosphere"}
-# units that bear a prefix above kilo; the units library puts one before any: `Min` (minutes) would be a million inches,
-# `Grad` (degrees) 1e9 radians
+# units that may have a prefix above kilo; the units library permits one before any: `Min` (minutes) would be a million
+# inches, `Grad` (degrees) 1e9 radians
 PREFIXED = {"gram", "newton", "pascal", "bar", "hertz", "joule", "watt", "watt_hour", "volt", "ampere", "ohm", "liter",
             "calorie"}
 LARGE = {"mega", "giga", "tera", "peta", "exa", "zetta", "yotta", "ronna", "quetta"}
@@ -79,7 +79,7 @@ _MISSPELT = re.compile(rf"(?<![\w*])(?:{'|'.join(SPELLINGS)})(?![A-Za-z0-9])")
 
 
 class UnitProblem(ValueError):
-    """A quantity that cannot be read; `code` is the stable code, `hint` says what to type."""
+    """A quantity that cannot be read; `code` is the stable code, `hint` states what to type."""
 
     def __init__(self, code: str, message: str, hint: str = ""):
         super().__init__(message)
@@ -88,7 +88,7 @@ class UnitProblem(ValueError):
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: value_SI = value * scale + offset, its dimension, and what it counts (`angle`, `cycles` or nothing)."""
+    """A unit: value_SI = value * scale + offset, its dimension, and the counted quantity (`angle`, `cycles` or nothing)."""
 
     text: str
     scale: float
@@ -112,7 +112,7 @@ class Unit:
 
     @property
     def of_intervals(self) -> Unit:
-        """The unit of differences of values in this one: of degC K, of degF delta_degF."""
+        """The unit of differences of values in this one: for degC K, for degF delta_degF."""
         if not self.offset:
             return self
         return Unit("K", 1.0, 0.0, self.dimension) if self.scale == 1 else \
@@ -127,6 +127,7 @@ def dimension_of(exponents: Mapping[str, Fraction]) -> Dimension:
     return tuple(sorted((base, Fraction(power)) for base, power in exponents.items() if power))
 
 
+@lru_cache(maxsize=4096)
 def times(a: Dimension, b: Dimension, power: Fraction | int = 1) -> Dimension:
     """The dimension of a * b**power."""
     exponents = dict(a)
@@ -157,7 +158,7 @@ def _registry() -> UnitRegistry[Any]:
 
 @lru_cache(maxsize=4096)
 def unit(text: str) -> Unit:
-    """Read a unit such as `kN/m`, `L/min`, `m**3/s`, `%`, `1`; raises UnitProblem where it is unknown."""
+    """Read a unit such as `kN/m`, `L/min`, `m**3/s`, `%`, `1`; UnitProblem for an unknown one."""
     text = text.strip()
     if text in ("1", ""):
         return DIMENSIONLESS
@@ -175,7 +176,7 @@ def unit(text: str) -> Unit:
 
 
 def _looked_up(text: str) -> Unit:
-    """A unit as pint knows it."""
+    """Read a unit with pint."""
     import pint
 
     registry = _registry()
@@ -188,27 +189,27 @@ def _looked_up(text: str) -> Unit:
         one = registry.Quantity(1.0, parsed).to_base_units()
         many = registry.Quantity(1e6, parsed).to_base_units()  # the difference of two temperatures loses digits
     except (pint.errors.PintError, AttributeError, ValueError, TypeError, KeyError, ArithmeticError,
-            AssertionError, SyntaxError, RecursionError) as error:  # the units library meets some texts with these
+            AssertionError, SyntaxError, RecursionError) as error:  # exceptions of the units library for some texts
         raise UnitProblem("unit-unknown", f"'{text}' is not a known unit", _unit_hint(text)) from error
     dimension = dimension_of({PINT_BASE[name]: Fraction(float(str(power))).limit_denominator(1000)
                               for name, power in dict(one.dimensionality).items()})
-    # to_base_units gives kilogram-metre-second numbers, which are the SI's own
+    # to_base_units gives kilogram-metre-second numbers, which are SI numbers
     offset = float(zero.magnitude)
     scale = float(f"{(float(many.magnitude) - offset) / 1e6 if offset else float(one.magnitude):.16g}")
     if not (isfinite(scale) and scale > 0):
-        raise UnitProblem("unit-unknown", f"'{text}' cannot be counted in base units", _unit_hint(text))
+        raise UnitProblem("unit-unknown", f"'{text}' cannot be converted to base units", _unit_hint(text))
     counts = "cycles" if "hertz" in names else "angle" if names & ANGLES else ""
     return Unit(text, scale, offset, dimension, counts)
 
 
 def _oddly_prefixed(registry: UnitRegistry[Any], name: str) -> bool:
-    """Whether a unit bears a prefix above kilo that nobody puts there."""
+    """True if a unit has an unusual prefix above kilo."""
     readings = [(prefix, base) for prefix, base, _ in registry.parse_unit_name(name)]
     return all(prefix in LARGE and base not in PREFIXED for prefix, base in readings)
 
 
 def unknown_unit(text: str) -> str:
-    """What to write in place of a unit that cannot be read."""
+    """Suggestion for a unit that cannot be read."""
     try:
         read_unit(text)
     except UnitProblem as problem:
@@ -218,7 +219,7 @@ def unknown_unit(text: str) -> str:
 
 def _unit_hint(text: str) -> str:
     if (gauge := _GAUGE.fullmatch(text)) is not None:
-        return f"Write '{gauge.group(1)}': a unit does not say from where a pressure counts. Hydraulic circuits count " \
+        return f"Write '{gauge.group(1)}': a unit does not state the zero of a pressure. Hydraulic circuits count " \
             "from atmospheric pressure, pneumatic ones from vacuum; a gauge in one of these shows `node.p - 1.01325 bar`."
     if _MISSPELT.search(text):
         return f"Did you mean '{_MISSPELT.sub(lambda found: SPELLINGS[found.group()], text)}'?"
@@ -230,18 +231,18 @@ def _unit_hint(text: str) -> str:
 
 
 def _as_product(text: str) -> str:
-    """A unit of common factors without signs between them, as `mNm` or `kgm2`, with the signs; empty where it is none. Of
-    several readings the one of fewest factors, the longer first."""
+    """A unit of common factors without signs between them, as `mNm` or `kgm2`, with the signs; empty if it is not one.
+    The reading with the fewest factors is chosen, the longer factor first."""
     factors = [part if part in "*/" else _with_signs(part) for part in re.split(r"((?<!\*)[*/](?!\*))", text)]
     product = "".join(factors) if all(factors) else ""
     return product if product != text and common_unit(product) is not None else ""
 
 
 def _with_signs(text: str) -> str:
-    found = re.fullmatch(r"([A-Za-z]{1,6})(?:\*\*)?(-?[1-9]?)", text)
-    if found is None:
+    unit_match = re.fullmatch(r"([A-Za-z]{1,6})(?:\*\*)?(-?[1-9]?)", text)
+    if unit_match is None:
         return ""
-    word, power = found.group(1), f"**{found.group(2)}" if found.group(2) else ""
+    word, power = unit_match.group(1), f"**{unit_match.group(2)}" if unit_match.group(2) else ""
     ends = range(len(word), 0, -1)
     splits = [[p for p in (word[:i], word[i:j], word[j:]) if p] for j in ends for i in ends if i <= j]
     known = [pieces for pieces in splits if all(common_unit(p) is not None for p in pieces)]
@@ -250,7 +251,7 @@ def _with_signs(text: str) -> str:
 
 
 def dimension_text(dimension: Dimension) -> str:
-    """A dimension in the units an engineer would write, e.g. `N/m`, else in base units."""
+    """A dimension in common units, e.g. `N/m`, else in base units."""
     for name in ("1", "m", "m/s", "m/s**2", "kg", "s", "N", "N/m", "N*s/m", "N*m", "Pa", "Pa/s", "m**2", "m**3",
                  "m**3/s", "m**3/(s*Pa)", "W", "J", "kg/s", "kg/m**3", "K", "1/s", "A", "V", "1/m", "s/m",
                  "N/s", "N*s", "N/m**2", "m/s**3", "kg*m**2", "kg*m", "Pa*s", "Pa*s/m**3", "Pa/m", "W/K", "J/kg",
@@ -280,22 +281,22 @@ def declared_unit(text: str) -> Unit:
     flat = _without_brackets(text.strip())
     read = unit(flat)
     if abs(read.scale - 1.0) > 1e-12 or read.offset:
-        raise UnitProblem("unit-not-base", f"a declaration is in base units, and '{text}' is none",
+        raise UnitProblem("unit-not-base", f"a declaration is in base units, and '{text}' is not a base unit",
                           f"Write `unit: {dimension_text(read.dimension)}`; values may be given in {text}.")
     return Unit(text, read.scale, read.offset, read.dimension, read.counts)
 
 
 def _without_brackets(text: str) -> str:
-    """`a/(b*c)` as `a/b/c`, `a/(b/c)` as `a/b*c`: the one use of brackets that units need."""
-    found = re.fullmatch(r"(.*)/\(([^()]*)\)", text)
-    if not found:
+    """`a/(b*c)` as `a/b/c`, `a/(b/c)` as `a/b*c`: the only brackets that units need."""
+    quotient_match = re.fullmatch(r"(.*)/\(([^()]*)\)", text)
+    if not quotient_match:
         return text
-    factors = re.findall(r"(^|/|(?<!\*)\*(?!\*))((?:[^*/]|\*\*)+)", found.group(2))
-    return found.group(1) + "".join(("*" if sign == "/" else "/") + part for sign, part in factors)
+    factors = re.findall(r"(^|/|(?<!\*)\*(?!\*))((?:[^*/]|\*\*)+)", quotient_match.group(2))
+    return quotient_match.group(1) + "".join(("*" if sign == "/" else "/") + part for sign, part in factors)
 
 
 def read_unit(text: str) -> Unit:
-    """Read a unit at the edge (any scale, brackets allowed)."""
+    """Read a unit of input or output (any scale, brackets allowed)."""
     return replace(unit(_without_brackets(text.strip())), text=text.strip())
 
 
@@ -306,7 +307,7 @@ def interval_unit(text: str) -> str:
 
 
 def counts_from_origin(text: str) -> bool:
-    """Whether a unit has an origin of its own, as degC and degF; False for a unit that cannot be read."""
+    """True if a unit has an offset, as degC and degF; False for a unit that cannot be read."""
     try:
         return read_unit(text).offset != 0
     except UnitProblem:
@@ -314,7 +315,7 @@ def counts_from_origin(text: str) -> bool:
 
 
 def interval_text(value: float, given: Unit | None) -> str:
-    """What to write for an interval that was read as the SI `value` of a unit with an origin: `0.3 K` for `0.3 degC`."""
+    """Text of an interval that was read as the SI `value` of a unit with an offset: `0.3 K` for `0.3 degC`."""
     assert given is not None
     return f"{given.from_si(value) * given.scale:.6g} K"
 
@@ -330,16 +331,16 @@ def _within(number: float, whole: str) -> float:
 
 
 def parse_quantity(text: str) -> tuple[float, Unit | None]:
-    """`42 kN/m` to (42000.0, unit); the unit is None where none is written. Raises UnitProblem."""
+    """`42 kN/m` to (42000.0, unit); the unit is None if none is written. Raises UnitProblem."""
     if len(text) > QUANTITY:
         raise UnitProblem("not-a-quantity", f"'{text[:30]} ...' is too long for a number with a unit", AS_QUANTITY)
-    found = _QUANTITY.match(text)
-    if not found or "^" in text:
+    quantity_match = _QUANTITY.match(text)
+    if not quantity_match or "^" in text:
         raise UnitProblem(*_why_not(text))
-    number = _number(found.group(1), text)
-    if found.group(2) is None:
+    number = _number(quantity_match.group(1), text)
+    if quantity_match.group(2) is None:
         return number, None
-    read = read_unit(found.group(2))
+    read = read_unit(quantity_match.group(2))
     return _within(read.to_si(number), text), read
 
 
@@ -379,9 +380,9 @@ AS_QUANTITY = "Write for example `42 kN/m`, or a formula that begins with `=`."
 
 def parse_range(text: str) -> Range:
     """`30 .. 70 kN*s/m` or `42 kN/m +- 20 %` or `42 +- 3 kN/m`; raises UnitProblem."""
-    found = _RANGE.match(text) if len(text) <= QUANTITY else None
-    if found:
-        low, low_unit, high, high_unit = found.groups()
+    range_match = _RANGE.match(text) if len(text) <= QUANTITY else None
+    if range_match:
+        low, low_unit, high, high_unit = range_match.groups()
         last = read_unit(high_unit or low_unit or "1")
         first = read_unit(low_unit) if low_unit else last
         if first.dimension != last.dimension:
@@ -393,35 +394,35 @@ def parse_range(text: str) -> Range:
                               f"`{' '.join(filter(None, [high, high_unit if low_unit else None]))} .. {low} "
                               f"{low_unit or high_unit or ''}".rstrip() + "`.")
         return Range(*bounds, last)
-    found = _BAND.match(text) if len(text) <= QUANTITY else None
-    if not found:
+    range_match = _BAND.match(text) if len(text) <= QUANTITY else None
+    if not range_match:
         raise UnitProblem("not-a-range", f"'{text}' is not a range", _range_hint(text))
-    number, number_unit, width, width_unit = found.groups()
-    own = read_unit(number_unit or ("1" if width_unit in (None, "%") else width_unit))
-    value = own.to_si(_number(number, text))
-    if width_unit == "%" and own.offset:
-        raise UnitProblem("range-relative", f"a share of '{number} {own.text}' depends on the zero of the scale",
-                          f"Write a width: `{number} {own.text} +- 5 K`.")
+    number, number_unit, width, width_unit = range_match.groups()
+    range_unit = read_unit(number_unit or ("1" if width_unit in (None, "%") else width_unit))
+    value = range_unit.to_si(_number(number, text))
+    if width_unit == "%" and range_unit.offset:
+        raise UnitProblem("range-relative", f"a percentage of '{number} {range_unit.text}' depends on the zero of the scale",
+                          f"Write a width: `{number} {range_unit.text} +- 5 K`.")
     if width_unit == "%":
         half = abs(value) * _number(width, text) / 100
     else:
-        half = abs(_number(width, text)) * read_unit(width_unit or own.text).scale
+        half = abs(_number(width, text)) * read_unit(width_unit or range_unit.text).scale
     if half <= 0:
         raise UnitProblem("range-empty", f"the range '{text}' has no width", "Write a tolerance above 0.")
-    return Range(value - half, value + half, own, value)
+    return Range(value - half, value + half, range_unit, value)
 
 
 def _range_hint(text: str) -> str:
-    """What may be meant by a text that is no range: a tolerance in other signs, or a quantity that lacks one."""
+    """Suggestion for a malformed range: a tolerance with another sign, or a quantity without one."""
     signed = re.sub(r"\s*(\+/-|±|\+ -)\s*", " +- ", text)
-    for meant in (signed, f"{text.strip()} +- 20 %"):
-        if _BAND.match(meant) and len(meant) <= QUANTITY:
-            return f"Write `{meant}`."
+    for candidate in (signed, f"{text.strip()} +- 20 %"):
+        if _BAND.match(candidate) and len(candidate) <= QUANTITY:
+            return f"Write `{candidate}`."
     return "Write `30 .. 70 kN*s/m` or `42 kN/m +- 20 %`."
 
 
 def check_unit(given: Unit | None, wanted: Unit, value: float, text: str) -> None:
-    """Raise UnitProblem unless a value read as (`value`, `given`) may stand where `wanted` is declared."""
+    """Raise UnitProblem if a value read as (`value`, `given`) does not fit the unit `wanted` of the declaration."""
     text = text.strip()
     if given is None:
         if wanted.dimension == ONE and wanted.counts == "":
@@ -439,13 +440,12 @@ def check_unit(given: Unit | None, wanted: Unit, value: float, text: str) -> Non
             factor = 2 * pi if wanted.counts == "angle" else 1 / (2 * pi)
             raise UnitProblem("unit-cycles", f"'{text}' is in {given.text}; {wanted.text} is needed",
                               f"1 Hz is 2*pi rad/s: write '{value * factor:.6g} {wanted.text}'.")
-        raise UnitProblem("unit-cycles", f"'{text}' does not say whether it counts cycles or radians", instead)
+        raise UnitProblem("unit-cycles", f"'{text}' does not distinguish cycles and radians", instead)
 
 
 def counted_otherwise(given: Unit, wanted: Unit) -> str | None:
-    """What to write where `given` has the dimension of `wanted` but counts otherwise (cycles for radians), or does not
-    say what it counts: 1/min of a speed would be read as radians per minute, where revolutions are meant. None where they
-    agree."""
+    """Correction if `given` has the dimension of `wanted` but another count (cycles for radians), or no count: 1/min of a
+    speed would be read as radians per minute instead of revolutions. None if they agree."""
     if wanted.counts in ("", given.counts) or (not given.counts and wanted.dimension == ONE):
         return None
     if wanted.counts == "angle" and (turns := as_meant(given, wanted)) is not given:
@@ -456,8 +456,8 @@ def counted_otherwise(given: Unit, wanted: Unit) -> str | None:
 
 
 def as_meant(given: Unit, wanted: Unit) -> Unit:
-    """The unit for which the text of a logger or data sheet stands where `wanted` is measured: 1/min of a shaft are
-    revolutions, g of an acceleration is that of gravity. `given` itself where it is what it says."""
+    """The intended unit in the text of a logger or data sheet if `wanted` is measured: 1/min of a shaft are revolutions,
+    g of an acceleration is standard gravity. Otherwise `given` itself."""
     if wanted.dimension == ACCELERATION and given.text == "g":
         return unit("g_n")
     if wanted.dimension == FREQUENCY == given.dimension and wanted.counts == "angle" != given.counts:
@@ -467,26 +467,26 @@ def as_meant(given: Unit, wanted: Unit) -> Unit:
 
 
 def other_unit(given: Unit, wanted: Unit) -> str:
-    """What to write in place of a unit of another dimension."""
-    if (meant := as_meant(given, wanted)) is not given:
-        return f"{given.text} is the gram; write `{meant.text}` for the acceleration of gravity, 9.80665 m/s**2."
+    """Correction for a unit of another dimension."""
+    if (intended := as_meant(given, wanted)) is not given:
+        return f"{given.text} is the gram; write `{intended.text}` for the acceleration of gravity, 9.80665 m/s**2."
     return f"Write it in {wanted.text} or in a multiple of it."
 
 
 def check_turns(given: str, wanted: Unit, subject: str, place: Place | None, problems: Problems) -> None:
-    """Add a problem where `subject`, a speed of rotation or a frequency, is given in a unit that counts otherwise: 1/min or
-    Hz of a shaft would be taken for radians, and be wrong by 2*pi. 1/s, the SI's own, may stand for either."""
+    """Add a problem if `subject`, a speed of rotation or a frequency, is given in a unit with another count: 1/min or Hz
+    of a shaft would be taken for radians, and be wrong by 2*pi. 1/s, the SI unit, is accepted for either."""
     read = read_unit(given)
     if read.dimension != wanted.dimension or wanted.dimension != FREQUENCY or (not read.counts and read.scale == 1):
         return
     if (instead := counted_otherwise(read, wanted)) is not None:
-        what = "radians" if wanted.counts == "angle" else "cycles"
-        problems.add("unit-cycles", f"{subject} is in {wanted.text}; {given} does not count {what}", place, hint=instead)
+        counted = "radians" if wanted.counts == "angle" else "cycles"
+        problems.add("unit-cycles", f"{subject} is in {wanted.text}; {given} does not count {counted}", place, hint=instead)
 
 
 @lru_cache(maxsize=4096)
 def generic_unit(text: str) -> Unit:
-    """A declared unit in which `$U` (solved for each instance) may take part: `$U/s`, `$Y/$U`, `$D.effort`."""
+    """Read a declared unit that may contain `$U` (solved for each instance): `$U/s`, `$Y/$U`, `$D.effort`."""
     if "$" not in text:
         return declared_unit(text)
     if not re.fullmatch(r"[\w$.*/()-]+", text.strip()):
@@ -502,12 +502,12 @@ def generic_unit(text: str) -> Unit:
 
 
 def is_generic(dimension: Dimension) -> bool:
-    """Whether a unit still to be solved takes part."""
+    """True if the dimension contains an unknown unit."""
     return any(base.startswith("$") for base, _ in dimension)
 
 
 def solved(dimension: Dimension, values: Mapping[str, Dimension]) -> Dimension:
-    """The dimension with the units that `values` knows put in."""
+    """Substitute the known units of `values` in the dimension."""
     result = ONE
     for base, power in dimension:
         result = times(result, values.get(base, ((base, Fraction(1)),)), power)

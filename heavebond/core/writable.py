@@ -22,9 +22,9 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-LONGEST_STEM = 100  # characters of the name that the name of an unfinished file repeats; a name may have 255 bytes
+LONGEST_STEM = 100  # characters of the name that are repeated in the name of an unfinished file; a name may have 255 bytes
 UNFINISHED = re.compile(r"\..*\.[0-9a-f]{8}\.new(\.\w+)?")  # the names of unfinished files
-DESCRIPTORS = os.open in os.supports_dir_fd  # whether files are opened relative to the descriptor of a folder
+DESCRIPTORS = os.open in os.supports_dir_fd  # True if the system can open files relative to the descriptor of a folder
 FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_CLOEXEC", 0)
 NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
 _root: ContextVar[Path | None] = ContextVar("root", default=None)
@@ -32,8 +32,8 @@ _root: ContextVar[Path | None] = ContextVar("root", default=None)
 
 @contextmanager
 def confined(root: Path) -> Iterator[None]:
-    """Within it `new_file`, `write_text` and `make_folder` write below the folder `root` only, whatever links are in it or
-    are put there meanwhile; PermissionError for other paths, and for devices and pipes."""
+    """Inside, `new_file`, `write_text` and `make_folder` write below the folder `root` only, also if links are in it or
+    are created meanwhile; PermissionError for other paths, and for devices and pipes."""
     before = _root.set(root.resolve())
     try:
         yield
@@ -42,8 +42,8 @@ def confined(root: Path) -> Iterator[None]:
 
 
 def open_folder(path: Path, root: Path | None = None, *, make: bool = False) -> int:
-    """The descriptor of a folder, which is made with its parents if `make` is true. Each folder between `root` and `path` is
-    opened relative to the one above it, and none may be a link; PermissionError for a path outside `root`."""
+    """The descriptor of a folder, which is created with its parents if `make` is true. Each folder between `root` and
+    `path` is opened relative to the one above it, and none may be a link; PermissionError for a path outside `root`."""
     if root is None:
         return os.open(path, FOLDER)
     if not path.is_relative_to(root):
@@ -63,10 +63,10 @@ def open_folder(path: Path, root: Path | None = None, *, make: bool = False) -> 
 
 @contextmanager
 def new_file(path: str | Path, *, exclusive: bool = False) -> Iterator[Path]:
-    """A path with the same suffix to write to; what stands there at the end takes the place of `path` in one step.
+    """A temporary path with the same suffix; at the end its file replaces `path` in one step.
 
     A link at `path` is followed, devices and pipes are written directly; see also `confined`. With `exclusive`
-    FileExistsError where `path` exists at the end, as a file or as a link to anything. OSError names `path`, not the
+    FileExistsError if `path` exists at the end, as a file or as a link to anything. OSError names `path`, not the
     unfinished file. Unfinished files that killed processes left in the folder are removed.
     """
     root, path = _root.get(), Path(path)
@@ -112,27 +112,27 @@ def write_text(path: str | Path, text: str, *, exclusive: bool = False) -> None:
 
 
 def _check_replaceable(name: str, folder: int) -> None:
-    """PermissionError for a name in a folder that is no ordinary file."""
+    """PermissionError for a name in a folder that is not an ordinary file."""
     with suppress(FileNotFoundError):
         if not stat.S_ISREG(os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode):
-            raise PermissionError(errno.EACCES, "it is no ordinary file", name)
+            raise PermissionError(errno.EACCES, "it is not an ordinary file", name)
 
 
 def _by_descriptor(folder: int, fresh: Path) -> Path:
-    """A path of a file in an opened folder that leads there even if the folder is moved and a link is put in its place."""
-    found = Path(f"/proc/{os.getpid()}/fd/{folder}")  # Linux
-    return found / fresh.name if found.exists() else fresh
+    """A path of a file in an opened folder that stays valid if the folder is moved and a link is put in its place."""
+    link = Path(f"/proc/{os.getpid()}/fd/{folder}")  # Linux
+    return link / fresh.name if link.exists() else fresh
 
 
 def _created(fresh: str | Path, at: dict[str, int]) -> int:
-    """The descriptor of a new empty file. Its lock shows other processes that it is still being written; -1 where the system
+    """The descriptor of a new empty file. Its lock shows other processes that it is still being written; -1 if the system
     has no locks."""
     while True:
         lock = os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_EXCL | NO_LINK, 0o666, **at)
         if fcntl is None:
             os.close(lock)  # Windows does not rename open files
             return -1
-        with suppress(OSError):  # of file systems without locks, where unfinished files are not removed
+        with suppress(OSError):  # file systems without locks, on which unfinished files are not removed
             fcntl.flock(lock, fcntl.LOCK_EX)
         if os.fstat(lock).st_nlink:
             return lock
@@ -140,7 +140,7 @@ def _created(fresh: str | Path, at: dict[str, int]) -> int:
 
 
 def _remove_unfinished(folder: int) -> None:
-    """Remove the unfinished files in a folder whose processes have ended: these do not hold their locks any more."""
+    """Remove unfinished files in a folder that are not locked, because their processes have ended."""
     for name in filter(UNFINISHED.fullmatch, os.listdir(folder) if fcntl is not None else ()):
         with suppress(OSError):
             file = os.open(name, os.O_RDWR | os.O_NONBLOCK | NO_LINK, dir_fd=folder)
@@ -152,7 +152,7 @@ def _remove_unfinished(folder: int) -> None:
 
 
 def _flush(path: Path) -> None:
-    # r+: Windows flushes only what is open for writing
+    # r+: Windows flushes only files that are open for writing
     with open(path, "rb+") as file:
         os.fsync(file.fileno())
 
@@ -162,7 +162,7 @@ def _rename(fresh: str | Path, target: str | Path, exclusive: bool, at: dict[str
     folder = at.get("dir_fd")
     both = {} if folder is None else {"src_dir_fd": folder, "dst_dir_fd": folder}
     if exclusive:
-        # a link fails where the name is taken; some file systems have none
+        # a link fails if the name exists; some file systems have no links
         try:
             os.link(fresh, target, follow_symlinks=False, **both)
             os.unlink(fresh, **at)
@@ -177,18 +177,18 @@ def _rename(fresh: str | Path, target: str | Path, exclusive: bool, at: dict[str
         with suppress(OSError):
             os.chmod(fresh, os.stat(target, dir_fd=folder, follow_symlinks=False).st_mode & 0o777, dir_fd=folder)
         os.replace(fresh, target, **both)
-    if folder is not None:  # the rename itself reaches the disk with its folder
+    if folder is not None:  # the rename reaches the disk with its folder
         with suppress(OSError):
             os.fsync(folder)
 
 
 def why_unwritable(folder: Path) -> str:
-    """Why no file can be made in a folder, in a few words; empty where one can.
+    """Reason why no file can be created in a folder, in a few words; empty if one can.
 
-    One is made and gone at once: rights alone do not tell of a medium that is read only, or full.
+    A file is created and removed at once: rights alone do not show that a medium is read only, or full.
     """
     if not folder.is_dir():
-        return f"there is no folder '{folder}'"
+        return f"cannot find the folder '{folder}'"
     import tempfile  # not needed where nothing is written
 
     try:
@@ -199,12 +199,12 @@ def why_unwritable(folder: Path) -> str:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents where they do not exist; UsageError where that fails. See also `confined`."""
+    """Create a folder and its parents if they do not exist; UsageError if that fails. See also `confined`."""
     try:
         if (root := _root.get()) is not None and DESCRIPTORS:
             os.close(open_folder(Path(os.path.realpath(folder)), root, make=True))
         else:
             folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        said = f"the folder '{folder}' cannot be made: {(error.strerror or str(error)).lower()}"
-        raise UsageError([Problem("file-unwritable", said, None, "Give another one.")]) from None
+        message = f"the folder '{folder}' cannot be created: {(error.strerror or str(error)).lower()}"
+        raise UsageError([Problem("file-unwritable", message, None, "Give another one.")]) from None

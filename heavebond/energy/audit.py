@@ -38,7 +38,7 @@ from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import Result
 from heavebond.numerics.run_verdict import report_verdict, verdict
-from heavebond.numerics.simulation import run_by_auto
+from heavebond.numerics.simulation import run_by_auto, with_equations_at_zero
 from heavebond.numerics.simulator import Simulator, Tolerances
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Ti
     verdict of the run fails. The tolerances are a tenth of the usual ones, as the errors of all steps add up in an
     energy.
     """
-    assembly = assemble(model)
+    assembly, parameters = with_equations_at_zero(assemble(model), parameters)
     tolerances = Tolerances(rtol, atol)
     before = run_by_auto(Simulator(assembly, until, every=every, tolerances=tolerances, solver="auto"), parameters)
     worthless = [f for f in before.verdict.findings if f.failed and f.kind != "energy"]  # which is what is asked here

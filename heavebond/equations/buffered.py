@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from heavebond.core.cancellation import check
 
 Array = NDArray[np.float64]
+KEPT = 256  # numbers of an output up to which its array is bound once: to copy so many takes less time than to bind another
 
 
 class Buffered:
@@ -31,6 +32,9 @@ class Buffered:
         self._outputs = [_Output(function, name, sparse) for name in outputs or function.name_out()]
         for k, values in enumerate(self._given.values()):
             _bind(self._buffer.set_arg, k, values)
+        for output in self._outputs:
+            if output.size <= KEPT:
+                _bind(self._buffer.set_res, output.number, output.values)
 
     def __call__(self, *given: Any, **named: Any) -> dict[str, Any]:
         """Each output (m, n), given the inputs in their order or by name; RuntimeError where it fails."""
@@ -40,17 +44,19 @@ class Buffered:
     def _called(self, given: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
         for k, (name, values) in enumerate(self._given.items()):
             value = given[k] if k < len(given) else named.get(name, 0.0)
-            values[:] = np.asarray(value, float).ravel(order="F")
-        found = [np.empty(output.size) for output in self._outputs]
-        for output, values in zip(self._outputs, found, strict=True):
-            _bind(self._buffer.set_res, output.number, values)
+            plain = type(value) is float or (type(value) is np.ndarray and value.ndim == 1)
+            values[:] = value if plain else np.asarray(value, float).ravel(order="F")
+        for output in self._outputs:
+            if output.size > KEPT:
+                output.values = np.empty(output.size)
+                _bind(self._buffer.set_res, output.number, output.values)
         try:
             self._run()
         finally:
             check()  # a signal that came meanwhile: CasADi may have dropped it, or made a failure of it
         if self._buffer.ret():  # compiled code cannot raise what CasADi's own does
             raise RuntimeError("the function could not be evaluated")
-        return {output.name: output.matrix(values) for output, values in zip(self._outputs, found, strict=True)}
+        return {output.name: output.matrix() for output in self._outputs}
 
     def size1_in(self, name: str) -> int:
         """The number of numbers in an input."""
@@ -69,8 +75,14 @@ class _Output:
         self.shape, self.size = pattern.shape, pattern.nnz()
         self._places = None if pattern.is_dense() else tuple(np.array(k, dtype=int) for k in pattern.get_triplet())
         self._columns = np.array(pattern.colind(), dtype=int) if sparse else None
+        self.values = np.empty(self.size if self.size <= KEPT else 0)
 
-    def matrix(self, values: Array) -> Any:
+    def matrix(self) -> Any:
+        """The values of the last call; the matrix is the caller's own."""
+        if self.size <= KEPT:
+            values = self.values.copy()
+        else:
+            values, self.values = self.values, np.empty(0)
         if self._places is None:
             return values.reshape(self.shape, order="F")
         if self._columns is not None:

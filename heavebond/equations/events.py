@@ -14,7 +14,8 @@ from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import FlatParameter, Parameters
 from heavebond.language.definition import Value, Variable
 from heavebond.language.incidence import Interval
-from heavebond.language.sections import Condition
+from heavebond.language.sections import Clock, Condition
+from heavebond.language.state_chart import STATE
 from heavebond.language.template import Template, held_interval
 from heavebond.text.expression import constant
 
@@ -68,7 +69,8 @@ class Breakaway:
 class FlatEvent:
     """An event: as `indicator` passes zero upwards (None: a time event), at the instant `first`, or from there on once a
     `period` (None: once). `text` is how it is written: `condition: gap > 0`. One that is `by_clock` stands for a comparison
-    of the time with parameters in an equation (see `time_conditions`), and has its text. With `ends` the run ends there."""
+    of the time with parameters in an equation (see `time_conditions`), and has its text. With `ends` the run ends there. It
+    does not happen together with the events that it `yields_to`, by name. Its `clock` makes its instants irregular."""
 
     name: str
     text: str
@@ -81,6 +83,8 @@ class FlatEvent:
     impulse: Impulse | None = None
     breakaway: Breakaway | None = None
     ends: bool = False
+    yields_to: tuple[str, ...] = ()
+    clock: Clock | None = None
 
 
 def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Leaf, Unit], Unit], problems: Problems
@@ -99,6 +103,9 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
             if condition is not None:
                 place, number = condition.value.place, _asked(condition, problems)
                 _check_bounds(name, number, condition.value, variable, problems)
+                if leaf.component.states and variable.name == STATE and number is not None and number % 1:
+                    names = ", ".join(f"{k} {state.name}" for k, state in enumerate(leaf.component.states, 1))
+                    problems.add("held-initial", f"'{name}' is the number of a state", place, hint=f"States: {names}.")
                 if variable.name in impulses:
                     problems.add("held-initial", f"'{name}' is the force of an impact, else it is 0", place,
                                  hint="Leave this line out.")
@@ -155,4 +162,5 @@ def leaf_events(path: str, made: Template, values: list[ca.SX], names: Mapping[s
         text = f"{line.when.key}: {' '.join(line.when.formula.text.split())}"
         yield FlatEvent(f"{path}.{line.when.name}", text, line.when.place,
                         condition if line.when.key == "condition" else None, first,
-                        period if line.when.key == "every" else None, tuple(resets), impulse=impulse, breakaway=breakaway)
+                        period if line.when.key == "every" else None, tuple(resets), impulse=impulse, breakaway=breakaway,
+                        yields_to=tuple(f"{path}.{name}" for name in line.when.yields_to))

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.core.errors import ModelError, Place, Problems, listing
+from heavebond.core.errors import ModelError, Place, Problems, listing, suggest
 from heavebond.core.units import (
     DIMENSIONLESS,
     ONE,
@@ -49,6 +49,7 @@ from heavebond.equations.variation import Factor, factors, incidence
 from heavebond.language.definition import Delayed, Domain, FileInput, Value
 from heavebond.language.incidence import EVERYTHING, Interval, classify
 from heavebond.language.model import Model
+from heavebond.language.sections import Clock
 from heavebond.language.symbols import Context, evaluate, nonsmooth, places, split, stack
 from heavebond.language.template import LEVELS, Template, template
 from heavebond.language.values import add_formula_problem, check_dimension
@@ -151,8 +152,9 @@ class Flat:
     delays: tuple[DelayedVariable, ...] = ()
     passed_through: tuple[DelayedVariable, ...] = ()  # those whose delay is zero: they equal their sources
     templates: dict[str, Template] = field(default_factory=dict, repr=False)
-    # `also` and `widths`, with which `flatten` makes the same of the diagram; None if other equations were put in since
-    options: tuple[tuple[str, ...], float] | None = None
+    # `also`, `widths` and `zeros`, with which the same is made of the diagram; None if other equations were put in since
+    options: tuple[tuple[str, ...], float, tuple[str, ...]] | None = None
+    zeros: tuple[str, ...] = ()  # the parameters that were left out of the equations, see `without_zeros`
 
     @cached_property
     def levels(self) -> tuple[tuple[ca.SX, ...], ...]:
@@ -233,7 +235,32 @@ def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0, corners
     with calling(model.library.functions):  # names of outputs and of conditions are formulas
         made = _Builder(expanded, network, make_parameters(expanded, network, order), claimed, corners or {})
         flat = made.build(tuple(also))
-    return replace(flat, options=(tuple(also), widths))
+    return replace(flat, options=(tuple(also), widths, ()))
+
+
+def without_zeros(flat: Flat, zeros: Iterable[str]) -> Flat:
+    """The flat model without the parameters `zeros`, whose value is 0: an equation that they multiply has no such term then,
+    and the model other states (a body without mass) or another index (a resistor of 0 Ohm before a capacitor)."""
+    names, n = tuple(zeros), len(flat.unknowns)
+    column, entries = ca.SX(flat.residual_column), list(flat.entries)
+    gone = [flat.constants[name] for name in names]
+    changed, known = set[int](), set[int]()  # rows, and those of them that say of an unknown that it is 0
+    while gone:
+        symbols = stack(gone)
+        rows = [row for row in np.flatnonzero(ca.which_depends(column, symbols, 1, True)).tolist() if row not in known]
+        column[rows] = ca.substitute(column[rows], symbols, ca.SX.zeros(len(gone)))
+        for row in rows:
+            unknowns = sorted({packed % n for packed, _ in entries[row]})
+            found = incidence(column[row], flat.columns, unknowns, flat.constant_hashes, flat.bounds) if unknowns else ([],)
+            entries[row], = found
+        changed |= set(rows)
+        gone = []
+        for row in sorted(changed - known):  # a compliance c = C*y with C = 0
+            if len(entries[row]) == 1 and (column[row].is_symbolic() or (-column[row]).is_symbolic()):
+                known.add(row)
+                gone += [level[entries[row][0][0] % n] for level in flat.levels]
+    options = None if flat.options is None else (*flat.options[:2], (*flat.zeros, *names))
+    return replace(flat, residual_column=column, entries=tuple(entries), zeros=(*flat.zeros, *names), options=options)
 
 
 def unclocked(flat: Flat) -> Flat:
@@ -303,6 +330,7 @@ class _Builder:
         self._given_inputs()
         self._delayed_variables()
         self._end()
+        self._irregular_clocks()
         self.problems.raise_as(ModelError)
         self._clocks()
         self.problems.raise_as(ModelError)
@@ -331,7 +359,7 @@ class _Builder:
         """What equations ask of the time becomes what is held between events."""
         told = [(e.owner, e.text, e.place) for e in self.equations]
         self.residuals = ca.densify(ca.vertcat(*self.pieces)[self.order]) if self.order else ca.SX(0, 1)
-        check_steps(self.residuals, told, self.parameters.p, self.problems)
+        check_steps(self.residuals, told, self.time, self.parameters, self.problems)
         self.problems.raise_as(ModelError)
         found = timed(self.residuals, told, self.time, self.parameters, self.held, self.corners)
         claim_clocks(self.claimed, found.held[len(self.held):])
@@ -515,6 +543,23 @@ class _Builder:
                               hint=problem.hint)
             return
         self.events.append(FlatEvent("until", f"when: {ends.text}", ends.place, above, ca.SX(0), None, (), ends=True))
+
+    def _irregular_clocks(self) -> None:
+        """The sampled events of the parts under `clocks:` get their clock; a block stands for all parts in it."""
+        clocks: dict[int, Clock] = {}
+        for clock in self.expanded.model.clocks.values():
+            for path, place in clock.parts:
+                own = [k for k, event in enumerate(self.events) if event.period is not None
+                       and (event.name.startswith(f"{path}.") or event.name.rpartition(".")[0] == path)]
+                sampled = dict.fromkeys(e.name.rpartition(".")[0] for e in self.events if e.period is not None)
+                if not own:
+                    self.problems.add("clock-part", f"clock '{clock.name}': '{path}' is no sampled part", place,
+                                      hint=suggest(path, sampled) or f"Sampled parts: {listing(sampled) or 'none'}.")
+                for k in own:
+                    if (other := clocks.setdefault(k, clock)) is not clock:
+                        self.problems.add("clock-part", f"'{path}' has the clocks '{other.name}' and '{clock.name}'", place,
+                                          hint="Name it in one of them.")
+        self.events = [replace(event, clock=clocks.get(k)) for k, event in enumerate(self.events)]
 
     def _delayed_variables(self) -> None:
         """An equation for each delayed variable: it is a known function of time, or its source where the delay is zero."""

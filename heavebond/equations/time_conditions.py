@@ -82,16 +82,33 @@ def _differentiable(residual: ca.SX, switches: Iterable[TimeSwitch], time: ca.SX
     return bool((np.abs(after - before) <= CONTINUOUS * size).all())
 
 
-def check_steps(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], numbers: ca.SX,
+def check_steps(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
                 problems: Problems) -> None:
     """`floor` of what moves between events jumps where no event stops the integrator: `floor-moves` for each equation in
-    which the argument depends on more than the `numbers` (parameters and held variables)."""
+    which the argument depends on more than parameters and held variables."""
     floored = [(residuals[k], text, place) for k, (_, text, place) in enumerate(told) if "floor" in text]
-    constants = places(numbers).keys() if floored else set[int]()
+    constants = places(parameters.p).keys() if floored else set[int]()
     for residual, text, place in floored:
-        if any(not {s.element_hash() for s in ca.symvar(a)} <= constants for a in _floored(residual)):
+        moving = [a for a in _floored(residual) if not {s.element_hash() for s in ca.symvar(a)} <= constants]
+        if moving:
             problems.add("floor-moves", f"floor(...) of something that moves jumps within '{text}'", place,
-                         hint=FLOOR_MOVES + STAIRCASE * ("time" in text))
+                         hint=_stairs(moving[0], text, time, parameters) or FLOOR_MOVES + STAIRCASE * ("time" in text))
+
+
+def _stairs(argument: ca.SX, text: str, time: ca.SX, parameters: Parameters) -> str:
+    """The block that makes `floor` of a time over a period; empty for another argument."""
+    numbers = ca.DM(parameters.numbers)
+    if not {s.element_hash() for s in ca.symvar(argument)} <= {time.element_hash(), *places(parameters.p)}:
+        return ""
+    course = ca.Function("course", [time], [ca.substitute(argument, parameters.p, numbers)])
+    begin, slope, later = float(course(0)), float(course(1)) - float(course(0)), float(course(2)) - float(course(1))
+    if begin != 0 or not slope > 0 or abs(later - slope) > CONTINUOUS * slope:
+        return ""
+    inside = text[text.index("floor(") + len("floor("):]
+    depth = [1 + inside[:k + 1].count("(") - inside[:k + 1].count(")") for k in range(len(inside))]
+    inside = inside[:depth.index(0)] if 0 in depth else inside
+    return f"Add `stairs: {{is: SampleHold, T_s: {1 / slope:.12g} s, u: \"={inside}\"}}` and write stairs.y in place of " \
+        f"floor({inside}). A sawtooth is the difference of the time and such a staircase."
 
 
 def _floored(expression: ca.SX) -> Iterator[ca.SX]:

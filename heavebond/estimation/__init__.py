@@ -1,1 +1,1 @@
-"""Models beside measurements: experiments, comparison, parameter estimation, identifiability."""
+"""Models and measurements: experiments, comparison, parameter estimation, identifiability."""

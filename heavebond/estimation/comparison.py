@@ -62,11 +62,11 @@ from heavebond.text.expression import ExpressionProblem, names
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Smallest lead of all channels, as a share of a sample interval, that suggests a held input as the cause.
+# Smallest lead of all channels, as a share of a sample interval, that indicates a held input.
 _SOONER = 0.15
 # Integration errors far below the noise of a record; tighter tolerances only cost time.
 TOLERANCES = Tolerances(1e-7, 1e-9)
-MANY = 5_000  # samples from which on the compiled program compares
+MANY = 5_000  # samples from which on the compiled integrator is used
 # Deviations of the noise by which the first sample of a state must differ from the start of the model: by chance once in a
 # million records.
 ELSEWHERE = 5.0
@@ -74,16 +74,16 @@ ELSEWHERE = 5.0
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured channel with n samples and the model at these times, both in the unit of the channel. The error
-    measures use the samples selected by `counts` (n,), which excludes dropped outliers and the other part of a record
-    that is held out in part.
+    """One measured channel with n samples and the model at these times, both in the unit of the channel. The error measures
+    use the samples selected by `counts` (n,), which excludes dropped outliers and the other part of a record that is held
+    out in part.
 
-    error: rms of model - measured, same unit; normalised: error / rms of measured about its mean;
-    relative: error / rms of measured; fit: 100 (1 - normalised) %; chi2: mean of (error/noise)**2, 1 where the model
-    is right; white: p value of the Ljung-Box test for uncorrelated residuals; step: resolution of a quantised sensor,
-    else 0; outlier (n,): samples far from their neighbours; astray (n,): other samples whose residual is far from those
-    of their neighbours; late: estimated delay of the channel relative to the model; separable: whether the noise is given,
-    or its estimate separable from the signal.
+    error: rms of model - measured, same unit; normalised: error / rms of measured about its mean; relative: error / rms
+    of measured; fit: 100 (1 - normalised) %; chi2: mean of (error/noise)**2, 1 if the model is right; white: p value of
+    the Ljung-Box test for uncorrelated residuals; step: resolution of a quantised sensor, else 0; outlier (n,): samples
+    far from their neighbours; astray (n,): other samples whose residual is far from the residuals of their neighbours;
+    late: estimated delay of the channel relative to the model; separable: True if the noise is given, or its estimate
+    separable from the signal.
     """
 
     name: str
@@ -121,11 +121,12 @@ class Channel:
 
 @dataclass(frozen=True)
 class RecordComparison:
-    """All channels of one record. `validate` is the held-out part of the record, where the experiment has no validation
-    record, else None; `notes` are remarks on the interpretation of the values; `doubtful` are channels whose unit, sign or
-    time seems to differ from that in the experiment; `starts` are those of the notes that tell of a state which begins
-    elsewhere in the record, `feedback` those on inputs that follow from outputs, `slips` those on units, signs and zeros of
-    channels; `elsewhere` are the channels of which `starts` tell."""
+    """All channels of one record.
+
+    `validate` is the held-out part of the record if the experiment has no validation record, else None. `notes` are
+    remarks on the interpretation of the values; `doubtful` are channels whose unit, sign or time seems to differ from the
+    experiment. Parts of the notes are listed separately: `starts` (states with another start value in the record, of the
+    channels `elsewhere`), `feedback` (inputs that depend on outputs) and `slips` (units, signs and zeros of channels)."""
 
     name: str
     use: str
@@ -142,10 +143,10 @@ class RecordComparison:
 
     @property
     def normalised(self) -> float:
-        """Root mean square of the channels' normalised errors. Constant channels have no normalised error and are left out;
-        NaN where all channels are constant."""
-        found = [c.normalised for c in self.channels.values() if math.isfinite(c.normalised)]
-        return float(np.sqrt(np.mean(np.square(found)))) if found else math.nan
+        """Root mean square of the channels' normalised errors. Constant channels have no normalised error and are
+        omitted; NaN if all channels are constant."""
+        errors = [c.normalised for c in self.channels.values() if math.isfinite(c.normalised)]
+        return float(np.sqrt(np.mean(np.square(errors)))) if errors else math.nan
 
     @property
     def chi2(self) -> float:
@@ -190,7 +191,7 @@ class Comparison:
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """A line for each free parameter whose value is outside its range, and for each channel whose bias is equal on all
+        """A line for each free parameter with a value outside its range, and for each channel whose bias is equal on all
         records."""
         names = [name for name in self.experiment.outputs if not any(name in r.doubtful for r in self.records.values())]
         residuals = {name: [(c.measured - c.model)[~c.outlier] for c in (r.channels[name] for r in self.records.values())]
@@ -206,15 +207,16 @@ class Comparison:
 
 
 def outside_ranges(experiment: Experiment, values: Mapping[str, float]) -> list[str]:
-    """A line for each free parameter whose value (SI) in the diagram is outside the range in which it may move."""
+    """A line for each free parameter whose value (SI) in the diagram is outside its permitted range."""
     lines = []
     for name, free in experiment.free.items():
         value, unit = values.get(name), free.range.unit
         slack = 1e-9 * (free.range.high - free.range.low)
         if value is not None and not free.range.low - slack <= value <= free.range.high + slack:
-            shown, low, high = (in_unit(v, unit, 6) for v in (value, free.range.low, free.range.high))
+            value_text, low, high = (in_unit(v, unit, 6) for v in (value, free.range.low, free.range.high))
             of = "" if unit.text == "1" else f" {unit.text}"
-            lines.append(f"{name} is {shown}{of} in the diagram, outside its range {low} .. {high}{of} under `free:`: a fit "
+            lines.append(f"{name} is {value_text}{of} in the diagram, outside its range {low} .. {high}{of} under "
+                         "`free:`: a fit "
                          "begins inside the range. Set the value or the range right")
     return lines
 
@@ -225,10 +227,10 @@ def compare(experiment: ExperimentOrFile, *, parameters: Mapping[str, float | st
             progress: Callable[[str], None] | None = None) -> Comparison:
     """Simulate the diagram of an experiment with the measured inputs and compare it with the records.
 
-    For each channel the residual is measurement minus model; `error` is its rms in the unit of the channel, chi2 the
-    mean of (residual / noise)**2, which is 1 at the noise level. `parameters` overrides values by name, in SI or as text
-    with a unit; `progress` is called with the name of each record. Raises UsageError, ModelError, DataError, StartError
-    or SimulationError with what is wrong.
+    For each channel the residual is measurement minus model; `error` is its rms in the unit of the channel, chi2 the mean
+    of (residual / noise)**2, which is 1 at the noise level. `parameters` overrides values by name, in SI or as text with
+    a unit; `progress` is called with the name of each record. Raises UsageError, ModelError, DataError, StartError or
+    SimulationError.
     """
     experiment = with_noise(load_experiment(experiment))
     problems, kinds = Problems(), set[type[HeavebondError]]()
@@ -251,8 +253,8 @@ def compare(experiment: ExperimentOrFile, *, parameters: Mapping[str, float | st
 
 
 def simulate_over(assembly: Assembly, grid: Array) -> Result:
-    """A run over the samples of a record. IDAS stops at every sample of an input; over many samples the compiled program,
-    which looks inputs up, is ten times as fast. Where it fails, IDAS finds out why."""
+    """Run over the samples of a record. IDAS stops at every sample of an input; for many samples the compiled integrator,
+    which interpolates inputs, is ten times as fast. If it fails, IDAS determines the reason."""
     if len(grid) > MANY and (program := FitSimulator(assembly, times=grid, tolerances=TOLERANCES)).compiled:
         with suppress(SimulationError, StartError):
             return program.run()
@@ -270,17 +272,17 @@ def compare_record(experiment: Experiment, record: Record,
     texts = [o.shown.text for o in experiment.outputs.values()]
     simulated = dict(zip(texts, Probe(result.assembly, texts, si=True).values(result), strict=True))
     fitted, checking = {}, {}
-    for name, found in measured.channels.items():
-        unit = read_unit(found.output.shown.unit)
-        model = np.asarray((simulated[found.output.shown.text] - unit.offset) / unit.scale)
-        sound = ~found.outlier
-        late = lateness(found.time[sound] - found.output.shift, found.measured[sound], measured.grid, model)
-        astray = outliers(found.time, found.measured - model[found.index], max(found.noise, found.step)) & sound
-        fitted[name] = _channel(name, found, model[found.index], found.fitted, astray, late)
-        if found.checking.any():
-            checking[name] = _channel(name, found, model[found.index], found.checking, astray, late)
+    for name, samples in measured.channels.items():
+        unit = read_unit(samples.output.shown.unit)
+        model = np.asarray((simulated[samples.output.shown.text] - unit.offset) / unit.scale)
+        sound = ~samples.outlier
+        late = lateness(samples.time[sound] - samples.output.shift, samples.measured[sound], measured.grid, model)
+        astray = outliers(samples.time, samples.measured - model[samples.index], max(samples.noise, samples.step)) & sound
+        fitted[name] = _channel(name, samples, model[samples.index], samples.fitted, astray, late)
+        if samples.checking.any():
+            checking[name] = _channel(name, samples, model[samples.index], samples.checking, astray, late)
     held_out = RecordComparison(f"{record.name}, held out", "validate", record.file, checking, result) if checking else None
-    held_inputs = [name for name, given in experiment.inputs_for(record).items() if given.interpolation == "hold"]
+    held_inputs = [name for name, file_input in experiment.inputs_for(record).items() if file_input.interpolation == "hold"]
     slips = {} if measured.time_suspect else {
         c.name: _slips(c, measured.channels[c.name].output, measured.declared.get(c.name)) for c in fitted.values()}
     steady = result.assembly.model.initial.mode == "steady"
@@ -290,12 +292,12 @@ def compare_record(experiment: Experiment, record: Record,
     closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()},
                           prescribing_inputs(result.assembly))
     adjusted = bool(parameters) or not experiment.free
-    slipped = tuple(f"{name} {said}" for name, told in slips.items() for said in told)
+    slipped = tuple(f"{name} {remark}" for name, remarks in slips.items() for remark in remarks)
     notes = (*measured.notes, *slipped, *_notes(measured, fitted, slips, held_inputs, adjusted), *starts,
              *frozen_notes(experiment, record, fitted), *swapped_notes(experiment, record, result.assembly, fitted),
              *noise_notes(experiment, measured), *smoothing_notes(experiment, record, result.assembly), *closed,
              *changes_of(result, states=False))
-    doubtful = frozenset(fitted) - {name for name, told in slips.items() if not told and name not in measured.declared}
+    doubtful = frozenset(fitted) - {name for name, remarks in slips.items() if not remarks and name not in measured.declared}
     return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful, starts,
                             closed, tuple(c.name for c in elsewhere), slipped)
 
@@ -303,13 +305,13 @@ def compare_record(experiment: Experiment, record: Record,
 def _states(assembly: Assembly, experiment: Experiment) -> list[str]:
     """The outputs that are states of the model, or formulas of states alone."""
     t, x, z, p, u, _ = assembly.arguments
-    shown = {name: assembly.expression(output.shown.expr) for name, output in experiment.outputs.items()}
-    return [name for name, formula in shown.items()
+    expressions = {name: assembly.expression(output.shown.expr) for name, output in experiment.outputs.items()}
+    return [name for name, formula in expressions.items()
             if ca.depends_on(formula, x) and not ca.depends_on(formula, ca.veccat(t, z, p, u))]
 
 
 def _elsewhere(measured: Measured, states: Sequence[Channel]) -> list[Channel]:
-    """The channels that at the first instant of the record are not what they are in the model."""
+    """The channels whose value at the first instant of the record differs from the model."""
     if measured.time_suspect:
         return []
     return [c for c in states
@@ -335,8 +337,8 @@ def _start_note(channel: Channel, output: Output, steady: bool, result: Result) 
 
 
 def _state_advice(channel: Channel, output: Output, result: Result) -> str:
-    """The initial value of one state with which the formula of an output begins as it was measured; the other states keep
-    their values. The formula itself cannot be given besides the states in it."""
+    """The initial value of one state for which the formula of an output equals the first measurement; the other states
+    keep their values. The formula itself cannot be prescribed in addition to its states."""
     assembly, start = result.assembly, result.start
     unit, x = read_unit(output.shown.unit), assembly.arguments[1]
     slopes = np.array(ca.Function("slopes", [x], [ca.jacobian(assembly.expression(output.shown.expr), x)])(start.x)).ravel()
@@ -347,16 +349,16 @@ def _state_advice(channel: Channel, output: Output, result: Result) -> str:
     k = max(states, key=lambda k: abs(slopes[k]) * float(assembly.x_nominal[k]))
     unknown = assembly.flat.unknowns[assembly.reduced.states[k][0]]
     value = readable(float(start.x[k]) + missing / float(slopes[k]), unknown.unit.text, 6)
-    others = [assembly.state_names[j] for j in states if j != k]
+    other_states = [assembly.state_names[j] for j in states if j != k]
     return f"write `initial: {{{unknown.name}: {value}}}` at this record" + (
-        f" (or another value of {listing(others, 3)})" if others else "")
+        f" (or another value of {listing(other_states, 3)})" if other_states else "")
 
 
 def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[str, Sequence[str]],
            held_inputs: Sequence[str], adjusted: bool) -> tuple[str, ...]:
-    """What is noticed about a record besides what its values and `slips` tell. Of two hints that exclude each other only the
-    likelier is given: a wrong unit of time explains all that is odd about channels, a wrong unit or sign of a channel its
-    shift in time, an input that is held the shifts of all channels."""
+    """Remarks on a record in addition to its values and `slips`. Of two hints that exclude each other only the more
+    probable is given: a wrong unit of time explains all deviations of channels, a wrong unit or sign of a channel its
+    shift in time, a held input the shifts of all channels."""
     if measured.time_suspect:
         return ()
     held = _held_too_long(channels, held_inputs)
@@ -364,21 +366,21 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
             and not slips.get(c.name) and c.name not in measured.declared]
     sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise, fitted=adjusted)}
     notes = [f"{c.name}: {count(int(c.astray.sum()), 'more sample')} far from the model where those around are not, at "
-             f"{moments(c.time[c.astray])}; `heavebond fit --robust` lets such samples pull less"
+             f"{moments(c.time[c.astray])}; `heavebond fit --robust` reduces their weight"
              for c in channels.values() if c.astray.any()]
     notes += [_late_note(c, measured.channels[c.name].output.shift) for c in sure.values()]
-    # where more is wrong, a delay is only one way to look at it
-    other = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
-    if other:
+    # if several errors are present, a delay is only one possible explanation
+    others_text = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
+    if others_text:
         more = any(c.late is not None and not c.late.explains(c.noise) for c in late)
         why = "more than a shift is wrong, and missing physics shifts" if more else \
             "the free parameters are not fitted yet, and their errors shift"
-        notes.append(f"nearer if shifted in time: {other}; but {why} phases too: fit first")
+        notes.append(f"nearer if shifted in time: {others_text}; but {why} phases too: fit first")
     return (*notes, *held)
 
 
 def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> list[str]:
-    """The note for an input that is held although it changed between samples. A held input acts half a sample interval
+    """The note for an input with `hold` although it changed between samples. A held input acts half a sample interval
     later than an interpolated one, so that all channels lead by a fraction of an interval."""
     late = [c.late for c in channels.values() if c.late is not None]
     if not inputs or not late or not all(lag.noticeable and _SOONER < -lag.seconds / lag.interval < 1 for lag in late):
@@ -391,9 +393,10 @@ def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> li
 def _slips(channel: Channel, output: Output, declared: Unit | None) -> list[str]:
     measured, model = channel.measured[channel.counts], channel.model[channel.counts]
     formula = output.shown.text
-    found = (seems_in_another_unit(measured, model, channel.unit, declared), seems_of_another_sign(measured, model, formula),
-             seems_from_another_zero(measured, model, channel.unit, formula))
-    return [said for said in found if said]
+    remarks = (seems_in_another_unit(measured, model, channel.unit, declared),
+               seems_of_another_sign(measured, model, formula),
+               seems_from_another_zero(measured, model, channel.unit, formula))
+    return [remark for remark in remarks if remark]
 
 
 def _late_note(channel: Channel, declared: float) -> str:
@@ -414,7 +417,7 @@ def _late_by(channel: Channel) -> str:
 
 
 def assemble_for(experiment: Experiment, record: Record) -> Assembly:
-    """The assembled equations of a record's diagram; ModelError for outputs or free parameters that it does not have."""
+    """Assemble the equations of a record's diagram; ModelError for unknown outputs or free parameters."""
     wanted = {n.text for output in experiment.outputs.values() for n in names(output.shown.expr)}
     wanted |= {name.removeprefix("initial.") for name in experiment.free if name.startswith("initial.")}
     assembly = assemble(experiment.model_for(record), wanted)
@@ -427,9 +430,9 @@ def assemble_for(experiment: Experiment, record: Record) -> Assembly:
 
 
 def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Record) -> Assembly | None:
-    """The equations of record `own`, driven by the inputs of record `other`; None where the records differ in more than
-    their measured data (settings, conditions, units or interpolation of inputs), but for numbers that are free for `each`
-    record."""
+    """The equations of record `own`, driven by the inputs of record `other`; None if the records differ in more than
+    their measured data (settings, conditions, units or interpolation of inputs), apart from numbers that are free for
+    `each` record."""
     own_names = {name for name, free in experiment.free.items() if free.each}
     numbers: dict[str, float | str] = {}
     for name in sorted(own_names & {*own.settings, *other.settings}):
@@ -438,14 +441,14 @@ def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Re
             return None
         numbers[name] = float(value.text) if value.si else value.text
     common, apart = ({name: s for name, s in record.settings.items() if name not in own_names} for record in (own, other))
-    given, before = experiment.inputs_for(other), experiment.inputs_for(own)
+    other_inputs, before = experiment.inputs_for(other), experiment.inputs_for(own)
     flat = assembly.flat
     alike = common == apart and own.conditions == other.conditions and \
-        given.keys() == before.keys() == {k.name for k in flat.inputs} and \
-        all((g.unit, g.interpolation) == (before[name].unit, before[name].interpolation) for name, g in given.items())
+        other_inputs.keys() == before.keys() == {k.name for k in flat.inputs} and \
+        all((g.unit, g.interpolation) == (before[name].unit, before[name].interpolation) for name, g in other_inputs.items())
     if not alike:
         return None
-    inputs = tuple(replace(known, source=given[known.name]) for known in flat.inputs)
+    inputs = tuple(replace(known, source=other_inputs[known.name]) for known in flat.inputs)
     expanded = replace(flat.expanded, model=experiment.model_for(other))
     driven = replace(assembly, reduced=replace(assembly.reduced, flat=replace(flat, inputs=inputs, expanded=expanded)))
     return driven.with_parameters(numbers)
@@ -453,18 +456,18 @@ def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Re
 
 def _check_output(assembly: Assembly, name: str, output: Output, problems: Problems) -> None:
     try:
-        found = assembly.resolver().unit(output.shown.expr)
+        unit = assembly.resolver().unit(output.shown.expr)
         assembly.expression(output.shown.expr)
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, output.shown.place, problems)
         return
-    if found is None:
+    if unit is None:
         return
-    if found.dimension != read_unit(output.shown.unit).dimension:
-        problems.add("unit-wrong", f"output '{name}' is in {found.text}, its column in {output.shown.unit}", output.place,
-                     hint=other_unit(read_unit(output.shown.unit), found))
+    if unit.dimension != read_unit(output.shown.unit).dimension:
+        problems.add("unit-wrong", f"output '{name}' is in {unit.text}, its column in {output.shown.unit}", output.place,
+                     hint=other_unit(read_unit(output.shown.unit), unit))
         return
-    check_turns(output.shown.unit, found, f"output '{name}'", output.place, problems)
+    check_turns(output.shown.unit, unit, f"output '{name}'", output.place, problems)
     if counts_from_origin(output.shown.unit):
         try:
             weight = check_origins(output.shown.expr, assembly.flat.origins.lookup(), shown=True)
@@ -472,8 +475,8 @@ def _check_output(assembly: Assembly, name: str, output: Output, problems: Probl
             reading.add_expression_problem(problem, output.shown.place, problems)
             return
         if weight == 0:
-            problems.add("unit-offset", f"output '{name}' is a difference of temperatures; {output.shown.unit} counts "
-                         "from an origin of its own", output.place,
+            problems.add("unit-offset", f"output '{name}' is a difference of temperatures; {output.shown.unit} has an "
+                         "offset", output.place,
                          hint=f"Write `unit: {interval_unit(output.shown.unit)}`.")
 
 
@@ -487,7 +490,7 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             hint = "It follows from other parameters by a formula." if name in flat.constants else \
                 f"Give it a value in the diagram first: `initial: {{{inner}: ...}}`." if inner in flat.names else \
                 suggest(name, units) or NAMES_LISTED
-            problems.add("free-unknown", f"'{name}' is no parameter that may be free", place, hint=hint)
+            problems.add("free-unknown", f"'{name}' cannot be estimated: it is not a numeric parameter", place, hint=hint)
             continue
         unit = units[name]
         if unit.dimension != free.range.unit.dimension:
@@ -501,12 +504,12 @@ def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) 
             problems.extend(error)
 
 
-def _channel(name: str, found: Samples, simulated: Array, counts: Mask, astray: Mask, late: TimeDelay | None) -> Channel:
-    measured, model, noise = found.measured[counts], simulated[counts], found.noise
-    weight = noise / found.deviation[counts]
+def _channel(name: str, samples: Samples, simulated: Array, counts: Mask, astray: Mask, late: TimeDelay | None) -> Channel:
+    measured, model, noise = samples.measured[counts], simulated[counts], samples.noise
+    weight = noise / samples.deviation[counts]
     return Channel(
-        name, found.output.shown.unit, found.time, found.measured, simulated, noise, found.noise_given,
+        name, samples.output.shown.unit, samples.time, samples.measured, simulated, noise, samples.noise_given,
         metrics.rms_error(measured, model), metrics.normalised_rms(measured, model),
         metrics.relative_rms(measured, model), metrics.fit_percent(measured, model), metrics.bias(measured, model),
         metrics.chi2_per_sample(weight * measured, weight * model, noise), metrics.whiteness(measured - model), counts,
-        found.outlier, astray, found.step, late, found.estimate is None or found.estimate.separable)
+        samples.outlier, astray, samples.step, late, samples.estimate is None or samples.estimate.separable)

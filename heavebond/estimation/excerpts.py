@@ -1,7 +1,7 @@
 """Excerpts from the beginning of long records, for a search that simulates them thousands of times.
 
-A few thousand samples suffice to select an effect; a hundred thousand would only make every refit slower. The excerpt starts
-with the record, because the state of the machine is known only there. It is longer where a record begins with little motion.
+A few thousand samples suffice to select an effect; more make every refit slower. The excerpt starts with the record,
+because the state of the machine is known only there. It is longer if a record begins with little motion.
 """
 
 from __future__ import annotations
@@ -19,22 +19,21 @@ from heavebond.estimation.experiment import Experiment
 class ExcerptConstants:
     """The constants of the choice of an excerpt of long records for a search.
 
-    evaluations: evaluations of the equations between two samples, in a run of the diagram, up to which a sample counts
-        once in what follows; where it takes more, as with few samples in a cycle of an oscillation, each counts as many
-        times as it takes these, rounded. Origin: three to thirteen in the rigs that `long` was found with. Doubled: such
-        records are searched on twice as many samples.
-    clear: chi-square per sample above which they count so: a smaller misfit shows on all samples only. Origin: as for
-        refits that take nothing of a large misfit. Doubled: more records are searched whole.
-    long: samples of all fitted records together from which a search uses an excerpt. Origin: the time of a search.
-        Doubled: whole records are searched twice as often.
-    excerpt: samples of an excerpt, at least. Origin: the time of a run. Doubled: twice the time, narrower intervals in
-        a search.
-    least: samples of an excerpt where each counts several times. Origin: on fewer, another law of the class led in an
-        oscillator with cubic stiffness (70 Hz, sampled at 610 Hz). Doubled: twice the time where samples take long.
-    max_extension: factor by which it may be longer where the beginning is quiet. Origin: as above. Doubled: as above.
-    checking: factor for records that only check, which are run less often. Origin: as above. Doubled: as above.
+    evaluations: evaluations of the equations between two samples, in a run of the diagram, up to which a sample counts once;
+    if there are more, as with few samples in a cycle of an oscillation, a sample counts in proportion, rounded. Origin:
+    three to thirteen in the rigs from which `long` was derived. Doubled: such records are searched on twice as many samples.
+    clear: chi-square per sample above which the weights apply: a smaller misfit shows on all samples only. Origin: as for
+    refits that reduce a large misfit by nothing. Doubled: more records are searched completely.
+    long: samples of all fitted records together from which a search uses an excerpt. Origin: the time of a search. Doubled:
+    whole records are searched twice as often.
+    excerpt: samples of an excerpt, at least. Origin: the time of a run. Doubled: twice the time, narrower intervals in a
+    search.
+    least: samples of an excerpt if each counts several times. Origin: on fewer, another law of the class led in an
+    oscillator with cubic stiffness (70 Hz, sampled at 610 Hz). Doubled: twice the time if samples take long.
+    max_extension: largest factor on its length if the record begins with little motion. Origin: as above. Doubled: as above.
+    checking: factor for validation records, which are run less often. Origin: as above. Doubled: as above.
     exciting: share of the mean square misfit of a record that its excerpt must have. Origin: below, the excerpt misses
-        what is wrong. Doubled: longer excerpts.
+    the error of the model. Doubled: longer excerpts.
     """
 
     evaluations: float = 10.0
@@ -51,10 +50,10 @@ EXCERPTS = ExcerptConstants()
 
 
 def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = None) -> Experiment:
-    """The experiment on the beginnings of its records, `samples` points in time of all that are fitted together; the
-    experiment itself where it has no more than that. Without `samples` these are `excerpt` of more than `long`, and beside
-    a misfit that is `clear` a sample counts by its evaluations. `compared` is its model laid over the records, which tells
-    where the model misses them."""
+    """The experiment on the beginnings of its records, with `samples` points in time of all fitted records together; the
+    experiment itself if it has no more. Without `samples` the excerpt has `excerpt` points if there are more than
+    `long`, and with a misfit that is `clear` a sample counts by its evaluations. `compared` is the comparison with its
+    model, which shows the times of the misfit."""
     fitted = [r for r in compared.records.values() if r.use == "fit"]
     cost = 1 if samples or min(r.chi2 for r in fitted) < EXCERPTS.clear else max(map(_cost, fitted))
     points = cost * sum(len(r.result.time) for r in fitted)
@@ -62,34 +61,34 @@ def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = 
         return experiment
     most = max(1, (samples or max(EXCERPTS.excerpt // cost, EXCERPTS.least)) // len(fitted))
     records = dict(experiment.records)
-    for found in compared.records.values():
-        end = _end(found, most if found.use == "fit" else EXCERPTS.checking * most)
+    for record_comparison in compared.records.values():
+        end = _end(record_comparison, most if record_comparison.use == "fit" else EXCERPTS.checking * most)
         if end is not None:
-            records[found.name] = replace(records[found.name], end=end)
+            records[record_comparison.name] = replace(records[record_comparison.name], end=end)
     return replace(experiment, records=records) if records != experiment.records else experiment
 
 
 def _cost(record: RecordComparison) -> int:
-    """How many times a sample of a record counts, by the evaluations that a run takes between two; see `evaluations`."""
-    taken = record.result.statistics.get("nfevals")
-    between = float(taken) / len(record.result.time) if isinstance(taken, (int, float)) else 0.0
+    """Weight of a sample of a record, by the number of evaluations of a run between two samples; see `evaluations`."""
+    evaluations_taken = record.result.statistics.get("nfevals")
+    between = float(evaluations_taken) / len(record.result.time) if isinstance(evaluations_taken, (int, float)) else 0.0
     return max(1, round(between / EXCERPTS.evaluations))
 
 
 def as_long_as(other: Experiment, experiment: Experiment) -> Experiment:
-    """An experiment with its records ending where those of another one do, of which it is a variant."""
+    """A variant of another experiment with its records ending at the same times."""
     records = {name: replace(r, end=other.records[name].end) for name, r in experiment.records.items()}
     return replace(experiment, records=records)
 
 
-def cut(part: Experiment, given: Experiment) -> str:
-    """Which records of an excerpt end earlier than given, and when: `train up to 16.38 s`; empty where none does."""
-    ends = {name: r.end for name, r in part.records.items() if r.end != given.records[name].end}
+def cut(part: Experiment, experiment: Experiment) -> str:
+    """Records of an excerpt that are shortened, with their ends: `train up to 16.38 s`; empty without any."""
+    ends = {name: r.end for name, r in part.records.items() if r.end != experiment.records[name].end}
     return ", ".join(f"{name} up to {number(end, 5)} s" for name, end in ends.items() if end is not None)
 
 
 def _end(record: RecordComparison, most: int) -> float | None:
-    """When the excerpt of a record ends; None where it is the whole."""
+    """End of the excerpt of a record; None for the whole record."""
     grid = record.result.time
     if len(grid) <= most:
         return None

@@ -34,12 +34,12 @@ EXAMPLES = {"records": "Write for example `records: {monday: {file: monday.csv, 
             "outputs": "Write for example `outputs: {crown.x: {column: crown_m, unit: m, noise: 1 mm}}`.",
             "time": "Write for example `time: {column: time_s, unit: s}`."}
 FARTHEST = 6.0  # standard deviations below the mean at which the logarithm of a value that is not above zero is taken
-FIXED = "fixed"  # `free: {gas.c: fixed}` takes a parameter out of the list of the experiment before
+FIXED = "fixed"  # `free: {gas.c: fixed}` removes a parameter from the inherited list
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a channel comes from, as far as it is not the record's own file and time."""
+    """File and time column of a channel if they differ from the record's."""
 
     file: Path | None = None
     time_column: str | None = None
@@ -48,7 +48,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class Record:
-    """One measured file: what it is used for, the part of it, and what holds for it alone."""
+    """One measured file: its use, its time range, and its settings."""
 
     name: str
     file: Path
@@ -64,11 +64,11 @@ class Record:
 
 @dataclass(frozen=True)
 class Output:
-    """A measured channel: the formula that it should equal, its column, and the noise (standard deviation, in the
-    channel's unit) where it is given.
+    """A measured channel: the formula that it should equal, its column, and the noise (standard deviation, in the channel's
+    unit) if it is given.
 
-    shift: seconds by which the channel is late, measured(t) = formula(t - shift); drop_outliers: whether outliers are
-    left out of all figures.
+    shift: delay of the channel in seconds, measured(t) = formula(t - shift); drop_outliers: True if outliers are excluded
+    from all figures.
     """
 
     shown: NamedOutput
@@ -101,9 +101,9 @@ class Prior:
 
 @dataclass(frozen=True)
 class Free:
-    """A parameter, or `initial.NAME`, that may move within a range when fitting; `each` record has its own value. `given` is
-    its value in the diagram as it was written (SI), where the diagram holds a fitted one, `typical` what is known of such
-    parameters in general."""
+    """A parameter, or `initial.NAME`, with its range in a fit; with `each` every record has a separate value. `given` is
+    its original value in the diagram (SI), if the diagram contains a fitted one; `typical` the knowledge of such parameters
+    in general."""
 
     name: str
     range: Range
@@ -122,8 +122,8 @@ class Free:
 
 @dataclass(frozen=True, eq=False)
 class InputNoise:
-    """What realisations of the noise of the inputs do to the channels of a record: `errors` (realisations, channels, N) at
-    its `time` (N,) in s, in the unit of each channel."""
+    """Effect of noise realisations of the inputs on the channels of a record: `errors` (realisations, channels, N) at its
+    `time` (N,) in s, in the unit of each channel."""
 
     time: NDArray[np.float64]
     errors: NDArray[np.float64]
@@ -136,8 +136,9 @@ class InputNoise:
 @dataclass(frozen=True)
 class Experiment:
     """A diagram with its records: the columns that are inputs and outputs, and the free parameters with their ranges.
-    `estimated_noise` is that of channels whose noise is not given, over all records (see `estimation.channel_noise`),
-    `input_noise` what the noise of its inputs does to the channels of each record (see `estimation.input_noise`)."""
+
+    `estimated_noise` is the noise of channels without a given one, over all records (see `estimation.channel_noise`),
+    `input_noise` the effect of the noise of its inputs on the channels of each record (see `estimation.input_noise`)."""
 
     name: str
     path: Path
@@ -158,78 +159,78 @@ class Experiment:
 
     @property
     def noise_given(self) -> bool:
-        """Whether the experiment specifies the noise of every output (else it is estimated from the records)."""
+        """True if the experiment specifies the noise of every output (else it is estimated from the records)."""
         return all(output.noise is not None for output in self.outputs.values())
 
     def with_parameters(self, values: Dictionary[str, str]) -> Experiment:
         """The experiment with values of parameters as text, which override those set for a single record."""
         model = self.model.with_parameters(values)
-        given = {path: value for path, value in model.settings.items() if self.model.settings.get(path) != value}
+        settings = {path: value for path, value in model.settings.items() if self.model.settings.get(path) != value}
         return replace(self, model=model, records={
-            name: replace(record, settings={**record.settings, **given}) for name, record in self.records.items()})
+            name: replace(record, settings={**record.settings, **settings}) for name, record in self.records.items()})
 
     def with_record_values(self, values: Dictionary[str, Dictionary[str, float | str]]) -> Experiment:
-        """The experiment with values of parameters and initial values (`initial.crown.x`) for single records, by the names
-        of these; in SI, or as text."""
+        """The experiment with values of parameters and initial values (`initial.crown.x`) for single records, by their
+        names; in SI, or as text."""
         records = dict(self.records)
-        for name, given in values.items():
-            model, record = self.model.with_parameters(given), records[name]
-            settings = {path: model.settings[path] for path in given if path in model.settings}
-            conditions = {state: model.initial.conditions[state] for path in given
+        for name, record_values in values.items():
+            model, record = self.model.with_parameters(record_values), records[name]
+            settings = {path: model.settings[path] for path in record_values if path in model.settings}
+            conditions = {state: model.initial.conditions[state] for path in record_values
                           if (state := path.removeprefix("initial.")) != path}
             records[name] = replace(record, settings={**record.settings, **settings},
                                     conditions={**record.conditions, **conditions})
         return replace(self, records=records)
 
     def model_for(self, record: Record) -> Model:
-        """The model of one record: the diagram with the measured inputs, settings and initial values of that record; a run
-        goes on to its end."""
+        """The model of one record: the diagram with its measured inputs, settings and initial values; a run continues to
+        its end."""
         settings = {**self.model.settings, **record.settings}
-        for path, given in self.inputs_for(record).items():
-            settings[path] = Setting(path, given, given.place)
+        for path, file_input in self.inputs_for(record).items():
+            settings[path] = Setting(path, file_input, file_input.place)
         initial = replace(self.model.initial, conditions={**self.model.initial.conditions, **record.conditions})
         return replace(self.model, settings=settings, initial=initial, ends=None)
 
     def inputs_for(self, record: Record) -> dict[str, FileInput]:
         """The measured inputs of a record by name, with file and time column."""
-        found = {}
-        for path, given in {**self.inputs, **record.inputs}.items():
-            found[path] = given if given.file != Path() else replace(given, file=record.file)
-            if given.time_column is None:
-                found[path] = replace(found[path], time_column=self.time_column, time_unit=self.time_unit)
-            found[path] = replace(found[path], zero=(record.file, self.time_column))
-        return found
+        inputs = {}
+        for path, file_input in {**self.inputs, **record.inputs}.items():
+            inputs[path] = file_input if file_input.file != Path() else replace(file_input, file=record.file)
+            if file_input.time_column is None:
+                inputs[path] = replace(inputs[path], time_column=self.time_column, time_unit=self.time_unit)
+            inputs[path] = replace(inputs[path], zero=(record.file, self.time_column))
+        return inputs
 
     def origin_of(self, record: Record, name: str) -> Origin:
         """File and time column of an output in a record."""
-        common, own = self.outputs[name].origin, record.origins.get(name, Origin())
-        timed = next((o for o in (own, common) if o.time_column), Origin(None, self.time_column, self.time_unit))
-        return Origin(own.file or common.file or record.file, timed.time_column, timed.time_unit)
+        common, origin = self.outputs[name].origin, record.origins.get(name, Origin())
+        timed = next((o for o in (origin, common) if o.time_column), Origin(None, self.time_column, self.time_unit))
+        return Origin(origin.file or common.file or record.file, timed.time_column, timed.time_unit)
 
     def holds_out(self, record: Record) -> bool:
-        """Whether sections of a record are held out of the fit as validation data, as no other record is."""
+        """True if sections of a record are held out of the fit as validation data, because no other record is."""
         return record.use == "fit" and all(r.use == "fit" for r in self.records.values())
 
 
 def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Experiment:
-    """The experiment with what drives some inputs driving others instead, by the names of both."""
+    """The experiment with measured inputs redirected to other inputs, by the names of both."""
     def there(inputs: Dictionary[str, FileInput]) -> dict[str, FileInput]:
-        return {to.get(name, name): given for name, given in inputs.items()}
+        return {to.get(name, name): file_input for name, file_input in inputs.items()}
 
     records = {n: replace(r, inputs=there(r.inputs)) for n, r in experiment.records.items()}
     return replace(experiment, inputs=there(experiment.inputs), records=records)
 
 
 def changed_experiment(experiment: Experiment, change: Change) -> Experiment:
-    """The experiment with the changed diagram, and with its outputs and inputs where the change puts them.
+    """The experiment with the changed diagram, and with its outputs and inputs moved by the change.
 
     A free parameter of a part that is replaced is free no longer if the new part has no parameter of this name.
     """
     model = change.on_model(experiment.model)
     outputs = dict(experiment.outputs)
     for channel, formula in change.channels.items():
-        shown = replace(outputs[channel].shown, expr=parse_formula(formula), text=formula)
-        outputs[channel] = replace(outputs[channel], shown=shown)
+        output_shown = replace(outputs[channel].shown, expr=parse_formula(formula), text=formula)
+        outputs[channel] = replace(outputs[channel], shown=output_shown)
 
     def lost(name: str) -> bool:
         owner, _, parameter = name.partition("[")[0].rpartition(".")
@@ -249,8 +250,8 @@ ExperimentOrFile: TypeAlias = Experiment | str | Path
 def load_experiment(experiment: ExperimentOrFile) -> Experiment:
     """Load an experiment.
 
-    `experiment` is the path of a file or the name of a bundled one (`passive_rig/friction`); an Experiment is returned as it
-    is. Raises UsageError where there is no such file, ModelError with the lines that are wrong.
+    `experiment` is the path of a file or the name of a bundled one (`passive_rig/friction`); an Experiment is returned
+    unchanged. Raises UsageError if the file does not exist, ModelError with the lines that are wrong.
     """
     return experiment if isinstance(experiment, Experiment) else _load(find(experiment, "experiment", SUFFIXES), ())
 
@@ -268,7 +269,7 @@ def experiment_from_source(source: Source, chain: tuple[Path, ...] = ()) -> Expe
             f"`heavebond new NAME.yaml --from {source.name} RECORD.csv` proposes one." if kind == "model" else \
             f"This file describes a {kind}." if kind else \
             suggest("experiment", root.items) or "An experiment begins with `experiment: name`."
-        raise ModelError([Problem("not-an-experiment", f"{source.name} is no experiment: it has no `experiment:`",
+        raise ModelError([Problem("not-an-experiment", f"{source.name} is not an experiment: it has no `experiment:`",
                                   root.place, hint)])
     problems = Problems()
     reading.known_keys(root, EXPERIMENT_KEYS, "an experiment", problems)
@@ -288,7 +289,7 @@ def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Experi
     target = beside(source.path.parent, reading.text(node, "extends", problems))
     if target.resolve() in (*chain, source.path.resolve()):
         raise ModelError([Problem("extends-circle", f"{source.name} extends itself", node.place,
-                                  "One of them must be an experiment of its own, without `extends:`.")])
+                                  "One of them must be a complete experiment, without `extends:`.")])
     if not target.is_file():
         near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
         raise ModelError([Problem("file-missing", f"there is no file {target.name}", node.place,
@@ -315,20 +316,20 @@ class _Reader:
     def changed(self, base: Experiment | None) -> Experiment:
         root, problems, model = self.source.root, self.problems, self.model
         name = reading.text(root.items["experiment"], "experiment", problems)
-        found = replace(base, name=name, path=self.source.path, model=model) if base else \
+        experiment_read = replace(base, name=name, path=self.source.path, model=model) if base else \
             Experiment(name, self.source.path, model)
         time = root.items.get("time")
         time_column, time_unit = reading.time_axis(time, problems) if time is not None else \
-            (found.time_column, found.time_unit)
+            (experiment_read.time_column, experiment_read.time_unit)
         experiment = replace(
-            found, time_column=time_column or "", time_unit=time_unit,
-            records={**found.records, **self._records(root.items.get("records"), found.records)},
-            inputs={**found.inputs, **self._inputs(root.items.get("inputs"))},
-            outputs={**found.outputs, **self._outputs(root.items.get("outputs"), found.outputs)},
-            free=self._free(root.items.get("free"), found.free), files=(*found.files, self.source.path))
+            experiment_read, time_column=time_column or "", time_unit=time_unit,
+            records={**experiment_read.records, **self._records(root.items.get("records"), experiment_read.records)},
+            inputs={**experiment_read.inputs, **self._inputs(root.items.get("inputs"))},
+            outputs={**experiment_read.outputs, **self._outputs(root.items.get("outputs"), experiment_read.outputs)},
+            free=self._free(root.items.get("free"), experiment_read.free), files=(*experiment_read.files, self.source.path))
         experiment = with_inputs_moved(experiment, self._moves(root.items.get("inputs"), experiment))
-        for key, what in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time_column)):
-            if not what:
+        for key, section in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time_column)):
+            if not section:
                 problems.add("key-missing", f"an experiment needs the entry '{key}'", root.place, hint=EXAMPLES[key])
         for record in experiment.records.values():
             for unknown in [n for n in record.origins if n not in experiment.outputs]:
@@ -337,30 +338,32 @@ class _Reader:
         _check_apart(list(experiment.records.values()), problems)
         return experiment
 
-    def _entries(self, node: Node | None, what: str) -> list[tuple[str, Scalar, Node]]:
-        entries = reading.mapping(node, what, self.problems)
+    def _entries(self, node: Node | None, subject: str) -> list[tuple[str, Scalar, Node]]:
+        entries = reading.mapping(node, subject, self.problems)
         return [(name, entries.keys[name], item) for name, item in entries.items.items()] if entries else []
 
     def _records(self, node: Node | None, before: Dictionary[str, Record]) -> dict[str, Record]:
-        """The records; one of the extended experiment without a `file` gets further values under `set` and `initial`."""
-        found = {}
+        """Read the records; one of the extended experiment without a `file` gets further values under `set` and
+        `initial`.
+        """
+        records = {}
         for name, key, item in self._entries(node, "records"):
             entry = reading.mapping(item, f"record '{name}'", self.problems)
             if entry is not None and name in before and entry.items and set(entry.items) <= {"set", "initial"}:
                 settings = read_settings(entry.items.get("set"), self.source, self.problems)
                 conditions = read_conditions(entry.items.get("initial"), self.problems)
-                found[name] = replace(before[name], settings={**before[name].settings, **settings},
-                                      conditions={**before[name].conditions, **conditions})
+                records[name] = replace(before[name], settings={**before[name].settings, **settings},
+                                        conditions={**before[name].conditions, **conditions})
             elif entry is not None:
-                found[name] = self._record(name, key, entry)
-        return found
+                records[name] = self._record(name, key, entry)
+        return records
 
     def _record(self, name: str, key: Scalar, entry: Mapping) -> Record:
         problems = self.problems
         reading.known_keys(entry, RECORD_KEYS, f"record '{name}'", problems, required=("file", "use"))
         use = reading.text(entry.items.get("use"), "use", problems)
         if use and use not in USES:
-            problems.add("use-unknown", f"'{use}' is no use of a record", entry.items["use"].place,
+            problems.add("use-unknown", f"'{use}' is not a `use:` of a record", entry.items["use"].place,
                          hint=suggest(use, USES) or "Write `use: fit`, `use: validate` or `use: test`.")
         file = entry.items.get("file")
         return Record(
@@ -370,61 +373,63 @@ class _Reader:
             read_conditions(entry.items.get("initial"), problems), self._inputs(entry.items.get("inputs")),
             self._origins(entry.items.get("outputs")))
 
-    def _time(self, node: Node | None, what: str) -> float | None:
-        return reading.seconds(node, what, self.problems)
+    def _time(self, node: Node | None, subject: str) -> float | None:
+        return reading.seconds(node, subject, self.problems)
 
     def _moves(self, node: Node | None, experiment: Experiment) -> dict[str, str]:
-        """`lag.u: valve.u`: what drove `valve.u` in the experiment before drives `lag.u` now."""
+        """Read `lag.u: valve.u`: the column that was the input `valve.u` of the extended experiment now drives `lag.u`."""
         known = [*experiment.inputs, *(n for r in experiment.records.values() for n in r.inputs)]
-        found = {}
+        moves = {}
         for name, _, item in self._entries(node, "inputs"):
             if isinstance(item, Scalar) and item.text in known:
-                found[item.text] = name
+                moves[item.text] = name
             elif isinstance(item, Scalar):
-                self.problems.add("input-unknown", f"there is no input '{item.text}' that '{name}' could take over",
+                self.problems.add("input-unknown", f"there is no input '{item.text}' that '{name}' could replace",
                                   item.place, hint=suggest(item.text, known)
                                   or f"Write `{name}: {{column: ..., unit: ...}}`.")
-        return found
+        return moves
 
     def _inputs(self, node: Node | None) -> dict[str, FileInput]:
-        found = {}
+        inputs = {}
         for name, key, item in self._entries(node, "inputs"):
             if isinstance(item, Scalar):
-                continue  # it takes over another one's record
+                continue  # it replaces another input of the record
             entry = reading.mapping(item, f"input '{name}'", self.problems)
-            given = reading.file_input(entry, self.source, self.problems, name, file=False) if entry is not None else None
-            if given is not None and entry is not None:
-                noise = self._noise(entry.items.get("noise"), given.unit)
-                found[name] = replace(given, place=key.place, noise=noise or 0.0)
-        return found
+            file_input = reading.file_input(entry, self.source, self.problems, name,
+                                            file=False) if entry is not None else None
+            if file_input is not None and entry is not None:
+                noise = self._noise(entry.items.get("noise"), file_input.unit)
+                inputs[name] = replace(file_input, place=key.place, noise=noise or 0.0)
+        return inputs
 
     def _outputs(self, node: Node | None, before: Dictionary[str, Output]) -> dict[str, Output]:
-        found = {}
+        outputs = {}
         for name, key, item in self._entries(node, "outputs"):
             if name in before and isinstance(item, Mapping) and "column" not in item.items:
-                found[name] = self._amended(before[name], item)
+                outputs[name] = self._amended(before[name], item)
                 continue
-            shown = shown_as(name, item, key, self.problems, extra=("column", "noise", "file", "time", "shift", "outliers"))
-            if shown is None or not isinstance(item, Mapping):
+            shown_output = shown_as(name, item, key, self.problems,
+                                    extra=("column", "noise", "file", "time", "shift", "outliers"))
+            if shown_output is None or not isinstance(item, Mapping):
                 continue
             column = item.items.get("column")
             if column is None:
                 self.problems.add("key-missing", f"output '{name}' needs the entry 'column'", key.place,
                                   hint="Add `column: name_in_the_file`.")
                 continue
-            if counts_from_origin(shown.unit) and origins(shown.expr, self._node_origin) == 0:
-                shown = replace(shown, unit=interval_unit(shown.unit))  # a difference of temperatures
-            noise = self._noise(item.items.get("noise"), shown.unit)
+            if counts_from_origin(shown_output.unit) and origins(shown_output.expr, self._node_origin) == 0:
+                shown_output = replace(shown_output, unit=interval_unit(shown_output.unit))  # a difference of temperatures
+            noise = self._noise(item.items.get("noise"), shown_output.unit)
             outliers = reading.choice(item.items.get("outliers"), "outliers", ("drop", "keep"), self.problems)
-            found[name] = Output(shown, reading.text(column, "column", self.problems), noise, column.place,
-                                 self._origin(item), self._time(item.items.get("shift"), "shift") or 0.0,
-                                 outliers == "drop")
-        return found
+            outputs[name] = Output(shown_output, reading.text(column, "column", self.problems), noise, column.place,
+                                   self._origin(item), self._time(item.items.get("shift"), "shift") or 0.0,
+                                   outliers == "drop")
+        return outputs
 
     def _node_origin(self, name: Name) -> float | None:
-        """1 for a temperature of a node, which has the name that its domain gives it; None for other names.
+        """1 for a temperature of a node, which has the name in its domain; None for other names.
 
-        The formula of an entry of `show` names variables of the machine, also the variable that has the name of the entry.
+        The formula of an entry of `show` names variables of the machine, also the variable with the name of the entry.
         """
         show = self.model.show.get(name.text)
         return self._variable_origin(name) if show is None else origins(show.expr, self._variable_origin)
@@ -436,7 +441,7 @@ class _Reader:
         return 1.0 if any(m.unit.dimension == KELVIN for m in temperatures) else None
 
     def _amended(self, output: Output, item: Mapping) -> Output:
-        """An output of the experiment before that equals another formula now, or is late, or drops its outliers."""
+        """An inherited output with another formula, a delay, or dropped outliers."""
         reading.known_keys(item, ("is", "shift", "outliers"), f"output '{output.shown.name}'", self.problems)
         formula = item.items.get("is")
         if isinstance(formula, Scalar):
@@ -446,18 +451,18 @@ class _Reader:
         if "shift" in item.items:
             output = replace(output, shift=self._time(item.items["shift"], "shift") or 0.0)
         if "outliers" in item.items:
-            said = reading.choice(item.items["outliers"], "outliers", ("drop", "keep"), self.problems)
-            output = replace(output, drop_outliers=said == "drop")
+            choice = reading.choice(item.items["outliers"], "outliers", ("drop", "keep"), self.problems)
+            output = replace(output, drop_outliers=choice == "drop")
         return output
 
     def _origins(self, node: Node | None) -> dict[str, Origin]:
-        found = {}
+        origins = {}
         for name, _, item in self._entries(node, "outputs"):
             entry = reading.mapping(item, f"output '{name}'", self.problems)
             if entry is not None:
                 reading.known_keys(entry, ("file", "time"), f"output '{name}' of a record", self.problems)
-                found[name] = self._origin(entry)
-        return found
+                origins[name] = self._origin(entry)
+        return origins
 
     def _origin(self, entry: Mapping) -> Origin:
         file, time = entry.items.get("file"), entry.items.get("time")
@@ -476,30 +481,30 @@ class _Reader:
         try:
             channel = unit(unit_text)
         except UnitProblem:
-            return None  # the channel's unit was complained about
-        given = getattr(value.expr, "unit", None)
-        if (given.dimension if given is not None else ()) != channel.dimension:
-            bare = given is None and channel.dimension
+            return None  # the error in the channel's unit has been reported
+        unit_given = getattr(value.expr, "unit", None)
+        if (unit_given.dimension if unit_given is not None else ()) != channel.dimension:
+            bare = unit_given is None and channel.dimension
             hint = f"Write `noise: {value.text} {unit_text}`, if that is meant." if bare else \
                 f"Write for example `noise: {f'1 {unit_text}' if channel.dimension else '0.01'}`."
             self.problems.add("unit-wrong", f"the noise '{value.text}' is not in {unit_text}", value.place, hint=hint)
             return None
         if number <= 0:
             self.problems.add("noise-not-positive", "the noise must be above 0", value.place,
-                              hint="Leave it out where it is not known: that of an output is then estimated.")
+                              hint="Omit it if it is not known: for an output it is then estimated.")
             return None
         return number / channel.scale
 
     def _free(self, node: Node | None, before: Dictionary[str, Free]) -> dict[str, Free]:
-        found = dict(before)
+        free = dict(before)
         for name, key, item in self._entries(node, "free"):
             each = False
             if isinstance(item, Scalar) and item.text == FIXED:
-                if name not in found:
+                if name not in free:
                     self.problems.add("free-unknown", f"'{name}' is not free in the experiment that this one extends",
-                                      item.place, hint=suggest(name, found) or (f"Free there: {listing(found)}."
-                                                                                if found else "Leave this line out."))
-                found.pop(name, None)
+                                      item.place, hint=suggest(name, free) or (f"Free there: {listing(free)}."
+                                                                               if free else "Leave this line out."))
+                free.pop(name, None)
                 continue
             if isinstance(item, Mapping):
                 reading.known_keys(item, ("range", "each"), f"'{name}'", self.problems, required=("range",))
@@ -507,29 +512,29 @@ class _Reader:
                 item = item.items.get("range", key)
             try:
                 content = reading.text(item, name, self.problems)
-                found[name] = Free(name, parse_range(content), item.place, each)
+                free[name] = Free(name, parse_range(content), item.place, each)
             except UnitProblem as problem:
                 self.problems.add(problem.code, f"{name}: {problem.message}", item.place, hint=problem.hint)
-        return found
+        return free
 
 
 def _check_apart(records: Sequence[Record], problems: Problems) -> None:
-    """A record that checks the fit must not be one that is fitted, under whatever name."""
+    """Check that a validation record is not also fitted under another name."""
     for checking in (r for r in records if r.use != "fit"):
         for fitted in (r for r in records if r.use == "fit" and r.origins == checking.origins):
             if _together(fitted, checking) and _same_file(fitted.file, checking.file):
-                problems.add("records-same", f"record '{checking.name}' is to check the fit, but what it holds is fitted as "
+                problems.add("records-same", f"record '{checking.name}' validates the fit, but its data are fitted as "
                              f"'{fitted.name}'", checking.place, hint="Give another record, or another part of the file by "
                              f"`from:` and `to:`; or leave '{checking.name}' out: then the last third is held out.")
 
 
 def _together(one: Record, other: Record) -> bool:
-    """Whether the times between `from:` and `to:` overlap."""
+    """True if the times between `from:` and `to:` overlap."""
     begin, end = (max(r.begin if r.begin is not None else -math.inf for r in (one, other)),
                   min(r.end if r.end is not None else math.inf for r in (one, other)))
     return begin < end
 
 
 def _same_file(one: Path, other: Path) -> bool:
-    """Whether two files are one, or one is a copy of the other; what is not there is reported when it is read."""
+    """True if two files are one, or copies of each other; missing files are reported when they are read."""
     return one.is_file() and other.is_file() and (one.resolve() == other.resolve() or cmp(one, other, shallow=False))

@@ -1,4 +1,4 @@
-"""Columns of a record that cannot be what an experiment takes them for: a frozen sensor, swapped columns."""
+"""Checks for wrong columns of a record: a frozen sensor, swapped columns."""
 
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from heavebond.numerics.inputs import input_samples
 
 @dataclass(frozen=True)
 class ColumnCheckConstants:
-    """The constants of the checks for frozen sensors and swapped columns. Origin of all: records of machines at rest, and
-    of steps.
+    """The constants of the checks for frozen sensors and swapped columns. Origin of all: records of machines at rest, and of
+    steps.
 
     frozen: least share of the samples of a record in which a frozen sensor repeats one value. Doubled: shorter failures are
-        silent.
+    not reported.
     frozen_samples: least number of such samples. Doubled: short records are not checked.
-    moving: least share of its range along the record that the model, or for an input the liveliest channel, moves meanwhile.
-        Doubled: failures during slow motions are silent.
-    alike: least correlation of input and output at which their order in time means something. Doubled: none is ever found.
-    tie: share of the largest correlation from which on the smallest time between them counts. Doubled: a periodic motion is
-        taken to lead by more than it does.
-    lead: least number of samples by which an output leads its input for the columns to look swapped. Doubled: slower
-        exchanges of energy are silent.
+    moving: least share of its range along the record that the model, or for an input the most active channel, moves
+    meanwhile. Doubled: failures during slow motions are not reported.
+    alike: least correlation of input and output at which their order in time is meaningful. Doubled: no exchange is ever
+    reported.
+    tie: share of the largest correlation above which the smallest delay is chosen. Doubled: the lead of a periodic motion is
+    overestimated.
+    lead: least number of samples by which an output leads its input if the columns are swapped. Doubled: slower exchanges
+    of energy are not reported.
     """
 
     frozen: float = 0.2
@@ -45,7 +46,7 @@ COLUMN_CHECKS = ColumnCheckConstants()
 
 
 class ComparedChannel(Protocol):
-    """What the checks need of a channel: times, readings and model (n,) in its unit."""
+    """Data of a channel for the checks: times, readings and model (n,) in its unit."""
 
     @property
     def name(self) -> str: ...
@@ -66,19 +67,19 @@ def frozen_notes(experiment: Experiment, record: Record, channels: Mapping[str, 
         stretch = _frozen(c.measured)
         if stretch is not None and np.ptp(c.model[stretch]) > COLUMN_CHECKS.moving * np.ptp(c.model):
             notes.append(_frozen_note(c.name, c.time, c.measured, c.unit, stretch, "the model moves on"))
-    for name, given in experiment.inputs_for(record).items():
-        if given.interpolation == "hold":  # a command stays as it is
+    for name, file_input in experiment.inputs_for(record).items():
+        if file_input.interpolation == "hold":  # a command stays as it is
             continue
-        time, values = _samples(given)
+        time, values = _samples(file_input)
         stretch = _frozen(values)
         if stretch is None:
             continue
         first, last = time[stretch.start], time[stretch.stop - 1]
-        # after the input has come to rest a machine settles: its second half counts
+        # after the input has come to rest the machine settles: its second half counts
         moving = [c for c in channels.values() for later in [(c.time > (first + last) / 2) & (c.time <= last)]
                   if later.sum() > 2 and np.ptp(c.measured[later]) > COLUMN_CHECKS.moving * np.ptp(c.measured)]
         if moving:
-            notes.append(_frozen_note(name, time, values, given.unit, stretch, f"{moving[0].name} moves on"))
+            notes.append(_frozen_note(name, time, values, file_input.unit, stretch, f"{moving[0].name} moves on"))
     return tuple(notes)
 
 
@@ -86,10 +87,10 @@ def swapped_notes(experiment: Experiment, record: Record, assembly: Assembly, ch
                   ) -> tuple[str, ...]:
     """A note for an output that leads an input of the same kind, which it follows in the model."""
     notes = []
-    for name, given in experiment.inputs_for(record).items():
-        time, values = _samples(given)
+    for name, file_input in experiment.inputs_for(record).items():
+        time, values = _samples(file_input)
         for c in channels.values():
-            if read_unit(given.unit).dimension != read_unit(c.unit).dimension:
+            if read_unit(file_input.unit).dimension != read_unit(c.unit).dimension:
                 continue
             u = np.interp(c.time, time, values)
             measured, model = _lag(u, c.measured), _lag(u, c.model)
@@ -97,14 +98,14 @@ def swapped_notes(experiment: Experiment, record: Record, assembly: Assembly, ch
                 lead = -measured * float(np.median(np.diff(c.time)))
                 output = experiment.outputs[c.name]
                 notes.append(f"{c.name} leads the input {name} by {number(lead, 3)} s, whereas it follows it in the model: "
-                             f"are the columns '{given.column}' and '{output.column}' swapped?")
+                             f"are the columns '{file_input.column}' and '{output.column}' swapped?")
     return tuple(notes)
 
 
 def prescribing_inputs(assembly: Assembly) -> frozenset[str]:
     """The inputs that prescribe a variable which a node shares: the position of a shaker, the voltage of a source."""
     flat = assembly.flat
-    found = set()
+    names = set()
     for known in flat.inputs:
         part, _, signal = known.name.rpartition(".")
         leaf = flat.expanded.leaves.get(part)
@@ -114,16 +115,16 @@ def prescribing_inputs(assembly: Assembly) -> frozenset[str]:
         shared = [d.members[m].unit.dimension for port in leaf.component.ports
                   if (d := flat.domains.get(f"{part}.{port}")) is not None for m in (*d.across, *d.positions)]
         if leaf.component.power == "source" and dimension in shared:
-            found.add(known.name)
-    return frozenset(found)
+            names.add(known.name)
+    return frozenset(names)
 
 
-def _samples(given: FileInput) -> tuple[Array, Array]:
-    return input_samples(replace(given, bridge=True))
+def _samples(file_input: FileInput) -> tuple[Array, Array]:
+    return input_samples(replace(file_input, bridge=True))
 
 
 def _frozen(values: Array) -> slice | None:
-    """The longest stretch of one value, where it is long and the series is not constant."""
+    """The longest interval of constant value, if it is long and the series is not constant."""
     if not len(values) or not np.ptp(values):
         return None
     edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]])
@@ -142,7 +143,7 @@ def _frozen_note(name: str, time: Array, values: Array, unit: str, stretch: slic
 
 
 def _lag(u: Array, y: Array) -> int | None:
-    """The number of samples by which y (n,) is later than u (n,), at their largest correlation; None where it is small."""
+    """Delay of y (n,) after u (n,) in samples at their largest correlation; None if it is small."""
     n = len(u)
     a, b = u - u.mean(), y - y.mean()
     size = float(np.sqrt((a @ a) * (b @ b)))
@@ -156,7 +157,7 @@ def _lag(u: Array, y: Array) -> int | None:
     if correlation.max() < COLUMN_CHECKS.alike:
         return None
     near = lags[correlation >= COLUMN_CHECKS.tie * correlation.max()]
-    # of equal peaks of a periodic motion the one at the smallest lag; within it the highest point
+    # among equal peaks of a periodic motion the one at the smallest lag; within it the highest point
     lag = int(near[np.argmin(np.abs(near))])
     step = int(np.sign(lag))
     while step and abs(lag) < most and correlation[lag + step + most] > correlation[lag + most]:

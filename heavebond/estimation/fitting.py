@@ -1,15 +1,15 @@
 """Parameter estimation from records: weighted nonlinear least squares with exact sensitivities.
 
-With y_i the samples of all channels of all records used for fitting (but for blocks held out, see `estimation.records`), s_i
-their noise and f_i the model,
+With y_i the samples of all channels of all fitted records (except for blocks held out, see `estimation.records`), s_i their
+noise and f_i the model,
 
     minimise  sum_i ((y_i - f_i(p)) / s_i)**2 + sum_k ((p_k - p0_k) / sigma_k)**2   within the bounds,
 
-where the second sum holds the parameters whose range is given as `value +- tolerance`: the tolerance is two standard
-deviations of a normal prior, and the bounds of the range besides. A parameter whose range is above zero is sought as its
-logarithm. Two methods of SciPy follow each other: a reflective trust region, which finds its way from afar (M. A. Branch,
-T. F. Coleman, Y. Li, 1999, doi:10.1137/S1064827595289108), then a dogleg in rectangular trust regions, which meets optima at
-the ends of ranges (C. Voglis, I. E. Lagaris, WSEAS 2004).
+where the second sum is over the parameters with a range `value +- tolerance`: the tolerance is two standard deviations of
+a normal prior, and also the bounds. A parameter with a positive range is replaced by its logarithm. Two methods of SciPy
+are used in sequence: a reflective trust region, which converges from distant starts (M. A. Branch, T. F. Coleman, Y. Li,
+1999, doi:10.1137/S1064827595289108), then a dogleg in rectangular trust regions, which converges to optima at the ends of
+ranges (C. Voglis, I. E. Lagaris, WSEAS 2004).
 """
 
 from __future__ import annotations
@@ -56,19 +56,20 @@ from heavebond.numerics.run_verdict import report_verdict as hear
 from heavebond.numerics.simulation import unfilled
 
 NORMAL_95 = 1.959963984540054
-OWN_STARTS = 6  # points from the best of which the values of a held-out record of its own are estimated
-# Samples that suffice where these only tell how the record begins: later ones know less of it, and take as long to run.
+OWN_STARTS = 6  # number of points, from the best of which the separate values of a held-out record are estimated
+# Samples that suffice if these values only determine the start of the record: later ones contain less information, and take
+# as long to run.
 BEGINNING = 1000
-# Times on the grid on which an instant is sought, the share of its range at which the search ends, and the chi-square (two
-# standard deviations) by which an end of the range may be worse.
+# Points of the grid for an instant, the share of its range at which the search ends, and the chi-square (two standard
+# deviations) by which an end of the range may be worse.
 INSTANTS, INSTANT, INSTANT_UNSEEN = 25, 1e-4, 4.0
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """One parameter: its value, its 95 % interval (Gauss-Newton, cut at the range), its range; all in SI. `at_bound`
-    tells whether it ended at the `low` or `high` end of its range, else it is empty. `unreached` says of a limit (an end
-    stop, a saturation) that the fitted records do not reach how far they go: it lies beyond, and no more is known."""
+    """One parameter: its value, its 95 % interval (Gauss-Newton, limited to the range), its range; all in SI. `at_bound`
+    is `low` or `high` if it ended at this end of its range, else empty. `unreached` gives the extent of the fitted
+    records for a limit (an end stop, a saturation) that they do not reach: it lies beyond, and no more is known."""
 
     name: str
     unit: str
@@ -83,8 +84,8 @@ class Fitted:
 
     @property
     def told(self) -> tuple[float | None, float | None]:
-        """The ends of the interval as far as the records tell them: None on a side that only the range ends, and on both
-        where the value itself is at an end of its range."""
+        """The ends of the interval that the records determine: None for an end that is given by the range only, and for
+        both if the value itself is at an end of its range."""
         if self.unreached is not None:
             return (self.unreached, None) if self.value >= self.unreached else (None, self.unreached)
         near = 1e-9 * (self.high - self.low)
@@ -94,18 +95,17 @@ class Fitted:
 
     @property
     def ended(self) -> str:
-        """The end of its range at which the records drove it; empty for a limit that stands there because nothing reaches
-        it."""
+        """The end of its range that the fit reached; empty for a limit that the records do not reach."""
         return self.at_bound if self.unreached is None else ""
 
     def known(self, written: Callable[[float], str], unit: str = "", dots: str = "..") -> str:
-        """What the records tell in words: `1 .. 2 m`, `above 1 m`, `not seen`; `-` at an end of the range. `written` makes
-        a number of a value in SI."""
+        """Text of the interval: `1 .. 2 m`, `above 1 m`, `not seen`; `-` at an end of the range. `written` formats a
+        value in SI."""
         low, high = (None if end is None else written(end) for end in self.told)
-        said = f"{low} {dots} {high}{unit}" if low is not None and high is not None else \
+        interval_text = f"{low} {dots} {high}{unit}" if low is not None and high is not None else \
             f"above {low}{unit}" if low is not None else f"below {high}{unit}" if high is not None else \
             "-" if self.at_bound else "not identifiable"
-        return said if self.unreached is None else f"{said}, not reached"
+        return interval_text if self.unreached is None else f"{interval_text}, not reached"
 
     def as_dict(self) -> dict[str, object]:
         """The figures, for machines."""
@@ -114,16 +114,16 @@ class Fitted:
 
     @property
     def digits(self) -> int:
-        """As many digits as tell the ends of the interval apart."""
+        """Digits that distinguish the ends of the interval."""
         width = abs(self.interval[1] - self.interval[0])
         return 5 if width == 0 or self.value == 0 else min(9, max(4, math.ceil(math.log10(abs(self.value) / width)) + 2))
 
 
 @dataclass(frozen=True)
 class OwnValues:
-    """Values of a held-out record that are its own (`each: record`), in SI, fitted to its first `seconds` with all other
-    values given; none where the model could not be simulated there, so that those of the diagram hold. `instants` are
-    those of them that were fitted to the whole record."""
+    """Separate values of a held-out record (`each: record`), in SI, fitted to its first `seconds` with all other values
+    given; empty if the model could not be simulated there, so that the values of the diagram hold. `instants` are the
+    names that were fitted to the whole record."""
 
     values: Mapping[str, float]
     seconds: float
@@ -137,8 +137,8 @@ class Fit:
     `correlation` is (m, m) for m parameters; `chi2` is the reduced chi-square of the fitted samples (1 = noise level);
     `cost` is the sum of squares per start, `history` the cost after each step of the best start. `before` and `after`
     compare the model with every record; on a record that was not fitted only the values declared `each: record` were
-    fitted, to its beginning: `held_out` has them by record, in SI. Where no record was left to check the fit, each holds
-    the held-out blocks as its `validate` part.
+    fitted, to its beginning: `held_out` has them by record, in SI. If there is no validation record, each has the
+    held-out blocks as its `validate` part.
     """
 
     experiment: Experiment
@@ -170,19 +170,21 @@ class Fit:
 
     @property
     def record_values(self) -> dict[str, dict[str, float]]:
-        """Estimated values that each record has of its own, by the names of record and parameter, in SI."""
-        found: dict[str, dict[str, float]] = {name: dict(own.values) for name, own in self.held_out.items()}
+        """Estimated values that are separate for each record, by the names of record and parameter, in SI."""
+        values_by_record: dict[str, dict[str, float]] = {name: dict(held_out_values.values)
+                                                         for name, held_out_values in self.held_out.items()}
         for p in self.parameters:
             if p.record:
-                found.setdefault(p.record, {})[p.name] = p.value
-        return found
+                values_by_record.setdefault(p.record, {})[p.name] = p.value
+        return values_by_record
 
     def as_dict(self) -> dict[str, object]:
         """Parameters (each with its unit and interval), correlations and errors as a dictionary of plain values."""
         return {
             "parameters": {p.name + (f" ({p.record})" if p.record else ""): {**p.as_dict(), "before": p.before}
                            for p in self.parameters},
-            "held_out": {name: {"values": dict(own.values), "seconds": own.seconds} for name, own in self.held_out.items()},
+            "held_out": {name: {"values": dict(held_out_values.values), "seconds": held_out_values.seconds}
+                         for name, held_out_values in self.held_out.items()},
             "correlation": self.correlation.tolist(), "identifiability": list(self.identifiability.words),
             "chi2_per_sample": self.chi2, "samples": self.samples, "cost_of_each_start": list(self.cost),
             "history": list(self.history), "evaluations": self.evaluations, "message": self.message,
@@ -197,22 +199,22 @@ def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, see
         before: Comparison | None = None) -> Fit:
     """Estimate the free parameters of an experiment from its records with `use: fit`.
 
-    Minimises sum ((y - f(p)) / s)**2 + sum ((p - p0) / sigma)**2 within the ranges, with exact sensitivities; see the
-    module for both sums. Values of the result are in SI. `starts` is the number of starting points (the diagram's own,
-    then a Latin hypercube drawn with `seed`); `segments` above 1 begins with multiple shooting, for records on which one
-    run diverges; `robust` replaces squares by soft-L1 losses; `free` replaces the list of the experiment by ranges, also
-    as text (`{"gas.c": "30 .. 70 kN/m"}`). With an `executor` the starts are followed on the workers of that cluster;
-    `kept` are those of an earlier call. `progress` is called with a text at each step. With `partial` Ctrl-C returns the
-    best so far (`message` is "interrupted"), once a first run is through (on a cluster, a first start); so does the end of
-    `seconds` (s, or text with a unit), after which the result is still worked out. `before` is the comparison with the
-    values of the diagram, where it is known.
+    Minimises sum ((y - f(p)) / s)**2 + sum ((p - p0) / sigma)**2 within the ranges, with exact sensitivities; see the module
+    for both sums. Values of the result are in SI. `starts` is the number of starting points (the diagram's values, then a
+    Latin hypercube drawn with `seed`); `segments` above 1 begins with multiple shooting, for records on which one run
+    diverges; `robust` replaces squares by soft-L1 losses; `free` replaces the list of the experiment by ranges, also as text
+    (`{"gas.c": "30 .. 70 kN/m"}`). With an `executor` the starts run on the workers of that cluster; `kept` stores descents
+    of an earlier call. `progress` is called with a text at each step. With `partial` Ctrl-C returns the best result so far
+    (`message` is "interrupted"), after the first run (on a cluster, the first start); so does the end of `seconds` (s, or
+    text with a unit), after which the result is still completed. `before` is the comparison with the values of the diagram,
+    if it is known.
 
-    Raises UsageError where nothing is free, a name is unknown or a range has the wrong unit, ModelError or DataError
-    where the experiment is wrong and SimulationError where the model cannot be simulated near the start.
+    Raises UsageError if nothing is free, a name is unknown or a range has the wrong unit, ModelError or DataError for a
+    wrong experiment, and SimulationError if the model cannot be simulated near the start.
     """
     experiment = with_noise(load_experiment(experiment))
     if free is not None:
-        experiment = replace(experiment, free={name: _free(name, given) for name, given in free.items()})
+        experiment = replace(experiment, free={name: _free(name, range_given) for name, range_given in free.items()})
     if not experiment.free:
         raise UsageError([Problem("free-empty", "nothing is free to be fitted", None,
                                   "List parameters and ranges: `free: {gas.c: 42 kN/m +- 20 %}`.")])
@@ -229,21 +231,21 @@ def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, see
     if problem.broken(best.x) >= 0.5:
         raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
                                        "fit", None, f"{_filled_by_compare(problem)}"
-                                       f"`heavebond compare {experiment.path.name}` tells where it stops. What "
+                                       f"`heavebond compare {experiment.path.name}` shows where it stops. What "
                                        "adds up its input (a cylinder without a spring behind a valve) runs away from a "
                                        "record of that input: measure the reference and put the controller into the "
                                        "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.",
                                        _limit_passed(problem))])
     say("comparing")
     with finishing(say):
-        found = _finished(problem, replace(best, message=runs[-1].message), costs, before)
-    for record in found.after.records.values():
+        fit_result = _finished(problem, replace(best, message=runs[-1].message), costs, before)
+    for record in fit_result.after.records.values():
         hear(f"{experiment.name}, {record.name}", record.result.verdict)
-    return found
+    return fit_result
 
 
 def evaluated(experiment: Experiment, before: Comparison | None = None) -> Fit:
-    """The free parameters at the values of the diagram, with intervals and comparisons as after a fit, but without any step
+    """The free parameters at the values of the diagram, with intervals and comparisons as after a fit, but without a step
     of one. Raises SimulationError if the model cannot be simulated there."""
     problem = Residuals(experiment)
     residuals = problem.evaluate(problem.start)[0]
@@ -256,13 +258,13 @@ def _free(name: str, given: Free | str) -> Free:
 
 
 def _limit_passed(problem: Residuals) -> tuple[str, ...]:
-    """The physical limit that a trial passed, with its advice."""
+    """The physical limit that a trial exceeded, with its advice."""
     limit = problem.limit_passed
     return () if limit is None else (f"in a trial {limit.message}: {limit.hint}",)
 
 
 def _filled_by_compare(problem: Residuals) -> str:
-    """What to add where a plain run gets through only with nodes filled, which a run with sensitivities does not do."""
+    """Advice if a plain run succeeds only with filled nodes, which a run with sensitivities does not add."""
     nodes = unfilled(problem.runs[0].assembly)
     if not nodes:
         return ""
@@ -277,13 +279,13 @@ def _finished(problem: Residuals, best: Descent, costs: list[float], before: Com
     residuals, jacobian = problem.evaluate(best.x)
     _, prior_jacobian = problem.priors(best.x)
     chi2 = float(residuals @ residuals) / len(residuals)
-    # a model that misses the data by more than the noise is no surer of its parameters than its misfit allows
+    # a model whose misfit exceeds the noise determines its parameters only within its misfit
     inflation = max(1.0, chi2)
     information = jacobian.T @ jacobian / inflation + prior_jacobian.T @ prior_jacobian
-    # in units of each unknown's own uncertainty: SI values differ by twenty orders, which a cut-off would take for rank
+    # in units of each unknown's uncertainty: SI values differ by twenty orders, which a cut-off would treat as rank
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     covariance = np.linalg.pinv(information / size[:, None] / size, rcond=1e-14, hermitian=True) / size[:, None] / size
-    # what moves no channel at all has no row in the pseudo-inverse: it is not known, rather than known exactly
+    # a parameter without effect has no row in the pseudo-inverse: it is unknown rather than exactly known
     deviation = np.where(np.diag(information) > 0, np.sqrt(np.maximum(np.diag(covariance), 0)), np.inf)
     correlation = covariance / np.maximum(np.outer(deviation, deviation), 1e-300)
     parameters = tuple(_fitted(c, x, d) for c, x, d in zip(problem.columns, best.x, deviation, strict=True))
@@ -293,17 +295,17 @@ def _finished(problem: Residuals, best: Descent, costs: list[float], before: Com
     verdict = identifiability(relative / np.sqrt(inflation), labels, [c.logarithmic for c in problem.columns])
     if before is None or any(free.each for free in problem.experiment.free.values()):
         before = _compared(problem, problem.start)[0]
-    after, own = _compared(problem, best.x)
+    after, held_out_values = _compared(problem, best.x)
     return Fit(problem.experiment, parameters, correlation, verdict, chi2, len(residuals), tuple(costs),
-               best.history, problem.evaluations, best.message, before, after, own)
+               best.history, problem.evaluations, best.message, before, after, held_out_values)
 
 
 def _fitted(column: Column, inner: float, deviation: float) -> Fitted:
     bounds = column.free.range
     value = column.outer(float(inner))
-    low, high = column.inner(bounds.low), column.inner(bounds.high)  # in logarithms where it is sought over decades
+    low, high = column.inner(bounds.low), column.inner(bounds.high)  # in logarithms if it is sought over decades
     half = NORMAL_95 * float(deviation)
-    # a range may span many decades of a parameter that is sought linearly: a value well above its end is no value at its end
+    # a range may span many decades of a parameter that is sought linearly: a value well above its end is not at its end
     near = min(AT_END * (high - low), half)
     at = "low" if inner - low <= near else "high" if high - inner <= near else ""
     ends = [_within(column, inner + sign * half) for sign in (-1, 1)]
@@ -312,67 +314,68 @@ def _fitted(column: Column, inner: float, deviation: float) -> Fitted:
 
 
 def _within(column: Column, inner: float) -> float:
-    """The value, or the end of its range: beyond it nothing was asked of the data."""
+    """The value, limited to its range: values beyond it were not permitted."""
     bounds = column.free.range
     low, high = column.inner(bounds.low), column.inner(bounds.high)
     return column.outer(float(np.clip(inner, low, high)))
 
 
 def _compared(problem: Residuals, inner: Array) -> tuple[Comparison, dict[str, OwnValues]]:
-    """Every record with the fitted values; on those that were not fitted, values of their own are fitted first."""
+    """Compare every record with the fitted values; on records that were not fitted, separate values are fitted first."""
     records: dict[str, RecordComparison] = {}
-    own: dict[str, OwnValues] = {}
+    held_out_values: dict[str, OwnValues] = {}
     has_own = any(free.each for free in problem.experiment.free.values())
     fitted = {run.record.name for run in problem.runs}
     for record in problem.experiment.records.values():
         values = problem.values_of(inner, record.name)
         if record.name not in fitted and has_own:
-            own[record.name] = own_values(problem.experiment, record, values)
-            values = {**values, **own[record.name].values}
+            held_out_values[record.name] = own_values(problem.experiment, record, values)
+            values = {**values, **held_out_values[record.name].values}
         records[record.name] = compare_record(problem.experiment, record, values)
-    return Comparison(problem.experiment, records), own
+    return Comparison(problem.experiment, records), held_out_values
 
 
 def own_start(experiment: Experiment, record: Record, values: Mapping[str, float], like: Run | None = None
               ) -> dict[str, float]:
-    """Values of a held-out record that are its own (`each: record`); see `own_values`."""
-    own = any(f.each for f in experiment.free.values())
-    return dict(own_values(experiment, record, values, like).values) if own else {}
+    """Separate values of a held-out record (`each: record`); see `own_values`."""
+    separate = any(f.each for f in experiment.free.values())
+    return dict(own_values(experiment, record, values, like).values) if separate else {}
 
 
 def own_values(experiment: Experiment, record: Record, values: Mapping[str, float], like: Run | None = None) -> OwnValues:
-    """Values of a held-out record that are its own, from its first tenth (from ten samples of each channel where that is
-    longer), all other values given. Of initial values alone, from a thousand samples at most. `like` is a run of this
-    record with this diagram, where there is one: then it is neither read nor assembled again, and run as that is. Times at
-    which something begins are not seen in the beginning of a record: they are sought on the whole record."""
-    own = {n: f for n, f in experiment.free.items() if f.each}
-    if instants := [name for name in own if is_instant(experiment.model, name)]:
+    """Separate values of a held-out record, from its first tenth (from ten samples of each channel if that is longer),
+    with all other values given; for initial values alone, from a thousand samples at most. `like` is an existing run
+    of this record with this diagram, which avoids reading and assembling them again. Times at which something begins
+    are not visible in the beginning of a record: they are sought on the whole record."""
+    separate_free = {n: f for n, f in experiment.free.items() if f.each}
+    if instants := [name for name in separate_free if is_instant(experiment.model, name)]:
         return _with_instants(experiment, record, values, instants, like)
-    found = like.found if like is not None else measure(experiment, record)
-    tenth = len(found.grid) // 10
-    last = min(tenth, BEGINNING) if all(n.startswith("initial.") for n in own) else tenth
-    ends = [found.grid[last], *(c.time[:11][-1] for c in found.channels.values())]
+    measured = like.found if like is not None else measure(experiment, record)
+    tenth = len(measured.grid) // 10
+    last = min(tenth, BEGINNING) if all(n.startswith("initial.") for n in separate_free) else tenth
+    ends = [measured.grid[last], *(c.time[:11][-1] for c in measured.channels.values())]
     short = replace(record, end=float(max(ends)))
     pinned = {k: v for k, v in values.items() if not k.startswith("initial.")}
     try:
         if like is None:
-            problem = Residuals(replace(experiment, model=experiment.model.with_parameters(pinned), free=own), [short])
+            problem = Residuals(replace(experiment, model=experiment.model.with_parameters(pinned), free=separate_free),
+                                [short])
         else:
-            run = like.beginning(replace(experiment, free=own), short, pinned)
-            problem = Residuals(replace(experiment, free=own), runs=[run])
-        # the diagram may hold what another record began with: from there friction may keep a search in another valley
+            run = like.beginning(replace(experiment, free=separate_free), short, pinned)
+            problem = Residuals(replace(experiment, free=separate_free), runs=[run])
+        # the diagram may contain the start of another record, from which friction may keep a search in another local minimum
         start, least = problem.start, np.inf
         for point in problem.starting_points(OWN_STARTS, 0):
             if (cost := problem.cost(point, least)) < least:
                 start, least = point, cost
         best = problem.minimise(start, False, lambda text: None, tolerance=1e-6, settle=True)
     except HeavebondError:
-        return OwnValues({}, max(ends) - found.grid[0])
-    return OwnValues(problem.values_of(best.x, record.name), max(ends) - found.grid[0])
+        return OwnValues({}, max(ends) - measured.grid[0])
+    return OwnValues(problem.values_of(best.x, record.name), max(ends) - measured.grid[0])
 
 
 def is_instant(model: Model, name: str) -> bool:
-    """Whether a parameter of the diagram is a time at which something begins (`instant`)."""
+    """True if a parameter of the diagram is a time at which something begins (`instant`)."""
     owner, _, key = name.rpartition(".")
     instance = model.body.instances.get(owner)
     parameter = model.library.component(instance.kind).parameters.get(key) if instance is not None else None
@@ -381,33 +384,33 @@ def is_instant(model: Model, name: str) -> bool:
 
 def _with_instants(experiment: Experiment, record: Record, values: Mapping[str, float], instants: Sequence[str],
                    like: Run | None) -> OwnValues:
-    """Values of a held-out record of its own, with times among them at which something begins, which are sought one after
-    the other on the whole record: on a grid between the ends of their ranges, then around the best. At an end something
+    """Separate values of a held-out record that include times at which something begins. These are sought one after the
+    other on the whole record: on a grid between the ends of their ranges, then around the best. At an end something
     acts in the whole record, or not at all."""
-    others = replace(experiment, free={n: f for n, f in experiment.free.items() if f.each and n not in instants})
+    without_instants = replace(experiment, free={n: f for n, f in experiment.free.items() if f.each and n not in instants})
     pinned = {k: v for k, v in values.items() if not k.startswith("initial.")}
-    own, seconds = dict[str, float](), 0.0
+    separate_values, seconds = dict[str, float](), 0.0
     try:
         whole = like.again([], pinned, type(like.simulator)) if like is not None else Run(
             replace(experiment, model=experiment.model.with_parameters(pinned)), record, [], kind=FitSimulator)
-        own = {name: whole.assembly.parameter_values[name] for name in instants}
-        rounds = 2 if others.free or len(instants) > 1 else 1
+        separate_values = {name: whole.assembly.parameter_values[name] for name in instants}
+        rounds = 2 if without_instants.free or len(instants) > 1 else 1
         for _ in range(rounds):
-            if others.free:
-                fitted = own_values(others, record, {**values, **own}, like)
-                own |= fitted.values
+            if without_instants.free:
+                fitted = own_values(without_instants, record, {**values, **separate_values}, like)
+                separate_values |= fitted.values
                 seconds = fitted.seconds
             for name in instants:
                 span = experiment.free[name].range
-                own[name] = _best_instant(whole, {**values, **own}, name, span.low, span.high)
+                separate_values[name] = _best_instant(whole, {**values, **separate_values}, name, span.low, span.high)
     except HeavebondError:
         return OwnValues({}, seconds)
-    return OwnValues(own, seconds, tuple(instants))
+    return OwnValues(separate_values, seconds, tuple(instants))
 
 
 def _best_instant(run: Run, values: Mapping[str, float], name: str, low: float, high: float) -> float:
-    """The time between `low` and `high` (s) with the least sum of squares on a record; an end of the range where that is no
-    worse by more than chance."""
+    """The time between `low` and `high` (s) with the least sum of squares on a record; an end of the range if it is not
+    significantly worse."""
     from scipy.optimize import minimize_scalar
 
     costs = dict[float, float]()
@@ -422,7 +425,7 @@ def _best_instant(run: Run, values: Mapping[str, float], name: str, low: float, 
         return costs[time]
 
     grid = np.linspace(low, high, INSTANTS)
-    for time in (values[name], *grid[[0, -1]], *grid[1:-1]):  # a run is ended where it leaves more than the best
+    for time in (values[name], *grid[[0, -1]], *grid[1:-1]):  # a run ends if its sum of squares exceeds the best
         cost(float(np.clip(time, low, high)), min(costs.values(), default=np.inf))
     if not costs:
         return values[name]
@@ -436,8 +439,8 @@ def _best_instant(run: Run, values: Mapping[str, float], name: str, low: float, 
 
 
 def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tuple[float, float]:
-    """The 95 % interval of one parameter by profile likelihood: the values at which the sum of squares, minimised over
-    all other parameters, has risen by 3.84 chi-square per sample (an end that is not reached is the range's end).
+    """The 95 % interval of one parameter by profile likelihood: the values at which the sum of squares, minimised over all
+    other parameters, has risen by 3.84 chi-square per sample (an end that is not reached is the range's end).
 
     A. Raue et al. (2009), doi:10.1093/bioinformatics/btp358. UsageError for a name that was not fitted.
     """
@@ -462,7 +465,7 @@ def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tupl
 
     ends = []
     for end in (problem.low[k], problem.high[k]):
-        # the Gauss-Newton interval tells where to look first
+        # the search begins at the Gauss-Newton interval
         near = problem.columns[k].inner(result.parameters[k].interval[0 if end < best[k] else 1])
         far = float(np.clip(best[k] + 2 * (near - best[k]), problem.low[k], problem.high[k]))
         far = far if risen(far) > 0 else float(end)
@@ -473,7 +476,7 @@ def profile(result: Fit, name: str, *, progress: Progress | None = None) -> tupl
 
 # -- files -----------------------------------------------------------------------------------------------------------
 def fitted_diagram(fit: Fit, path: Path) -> str:
-    """The text of a diagram at `path` that extends the fitted one and sets what was fitted for all records."""
+    """The text of a diagram at `path` that extends the fitted one and sets the values that were fitted for all records."""
     experiment = fit.experiment
     records = [r.name for r in experiment.records.values() if r.use == "fit"]
     change, notes = fitted_values(fit)
@@ -484,7 +487,7 @@ def fitted_diagram(fit: Fit, path: Path) -> str:
 
 
 def fitted_values(fit: Fit) -> tuple[Change, dict[str, str]]:
-    """What was fitted for all records, as a change to the diagram, and the interval of each as a note."""
+    """The values that were fitted for all records, as a change of the diagram, and the interval of each as a note."""
     values, notes = {}, {}
     for p in fit.parameters:
         if not p.record:

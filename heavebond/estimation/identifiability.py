@@ -16,11 +16,11 @@ class IdentifiabilityConstants:
     """The constants of the report on identifiability.
 
     max_deviation: standard deviation, of a logarithm or over the range, above which a combination of parameters is not
-        identifiable. Origin: 30 %. Doubled: fewer combinations are named.
-    unknown_deviation: standard deviation of a logarithm above which no value is reported. Origin: a factor of a
-        hundred. Doubled: useless values are reported.
+    identifiable. Origin: 30 %. Doubled: fewer combinations are named.
+    unknown_deviation: standard deviation of a logarithm above which no value is reported. Origin: a factor of a hundred.
+    Doubled: useless values are reported.
     min_share: component of a direction, over its largest, below which it is omitted from the text. Origin: readability.
-        Doubled: shorter texts.
+    Doubled: shorter texts.
     """
 
     max_deviation: float = 0.3
@@ -52,10 +52,10 @@ class Identifiability:
 
     @property
     def unseen_names(self) -> set[str]:
-        """The parameters that take part in directions that the data cannot see."""
+        """The parameters in directions that the data do not determine."""
         shares = [np.abs(direction) for direction in self.unseen]
-        return {name for share in shares for name, own in zip(self.names, share, strict=True)
-                if own > IDENTIFIABILITY.min_share * share.max()}
+        return {name for share in shares for name, component in zip(self.names, share, strict=True)
+                if component > IDENTIFIABILITY.min_share * share.max()}
 
 
 def identifiability(jacobian: Array, names: Sequence[str], logarithmic: Sequence[bool]) -> Identifiability:
@@ -76,19 +76,19 @@ def _words(direction: Array, deviation: float, names: Sequence[str], logarithmic
     chosen = [k for k in np.argsort(-share) if share[k] > IDENTIFIABILITY.min_share * share.max()]
     involved = [names[k] for k in sorted(chosen)]
     relative = all(logarithmic[k] for k in chosen)
-    seen = "not identifiable" if deviation > (IDENTIFIABILITY.unknown_deviation if relative else 1e3) else \
+    certainty = "not identifiable" if deviation > (IDENTIFIABILITY.unknown_deviation if relative else 1e3) else \
         f"seen to a factor of {np.exp(deviation):.2g} only" if relative else \
         f"seen to {100 * deviation:.2g} % of the range only"
     if len(chosen) == 1:
-        return f"{involved[0]} is {seen}."
+        return f"{involved[0]} is {certainty}."
     equal = share[chosen].min() > 0.85 * share.max() and all(logarithmic[k] for k in chosen)
     signs = np.sign(direction[sorted(chosen)])
     if equal and abs(signs.sum()) == len(signs):
-        return f"Only the ratios between {listing(involved)} are determined: all multiplied by the same factor, the " \
-               f"records look the same (their common factor is {seen})."
+        return f"Only the ratios between {listing(involved)} are determined: multiplying all of them by one " \
+               f"factor does not change the simulated records (their common factor is {certainty})."
     if equal and len(chosen) == 2:
-        return f"Only the product {involved[0]} * {involved[1]} is determined: one up and the other down by the same " \
-               f"factor, the records look the same (their ratio is {seen})."
+        return f"Only the product {involved[0]} * {involved[1]} is determined: multiplying one and dividing the " \
+               f"other by a factor does not change the simulated records (their ratio is {certainty})."
     parts = ", ".join(f"{names[k]} by {10 * direction[k] / share.max():+.2g} %" for k in sorted(chosen))
-    return f"{listing(involved)} are strongly correlated: moved together ({parts}), the records look the same (that " \
-           f"combination is {seen})."
+    return f"{listing(involved)} are strongly correlated: changing them together ({parts}) hardly changes the simulated " \
+           f"records (that combination is {certainty})."

@@ -1,10 +1,10 @@
-"""Noise of measured inputs: what it does to the channels of a model that is driven by them.
+"""Effect of the noise of measured inputs on the channels of a model that is driven by them.
 
 The machine had the true input u, the model has the measured one, u + w with white noise w (`noise:` at an input). To first
-order the residual then contains G w besides the noise of the channel, G the tangent of the channels to the samples of the
-input. G w is drawn: the model is run with M realisations of w, and the differences to its run without are a sample of the
-distribution of G w. It has its variance at each time, and its correlation along time, also of a nonlinear machine and for
-every interpolation. The variance adds to that of the channel's own noise in all that is weighted by noise; the tests
+order the residual then contains G w in addition to the noise of the channel, with G the tangent of the channels to the
+samples of the input. G w is sampled: the model is run with M realisations of w, and the differences from its run without
+them are a sample of the distribution of G w. The sample gives the variance at each time and the correlation along time, also
+for a nonlinear machine and for every interpolation. The variance is added to the channel's noise in all weights; the tests
 of the residual take the correlation into account (see `diagnosis.evidence.residual_tests`).
 
 This is errors-in-variables identification with known noise, approximated by the tangent at the measured input: T.
@@ -31,37 +31,38 @@ from heavebond.numerics.simulation import run_by_auto
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.text.expression import names
 
-REALISATIONS = 40  # a standard deviation drawn from so many errs by 11 %; it is smoothed along time besides
+REALISATIONS = 40  # realisations: their standard deviation has an error of 11 %; it is also smoothed along time
 NOTICEABLE = 0.05  # share of the variance of a channel
-ENOUGH = 20  # of them that can be simulated
+ENOUGH = 20  # least number of realisations that can be simulated
 FINE = Tolerances(1e-6, 1e-8)
 
 
 def with_input_noise(experiment: Experiment, progress: Progress | None = None) -> Experiment:
-    """The experiment with what the noise of its inputs does to its channels, at the values of its diagram; itself where no
-    input has `noise`, or where it is known already. A record on which the model cannot be simulated is left out."""
-    if experiment.input_noise or not any(given.noise for record in experiment.records.values()
-                                         for given in experiment.inputs_for(record).values()):
+    """The experiment with the effect of the noise of its inputs on its channels, at the values of its diagram; the same
+    object if no input has `noise`, or if the effect is known already. A record on which the model cannot be simulated
+    is omitted."""
+    if experiment.input_noise or not any(file_input.noise for record in experiment.records.values()
+                                         for file_input in experiment.inputs_for(record).values()):
         return experiment
-    found = {}
+    noise_by_record = {}
     for record in experiment.records.values():
         if progress:
             progress(f"noise of the inputs on {record.name}")
         try:
-            found[record.name] = _propagated(experiment, record)
-        except HeavebondError:  # what is wrong is told by the run without it
+            noise_by_record[record.name] = _propagated(experiment, record)
+        except HeavebondError:  # the run without noise reports the error
             continue
-    return replace(experiment, input_noise=found)
+    return replace(experiment, input_noise=noise_by_record)
 
 
 def noise_notes(experiment: Experiment, measured: Measured) -> list[str]:
-    """How much of the variance of each channel of a record the noise of its inputs is, where it is noticeable."""
-    given = any(g.noise for g in experiment.inputs_for(measured.record).values())
-    if given and measured.record.name not in experiment.input_noise:
+    """Share of the noise of the inputs in the variance of each channel of a record, if it is noticeable."""
+    has_noise = any(g.noise for g in experiment.inputs_for(measured.record).values())
+    if has_noise and measured.record.name not in experiment.input_noise:
         return ["the noise of the inputs is not taken into account: the model cannot be simulated with it"]
     shares = {name: 1 - float(np.mean((c.own_noise / c.deviation) ** 2)) for name, c in measured.channels.items()}
-    said = [f"{100 * share:.0f} % of the variance of {name}" for name, share in shares.items() if share > NOTICEABLE]
-    return [f"the noise of the inputs is {listing(said, 4)} that is expected of a correct model"] if said else []
+    texts = [f"{100 * share:.0f} % of the variance of {name}" for name, share in shares.items() if share > NOTICEABLE]
+    return [f"the noise of the inputs is {listing(texts, 4)} that is expected of a correct model"] if texts else []
 
 
 def _propagated(experiment: Experiment, record: Record) -> InputNoise:
@@ -71,8 +72,8 @@ def _propagated(experiment: Experiment, record: Record) -> InputNoise:
     wanted = {n.text for o in outputs for n in names(o.expr)}
 
     def channels(seed: int | None) -> Array:
-        drawn = replace(record, inputs={name: replace(given, seed=seed if given.noise else None)
-                                        for name, given in experiment.inputs_for(record).items()})
+        drawn = replace(record, inputs={name: replace(file_input, seed=seed if file_input.noise else None)
+                                        for name, file_input in experiment.inputs_for(record).items()})
         assembly = assemble(experiment.model_for(drawn), wanted)
         try:
             result = QuickSimulator(assembly, times=grid, tolerances=FINE).run()

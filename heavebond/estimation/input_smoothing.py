@@ -1,11 +1,11 @@
-"""Noise and steps of measured inputs that a model differentiates, and the smoothing that is proposed for them.
+"""Noise and steps of measured inputs that a model differentiates, and the proposed smoothing.
 
-A measured position that drives a source is differentiated. The derivative of white noise of deviation s, sampled each h,
-has a deviation of about sqrt(2) s/h: a millimetre at 100 Hz is 0.14 m/s. The integrator follows it in small steps, and
-effects that are not there imitate it.
+A measured position that drives a source is differentiated. The derivative of white noise of deviation s, sampled at
+intervals h, has a deviation of about sqrt(2) s/h: a millimetre at 100 Hz is 0.14 m/s. The integrator follows it in small
+steps, and the response is similar to that of effects which the machine does not have.
 
-The bandwidth is twice that of the least estimated error of the smoothed signal (Mallows' C_L): with the gain H of the
-smoothing spline at each frequency, residual r (n,) and noise s,
+The bandwidth is twice the bandwidth with the least estimated error of the smoothed signal (Mallows' C_L): with the gain H of
+the smoothing spline at each frequency, residual r (n,) and noise s,
 
     error = mean(r**2) - s**2 + 2 s**2 mean(H).
 
@@ -37,13 +37,14 @@ class SmoothingConstants:
     """Constants of the proposal.
 
     visible: deviation of the noise of the derivative in shares of the derivative's rms, from which smoothing is proposed.
-        Origin: a velocity that errs by a tenth makes a damper err by a tenth. Doubled: noisier inputs pass without advice.
+    Origin: an error of a tenth in a velocity is an error of a tenth in a damper force. Doubled: noisier inputs are accepted
+    without advice.
     per_octave: bandwidths tried in an octave. Origin: the error is flat near its least value. Doubled: a finer bandwidth.
-    octaves: octaves below half the sampling frequency that are tried. Origin: 1/1000 of it is slower than most records are
-        long. Doubled: slower signals.
-    wider: times the bandwidth of least error. Origin: at the least error the signal loses about as much as the noise leaves.
-        `noise:` accounts for the noise, nothing for a loss, which acts like a gain of the input. At twice the bandwidth the
-        loss is a sixteenth. Doubled: less loss, more noise of the derivative.
+    octaves: octaves below half the sampling frequency that are tried. Origin: periods of 1/1000 of it exceed the length of
+    most records. Doubled: slower signals.
+    wider: factor on the bandwidth of least error. Origin: at the least error the signal loses about as much as the
+    remaining noise. `noise:` accounts for the noise, but not for a loss, which acts like a gain of the input. At twice
+    the bandwidth the loss is a sixteenth. Doubled: less loss, more noise of the derivative.
     """
 
     visible: float = 0.1
@@ -57,8 +58,8 @@ SMOOTHING = SmoothingConstants()
 
 @dataclass(frozen=True)
 class Smoothing:
-    """What is proposed for an input: the bandwidth in Hz, the noise and the step of its readings in its unit (a step of 0:
-    none is visible), and the noise of its derivative in shares of the derivative."""
+    """Proposed smoothing of an input: the bandwidth in Hz, the noise and the resolution of its readings in its unit (a
+    step of 0: not visible), and the noise of its derivative in shares of the derivative."""
 
     bandwidth: float
     noise: float
@@ -66,7 +67,7 @@ class Smoothing:
     share: float
 
     def entry(self, unit: str) -> str:
-        """What to write at the input."""
+        """The entry for the input."""
         return f"smooth: {self.bandwidth:g} Hz, noise: {number(self.noise, 2)} {unit}"
 
 
@@ -77,17 +78,17 @@ def differentiated_inputs(assembly: Assembly) -> list[str]:
             if any(s.element_hash() in used for s in split(known.symbols)[1:])]
 
 
-def proposed_smoothing(given: FileInput) -> Smoothing | None:
+def proposed_smoothing(file_input: FileInput) -> Smoothing | None:
     """The smoothing of an input that a model differentiates; None if it has one, or if no noise is visible."""
-    if given.smooth is not None or given.interpolation == "hold":
+    if file_input.smooth is not None or file_input.interpolation == "hold":
         return None
     try:
-        time, values = input_samples(replace(given, bridge=True))
+        time, values = input_samples(replace(file_input, bridge=True))
     except DataError:
-        return None  # reported where the input is read
+        return None  # reported when the input is read
     step = step_of(values)
     estimate = estimate_noise([(values, time)]).deviation
-    noise = max(given.noise or (estimate if math.isfinite(estimate) else 0.0), step / math.sqrt(12))
+    noise = max(file_input.noise or (estimate if math.isfinite(estimate) else 0.0), step / math.sqrt(12))
     interval = float(np.median(np.diff(time)))
     differences = float(np.sqrt(np.mean(np.diff(values) ** 2)))  # of the signal and of its noise
     if len(time) < 2 ** 6 or not math.sqrt(2) * noise > SMOOTHING.visible / 2 * differences:
@@ -113,11 +114,11 @@ def _error(time: Array, values: Array, noise: float, bandwidth: float, highest: 
 def smoothing_notes(experiment: Experiment, record: Record, assembly: Assembly) -> list[str]:
     """The advice for each input of a record that the model differentiates and that has visible noise or steps."""
     inputs = experiment.inputs_for(record)
-    found = {name: proposal for name in differentiated_inputs(assembly)
-             if name in inputs and (proposal := proposed_smoothing(inputs[name])) is not None}
+    proposals = {name: proposal for name in differentiated_inputs(assembly)
+                 if name in inputs and (proposal := proposed_smoothing(inputs[name])) is not None}
     return [f"the model differentiates the input {name}, whose {_cause(p, inputs[name].unit)}: the noise of its derivative "
             f"is {number(100 * p.share, 2)} % of the derivative. Write `{p.entry(inputs[name].unit)}` at this input"
-            for name, p in found.items()]
+            for name, p in proposals.items()]
 
 
 def _cause(proposal: Smoothing, unit: str) -> str:
@@ -128,13 +129,13 @@ def _cause(proposal: Smoothing, unit: str) -> str:
 
 
 def with_smoothed_inputs(experiment: Experiment, assembly: Assembly) -> tuple[Experiment, tuple[str, ...]]:
-    """The experiment with the proposed smoothing of each input that the model differentiates, the same on all records, and a
-    sentence for each; itself and nothing if none is proposed."""
+    """The experiment with the proposed smoothing of each input that the model differentiates, the same on all records,
+    and a sentence for each; the same object and no sentences without proposals."""
     proposals: dict[str, Smoothing] = {}
     names = differentiated_inputs(assembly)
     for record in experiment.records.values():
-        for name, given in experiment.inputs_for(record).items():
-            if name in names and (proposal := proposed_smoothing(given)) is not None:
+        for name, file_input in experiment.inputs_for(record).items():
+            if name in names and (proposal := proposed_smoothing(file_input)) is not None:
                 before = proposals.get(name)
                 wider = before is None or proposal.bandwidth > before.bandwidth
                 proposals[name] = proposal if wider else before or proposal
@@ -142,14 +143,15 @@ def with_smoothed_inputs(experiment: Experiment, assembly: Assembly) -> tuple[Ex
         return experiment, ()
 
     def smoothed(inputs: dict[str, FileInput]) -> dict[str, FileInput]:
-        return {name: replace(given, smooth=given.smooth or proposals[name].bandwidth,
-                              noise=given.noise or proposals[name].noise) if name in proposals else given
-                for name, given in inputs.items()}
+        return {name: replace(file_input, smooth=file_input.smooth or proposals[name].bandwidth,
+                              noise=file_input.noise or proposals[name].noise) if name in proposals else file_input
+                for name, file_input in inputs.items()}
 
     records = {name: replace(record, inputs=smoothed(record.inputs)) for name, record in experiment.records.items()}
-    units = {name: given.unit for record in experiment.records.values()
-             for name, given in experiment.inputs_for(record).items()}
-    said = tuple(f"The model differentiates the measured input {name}, whose {_cause(p, units[name])}. For this diagnosis "
-                 f"it is smoothed, and its noise is taken into account: write `{p.entry(units[name])}` at this input."
-                 for name, p in proposals.items())
-    return replace(experiment, inputs=smoothed(experiment.inputs), records=records), said
+    units = {name: file_input.unit for record in experiment.records.values()
+             for name, file_input in experiment.inputs_for(record).items()}
+    sentences = tuple(f"The model differentiates the measured input {name}, whose {_cause(p, units[name])}. For this "
+                 "diagnosis "
+                      f"it is smoothed, and its noise is taken into account: write `{p.entry(units[name])}` at this input."
+                      for name, p in proposals.items())
+    return replace(experiment, inputs=smoothed(experiment.inputs), records=records), sentences

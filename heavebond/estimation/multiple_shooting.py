@@ -1,11 +1,12 @@
 """Multiple shooting: parameters from records on which one long run would diverge.
 
-Each record is cut into segments, and each segment starts from states of its own, x_k, unknowns beside the parameters p.
-With r the weighted residuals of the data and c_k = x(end of segment k; x_k, p) - x_{k+1} the gaps between segments,
+Each record is divided into segments, and each segment starts from separate states x_k, which are unknowns in addition to the
+parameters p. With r the weighted residuals of the data and c_k = x(end of segment k; x_k, p) - x_{k+1} the gaps between
+segments,
 
     minimise |r|**2 + w |c|**2,   w rising from stage to stage until the gaps are closed.
 
-An unstable or wrong model is corrected by the data at every joint before it can run away, and the cost has fewer false
+An unstable or wrong model is corrected by the data at every joint before it diverges, and the cost has fewer local
 minima. H. G. Bock, K. J. Plitt (1984), doi:10.1016/S1474-6670(17)61205-9.
 """
 
@@ -23,14 +24,16 @@ from heavebond.estimation.residuals import BROKEN, Residuals, Run
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Simulator
 
-# The gaps, in nominal sizes of the states, count as much as data of this noise; one stage for each.
+# The gaps, in nominal sizes of the states, are weighted like data with this noise; one stage for each.
 LOOSE_TO_TIGHT = (1e-1, 1e-2, 1e-3, 1e-4)
-STEPS = 12  # of least squares in each stage
+STEPS = 12  # evaluations of the least squares solver in each stage
 
 
 @dataclass(frozen=True)
 class _Segment:
-    """A stretch of a record: where its samples begin and end (the last one is the first of the next segment)."""
+    """An interval of a record with the indices of its first and last sample (the last one is the first of the next
+    segment).
+    """
 
     run: Run
     simulator: Simulator
@@ -56,7 +59,7 @@ class Shooting:
         self.offsets = self.n + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
 
     def start(self, inner: Array, states: Array | None = None) -> Array:
-        """First values: the parameters, and at each joint the state of the run so far, as long as it stays finite."""
+        """First values: the parameters, and at each joint the state of the run, while it is finite."""
         y = [inner]
         for segment, run in zip(self.segments, self._chained(inner), strict=True):
             if not segment.first:
@@ -64,8 +67,8 @@ class Shooting:
         return np.concatenate(y)
 
     def _chained(self, inner: Array) -> list[Array]:
-        """The state at the begin of each segment, each run from the end of the one before; where one breaks down, the
-        diagram's own start takes its place."""
+        """The state at the begin of each segment, each run from the end of the one before; if one breaks down, the
+        diagram's start is used."""
         states: list[Array] = []
         last = np.zeros(0)
         for segment in self.segments:
@@ -92,30 +95,31 @@ class Shooting:
     def _segment(self, k: int, y: Array) -> tuple[Array, Array, Array, Array]:
         segment, inner = self.segments[k], y[: self.n]
         run, nominal = segment.run, segment.run.assembly.x_nominal
-        own = slice(self.offsets[k], self.offsets[k + 1])
+        own_states = slice(self.offsets[k], self.offsets[k + 1])
         joined = k + 1 < len(self.segments) and not self.segments[k + 1].first
-        # the last sample belongs to the next segment, but for the record's own last
+        # the last sample belongs to the next segment, except for the record's last
         samples = slice(segment.begin, segment.end if joined else segment.end + 1)
         counts = run.counts[:, samples]
         n_data, n_gap = int(counts.sum()), len(nominal) if joined else 0
         slopes, gap_slopes = np.zeros((n_data, len(y))), np.zeros((n_gap, len(y)))
         values = self.problem.values_of(inner, run.record.name)
         try:
-            result = segment.simulator.run(values) if segment.first else segment.simulator.run_from(y[own] * nominal, values)
+            result = segment.simulator.run(values) if segment.first else segment.simulator.run_from(y[own_states] * nominal,
+                                                                                                    values)
         except (ModelError, SimulationError, StartError):
             return np.full(n_data, BROKEN), np.full(n_gap, BROKEN), slopes, gap_slopes
         count = samples.stop - samples.start
         wrong = (run.probe.values(result)[:, :count] - run.measured[:, samples]) / run.noise[:, samples]
-        moved = run.probe.sensitivities(result)[:, :, :count] / run.noise[None, :, samples]
+        sensitivities = run.probe.sensitivities(result)[:, :, :count] / run.noise[None, :, samples]
         assert result.along is not None
         ends = result.along.x[:, :, -1] / nominal
         for column, position in self._columns(run, inner):
-            slopes[:, column] = moved[position[0]][counts] * position[1]
+            slopes[:, column] = sensitivities[position[0]][counts] * position[1]
             gap_slopes[:, column] = (ends[position[0]] * position[1])[:n_gap]
         m = len(run.names)
         if not segment.first:
-            slopes[:, own] = (moved[m:][:, counts] * nominal[:, None]).T
-            gap_slopes[:, own] = (ends[m:] * nominal[:, None]).T[:n_gap]
+            slopes[:, own_states] = (sensitivities[m:][:, counts] * nominal[:, None]).T
+            gap_slopes[:, own_states] = (ends[m:] * nominal[:, None]).T[:n_gap]
         gap = np.zeros(0)
         if joined:
             following = slice(self.offsets[k + 1], self.offsets[k + 2])

@@ -1,7 +1,7 @@
-"""An experiment proposed from a record: which column is the time, which drive the diagram, which are its outputs.
+"""An experiment proposed from a record: columns are classified as time, inputs and outputs of the diagram.
 
-Columns are compared with the inputs and signals of a diagram by the words of their names and by their units. A record tells
-no more than these, so a proposal must be looked through before it is used.
+Columns are compared with the inputs and signals of a diagram by the words of their names and by their units. A record
+contains no more information, so the user must check a proposal.
 """
 
 from __future__ import annotations
@@ -25,24 +25,25 @@ from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.records.measurements import BRIDGED, Table, gaps, read_table, timed
 from heavebond.text.expression import Number
 
-# words and letters for a quantity, which say nothing of the place where it was measured
+# words and letters for a quantity, without information on the place of the sensor
 QUANTITIES = frozenset({"pressure", "p", "flow", "q", "force", "f", "torque", "moment", "m", "speed", "velocity", "v", "w",
                         "n", "position", "displacement", "x", "angle", "phi", "temperature", "t", "voltage", "u", "current",
                         "i", "tau"})
 TIMES = frozenset({"t", "time", "times", "zeit", "tid", "temps", "seconds", "sec", "timestamp", "clock", "date", "datetime"})
-SKETCHED = 160  # points of a column in the sketch of its course
-STEPPING, STEP = 0.2, 0.05  # share of samples that differ from the one before, and of the range that a usual step is
-LETTER = 0.1  # what a single letter counts that two names share
-TOLERANCE = 20.0  # %, of a parameter of which nothing else is known
-SHORT = 3  # letters of a word that may stand for a longer one: `pos` for `position`
-_RANGE = re.compile(r"[\w.][\w.+\-*/ %]*")  # needs no quotes
-SMOOTH = frozenset({"m", "rad"})  # measured positions, whose derivatives are used: their course between samples is smooth
+SKETCHED = 160  # points of a column in its sketch
+# share of samples that differ from the one before, and size of a typical step relative to the range
+STEPPING, STEP = 0.2, 0.05
+LETTER = 0.1  # score of a single letter that two names share
+TOLERANCE = 20.0  # %, for a parameter without other information
+SHORT = 3  # least letters of an abbreviated word: `pos` for `position`
+_RANGE = re.compile(r"[\w.][\w.+\-*/ %]*")  # values without quotes
+SMOOTH = frozenset({"m", "rad"})  # measured positions, whose derivatives are used: they are smooth between samples
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a record: its unit as far as the file gives one, what it is proposed to be (`time`, `input`, `output` or
-    nothing), and of which input or signal; least and largest value, the number of values, and a sketch of its course."""
+    """A column of a record: its unit in the file, if there is one, its proposed role (`time`, `input`, `output` or none)
+    and signal; least and largest value, the number of values, and a sketch of its values."""
 
     name: str
     unit: str
@@ -58,8 +59,8 @@ class Column:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What is proposed for a record: its columns, and the inputs, outputs and signals of the diagram that could be meant, by
-    name with their units and meanings."""
+    """The proposal for a record: its columns, and the possible inputs, outputs and signals of the diagram, by name with
+    units and descriptions."""
 
     columns: tuple[Column, ...]
     inputs: Mapping[str, tuple[str, str]]
@@ -69,7 +70,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class _Target:
-    """An input or an output of the diagram with the words that may stand for it; `driving` where it moves the diagram."""
+    """An input or an output of the diagram with words for it; `driving` if it moves the diagram."""
 
     name: str
     unit: Unit
@@ -80,13 +81,13 @@ class _Target:
 
 
 def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = ()) -> Proposal:
-    """What the columns of a record are likely to be for a diagram, in which the `open_inputs` have no value of their own.
-    DataError for a record without a column of times."""
+    """The probable role of the columns of a record for a diagram, in which the `open_inputs` have no value. DataError for
+    a record without a column of times."""
     time = _time_column(table)
     table = timed(table, time)
     inputs, outputs, signals = _inputs(assembly, open_inputs), _outputs(assembly), _signals(assembly)
     units = {name: table.unit_of(name) for name in table.header}
-    # a diagram that names no outputs may be compared by the variables of its own parts and nodes
+    # a diagram without outputs can be compared by the variables of its parts and nodes
     likely = outputs or [t for t in signals if t.name.count(".") == 1]
     able = [n for n in table.header if n in table.columns and n != time]
     chosen = _as_inputs(assembly, inputs, _matched(able, units, [*inputs, *likely], [*outputs, *signals]))
@@ -105,14 +106,14 @@ def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = ()) -
                        "and has no wire")
     elif not any(c.role == "input" for c in columns):
         able_inputs = listing([t.name for t in inputs], 3)
-        remarks.append("no column was recognised that drives the diagram: say under `inputs:` where an input was measured "
+        remarks.append("no column was recognised that drives the diagram: give under `inputs:` the column of a measured "
+                       "input "
                        f"({able_inputs})")
     if undriven := [name for name in open_inputs if name not in [c.target for c in columns if c.role == "input"]]:
         remarks.append(f"{listing(undriven, 3)} {'has' if len(undriven) == 1 else 'have'} no value, and no column was "
-                       "recognised as one: say under `inputs:` which column was measured there, or give a value in the "
-                       "diagram")
+                       "recognised as one: give its column under `inputs:`, or a value in the diagram")
     if not any(c.role == "output" for c in columns):
-        remarks.append("no column was recognised as an output: say under `outputs:` what was measured")
+        remarks.append("no column was recognised as an output: give the measured quantities under `outputs:`")
     return Proposal(tuple(columns), {t.name: (t.unit.text, t.doc) for t in inputs},
                     {t.name: (t.unit.text, t.doc) for t in (*outputs, *signals)}, tuple(remarks))
 
@@ -130,15 +131,15 @@ def _column(table: Table, name: str, unit: tuple[str, Unit, bool] | None, role: 
 
 
 def _in_steps(values: Array) -> bool:
-    """Whether a course stays at its values and steps from one to the next, as a command that is held: most samples repeat
-    the one before, and a usual step is no rounding of a slow course."""
+    """True if a signal stays at values and steps from one to the next, as a held command: most samples repeat the one
+    before, and a typical step is larger than a rounding of a slow signal."""
     steps = np.abs(np.diff(values))
-    moved = steps[steps > 0]
-    return len(moved) > 0 and len(moved) < STEPPING * len(steps) and float(np.median(moved)) > STEP * float(np.ptp(values))
+    jumps = steps[steps > 0]
+    return len(jumps) > 0 and len(jumps) < STEPPING * len(steps) and float(np.median(jumps)) > STEP * float(np.ptp(values))
 
 
 def _sketch(values: Array) -> tuple[float, ...]:
-    """Some points of a course, the least and the largest value of each stretch among them."""
+    """Some points of a time series, with the least and the largest value of each interval."""
     finite = values[np.isfinite(values)]
     if len(finite) <= SKETCHED:
         return tuple(finite.tolist())
@@ -146,23 +147,23 @@ def _sketch(values: Array) -> tuple[float, ...]:
     return tuple(v for a, b in pairwise(ends) for v in (float(finite[a:b].min()), float(finite[a:b].max())))
 
 
-# -- what a column may be ------------------------------------------------------------------------------------------------
+# -- roles of columns -------------------------------------------------------------------------------------------------
 def _time_column(table: Table) -> str:
-    """The column of times: the first that is called so, else the first of clock times, else the first of numbers, whose
-    values increase."""
+    """The column of times: the first with such a name, else the first of clock times, else the first numeric one, with
+    increasing values."""
     able = [name for name in table.header if name in table.columns or name in table.words or name in table.clocks]
     called = [name for name in able if _words(name) & TIMES and (name not in table.columns or _rises(table.columns[name]))]
     rising = [name for name in able if name in table.columns and _rises(table.columns[name])]
-    found = next(iter(called), None) or next((name for name in able if _is_clock(table, name)), None) or \
+    time_column = next(iter(called), None) or next((name for name in able if _is_clock(table, name)), None) or \
         next(iter(rising), None)
-    if found is None:
+    if time_column is None:
         raise DataError([Problem("record-no-time", f"no column of '{table.path.name}' is a time: none increases from row to "
                                  "row", None, "A record has one column of times, and one row for each instant.")])
-    return found
+    return time_column
 
 
 def _is_clock(table: Table, name: str) -> bool:
-    """Whether a column holds dates or times of day that increase, in whatever language it is headed."""
+    """True if a column contains dates or times of day that increase, in any language of the header."""
     if name in table.columns:
         return False
     try:
@@ -177,20 +178,20 @@ def _rises(values: Array) -> bool:
 
 
 def _inputs(assembly: Assembly, open_inputs: Sequence[str]) -> list[_Target]:
-    """Signal inputs that a record can drive; those come first that move the diagram as it stands, or have no value in it."""
-    expanded, found = assembly.flat.expanded, list[_Target]()
+    """Signal inputs that a record can drive; first those that move the diagram now, or have no value in it."""
+    expanded, possible_inputs = assembly.flat.expanded, list[_Target]()
     for leaf in expanded.leaves.values():
         nodes = [path for path, junction in expanded.junctions.items() if any(e.leaf == leaf.path for e in junction.ends)]
         for name, bound in leaf.inputs.items():
             port = leaf.component.signals[name]
             words = frozenset({*_words(leaf.path), *(w for node in nodes for w in _words(node))})
             path = f"{leaf.path}.{name}"
-            found.append(_Target(path, port.unit, port.doc, words, "input", bound.varies or path in open_inputs))
-    return sorted(found, key=lambda t: not t.driving)
+            possible_inputs.append(_Target(path, port.unit, port.doc, words, "input", bound.varies or path in open_inputs))
+    return sorted(possible_inputs, key=lambda t: not t.driving)
 
 
 def _open_inputs(model: Model) -> list[str]:
-    """The inputs of the diagram's own parts that have neither a value nor a wire."""
+    """The inputs of the diagram's parts that have neither a value nor a wire."""
     joined = {end.path for wire in model.body.wires.values() for end in wire.ends}
     return [path for part, instance in model.body.instances.items() if instance.kind in model.library.files
             for signal in model.library.component(instance.kind).signals.values()
@@ -200,53 +201,55 @@ def _open_inputs(model: Model) -> list[str]:
 
 def _outputs(assembly: Assembly) -> list[_Target]:
     """The outputs under `show:`, by their formulas."""
-    found = []
+    output_targets = []
     for name, output in assembly.model.show.items():
         try:
             unit = read_unit(output.unit)
         except UnitProblem:
             continue
-        found.append(_Target(output.text, unit, name, frozenset(_words(name) | _words(output.text)), "output"))
-    return found
+        output_targets.append(_Target(output.text, unit, name, frozenset(_words(name) | _words(output.text)), "output"))
+    return output_targets
 
 
 def _signals(assembly: Assembly) -> list[_Target]:
     """All variables of the diagram that are not shown already."""
-    shown = {output.text for output in assembly.model.show.values()}
+    shown_formulas = {output.text for output in assembly.model.show.values()}
     return [_Target(name, assembly.flat.unknowns[j].unit, assembly.flat.unknowns[j].doc, frozenset(_words(name)), "output")
-            for name, j in assembly.flat.names.items() if name not in shown]
+            for name, j in assembly.flat.names.items() if name not in shown_formulas]
 
 
 def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], targets: Sequence[_Target],
              variables: Sequence[_Target]) -> dict[str, _Target]:
-    """The target of each column: pairs by the words that they share, most first; what drives the diagram before all outputs,
-    as a record without it could not be simulated; then the variable whose place a column names; then what is left where a
-    unit leaves no choice."""
+    """The target of each column: pairs by the number of shared words; inputs that drive the diagram before all outputs,
+    because a record without them could not be simulated; then the variable at a place that a column names; then
+    remaining columns for which the unit leaves one choice."""
     def fits(column: str, target: _Target) -> bool:
-        given = units[column]
-        return given is None or as_meant(given[1], target.unit).dimension == target.unit.dimension
+        unit = units[column]
+        return unit is None or as_meant(unit[1], target.unit).dimension == target.unit.dimension
 
     pairs = [(target.driving, score, -k, column, target) for column in columns for k, target in enumerate(targets)
              if fits(column, target) and (score := _likeness(column, units[column], target)) > 0]
-    found: dict[str, _Target] = {}
+    matches: dict[str, _Target] = {}
     for _, _, _, column, target in sorted(pairs, key=lambda p: p[:3], reverse=True):
-        if column not in found and target not in found.values():
-            found[column] = target
-    found |= _by_place([c for c in columns if c not in found], units, [v for v in variables if v not in found.values()])
-    rest = [t for t in targets if not t.driving]
-    for driving, group in ((True, [t for t in targets if t.driving]), (False, [t for t in rest if t.role == "output"]),
-                           (False, [t for t in rest if t.role == "input"])):
+        if column not in matches and target not in matches.values():
+            matches[column] = target
+    matches |= _by_place([c for c in columns if c not in matches], units,
+                         [v for v in variables if v not in matches.values()])
+    not_driving = [t for t in targets if not t.driving]
+    for driving, group in ((True, [t for t in targets if t.driving]),
+                           (False, [t for t in not_driving if t.role == "output"]),
+                           (False, [t for t in not_driving if t.role == "input"])):
         for target in group:
-            left = [c for c in columns if c not in found and (driving or units[c] is not None) and fits(c, target)]
-            rivals = [t for t in group if t not in found.values() and t.unit.dimension == target.unit.dimension]
-            if len(left) == 1 and rivals == [target]:
-                found[left[0]] = target
-    return found
+            unmatched = [c for c in columns if c not in matches and (driving or units[c] is not None) and fits(c, target)]
+            rivals = [t for t in group if t not in matches.values() and t.unit.dimension == target.unit.dimension]
+            if len(unmatched) == 1 and rivals == [target]:
+                matches[unmatched[0]] = target
+    return matches
 
 
 def _as_inputs(assembly: Assembly, inputs: Sequence[_Target], chosen: Mapping[str, _Target]) -> dict[str, _Target]:
     """The targets of columns, with the input of a source in place of an output that this source prescribes: the measured
-    speed of a pump is not an output where a SpeedSource turns the shaft of the pump."""
+    speed of a pump is not an output if a SpeedSource turns the shaft of the pump."""
     expanded, found = assembly.flat.expanded, dict(chosen)
     shared = {member for d in expanded.model.library.domains.values() for member in (*d.across, *d.positions)}
     for column, target in chosen.items():
@@ -265,31 +268,31 @@ def _as_inputs(assembly: Assembly, inputs: Sequence[_Target], chosen: Mapping[st
 def _by_place(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], signals: Sequence[_Target]
               ) -> dict[str, _Target]:
     """The variable of a node or port for each column that names its place (`p_B [bar]`, `motor speed [rpm]`): it has the
-    column's unit, and its path holds every word of the column but those for the quantity, which the unit tells. The shortest
-    such path is meant; where several are as short, none is."""
+    column's unit, and its path contains every word of the column except words for the quantity, which follow from the
+    unit. The shortest such path is chosen; none if several are equally short."""
     places = {t: _words(path) for t in signals for path, _, member in [t.name.rpartition(".")] if member in QUANTITIES}
-    found: dict[str, _Target] = {}
+    by_place: dict[str, _Target] = {}
     for column in columns:
         given = units[column]
         if given is None or not (place := _words(_bare(column, given)) - QUANTITIES):
             continue
         fit = [t for t, words in places.items()
-               if t.unit.dimension == as_meant(given[1], t.unit).dimension and place <= words and t not in found.values()]
+               if t.unit.dimension == as_meant(given[1], t.unit).dimension and place <= words and t not in by_place.values()]
         least = min((len(places[t]) for t in fit), default=0)
         shortest = [t for t in fit if len(places[t]) == least]
         if len(shortest) == 1:
-            found[column] = shortest[0]
-    return found
+            by_place[column] = shortest[0]
+    return by_place
 
 
 def _words(text: str) -> set[str]:
-    """The words of a name, small: `deckPos_mm` is deck, pos, mm."""
+    """The words of a name in lower case: `deckPos_mm` gives deck, pos, mm."""
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", text)
     return {word for word in re.split(r"[\W_0-9]+", parted.lower()) if word}
 
 
 def _spelt(text: str) -> str:
-    """A name without what parts its words: `p_A` and `pA` are the same."""
+    """A name without separators: `p_A` and `pA` are equal."""
     return re.sub(r"[\W_]+", "", text).lower()
 
 
@@ -299,8 +302,8 @@ def _bare(name: str, unit: tuple[str, Unit, bool] | None) -> str:
 
 
 def _likeness(name: str, unit: tuple[str, Unit, bool] | None, target: _Target) -> float:
-    """How many words two names share; one that begins another counts half, the same name one more. Single letters, which
-    mean something else in every file, count nothing by themselves but decide between names that are alike."""
+    """Number of words that two names share; a word that begins another counts half, the same name one more. Single
+    letters, which differ in meaning between files, count nothing by themselves but decide between similar names."""
     column = _words(name)
     same = sum(1.0 if len(word) > 1 else LETTER for word in column & target.words)
     same += _spelt(_bare(name, unit)) in (_spelt(target.name), _spelt(target.doc))
@@ -311,40 +314,39 @@ def _likeness(name: str, unit: tuple[str, Unit, bool] | None, target: _Target) -
 
 # -- the experiment ------------------------------------------------------------------------------------------------------
 def proposed_text(path: Path, model: Model, files: Sequence[Path]) -> tuple[str, Proposal]:
-    """The text of an experiment at `path` for a diagram and its records, as the first of them proposes it, and the proposal.
-    That record is fitted, the others validate. The numbers of the diagram that may be free stand in the text as comments,
-    and so do columns that were not recognised, with the signals that they may be by their units. A record in which an input
-    has a gap is cut to its longest part without one.
+    """The text of an experiment at `path` for a diagram and its records, proposed from the first of them, and the proposal.
 
-    HeavebondError where no column is a time, or none can be an output.
+    That record is fitted, the others validate. Numbers of the diagram that may be free are written as comments, and so
+    are unrecognised columns, with the possible signals by their units. A record in which an input has a gap is cut to its
+    longest part without one. HeavebondError if no column is a time, or none can be an output.
     """
     open_inputs = _open_inputs(model)
     assembly = assemble(model.with_parameters(dict.fromkeys(open_inputs, 0.0)))
     tables = {file: read_table(file) for file in files}
-    found = propose(tables[files[0]], assembly, open_inputs)
-    chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in found.columns if c.role]
+    proposal = propose(tables[files[0]], assembly, open_inputs)
+    chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in proposal.columns if c.role]
     uses = {file: "validate" if k else "fit" for k, file in enumerate(files)}
     parts = {file: part for file, table in tables.items() if (part := _without_gaps(table, chosen)) is not None}
-    found = replace(found, remarks=(*found.remarks, *(part.words(file.name) for file, part in parts.items())))
-    text = experiment_text(path.stem, path, Records(model.path, uses, chosen, parts=parts), _unrecognised(found))
+    proposal = replace(proposal, remarks=(*proposal.remarks, *(part.words(file.name) for file, part in parts.items())))
+    text = experiment_text(path.stem, path, Records(model.path, uses, chosen, parts=parts), _unrecognised(proposal))
     able = [f"#   {name}: {range_around(bound.value.text, TOLERANCE)}" for name, bound, _ in declared(assembly.flat.expanded)
             if name in assembly.parameter_values and bound.place.file == str(model.path) and isinstance(bound.value, Value)
             and isinstance(bound.value.expr, Number) and not bound.value.formula and bound.value.expr.value]
     if able:
-        text += "\n".join(["# free:      # remove the # of what the data sheet leaves open, and say how far", *able]) + "\n"
-    return text, found
+        text += "\n".join(["# free:      # remove the # of uncertain parameters, and give their ranges", *able]) + "\n"
+    return text, proposal
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a record, as its file writes the times and their unit, that ends where inputs (`columns`) have a gap."""
+    """A part of a record, with the times and their unit as in the file, that ends at gaps of inputs (`columns`)."""
 
     first: str
     last: str
     columns: tuple[str, ...]
 
     def words(self, file: str) -> str:
-        """What was left out, and what to write in place of it."""
+        """Description of the omitted part, and the entry to use it instead."""
         inputs = listing([f"'{name}'" for name in self.columns])
         have = "has" if len(self.columns) == 1 else "have"
         return f"{inputs} of '{file}' {have} a gap: the record is cut to its longest part without one, " \
@@ -352,8 +354,8 @@ class Part:
 
 
 def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
-    """The longest part of a record in which no input has a gap of more samples than are bridged without a word; None where
-    there is no gap, or where the columns of the record are others."""
+    """The longest part of a record in which no input has a gap that exceeds the limit of silent interpolation; None
+    without a gap, or if the record has other columns."""
     time = next((c for c in chosen if c.role == "time"), None)
     inputs = [c.column for c in chosen if c.role == "input" and c.column in table.columns]
     if time is None or time.column not in table.header:
@@ -361,13 +363,13 @@ def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
     try:
         times = timed(table, time.column).columns[time.column]
     except (DataError, KeyError):
-        return None  # `check` says why
+        return None  # `check` gives the reason
     holes: dict[tuple[float, float], None] = {}
     columns = []
     for name in inputs:
-        own = times[np.isfinite(table.columns[name]) & np.isfinite(times)]
-        for k in gaps(own, BRIDGED).tolist():
-            holes[float(own[k]), float(own[k + 1])] = None
+        input_times = times[np.isfinite(table.columns[name]) & np.isfinite(times)]
+        for k in gaps(input_times, BRIDGED).tolist():
+            holes[float(input_times[k]), float(input_times[k + 1])] = None
             columns.append(name)
     if not holes:
         return None
@@ -378,19 +380,19 @@ def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
     return Part(f"{first:.9g} {time.unit}", f"{last:.9g} {time.unit}", tuple(dict.fromkeys(columns)))
 
 
-def _unrecognised(found: Proposal) -> list[str]:
-    """A line for each column that was not recognised and whose unit some outputs have, with the first of these that no
-    other column is and the others behind it."""
-    taken = {c.target for c in found.columns}
+def _unrecognised(proposal: Proposal) -> list[str]:
+    """A line for each unrecognised column with the unit of some outputs, with the first of these that no other column has
+    and the others after it."""
+    taken = {c.target for c in proposal.columns}
     lines = []
-    for column in found.columns:
+    for column in proposal.columns:
         if column.role or not column.unit_known:
             continue
         unit = read_unit(column.unit)
-        able = [name for name, (text, _) in found.outputs.items() if name not in taken and name.count(".") <= 1
+        able = [name for name, (text, _) in proposal.outputs.items() if name not in taken and name.count(".") <= 1
                 and as_meant(unit, read_unit(text)).dimension == read_unit(text).dimension]
         if able:
-            name, line = _output(Chosen(column.name, "output", as_meant(unit, read_unit(found.outputs[able[0]][0])).text,
+            name, line = _output(Chosen(column.name, "output", as_meant(unit, read_unit(proposal.outputs[able[0]][0])).text,
                                         able[0]))
             taken.add(able[0])
             more = f"   # or {listing(able[1:], 4)}" if able[1:] else ""
@@ -400,7 +402,7 @@ def _unrecognised(found: Proposal) -> list[str]:
 
 @dataclass(frozen=True)
 class Chosen:
-    """What a column of the records is: `role` time, input or output, `target` the input's name or the output's formula."""
+    """Role of a column of the records: `role` time, input or output, `target` the input's name or the output's formula."""
 
     column: str
     role: str
@@ -411,8 +413,8 @@ class Chosen:
 
 @dataclass(frozen=True)
 class Records:
-    """What an experiment is to say: its diagram, files with their uses, columns and ranges of free parameters, and the parts
-    of files that are cut."""
+    """Content of an experiment: its diagram, files with their uses, columns and ranges of free parameters, and the ranges
+    of cut files."""
 
     model: Path
     files: Mapping[Path, str]
@@ -422,8 +424,8 @@ class Records:
 
 
 def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequence[str] = ()) -> str:
-    """The text of an experiment at `path`, with the lines of outputs that may be meant (`unrecognised`) as comments;
-    HeavebondError where no column is a time or can be an output."""
+    """The text of an experiment at `path`, with possible outputs (`unrecognised`) as comments; HeavebondError if no
+    column is a time or can be an output."""
     time = next((c for c in given.columns if c.role == "time"), None)
     inputs = {c.target: f"{{column: {quoted(c.column)}, unit: {quoted(c.unit)}, interpolation: {c.interpolation}}}"
               for c in given.columns if c.role == "input"}
@@ -437,7 +439,7 @@ def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequenc
         part = given.parts.get(file)
         cut = f", from: {part.first}, to: {part.last}" if part is not None else ""
         records[_free_name(file.stem, records)] = f"{{file: {quoted(inside.as_posix())}, use: {use}{cut}}}"
-    unsure = ["# not recognised: remove the # of what was measured, and say what it is", *unrecognised]
+    unsure = ["# not recognised: remove the # of measured quantities, and give their formulas", *unrecognised]
     lines = [f"experiment: {quoted(name)}", f"model: {quoted(extended_from(path, given.model))}",
              *block("records", records), f"time: {{column: {quoted(time.column)}, unit: {quoted(time.unit)}}}",
              *block("inputs", inputs), *(block("outputs", outputs) or ["outputs:"]),
@@ -447,23 +449,23 @@ def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequenc
 
 
 def _output(chosen: Chosen) -> tuple[str, str]:
-    """An output by its signal; by a name of its own where it is a formula."""
-    rest = f"column: {quoted(chosen.column)}, unit: {quoted(chosen.unit)}"
+    """An output by its signal; by a separate name for a formula."""
+    column_entry = f"column: {quoted(chosen.column)}, unit: {quoted(chosen.unit)}"
     if re.fullmatch(r"[\w.\[\]]+", chosen.target):
-        return chosen.target, f"{{{rest}}}"
-    return _free_name(chosen.column, {}), f"{{is: {quoted(chosen.target)}, {rest}}}"
+        return chosen.target, f"{{{column_entry}}}"
+    return _free_name(chosen.column, {}), f"{{is: {quoted(chosen.target)}, {column_entry}}}"
 
 
-def _free_name(text: str, taken: Mapping[str, str]) -> str:
+def _free_name(text: str, used_names: Mapping[str, str]) -> str:
     """A name of letters, digits and _ that is not taken."""
     plain = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_") or "record"
     plain = plain if plain[0].isalpha() else f"r_{plain}"
-    return next(name for k in range(1, 10_000) if (name := plain if k == 1 else f"{plain}_{k}") not in taken)
+    return next(name for k in range(1, 10_000) if (name := plain if k == 1 else f"{plain}_{k}") not in used_names)
 
 
 def range_around(text: str, percent: float) -> str:
-    """The range of a free parameter around the value that the diagram gives it: `4 kN/m +- 20 %`. Of a temperature
-    in degC a share means nothing: `22 degC +- 5 K`."""
+    """The range of a free parameter around the value in the diagram: `4 kN/m +- 20 %`. A share of a temperature in degC
+    has no meaning: `22 degC +- 5 K`."""
     _, unit = parse_quantity(text)
     if unit is not None and unit.offset:
         return f"{text} +- 5 K"

@@ -1,6 +1,6 @@
 """Sampled channels of a record: their times, and the masks of fitted and held-out samples.
 
-Each channel has its own samples; the model is run once on the union of their times.
+Each channel has separate samples; the model is run once on the union of their times.
 """
 
 from __future__ import annotations
@@ -28,24 +28,25 @@ from heavebond.text.expression import constant
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-# Of a record without a partner the last third checks the fit, after a gap of one correlation time: what is correlated with
-# the fitted part is no check of it. There are at least LEAST samples of each channel on both sides.
+# In a single record the last third is validation data, after a gap of one correlation time, because correlated data cannot
+# validate. There are at least LEAST samples of each channel on both sides.
 KEPT, LEAST = 1 / 3, 10
-SMOOTHED = 10  # samples on either side over which the variance that inputs cause is averaged
-TIME = "\0time"  # the times of a record among the names of its outputs
+SMOOTHED = 10  # samples on either side in the average of the variance that inputs cause
+TIME = "\0time"  # key of a record's times among the names of its outputs
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
     """One channel of a record, n samples.
 
-    time: when they were taken, s; measured: in the channel's unit; index: the place in the run's grid of the time at which
-    the model is asked, time - shift; outlier, held_out: which samples are so; between: those in the gap between what is
-    fitted and what is held out; dropped: those that no figure contains.
-    `noise` is the standard deviation in the channel's unit (where inputs have noise, that of both together, rms over
-    time), `own_noise` that of the channel alone, `deviation` (n,) that of both at each sample; `input_errors`
-    (realisations, n) are realisations of what the noise of the inputs does to it; `step` is that of a sensor that counts,
-    0 for others; `estimate` is the estimate of a noise that is not given.
+    time: sample times, s; measured: in the channel's unit; index: position of the model time, time - shift, in the run's
+    grid; outlier, held_out: masks; between: samples in the gap between the fitted and the held-out part; dropped: samples in
+    no figure.
+
+    `noise` is the standard deviation in the channel's unit (if inputs have noise, of both together, rms over time),
+    `own_noise` the part of the channel alone, `deviation` (n,) the value of both at each sample; `input_errors`
+    (realisations, n) are realisations of the effect of the noise of the inputs; `step` is the resolution of a quantised
+    sensor, 0 for others; `estimate` is the estimate of a noise that is not given.
     """
 
     output: Output
@@ -65,27 +66,26 @@ class Samples:
 
     @property
     def dropped(self) -> Mask:
-        """The gap before what is held out, and outliers where the experiment drops them."""
+        """The gap before the held-out part, and outliers if the experiment drops them."""
         gap = np.zeros(len(self.time), dtype=bool) if self.between is None else self.between
         return gap | self.outlier if self.output.drop_outliers else gap
 
     @property
     def fitted(self) -> Mask:
-        """The samples that count when parameters are fitted."""
+        """The samples that count in a fit."""
         return ~self.dropped & ~self.held_out
 
     @property
     def checking(self) -> Mask:
-        """The samples that check the fit: the last third of a record that has no partner."""
+        """The validation samples: the last third of a record without a validation record."""
         return ~self.dropped & self.held_out
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A record: `grid` (N,) are the times at which its model is wanted, s; `notes` what a reader of figures must know.
-
-    `time_suspect` tells whether its times seem to be in another unit; `declared` are the units of outputs whose file gives
-    another one than the experiment. What else is noticed follows from these then, and is no hint of its own.
+    """A record: `grid` (N,) are the output times of its model, s; `notes` are remarks for a reader of the figures.
+    `time_suspect` is True if its times seem to be in another unit; `declared` are the units of outputs whose file
+    gives another one than the experiment. Other deviations follow from these then, and are not reported separately.
     """
 
     record: Record
@@ -97,17 +97,16 @@ class Measured:
 
     @property
     def deviations(self) -> Array:
-        """The standard deviation (channels, N) of each channel on the grid, in SI; that of its neighbours where it was not
-        sampled."""
-        found = []
+        """The standard deviation (channels, N) of each channel on the grid, in SI; interpolated if it was not sampled."""
+        deviation_rows = []
         for channel in self.channels.values():
             scale = read_unit(channel.output.shown.unit).scale
-            found.append(np.interp(self.grid, self.grid[channel.index], channel.deviation) * scale)
-        return np.array(found).reshape(len(self.channels), len(self.grid))
+            deviation_rows.append(np.interp(self.grid, self.grid[channel.index], channel.deviation) * scale)
+        return np.array(deviation_rows).reshape(len(self.channels), len(self.grid))
 
     def on_grid(self) -> tuple[Array, Mask, Mask]:
-        """The measured values (channels, N) in SI, NaN where a channel was not sampled, which of them are fitted, and which
-        check the fit."""
+        """The measured values (channels, N) in SI, NaN if a channel was not sampled, the mask of fitted samples, and the
+        mask of validation samples."""
         values = np.full((len(self.channels), len(self.grid)), np.nan)
         counts, checking = np.zeros(values.shape, dtype=bool), np.zeros(values.shape, dtype=bool)
         for k, channel in enumerate(self.channels.values()):
@@ -118,49 +117,55 @@ class Measured:
 
 
 def measure(experiment: Experiment, record: Record) -> Measured:
-    """Read a record: every channel from its file, between `from` and `to` and where all inputs are known.
+    """Read a record: every channel from its file, between `from` and `to`, for times at which all inputs are known.
 
-    Raises DataError with all that is wrong: files, columns, times, channels without or with too few samples, gaps in
-    inputs, noise that is not given and cannot be estimated.
+    Raises DataError with all mistakes: files, columns, times, channels without or with too few samples, gaps in inputs,
+    noise that is not given and cannot be estimated.
     """
     problems, files = Problems(), _Files((record.file, experiment.time_column))
     window, sampled = _window(experiment, record, files, problems)
-    found: dict[str, Samples] = {}
+    samples_by_name: dict[str, Samples] = {}
     for name in experiment.outputs:
         try:
-            found[name] = _channel(experiment, record, name, files, window)
+            samples_by_name[name] = _channel(experiment, record, name, files, window)
         except HeavebondError as error:
             problems.extend(error)
     problems.raise_as(DataError)
-    grid, indices = merged([window[:1], *(c.time - c.output.shift for c in found.values())], [*sampled, window])
-    found = {name: replace(c, index=index) for (name, c), index in zip(found.items(), indices[1:], strict=True)}
-    found = {name: _with_input_noise(experiment, record, k, c) for k, (name, c) in enumerate(found.items())}
-    most = max((len(c.time) for c in found.values()), default=0)
+    grid, indices = merged([window[:1], *(c.time - c.output.shift for c in samples_by_name.values())], [*sampled, window])
+    samples_by_name = {name: replace(c, index=index) for (name, c),
+                       index in zip(samples_by_name.items(), indices[1:], strict=True)}
+    samples_by_name = {name: _with_input_noise(experiment, record, k, c)
+                       for k, (name, c) in enumerate(samples_by_name.items())}
+    most = max((len(c.time) for c in samples_by_name.values()), default=0)
     if most < MIN_SAMPLES:
         raise DataError([Problem(
             "record-short", f"no channel of record '{record.name}' has more than {count(most, 'sample')} in the run; "
             f"at least {MIN_SAMPLES} are needed to compare the two", record.place,
             "Check `from:`, `to:` and the unit of the time; so few samples do not show how a machine moves.")])
     slips, declared = _unit_slips(experiment, record, files)
-    slow = [] if TIME in declared else _time_slip(experiment, record, found)  # what the file itself says is the likelier
-    notes = [*slips, *slow, *_driven(experiment, record, files), *_gap_notes(experiment, record, found),
-             *(f"{name}: {said}" for name, c in found.items() for said in _remarks(c))]
+    slow = [] if TIME in declared else _time_slip(experiment, record,
+                                                  samples_by_name)  # the statement of the file is more probable
+    notes = [*slips, *slow, *_driven(experiment, record, files), *_gap_notes(experiment, record, samples_by_name),
+             *(f"{name}: {remark}" for name, c in samples_by_name.items() for remark in _remarks(c))]
     if record is next(iter(experiment.records.values())):
-        notes += [f"{name}: {c.estimate.words}" for name, c in found.items() if c.estimate and not c.estimate.separable]
+        notes += [f"{name}: {c.estimate.words}" for name, c in samples_by_name.items() if c.estimate
+                  and not c.estimate.separable]
     if experiment.holds_out(record):
-        found, gap = _with_held_out(found, (float(grid[0]), float(grid[-1])))
-        notes.append(_held_out_note(found, gap))
-    return Measured(record, grid, found, tuple(notes), bool(slow), {n: unit for n, unit in declared.items() if n in found})
+        samples_by_name, gap = _with_held_out(samples_by_name, (float(grid[0]), float(grid[-1])))
+        notes.append(_held_out_note(samples_by_name, gap))
+    return Measured(record, grid, samples_by_name, tuple(notes), bool(slow),
+                    {n: unit for n, unit in declared.items() if n in samples_by_name})
 
 
 def _with_input_noise(experiment: Experiment, record: Record, k: int, channel: Samples) -> Samples:
-    """The k-th channel of a record with the noise of its inputs beside its own, where that is known."""
+    """The k-th channel of a record with the noise of its inputs added to its noise, if it is known."""
     known = experiment.input_noise.get(record.name)
-    own = np.full(len(channel.time), channel.noise)
+    channel_noise = np.full(len(channel.time), channel.noise)
     if known is None:
-        return replace(channel, own_noise=channel.noise, deviation=own, input_errors=np.zeros((0, len(own))))
+        return replace(channel, own_noise=channel.noise, deviation=channel_noise,
+                       input_errors=np.zeros((0, len(channel_noise))))
     errors = known.at(k, channel.time - channel.output.shift)
-    deviation = np.sqrt(own**2 + _smooth(np.mean(errors**2, axis=0)))
+    deviation = np.sqrt(channel_noise**2 + _smooth(np.mean(errors**2, axis=0)))
     return replace(channel, own_noise=channel.noise, deviation=deviation, input_errors=errors,
                    noise=float(np.sqrt(np.mean(deviation**2))))
 
@@ -175,15 +180,15 @@ def _smooth(variance: Array) -> Array:
 
 
 class _Files:
-    """The files of a record, each read once for every time column that is asked of it; times of clocks count from the first
-    row of the record's own file (`zero`)."""
+    """The files of a record, each read once for every time column; clock times count from the first row of the record's
+    file (`zero`)."""
 
     def __init__(self, zero: tuple[Path, str]) -> None:
         self._tables: dict[tuple[Path, str], Table] = {}
         self._zero = zero
 
     def table(self, file: Path, time: str, place: Place, unit: str = "s") -> Table:
-        """The file at a place of the experiment; its channels beside the time column, which is asked for in a unit."""
+        """The file at a place of the experiment; its channels and its time column, in a given unit."""
         if (file, time) not in self._tables:
             table = read_table(file, place=place, beside=time)
             self._tables[file, time] = timed(table, time, unit=unit, zero=self._zero, place=place)
@@ -191,28 +196,31 @@ class _Files:
 
 
 def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[list[str], dict[str, Unit]]:
-    """Where a file gives another unit than the experiment, for the times and each channel, once each; and these units, by
-    output (TIME for times)."""
-    asked = [(TIME, record.file, experiment.time_column, experiment.time_column, experiment.time_unit, record.place)]
-    for given in experiment.inputs_for(record).values():
-        asked.append(("", given.file, given.time_column or "", given.column, given.unit, given.place))
+    """Contradictions between the units of a file and of the experiment, for the times and each channel, once each; and
+    these units, by output (TIME for times)."""
+    time_and_channels = [(TIME, record.file, experiment.time_column, experiment.time_column, experiment.time_unit,
+                          record.place)]
+    for file_input in experiment.inputs_for(record).values():
+        time_and_channels.append(("", file_input.file, file_input.time_column or "", file_input.column, file_input.unit,
+                                  file_input.place))
     for name, output in experiment.outputs.items():
         origin = experiment.origin_of(record, name)
         assert origin.file is not None and origin.time_column is not None
-        asked += [(what, origin.file, origin.time_column, column, unit, output.place) for what, column, unit in (
+        time_and_channels += [(channel_name, origin.file, origin.time_column, column, unit, output.place)
+                              for channel_name, column, unit in (
             (TIME, origin.time_column, origin.time_unit), (name, output.column, output.shown.unit))]
     notes, units = dict[str, None](), dict[str, Unit]()
-    for what, file, time, name, unit, place in asked:
+    for channel_name, file, time, name, unit, place in time_and_channels:
         table = files.table(file, time, place)
-        said, declared = declared_otherwise(table, name, unit), table.unit_of(name)
-        if said and declared is not None:
-            notes[said] = None
-            units[what] = declared[1]
+        remark, declared = declared_otherwise(table, name, unit), table.unit_of(name)
+        if remark and declared is not None:
+            notes[remark] = None
+            units[channel_name] = declared[1]
     return list(notes), units
 
 
 def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:
-    """Whether the times seem to be in another unit, by the run and the output points that the diagram plans."""
+    """A note if the times seem to be in another unit, by the planned duration and output interval of the diagram."""
     begin, until, every = (constant(value.expr) if value is not None else None for value in (
         experiment.model.begin, experiment.model.until, experiment.model.every))
     if not until or not every:
@@ -228,57 +236,59 @@ def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Sampl
 
 
 def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:
-    """What is odd about the inputs: none at all, one that never moves, one whose column is a channel too."""
+    """Remarks on the inputs: none at all, a constant one, one whose column is a channel too."""
     inputs = experiment.inputs_for(record)
     if not inputs:
         return ["no column of the record drives the model: it runs with the inputs of the diagram (`inputs:` names columns)"]
     origins = {name: experiment.origin_of(record, name) for name in experiment.outputs}
-    said = []
-    for path, given in inputs.items():
-        values = column(files.table(given.file, given.time_column or "", given.place), given.column)
+    remarks = []
+    for path, file_input in inputs.items():
+        values = column(files.table(file_input.file, file_input.time_column or "", file_input.place), file_input.column)
         values = values[np.isfinite(values)]
         if not np.ptp(values):
-            said.append(f"the input {path} reads {number(float(values[0]))} {given.unit} throughout: is it the right "
-                        "column, and was the sensor connected?")
+            remarks.append(f"the input {path} reads {number(float(values[0]))} {file_input.unit} throughout: is it the "
+                        "right "
+                           "column, and was the sensor connected?")
         same = [name for name, origin in origins.items()
-                if (origin.file, experiment.outputs[name].column) == (given.file, given.column)]
-        said += [f"the output {name} and the input {path} are the same column '{given.column}'" for name in same]
-    return said
+                if (origin.file, experiment.outputs[name].column) == (file_input.file, file_input.column)]
+        remarks += [f"the output {name} and the input {path} are the same column '{file_input.column}'" for name in same]
+    return remarks
 
 
 # -- what time is covered ------------------------------------------------------------------------------------------
 def _window(experiment: Experiment, record: Record, files: _Files, problems: Problems) -> tuple[Array, list[Array]]:
-    """The times (n,) of the record's own rows between `from` and `to`, from where to where all inputs are known (the run
-    goes from the first to the last), and the times at which each input was sampled."""
+    """The times (n,) of the record's rows between `from` and `to` at which all inputs are known (the run covers the first
+    to the last), and the sample times of each input."""
     table = _cut(experiment, record, files.table(record.file, experiment.time_column, record.place, experiment.time_unit))
     time = table.columns[experiment.time_column] * read_unit(experiment.time_unit).scale
     time = time[np.isfinite(time)]
     begin, end = float(time[0]), float(time[-1])
     inputs = []
-    unbridged: dict[tuple[Path, str], dict[str, FileInput]] = {}  # of each file, by column
-    for path, given in experiment.inputs_for(record).items():
+    unbridged: dict[tuple[Path, str], dict[str, FileInput]] = {}  # for each file, by column
+    for path, file_input in experiment.inputs_for(record).items():
         try:
-            assert given.time_column is not None
-            table = files.table(given.file, given.time_column, given.place, given.time_unit)
-            sampled, _ = input_samples(replace(given, bridge=True), begin, end, table=table)
+            assert file_input.time_column is not None
+            table = files.table(file_input.file, file_input.time_column, file_input.place, file_input.time_unit)
+            sampled, _ = input_samples(replace(file_input, bridge=True), begin, end, table=table)
         except HeavebondError as error:
             problems.extend(error)
             continue
-        if not given.bridge:
-            unbridged.setdefault((given.file, given.time_column), {})[given.column] = given
+        if not file_input.bridge:
+            unbridged.setdefault((file_input.file, file_input.time_column), {})[file_input.column] = file_input
         inputs.append(sampled)
         usual = float(np.median(np.diff(sampled)))
-        first, last = float(sampled[0]), float(sampled[-1]) + (usual if given.interpolation == "hold" else 0.0)
-        # an input may begin or end a few of its own samples inside: so much of the record is left out
+        first, last = float(sampled[0]), float(sampled[-1]) + (usual if file_input.interpolation == "hold" else 0.0)
+        # an input may begin or end a few of its samples later: this part of the record is omitted
         slack = (BRIDGED + 1) * usual
         cut = [f"`{word}: {at:.10g} s`" for word, at, beyond in (
             ("from", first, first - begin > slack), ("to", last, end - last > slack)) if beyond]
         if cut:
-            other = length_seems_in(last - first, end - begin, given.time_unit)
+            probable_unit = length_seems_in(last - first, end - begin, file_input.time_unit)
             problems.add("record-end", f"the input {path} is known from {first:.10g} s to {last:.10g} s, the record "
-                         f"'{record.name}' goes from {begin:.10g} s to {end:.10g} s", given.place,
-                         hint=f"In {other} the times of this input would be as long: correct the `unit:` of its `time:`, "
-                         "or that of the record." if other else f"Write {' and '.join(cut)} at the record.")
+                         f"'{record.name}' goes from {begin:.10g} s to {end:.10g} s", file_input.place,
+                         hint=f"In {probable_unit} the times of this input would be as long: correct the `unit:` of its "
+                              "`time:`, "
+                         "or the `unit:` of the record." if probable_unit else f"Write {' and '.join(cut)} at the record.")
             continue
         time = time[(time >= first - 1e-6 * usual) & (time <= last + 1e-6 * usual)]
     for (file, name), columns in unbridged.items():
@@ -288,9 +298,9 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
 
 def _check_input_gaps(files: _Files, file: Path, time: str, columns: Mapping[str, FileInput], ends: tuple[float, float],
                       problems: Problems) -> None:
-    """Gaps in inputs of one file and time column, each told once."""
-    given = next(iter(columns.values()))
-    table, scale = files.table(file, time, given.place, given.time_unit), read_unit(given.time_unit).scale
+    """Gaps in inputs of one file and time column, each reported once."""
+    first_input = next(iter(columns.values()))
+    table, scale = files.table(file, time, first_input.place, first_input.time_unit), read_unit(first_input.time_unit).scale
     try:
         check_gaps(table, time, {name: samples(table, time, name) for name in columns}, begin=ends[0] / scale,
                    end=ends[1] / scale)
@@ -299,7 +309,7 @@ def _check_input_gaps(files: _Files, file: Path, time: str, columns: Mapping[str
 
 
 def _cut(experiment: Experiment, record: Record, table: Table) -> Table:
-    """The record's own file between `from` and `to`."""
+    """The record's file between `from` and `to`."""
     time = column(table, experiment.time_column, record.place) * read_unit(experiment.time_unit).scale
     low = -np.inf if record.begin is None else record.begin
     high = np.inf if record.end is None else record.end
@@ -322,7 +332,7 @@ def _channel(experiment: Experiment, record: Record, name: str, files: _Files, w
     column(table, output.column, output.place)
     scale = read_unit(origin.time_unit).scale
     time = column(table, origin.time_column, output.place) * scale
-    # the model is asked at time - shift, which must lie within the run
+    # the model time is time - shift, which must lie within the run
     slack = 1e-6 * float(np.median(np.diff(window)))
     inside = (time - output.shift >= window[0] - slack) & (time - output.shift <= window[-1] + slack)
     inside &= (time >= window[0] - slack) & (time <= window[-1] + slack)
@@ -347,11 +357,11 @@ def _channel(experiment: Experiment, record: Record, name: str, files: _Files, w
 
 
 def _noise(output: Output, y: Array, estimate: float) -> tuple[float, float]:
-    """The noise of a channel, given or else `estimate` (0: unknown), and the step of a sensor that counts where that is not
+    """The noise of a channel, given or else `estimate` (0: unknown), and the resolution of a quantised sensor if it is not
     below the noise.
 
-    Rounding to a step is an error of standard deviation step/sqrt(12), below which no estimate may fall (B. Widrow,
-    I. Kollar, Quantization Noise, Cambridge, 2008). DataError where the noise is not given and cannot be estimated.
+    Rounding to a step is an error of standard deviation step/sqrt(12), which is a lower limit of an estimate (B. Widrow,
+    I. Kollar, Quantization Noise, Cambridge, 2008). DataError if the noise is not given and cannot be estimated.
     """
     step = outliers.step_of(y)
     step = step if step >= (output.noise or estimate) else 0.0
@@ -375,32 +385,32 @@ def _gap_notes(experiment: Experiment, record: Record, found: Mapping[str, Sampl
         if len(where) and file is not None:
             columns.setdefault(file, []).append(f"'{channel.output.column}'")
             apart.setdefault(file, set()).update(zip(t[where].tolist(), t[where + 1].tolist(), strict=True))
-    said = []
+    notes = []
     for file, ends in apart.items():
         begin, end = max(sorted(ends), key=lambda pair: pair[1] - pair[0])
-        said.append(f"{file.name}: {count(len(ends), 'gap')} in the samples of {listing(dict.fromkeys(columns[file]), 8)}, "
-                    f"the longest from {number(begin)} s to {number(end)} s; nothing is compared there")
-    return said
+        notes.append(f"{file.name}: {count(len(ends), 'gap')} in the samples of {listing(dict.fromkeys(columns[file]), 8)}, "
+                     f"the longest from {number(begin)} s to {number(end)} s; nothing is compared there")
+    return notes
 
 
 def _remarks(channel: Samples) -> list[str]:
-    """What is noticed about a channel: steps, outliers."""
-    said, t, unit = [], channel.time, channel.output.shown.unit
+    """Remarks on a channel: resolution, outliers."""
+    remarks, t, unit = [], channel.time, channel.output.shown.unit
     if not np.ptp(channel.measured):
-        said.append(f"all its {count(len(t), 'sample')} read {readable(float(channel.measured[0]), unit, 3)}: is it the "
-                    "right column, and was the sensor connected?")
+        remarks.append(f"all its {count(len(t), 'sample')} read {readable(float(channel.measured[0]), unit, 3)}: is it the "
+                       "right column, and was the sensor connected?")
     if channel.step:
         rounding = channel.step / math.sqrt(12)
-        what = "more than the noise given" if channel.noise_given and rounding > channel.noise else \
+        comparison_text = "more than the noise given" if channel.noise_given and rounding > channel.noise else \
             "within the noise given" if channel.noise_given else "counted in the noise"
-        said.append(f"its readings go in steps of {readable(channel.step, unit, 3)}; rounding alone is an error of "
-                    f"{readable(rounding, unit, 2)}, {what}")
+        remarks.append(f"its readings go in steps of {readable(channel.step, unit, 3)}; rounding alone is an error of "
+                       f"{readable(rounding, unit, 2)}, {comparison_text}")
     if channel.outlier.any():
-        far = count(int(channel.outlier.sum()), "sample stands far from its", "samples stand far from their")
-        said.append(f"{far} neighbours, at {moments(t[channel.outlier])}: " + (
+        far = count(int(channel.outlier.sum()), "sample is far from its", "samples are far from their")
+        remarks.append(f"{far} neighbours, at {moments(t[channel.outlier])}: " + (
             "left out of all figures" if channel.output.drop_outliers else
             "counted in all figures (`outliers: drop` leaves them out)"))
-    return said
+    return remarks
 
 
 def moments(times: Array) -> str:
@@ -410,8 +420,8 @@ def moments(times: Array) -> str:
 
 # -- times that several channels share -----------------------------------------------------------------------------
 def merged(times: list[Array], known: list[Array]) -> tuple[Array, list[NDArray[np.int64]]]:
-    """The union of increasing times, and where each of them stands in it; times apart by rounding only are one, which is
-    written as in the first of `known` that has it (an integrator must not be asked to stop twice within a rounding)."""
+    """The union of increasing times, and the indices of each in it; times that differ by rounding only are merged into
+    the value of the first of `known` that has it (an integrator must not stop twice within a rounding error)."""
     every = np.concatenate([*known, *times])
     order = np.argsort(every, kind="stable")
     ordered = every[order]
@@ -421,16 +431,16 @@ def merged(times: list[Array], known: list[Array]) -> tuple[Array, list[NDArray[
     np.minimum.at(first, group, order)
     place = np.empty(len(every), dtype=np.int64)
     place[order] = group
-    own = sum(map(len, known))
-    wanted = np.unique(place[own:])
-    index = np.searchsorted(wanted, place[own:])
+    known_count = sum(map(len, known))
+    wanted = np.unique(place[known_count:])
+    index = np.searchsorted(wanted, place[known_count:])
     return every[first[wanted]], list(np.split(index, np.cumsum([len(t) for t in times])[:-1]))
 
 
-# -- what is held out of a lone record -----------------------------------------------------------------------------------
+# -- held-out part of a single record -----------------------------------------------------------------------------------
 def correlation_time(time: Array, y: Array) -> float:
-    """The lag (s) at which the autocorrelation of readings y (n,) at times (n,) first falls below 1/e, on even times of the
-    usual distance; that of one sample where they are uncorrelated or constant."""
+    """The lag (s) at which the autocorrelation of readings y (n,) at times (n,) first falls below 1/e, on an even grid
+    with the median step; one sample interval if they are uncorrelated or constant."""
     step = float(np.median(np.diff(time)))
     even = np.interp(np.arange(time[0], time[-1] + step / 2, step), time, y)
     below = np.flatnonzero(autocorrelation(even, len(even) - 1) < 1 / math.e)
@@ -439,15 +449,15 @@ def correlation_time(time: Array, y: Array) -> float:
 
 def _with_held_out(channels: Mapping[str, Samples], ends: tuple[float, float]) -> tuple[dict[str, Samples], float]:
     """The channels with the last third held out, and the gap before it (s): the longest correlation time of a channel, at
-    most half of what is held out. Nothing is held out where that would leave hardly a sample of a channel on one side (the
+    most half of the held-out part. No part is held out if hardly a sample of a channel would remain on one side (the
     record is short, or a gap of it fills a side)."""
     begin, end = ends[1] - KEPT * (ends[1] - ends[0]), ends[1]
     gap = min(max(correlation_time(c.time, c.measured) for c in channels.values()), (end - begin) / 2)
-    found = {name: replace(c, held_out=c.time - c.output.shift >= begin + gap,
-                           between=(c.time - c.output.shift >= begin) & (c.time - c.output.shift < begin + gap))
-             for name, c in channels.items()}
-    enough = min(min(c.held_out.sum(), c.fitted.sum()) for c in found.values()) >= LEAST
-    return (found, gap) if enough else (dict(channels), 0.0)
+    with_held_out = {name: replace(c, held_out=c.time - c.output.shift >= begin + gap,
+                                   between=(c.time - c.output.shift >= begin) & (c.time - c.output.shift < begin + gap))
+                     for name, c in channels.items()}
+    enough = min(min(c.held_out.sum(), c.fitted.sum()) for c in with_held_out.values()) >= LEAST
+    return (with_held_out, gap) if enough else (dict(channels), 0.0)
 
 
 def _held_out_note(channels: Mapping[str, Samples], gap: float) -> str:

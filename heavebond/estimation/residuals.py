@@ -27,23 +27,24 @@ from heavebond.numerics.quick_simulation import FitSimulator, Unexplained
 from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator, Tolerances
 
-# A run that breaks down counts at every sample as this many standard deviations, or as this many times the range of what
-# was measured where that is more (a channel that moves a thousand times its noise): worse than any run worth a search.
+# Residual at every sample of a failed run in standard deviations, or in ranges of the measured values if that is larger (a
+# channel with a range of a thousand times its noise): worse than any useful run.
 BROKEN, FAR = 1e4, 100.0
-# A parameter within this share of its range from an end of it stands there.
+# A parameter within this share of its range from an end of it counts as being at the end.
 AT_END = 1e-3
 ROUNDED = 1e-13  # share of an end of a range by which a logarithm may miss it
-# Runs of which the results are kept: a descent begins where another one ended, a few runs ago.
+# Number of runs whose results are cached: a descent begins at the end of another one, a few runs ago.
 KEPT = 8
-ROUNDING = 1e-9  # share of a sum of squares by which that of the condensed problem may differ from it
-ARRIVED, GIVEN_UP = "The search needs no more.", "The search has given it up."  # why a descent was ended from outside
-# A descent has settled where the step to the minimum of its tangent is shorter than this many standard errors.
+ROUNDING = 1e-9  # share by which the sum of squares of the condensed problem may differ
+# reason of a descent that was ended from outside
+ARRIVED, GIVEN_UP = "The search needs no more.", "The search has given it up."
+# A descent is settled if the step to the minimum of its tangent is shorter than this many standard errors.
 SETTLED, SHORT = "A further step would be shorter than a hundredth of the standard errors.", 0.01
 
 
 @dataclass(frozen=True)
 class Column:
-    """One unknown of the least squares problem: a free parameter, perhaps of one record only."""
+    """One unknown of the least squares problem: a free parameter, possibly of one record only."""
 
     free: Free
     record: str
@@ -60,10 +61,10 @@ class Column:
     def outer(self, value: float) -> float:
         if not self.logarithmic:
             return value
-        found = float(np.exp(value))
-        # exp(log(9)) is 9 and a little, which is beyond a bound of 9
+        exponential = float(np.exp(value))
+        # exp(log(9)) exceeds 9 slightly, and with it a bound of 9
         ends = (self.free.range.low, self.free.range.high)
-        return next((end for end in ends if abs(found - end) <= ROUNDED * end), found)
+        return next((end for end in ends if abs(exponential - end) <= ROUNDED * end), exponential)
 
     def slope(self, value: float) -> float:
         """d outer / d inner."""
@@ -72,8 +73,8 @@ class Column:
 
 @dataclass(frozen=True)
 class Descent:
-    """Where a descent ended: the inner unknowns x, half the sum of squares (of robust losses, half theirs), the smallest sum
-    after each run, why it ended, and whether it would have gone on."""
+    """End of a descent: the inner unknowns x, half the sum of squares (for robust losses half of theirs), the smallest
+    sum after each run, the reason of the end, and True if it would have continued."""
 
     x: Array
     cost: float
@@ -82,30 +83,30 @@ class Descent:
     unfinished: bool = False
 
     def as_dict(self) -> dict[str, Any]:
-        """What `from_dict` takes."""
+        """The argument of `from_dict`."""
         return {"x": self.x.tolist(), "cost": self.cost, "history": list(self.history), "message": self.message,
                 "unfinished": self.unfinished}
 
     @classmethod
-    def from_dict(cls, kept: Mapping[str, Any]) -> Descent:
-        """The same descent; LookupError, TypeError or ValueError where it is none."""
-        return cls(np.array(kept["x"], float), float(kept["cost"]), tuple(kept["history"]), str(kept["message"]),
-                   bool(kept["unfinished"]))
+    def from_dict(cls, entry: Mapping[str, Any]) -> Descent:
+        """The inverse of `as_dict`; LookupError, TypeError or ValueError for other data."""
+        return cls(np.array(entry["x"], float), float(entry["cost"]), tuple(entry["history"]), str(entry["message"]),
+                   bool(entry["unfinished"]))
 
 
 class Run:
     """One record, ready to be simulated with many values.
 
-    measured: (channels, N) in SI at the times of the simulator, NaN where a channel was not sampled; counts: (channels, N),
-    which of them are fitted (sampled, not held out, not dropped as outliers), checking: which are held out; noise:
+    measured: (channels, N) in SI at the times of the simulator, NaN if a channel was not sampled; counts: (channels, N),
+    mask of fitted samples (sampled, not held out, not dropped as outliers), checking: mask of held-out samples; noise:
     (channels, N) in SI.
     """
 
     def __init__(self, experiment: Experiment, record: Record, names: list[str], tolerances: Tolerances = TOLERANCES, *,
                  kind: type[Simulator] = Simulator, like: Run | None = None, assembly: Assembly | None = None,
                  among: Sequence[str] = ()):
-        """`kind` of simulator to use; `like` is a run of the same record with another diagram: the record is not read again.
-        `assembly` is this diagram, where there is one; `among` as in `quick_simulation.Unexplained`."""
+        """`kind` of simulator to use; `like` is a run of the same record with another diagram, so that the record is not
+        read again. `assembly` is this diagram, if it exists; `among` as in `quick_simulation.Unexplained`."""
         self.record, self.names, self.among = record, names, among
         self.found: Measured = like.found if like is not None else measure(experiment, record)
         self.assembly: Assembly = assembly or assemble_for(experiment, record)
@@ -119,37 +120,36 @@ class Run:
         self.simulator: Simulator = self._simulator(kind, tolerances, None if like is None else like.simulator)
 
     def _simulator(self, kind: type[Simulator], tolerances: Tolerances, like: Simulator | None) -> Simulator:
-        made: Callable[..., Simulator] = kind
+        factory: Callable[..., Simulator] = kind
         if issubclass(kind, Unexplained):
-            made = partial(kind, probe=self.probe, among=self.among)
-        return made(self.assembly, times=self.found.grid, tolerances=tolerances, sensitivities=self.names, like=like)
+            factory = partial(kind, probe=self.probe, among=self.among)
+        return factory(self.assembly, times=self.found.grid, tolerances=tolerances, sensitivities=self.names, like=like)
 
     def again(self, names: list[str], values: Mapping[str, float], kind: type[Simulator],
               tolerances: Tolerances | None = None) -> Run:
-        """The same diagram on the same record with these values from the start, other sensitivities, another simulator."""
-        other = copy(self)
-        other.names, other.assembly = names, self.assembly.with_parameters(values)
-        other.simulator = other._simulator(kind, tolerances or self.simulator.tolerances, self.simulator)
-        return other
+        """The same diagram on the same record with these start values, other sensitivities, another simulator."""
+        copied = copy(self)
+        copied.names, copied.assembly = names, self.assembly.with_parameters(values)
+        copied.simulator = copied._simulator(kind, tolerances or self.simulator.tolerances, self.simulator)
+        return copied
 
     def beginning(self, experiment: Experiment, short: Record, values: Mapping[str, float]) -> Run:
         """The same diagram with these values on the beginning `short` of the record, by the same simulator, with
-        sensitivities to all that is free in the experiment. All runs of the record, with whatever diagram, read this
+        sensitivities to all free parameters of the experiment. All runs of the record, with any diagram, read this
         beginning once."""
         assert short.end is not None
-        made = Run(experiment, short, list(experiment.free), self.simulator.tolerances, kind=type(self.simulator),
-                   like=self._beginnings.get(short.end), assembly=self.assembly.with_parameters(values))
-        self._beginnings.setdefault(short.end, made)
-        return made
+        beginning_run = Run(experiment, short, list(experiment.free), self.simulator.tolerances, kind=type(self.simulator),
+                            like=self._beginnings.get(short.end), assembly=self.assembly.with_parameters(values))
+        self._beginnings.setdefault(short.end, beginning_run)
+        return beginning_run
 
     def residuals(self, values: Mapping[str, float], most: float = np.inf) -> tuple[Array, Array]:
-        """(model - measured)/noise (n,) of the n samples that count, channel after channel, and derivatives (m, n). A run of
-        a search is ended by `Exceeded` where their sum of squares is above `most`."""
+        """(model - measured)/noise (n,) of the n fitted samples, channel after channel, and derivatives (m, n). A run of
+        a search ends by `Exceeded` if the sum of squares is above `most`."""
         return self._wrong(values, self.counts, most)
 
     def held_out(self, values: Mapping[str, float]) -> tuple[Array, Array]:
-        """The same of the samples that check a fit: the whole of a record that is not fitted, the blocks held out of one
-        that is."""
+        """The same for the validation samples: a whole record that is not fitted, or the blocks held out of a fitted one."""
         return self._wrong(values, self.counts if self.record.use != "fit" else self.checking)
 
     def _wrong(self, values: Mapping[str, float], which: NDArray[np.bool_], most: float = np.inf) -> tuple[Array, Array]:
@@ -166,40 +166,40 @@ class Run:
                 raise Exceeded
 
         if isinstance(self.simulator, Unexplained):
-            signals, moved = self.simulator.measured(values, watch if np.isfinite(most) else None)
+            signals, sensitivities = self.simulator.measured(values, watch if np.isfinite(most) else None)
         else:
             result = self.simulator.run(values)
             signals = self.probe.values(result)
-            moved = self.probe.sensitivities(result) if self.names else np.zeros((0, *signals.shape))
+            sensitivities = self.probe.sensitivities(result) if self.names else np.zeros((0, *signals.shape))
         wrong = (signals - self.measured)[which] / self._noise(which)
-        return wrong, moved[:, which] / self._noise(which) if self.names else np.zeros((0, len(wrong)))
+        return wrong, sensitivities[:, which] / self._noise(which) if self.names else np.zeros((0, len(wrong)))
 
-    def _noise(self, which: NDArray[np.bool_]) -> Array:
+    def _noise(self, selected: NDArray[np.bool_]) -> Array:
         """The noise of each of these samples (n,)."""
-        return self.noise[which]
+        return self.noise[selected]
 
     @cached_property
     def broken(self) -> Array:
-        """The residuals (n,) of the samples that count where the run breaks down."""
-        moved = np.array([np.ptp(row[on]) if on.any() else 0.0 for row, on in zip(self.measured, self.counts, strict=True)])
-        level = np.maximum(BROKEN, FAR * moved[:, None] / self.noise)
+        """The residuals (n,) of the fitted samples for a failed run."""
+        ranges = np.array([np.ptp(row[on]) if on.any() else 0.0 for row, on in zip(self.measured, self.counts, strict=True)])
+        level = np.maximum(BROKEN, FAR * ranges[:, None] / self.noise)
         return np.asarray(level[self.counts])
 
     @property
     def input_errors(self) -> Array:
-        """Realisations (M, n) of what the noise of the inputs does to the residuals of the samples that count; none where no
-        input has noise."""
+        """Realisations (M, n) of the effect of input noise on the residuals of the fitted samples; empty if no input has
+        noise."""
         drawn = [c.input_errors for c in self.found.channels.values()]
         number = max((len(d) for d in drawn), default=0)
-        found = np.zeros((number, *self.counts.shape))
+        error_samples = np.zeros((number, *self.counts.shape))
         for k, channel in enumerate(self.found.channels.values() if number else ()):
-            found[:, k, channel.index] = channel.input_errors * self.scale[k]
-        return found[:, self.counts] / self.noise[self.counts]
+            error_samples[:, k, channel.index] = channel.input_errors * self.scale[k]
+        return error_samples[:, self.counts] / self.noise[self.counts]
 
 
 def columns_of(experiment: Experiment, assemblies: Mapping[str, Assembly]) -> list[Column]:
-    """The unknowns of a fit of some records, given the assembly of each by its name. What every record has of its own
-    begins at the value of that record."""
+    """The unknowns of a fit of some records, given the assembly of each by its name. Separate values of a record begin at
+    the value of that record."""
     first = next(iter(assemblies.values()))
     units = {q.name: q.unit.text for q in first.flat.parameters}
     return [Column(free, name, assembly.parameter_values[free.name], units[free.name])
@@ -208,17 +208,17 @@ def columns_of(experiment: Experiment, assemblies: Mapping[str, Assembly]) -> li
 
 def starts_outside(columns: Sequence[Column]) -> list[Problem]:
     """A problem for each free parameter whose value in the diagram, or at its record, is outside its range."""
-    found = []
+    outside = []
     for column in columns:
         free, value, bounds, scale = column.free, column.before, column.free.range, column.free.range.unit
         where = f"record {column.record}" if column.record else "the diagram"
         rounding = 1e-9 * (bounds.high - bounds.low)  # a value that a fit left at the end of its range is inside
         if not bounds.low - rounding <= value <= bounds.high + rounding:
-            found.append(Problem(
+            outside.append(Problem(
                 "free-start-outside", f"{free.name} is {scale.from_si(value):.6g} {scale.text} in {where}, outside its "
                 f"range {scale.from_si(bounds.low):.6g} .. {scale.from_si(bounds.high):.6g} {scale.text}", free.place,
                 f"Widen the range, or change the value in {where}."))
-    return found
+    return outside
 
 
 class Residuals:
@@ -226,11 +226,11 @@ class Residuals:
 
     def __init__(self, experiment: Experiment, records: list[Record] | None = None, tolerances: Tolerances = TOLERANCES,
                  runs: Sequence[Run] | None = None):
-        """`runs` of all records to be fitted, with sensitivities to everything that is free, where there are such."""
+        """`runs` of all records to be fitted, with sensitivities to all free parameters, if they exist."""
         self.experiment = experiment
         chosen = records if records is not None else [r for r in experiment.records.values() if r.use == "fit"]
         if not chosen:
-            raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
+            raise UsageError([Problem("fit-no-record", "no record is fitted", None,
                                       "Mark at least one record with `use: fit`.")])
         names = list(experiment.free)
         self.runs = list(runs) if runs is not None else [Run(experiment, record, names, tolerances, kind=FitSimulator)
@@ -239,7 +239,7 @@ class Residuals:
         self.low = np.array([c.inner(c.free.range.low) for c in self.columns])
         self.high = np.array([c.inner(c.free.range.high) for c in self.columns])
         self.orders = self._orders()
-        for high, low in self.orders:  # the lower one ends where the higher one still finds its place above it
+        for high, low in self.orders:  # the lower range ends early enough for the higher value
             most = self.columns[high].free.range.high - 2 * self._hair(high)
             if self.columns[low].free.range.low < most < self.columns[low].free.range.high:
                 self.high[low] = self.columns[low].inner(most)
@@ -249,23 +249,23 @@ class Residuals:
             raise UsageError(outside)
 
     def _orders(self) -> list[tuple[int, int]]:
-        """Columns of which the first must not be below the second (`requires: [F_s >= F_c]`, both free)."""
+        """Pairs of columns whose first must not be below the second (`requires: [F_s >= F_c]`, both free)."""
         at = {(c.free.name, c.record): k for k, c in enumerate(self.columns)}
-        found = []
+        ordered_pairs = []
         for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
             for ends in leaf.component.orders:
                 high, low = (f"{leaf.path}.{end}" for end in ends)
-                found += [(k, at.get((low, record), at.get((low, ""), -1)))
-                          for (name, record), k in at.items() if name == high]
-        return [(high, low) for high, low in found if low >= 0]
+                ordered_pairs += [(k, at.get((low, record), at.get((low, ""), -1)))
+                                  for (name, record), k in at.items() if name == high]
+        return [(high, low) for high, low in ordered_pairs if low >= 0]
 
     def _hair(self, high: int) -> float:
-        """The least distance of two values in order, as some laws divide by it."""
+        """The least distance of two ordered values, because some laws divide by it."""
         bounds = self.columns[high].free.range
         return 1e-6 * (bounds.high - bounds.low)
 
     def allowed(self, inner: Array) -> Array:
-        """The point with what must not be below another value raised to that."""
+        """The point with values raised to the minimum that the order requires."""
         inner = inner.copy()
         for high, low in self.orders:
             least = self.columns[low].outer(inner[low]) + self._hair(high)
@@ -274,7 +274,7 @@ class Residuals:
         return inner
 
     def at_end(self, inner: Array) -> NDArray[np.bool_]:
-        """Which of the unknowns stand at an end of their range."""
+        """Mask of the unknowns at an end of their range."""
         return np.asarray(np.minimum(inner - self.low, self.high - inner) < AT_END * (self.high - self.low))
 
     @property
@@ -284,12 +284,12 @@ class Residuals:
 
     @property
     def start(self) -> Array:
-        """The values of the diagram, and of each record where these are its own."""
+        """The values of the diagram, and of each record if they are separate."""
         return np.array([c.inner(c.before) for c in self.columns])
 
     @property
     def given(self) -> Array:
-        """The values of the diagram as it was written, before a fit."""
+        """The original values of the diagram, before a fit."""
         return np.array([c.inner(c.before if c.free.given is None else c.free.given) for c in self.columns])
 
     def starting_points(self, number: int, seed: int) -> list[Array]:
@@ -297,7 +297,7 @@ class Residuals:
         points = [self.start]
         if number > 1:
             random, shape = np.random.default_rng(seed), (number - 1, len(self.columns))
-            within = random.random(shape)  # of the strata, of which each column has every one once
+            within = random.random(shape)  # each column uses every stratum once
             strata = np.array([random.permutation(shape[0]) for _ in self.columns]).reshape(shape[::-1]).T
             points += list(self.low + (strata + 1 - within) / shape[0] * (self.high - self.low))
         return points
@@ -308,59 +308,59 @@ class Residuals:
                 if c.record in ("", record)}
 
     def evaluate(self, inner: Array, most: float = np.inf) -> tuple[Array, Array]:
-        """Residuals (n,) of the data and Jacobian (n, columns) in inner unknowns, without priors. Where their sum of squares
-        is above `most`, they may be those of a run that breaks down."""
+        """Residuals (n,) of the data and Jacobian (n, columns) in inner unknowns, without priors. If their sum of squares
+        is above `most`, they may be the residuals of a failed run."""
         key = inner.tobytes()
         if key in self._known:
             return self._known[key]
-        asked, inner = inner, self.allowed(inner)
+        requested, inner = inner, self.allowed(inner)
         parts, blocks, ended = [], [], False
         for run in self.runs:
             try:
-                wrong, moved = self._one(run, inner, most)
+                wrong, slopes = self._one(run, inner, most)
             except Exceeded:
-                ended, (wrong, moved) = True, _broken(run)
+                ended, (wrong, slopes) = True, _broken(run)
             most -= float(wrong @ wrong)
             block = np.zeros((len(wrong), len(self.columns)))
             for k, column in enumerate(self.columns):
                 if column.record in ("", run.record.name):
-                    block[:, k] = moved[run.names.index(column.free.name)] * column.slope(inner[k])
+                    block[:, k] = slopes[run.names.index(column.free.name)] * column.slope(inner[k])
             parts.append(wrong)
             blocks.append(block)
         self.evaluations += 1
         jacobian = np.vstack(blocks)
         for high, low in self.orders:
-            if inner[high] != asked[high]:  # it rides on the lower one
+            if inner[high] != requested[high]:  # it is limited by the lower one
                 ratio = self.columns[low].slope(inner[low]) / self.columns[high].slope(inner[high])
-                # its own column stays: the way up from there is open
+                # its column stays: the value may rise from there
                 jacobian[:, low] += jacobian[:, high] * ratio
-        found = np.concatenate(parts), jacobian
+        result = np.concatenate(parts), jacobian
         if not ended:
             if len(self._known) == KEPT:
                 del self._known[next(iter(self._known))]
-            self._known[key] = found
-        return found
+            self._known[key] = result
+        return result
 
-    limit_passed: Problem | None = None  # that of the last run that ended at a physical limit
+    limit_passed: Problem | None = None  # the limit of the last run that ended at one
 
     def _one(self, run: Run, inner: Array, most: float) -> tuple[Array, Array]:
-        """A record's residuals; a run that breaks down is a large residual, not an end."""
+        """A record's residuals; a failed run is a large residual, not an error."""
         try:
-            wrong, moved = run.residuals(self.values_of(inner, run.record.name), most)
+            wrong, slopes = run.residuals(self.values_of(inner, run.record.name), most)
         except (ModelError, SimulationError, StartError) as error:
             if error.problems[0].code == "run-physical":
                 self.limit_passed = error.problems[0]
             return _broken(run)
-        return (wrong, moved) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(moved)) else _broken(run)
+        return (wrong, slopes) if np.all(np.isfinite(wrong)) and np.all(np.isfinite(slopes)) else _broken(run)
 
     def broken(self, inner: Array) -> float:
-        """The share of the fitted samples in records whose runs break down."""
+        """The share of the fitted samples in records whose runs fail."""
         wrong = self.evaluate(inner)[0]
         whole = np.concatenate([run.broken for run in self.runs])
         return float(np.mean(np.abs(wrong) >= whole))
 
     def cost(self, inner: Array, most: float = np.inf) -> float:
-        """The sum of squares of data and priors, by runs without sensitivities; infinite where it is above `most`."""
+        """The sum of squares of data and priors, by runs without sensitivities; infinite if it is above `most`."""
         prior, allowed = self.priors(inner)[0], self.allowed(inner)
         total = float(prior @ prior)
         try:
@@ -390,13 +390,13 @@ class Residuals:
 
     def minimise(self, start: Array, robust: bool, progress: Progress, fixed: tuple[int, ...] = (), *, most: int = 60,
                  tolerance: float = 1e-8, partial: bool = False, settle: bool = False) -> Descent:
-        """Least squares from `start`; the columns in `fixed` stay where they are. It ends after `most` runs (twice), or
-        where a step changes the sum of squares or the unknowns by less than `tolerance`; with `settle` (for squares, not
-        robust losses) also where it has settled (SETTLED).
+        """Least squares from `start`; the columns in `fixed` are constant. It ends after `most` runs (twice), or if a step
+        changes the sum of squares or the unknowns by less than `tolerance`; with `settle` (for squares, not robust
+        losses) also if it is settled (SETTLED).
 
-        First SciPy's reflective method, which keeps away from the ends of ranges and finds its way from afar; then, from
-        where that ends, its dogleg in boxes, which meets an optimum that lies at an end or along a narrow valley. With
-        `partial` an interrupt ends it with its best so far (ENDED_EARLY).
+        First SciPy's reflective method, which avoids the ends of ranges and converges from distant starts; then, from its
+        end, the dogleg method in boxes, which converges to an optimum at an end or along a narrow valley. With `partial`
+        an interrupt ends it with its best result so far (ENDED_EARLY).
         """
         first = self.descend(start, robust, progress, fixed, most=most, tolerance=tolerance, method="trf", partial=partial,
                              settle=settle)
@@ -411,9 +411,9 @@ class Residuals:
                 tolerance: float, method: Literal["trf", "dogbox"],
                 enough: Callable[[Sequence[float], Array], str] = lambda costs, best: "", partial: bool = False,
                 settle: bool = False, promise: float = 0.0) -> Descent:
-        """One of the two methods of `minimise` alone; it ends besides where `enough`, which is given the sum of squares of
-        each run so far and the unknowns of the best, says ARRIVED or GIVEN_UP, and where the tangent promises that the sum
-        falls by less than the share `promise`."""
+        """One of the two methods of `minimise`; it also ends if `enough`, which receives the sum of squares of each run
+        so far and the best unknowns, returns ARRIVED or GIVEN_UP, or if the tangent predicts a relative decrease below
+        `promise`."""
         from scipy.optimize import least_squares
 
         moving = [k for k in range(len(self.columns)) if k not in fixed]
@@ -431,11 +431,11 @@ class Residuals:
         def both(y: bytes) -> tuple[Array, Array]:
             inner = whole(np.frombuffer(y))
             prior = self.priors(inner)
-            # both methods reject a step behind which the sum of squares is larger, however much larger it is
+            # both methods reject a step that increases the sum of squares, by any amount
             most = np.inf if robust or not costs else (1 + ROUNDING) * min(costs) - float(prior[0] @ prior[0])
             data = self.evaluate(inner, most)
-            found = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving] * span
-            return found if robust else condensed(*found)
+            residuals_and_jacobian = np.concatenate([data[0], prior[0]]), np.vstack([data[1], prior[1]])[:, moving] * span
+            return residuals_and_jacobian if robust else condensed(*residuals_and_jacobian)
 
         def values(y: Array) -> Array:
             nonlocal best
@@ -456,13 +456,14 @@ class Residuals:
         def jacobian(y: Array) -> Array:
             return both(y.tobytes())[1]
 
-        # the minimiser measures steps by the length of its unknowns: each is 1 to 2 over its range, as volts and pascals are
-        # not of one size
+        # the minimiser measures steps by the length of its unknowns: each is scaled to 1 .. 2 over its range, because volts
+        # and pascals differ in size
         inside = np.clip(1 + (start[moving] - low) / span, 1 + 1e-6, 2 - 1e-6)
         try:
-            found = least_squares(values, inside, jac=jacobian, bounds=(1.0, 2.0), method=method, max_nfev=most,
-                                  loss="soft_l1" if robust else "linear", xtol=tolerance, ftol=tolerance, gtol=1e-8)
-            ended = found.x, float(found.cost), str(found.message), found.status == 0
+            solution = least_squares(values, inside, jac=jacobian, bounds=(1.0, 2.0), method=method,
+                                                   max_nfev=most,
+                                     loss="soft_l1" if robust else "linear", xtol=tolerance, ftol=tolerance, gtol=1e-8)
+            ended = solution.x, float(solution.cost), str(solution.message), solution.status == 0
         except _Enough as said:
             ended = best, min(costs) / 2, str(said), str(said) == GIVEN_UP
         except BaseException as error:
@@ -474,8 +475,9 @@ class Residuals:
 
 
 def promised(residuals: Array, jacobian: Array, y: Array, near: float) -> float:
-    """By how much the sum of squares falls to the minimum of its tangent: (the step there in standard errors)**2 times the
-    variance of a residual. What stands at an end of its range (y is 1 or 2, or `near` it) and would go beyond stays."""
+    """Predicted decrease of the sum of squares to the minimum of its tangent: (the step there in standard errors)**2
+    times the variance of a residual. An unknown at an end of its range (y is 1 or 2, or `near` it) that would move
+    beyond stays."""
     slope = jacobian.T @ residuals
     moving = ~(((y - 1 <= near) & (slope > 0)) | ((2 - y <= near) & (slope < 0)))
     step = np.linalg.lstsq(jacobian[:, moving], residuals, rcond=1e-12)[0]
@@ -483,34 +485,35 @@ def promised(residuals: Array, jacobian: Array, y: Array, near: float) -> float:
 
 
 class Exceeded(Exception):
-    """The sum of squares of a run is larger than it may be."""
+    """The sum of squares of a run exceeds its limit."""
 
 
 def _broken(run: Run) -> tuple[Array, Array]:
-    """Residuals and derivatives of a run that breaks down."""
+    """Residuals and derivatives of a failed run."""
     return run.broken, np.zeros((len(run.names), len(run.broken)))
 
 
 class _Enough(Exception):
-    """A descent need not go on."""
+    """Signal to end a descent."""
 
 
 def condensed(residuals: Array, jacobian: Array) -> tuple[Array, Array]:
-    """A linear least squares problem of as many rows as unknowns and one more that has the same sum of squares, gradient and
-    normal matrix: with J = Q R, the residuals Q'r and the length of what is left of r, and R over a row of zeros. (The
-    minimiser decomposes the Jacobian at every step; of thousands of rows that takes as long as a run.)
+    """A linear least squares problem with one row more than unknowns that has the same sum of squares, gradient and normal
+    matrix: with J = Q R, the residuals Q'r and the norm of the remainder of r, and R over a row of zeros. (The minimiser
+    decomposes the Jacobian at every step; for thousands of rows that takes as long as a run.)
 
-    An unknown that no residual feels (the place of a stop that is not reached) has a row of its own, of residual 0, that
-    holds it: in the direction of a singular value of 0 the minimiser would fill its trust region with rounding."""
+    An unknown without effect on any residual (the place of a stop that is not reached) gets a separate row, of residual
+    0, that fixes it: in the direction of a singular value of 0 the minimiser would fill its trust region with rounding
+    errors."""
     felt = np.any(jacobian != 0, axis=0)
     if not felt.all() and felt.any():
-        seen, part = condensed(residuals, jacobian[:, felt])
-        own = np.append(felt, True)  # the row of what is left comes last
-        whole, over = np.zeros(len(own)), np.zeros((len(own), len(felt)))
-        whole[own], over[np.ix_(own, felt)] = seen, part
-        over[~own, ~felt] = np.abs(part).max()
+        projected, part = condensed(residuals, jacobian[:, felt])
+        kept_columns = np.append(felt, True)  # the row of the remainder is last
+        whole, over = np.zeros(len(kept_columns)), np.zeros((len(kept_columns), len(felt)))
+        whole[kept_columns], over[np.ix_(kept_columns, felt)] = projected, part
+        over[~kept_columns, ~felt] = np.abs(part).max()
         return whole, over
     Q, R = np.linalg.qr(jacobian)
-    seen = Q.T @ residuals
-    rest = np.sqrt(max(float(residuals @ residuals - seen @ seen), 0.0))
-    return np.append(seen, rest), np.vstack([R, np.zeros((1, R.shape[1]))])
+    projected = Q.T @ residuals
+    remainder = np.sqrt(max(float(residuals @ residuals - projected @ projected), 0.0))
+    return np.append(projected, remainder), np.vstack([R, np.zeros((1, R.shape[1]))])

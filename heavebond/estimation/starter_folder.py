@@ -19,19 +19,19 @@ from heavebond.numerics.simulation import simulate
 from heavebond.text.yaml_source import Scalar, read
 
 TEMPLATE = Path(__file__).parents[1] / "starter"
-# how the shaker moves on each day: sines that the load follows, meets at its resonance and does not follow
+# motion of the shaker on each day: sines below, at and above the resonance of the load
 MOTIONS = {
     "monday": "35 mm*sin(2*pi*time/2.9 s) + 12 mm*sin(2*pi*time/1.1 s) + 4 mm*sin(2*pi*time/0.6 s)",
     "tuesday": "28 mm*sin(2*pi*time/2.3 s) + 15 mm*sin(2*pi*time/1.4 s) + 5 mm*sin(2*pi*time/0.7 s)"}
-EASED = "(1 - exp(-(time/2 s)**2))"  # it begins gently
-# columns of the records: signal, standard deviation of the noise (the shaker reports its own motion)
+EASED = "(1 - exp(-(time/2 s)**2))"  # it begins with a smooth start
+# columns of the records: signal, standard deviation of the noise (the shaker reports its motion)
 COLUMNS = {"deck_m": ("deck.x", 0.0), "load_m": ("load.x", 0.2e-3), "force_N": ("shaker.a.f", 2.0)}
 SEED = 20
 
 
 @dataclass(frozen=True)
 class StarterFolder:
-    """What was written: files, and among them diagrams and experiments that can be run at once."""
+    """The written files, and among them diagrams and experiments that can be run."""
 
     folder: Path
     files: tuple[Path, ...]
@@ -40,9 +40,9 @@ class StarterFolder:
 
 
 def start_folder(folder: Path, origin: str | None = None) -> StarterFolder:
-    """Make a folder with a rig of one load and synthetic records of it, or with a copy of the bundled machine `origin`.
+    """Create a folder with a rig of one load and synthetic records of it, or with a copy of the bundled machine `origin`.
 
-    UsageError where the folder holds something, its name cannot name a diagram, or there is no such machine.
+    UsageError if the folder is not empty, its name cannot name a diagram, or the machine does not exist.
     """
     name = folder.name
     if not re.fullmatch(r"[A-Za-z]\w*", name, flags=re.ASCII):
@@ -62,12 +62,12 @@ def start_folder(folder: Path, origin: str | None = None) -> StarterFolder:
 
 def _machine(origin: str) -> Path:
     """The folder of a bundled machine."""
-    found = bundled("models") / origin
+    machine_folder = bundled("models") / origin
     known = [p.name for p in sorted(bundled("models").iterdir()) if (p / f"{p.name}.yaml").is_file()]
     if origin not in known:
         raise UsageError([Problem("machine-unknown", f"there is no bundled machine '{origin}'", None,
                                   suggest(origin, known) or f"Machines: {listing(known)}.")])
-    return found
+    return machine_folder
 
 
 # -- a rig of one load -----------------------------------------------------------------------------------------------
@@ -99,7 +99,7 @@ def _records(hidden: Path) -> Iterable[Path]:
 
 # -- a bundled machine -----------------------------------------------------------------------------------------------
 def _copied(machine: Path, folder: Path) -> StarterFolder:
-    """All files of a machine but those that tell what is hidden in its records."""
+    """Copy all files of a machine except those that reveal the hidden effects of its records."""
     for source in sorted(path for path in machine.rglob("*") if path.is_file() and path.name != "truth.yaml"):
         copy = folder / source.relative_to(machine)
         make_folder(copy.parent)
@@ -120,7 +120,7 @@ def _copied(machine: Path, folder: Path) -> StarterFolder:
 
 
 def _complete(path: Path) -> bool:
-    """Whether all records of an experiment are there: some are not ours to give away."""
+    """True if all records of an experiment exist: the licences of some do not permit distribution."""
     try:
         return all(record.file.is_file() for record in load_experiment(path).records.values())
     except HeavebondError:
@@ -136,8 +136,8 @@ def _readme(name: str, machine: str, diagrams: list[Path], experiments: list[Pat
         parts += [f"heavebond compare {experiments[0].name} --output compared.png",
                   f"heavebond diagnose {experiments[0].name}"]
     parts += [f"heavebond tune {path.name}" for path in studies] + ["```", ""]
-    for what, paths in (("Diagrams", diagrams), ("Experiments", experiments), ("Studies", studies)):
-        parts += [f"* {what}: {', '.join(f'`{path.name}`' for path in paths)}."] if paths else []
+    for heading, paths in (("Diagrams", diagrams), ("Experiments", experiments), ("Studies", studies)):
+        parts += [f"* {heading}: {', '.join(f'`{path.name}`' for path in paths)}."] if paths else []
     if not experiments and (Path(first).parent / "data").is_dir():
-        parts += ["", "The records are not part of heavebond; `data/README.md` says where they are."]
+        parts += ["", "The records are not part of heavebond; `data/README.md` states their source."]
     return "\n".join(parts) + "\n"

@@ -1,8 +1,8 @@
-"""The descents of a fit from its starting points: one after the other, or side by side on the workers of a cluster.
+"""The descents of a fit from its starting points: in sequence, or in parallel on the workers of a cluster.
 
-A worker is sent the experiment with each start and keeps the least squares problem that it has made of it. What was done may
-be kept in a file, each descent with a digest of the records, the model (its residuals and derivatives at the first start, to
-the last bit), the start and the method.
+A worker receives the experiment with each start and caches the least squares problem that it builds. Completed descents
+may be stored in a file, each with a digest of the records, the model (its residuals and derivatives at the first start,
+to the last bit), the start and the method.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from heavebond.estimation.multiple_shooting import Shooting
 from heavebond.estimation.residuals import Descent, Residuals
 from heavebond.numerics.dae import Array
 
-AROUND = 16  # points of the ranges at which a fit looks for less than it has found
+AROUND = 16  # points of the ranges at which a fit searches for a smaller sum of squares
 
 
 @dataclass(frozen=True)
 class Starts:
-    """The starting points (m,) of a fit, and how each is followed."""
+    """The starting points (m,) of a fit, and the settings of their descents."""
 
     points: Sequence[Array]
     segments: int = 1
@@ -42,39 +42,39 @@ class Starts:
 
     def descents(self, problem: Residuals, say: Progress, cluster: Cluster | None = None, kept: KeptLines | None = None
                  ) -> list[Descent]:
-        """Where the descents end, in the order of the starts. With `partial` an interrupt ends it with those that are there,
-        the last of them with the message ENDED_EARLY."""
+        """Ends of the descents, in the order of the starts. With `partial` an interrupt returns the completed ones, the
+        last of them with the message ENDED_EARLY."""
         digests = [self._digest(problem, point) for point in self.points] if kept is not None else []
-        found: dict[int, Descent] = {}
+        completed: dict[int, Descent] = {}
         for k, digest in enumerate(digests):
             with suppress(LookupError, TypeError, ValueError):
                 assert kept is not None
                 entry = kept.get(digest) or {}
-                found[k] = Descent.from_dict(entry)
+                completed[k] = Descent.from_dict(entry)
                 problem.evaluations += int(entry["evaluations"])
-        left = [k for k in range(len(self.points)) if k not in found]
-        coming = self._here(problem, left, say) if cluster is None else self._elsewhere(problem, left, say, cluster)
+        waiting = [k for k in range(len(self.points)) if k not in completed]
+        coming = self._here(problem, waiting, say) if cluster is None else self._elsewhere(problem, waiting, say, cluster)
         try:
             for k, descent, evaluations in coming:
-                found[k] = descent
+                completed[k] = descent
                 if kept is not None and descent.message != ENDED_EARLY:
                     kept.add(digests[k], {**descent.as_dict(), "evaluations": evaluations})
         except KeyboardInterrupt:
-            if not self.partial or not found:
+            if not self.partial or not completed:
                 raise
             clear_signal()
-            return self._ended(found)
-        return self._ended(found) if any(d.message == ENDED_EARLY for d in found.values()) else _in_order(found)
+            return self._ended(completed)
+        return self._ended(completed) if any(d.message == ENDED_EARLY for d in completed.values()) else _in_order(completed)
 
     def lower(self, problem: Residuals, runs: Sequence[Descent], seed: int, say: Progress) -> list[Descent]:
-        """The descents, and one more from a point of the ranges at which less is left already than where the best of them
-        ended: that was in another valley (an oscillation that is out of step with the record has several). A run
-        that leaves more ends as soon as it does."""
+        """The descents, and one more from a point of the ranges whose sum of squares is already below the best end: the
+        best was in another local minimum (an oscillation that is out of phase with the record has several). A run ends
+        as soon as it exceeds the best."""
         least, lowest = min(2 * run.cost for run in runs), None
         try:
             for point in problem.starting_points(AROUND + 1, seed)[1:]:
-                if (found := problem.cost(point, least)) < least:
-                    least, lowest = found, point
+                if (cost_at_point := problem.cost(point, least)) < least:
+                    least, lowest = cost_at_point, point
             return [*runs, self._descended(problem, lowest, say)] if lowest is not None else [*runs]
         except KeyboardInterrupt:
             if not self.partial:
@@ -82,8 +82,8 @@ class Starts:
             clear_signal()
             return self._ended(dict(enumerate(runs)))
 
-    def _ended(self, found: dict[int, Descent]) -> list[Descent]:
-        descents = _in_order(found)
+    def _ended(self, descents_found: dict[int, Descent]) -> list[Descent]:
+        descents = _in_order(descents_found)
         return [*descents[:-1], replace(descents[-1], message=ENDED_EARLY)]
 
     def _here(self, problem: Residuals, numbers: Sequence[int], say: Progress) -> Iterator[tuple[int, Descent, int]]:
@@ -98,65 +98,65 @@ class Starts:
         shared = packed(problem.experiment)
         jobs = [(k, (shared, replace(self, points=[self.points[k]], partial=False))) for k in numbers]
         say(f"start 1 of {len(self.points)}")
-        for done, (k, (descent, evaluations)) in enumerate(as_done(cluster, _followed, jobs, cluster.ahead), 1):
+        for completed_count, (k, (descent, evaluations)) in enumerate(as_done(cluster, _followed, jobs, cluster.ahead), 1):
             problem.evaluations += evaluations
-            say(f"{len(self.points) - len(numbers) + done} of {len(self.points)} starts: chi-square per sample "
+            say(f"{len(self.points) - len(numbers) + completed_count} of {len(self.points)} starts: chi-square per sample "
                 f"{2 * descent.cost / problem.samples:.4g}")
             yield k, descent, evaluations
 
     def follow(self, problem: Residuals, start: Array, say: Progress) -> tuple[Descent, int]:
-        """The descent from a point, and how often it evaluated the problem."""
+        """The descent from a point, and the number of evaluations of the problem."""
         before = problem.evaluations
         if self.segments > 1:
             start = Shooting(problem, self.segments).solve(start, say)
         return self._descended(problem, start, say), problem.evaluations - before
 
     def _descended(self, problem: Residuals, start: Array, say: Progress) -> Descent:
-        """Least squares from a start. That of long records begins with their beginnings, and goes on from where that ends if
-        it leaves less on the whole of them (from near the optimum it takes half of the runs) until it has settled."""
+        """Least squares from a start. For long records it begins with their beginnings, and continues from that end, if
+        it is better on the whole records (from near the optimum this takes half of the runs), until it has settled."""
         points = sum(len(run.found.grid) for run in problem.runs)
         if points <= EXCERPTS.long:
             return problem.minimise(start, self.robust, say, partial=self.partial)
         each = EXCERPTS.max_extension * EXCERPTS.excerpt // len(problem.runs)
         begun = [replace(run.record, end=float(run.found.grid[min(each, len(run.found.grid)) - 1])) for run in problem.runs]
         try:
-            found = Residuals(problem.experiment, begun).minimise(
+            descent_of_beginnings = Residuals(problem.experiment, begun).minimise(
                 start, self.robust, lambda text: say(f"beginning of the records: {text}"), tolerance=1e-6,
                 partial=self.partial, settle=not self.robust)
         except HeavebondError:  # one of them has no samples of a channel there
-            found = Descent(start, np.inf, (), "")
-        if found.message == ENDED_EARLY:
-            return found
+            descent_of_beginnings = Descent(start, np.inf, (), "")
+        if descent_of_beginnings.message == ENDED_EARLY:
+            return descent_of_beginnings
         try:
-            if len(found.history):
-                wrong, prior = problem.evaluate(found.x)[0], problem.priors(found.x)[0]
-                left = float(wrong @ wrong + prior @ prior)
-                start = start if problem.cost(start, left) < left else found.x
+            if len(descent_of_beginnings.history):
+                wrong, prior = problem.evaluate(descent_of_beginnings.x)[0], problem.priors(descent_of_beginnings.x)[0]
+                sum_of_squares = float(wrong @ wrong + prior @ prior)
+                start = start if problem.cost(start, sum_of_squares) < sum_of_squares else descent_of_beginnings.x
             return problem.minimise(start, self.robust, say, partial=self.partial, settle=not self.robust)
         except KeyboardInterrupt:
-            if not (self.partial and len(found.history)):
+            if not (self.partial and len(descent_of_beginnings.history)):
                 raise
             clear_signal()
-            return replace(found, message=ENDED_EARLY)
+            return replace(descent_of_beginnings, message=ENDED_EARLY)
 
     def _digest(self, problem: Residuals, point: Array) -> str:
-        made = hashlib.sha256(repr((VERSION, problem.runs[0].simulator.tolerances, problem.columns, self.segments,
-                                    self.robust)).encode())
+        digest = hashlib.sha256(repr((VERSION, problem.runs[0].simulator.tolerances, problem.columns, self.segments,
+                                      self.robust)).encode())
         for array in (*problem.evaluate(problem.start), point):
-            made.update(np.ascontiguousarray(array).tobytes())
+            digest.update(np.ascontiguousarray(array).tobytes())
         for run in problem.runs:
-            made.update(run.record.name.encode())
+            digest.update(run.record.name.encode())
             for samples in (run.found.grid, run.measured, run.counts, run.noise):
-                made.update(np.ascontiguousarray(samples).tobytes())
-        return made.hexdigest()
+                digest.update(np.ascontiguousarray(samples).tobytes())
+        return digest.hexdigest()
 
 
-def _in_order(found: dict[int, Descent]) -> list[Descent]:
-    return [found[k] for k in sorted(found)]
+def _in_order(descents_found: dict[int, Descent]) -> list[Descent]:
+    return [descents_found[k] for k in sorted(descents_found)]
 
 
 def _followed(experiment: bytes, starts: Starts) -> tuple[Descent, int]:
-    """The descent from the only point, in a process that another one has sent everything."""
+    """The descent from one point, in a process that has received all data."""
     return starts.follow(_problem_of(experiment), starts.points[0], lambda text: None)
 
 

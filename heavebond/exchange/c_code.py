@@ -15,11 +15,13 @@ from heavebond.core.version import VERSION
 from heavebond.core.writable import write_text
 from heavebond.exchange.portable import Portable, Quantity, portable
 from heavebond.language.model import Model
-from heavebond.numerics.output_times import grid
+from heavebond.language.symbols import split, stack
+from heavebond.numerics.dae import DELAY_ROWS
+from heavebond.numerics.output_times import grid, largest_step_of
 from heavebond.numerics.validity import physical_grace
 
-SPARE = 40  # characters of a message besides its text: the time
-LONGEST_NAME = 60  # of what all names begin with; C99 tells 63 characters apart at least
+SPARE = 40  # characters of a message in addition to its text: the time
+LONGEST_NAME = 60  # length of the prefix of all names; C99 distinguishes at least 63 characters
 SOURCES = Path(__file__).parents[1] / "c"
 KEYWORDS = frozenset(re.findall(
     r"\w+", "auto break case char const continue default do double else enum extern float for goto if inline int long main "
@@ -27,44 +29,45 @@ KEYWORDS = frozenset(re.findall(
 
 
 def export_c(model: Model, path: str | Path, inputs: Iterable[str] = ()) -> Portable:
-    """Write the equations of a diagram as C; every external name in it begins with that of the file."""
+    """Write the equations of a diagram as C; every external name in it begins with the name of the file."""
     path = Path(path)
     prefix = c_name(path.stem)
-    made = portable(model, inputs, f"{prefix}_")
-    write_text(path, c_text(made, prefix))
-    return made
+    exported = portable(model, inputs, f"{prefix}_")
+    write_text(path, c_text(exported, prefix))
+    return exported
 
 
 def c_name(text: str) -> str:
-    """A name that C takes."""
+    """A valid name of C."""
     plain = re.sub(r"\W", "_", text, flags=re.ASCII)[:LONGEST_NAME]
     return f"m_{plain}" if not plain[:1].isalpha() or plain in KEYWORDS else plain
 
 
-def c_text(made: Portable, prefix: str, *, whole: bool = False) -> str:
-    """The file; `whole` is for an FMU, with directional derivatives and events but without their integrator. Its functions
-    must have been made with `prefix`_."""
+def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
+    """The text of the file; `whole` is for an FMU, with directional derivatives and events but without their integrator.
+    Its functions must have been built with `prefix`_."""
     generator = ca.CodeGenerator(prefix, {"with_header": False, "casadi_int": "int"})
-    steps, stops, parts = not whole and bool(made.events), 0, [_source("evaluate.c")]
-    functions = [made.equations]
+    steps, stops, parts = not whole and exported.integrated, 0, [_source("evaluate.c")]
+    functions = [exported.equations]
     if whole or steps:
-        functions += [made.directions, made.jacobian, made.happenings, made.updates, made.instants,
-                      made.starting.conditions]
-    elif made.stops is not None and made.stops.size1_out(0):
-        stops = made.stops.size1_out(0)
-        functions.append(made.stops)
+        functions += [exported.directions, exported.jacobian, exported.happenings, exported.updates, exported.instants,
+                      exported.histories, exported.starting.conditions]
+    elif exported.stops is not None and exported.stops.size1_out(0):
+        stops = exported.stops.size1_out(0)
+        functions.append(exported.stops)
         parts.append(NEXT_STOP.replace("NUMBER", str(stops)))
-    if whole or steps or made.limited:
-        functions.append(made.limits)
+    if whole or steps or exported.limited:
+        functions.append(exported.limits)
         parts.append(_source("limits.c"))
     if steps:
         parts += [_source("run.c").replace("model_", f"{prefix}_"), _source("c_run.c").replace("model_", f"{prefix}_")]
     for function in functions:
         generator.add(function)
-    return "\n".join([_head(made, prefix, stops, steps), "#include <stdio.h>", _used(generator.dump()),
-                      *_arrays(made, prefix),
-                      *([*_event_arrays(made, prefix), *_start_arrays(made, prefix)] if whole or steps else []),
-                      *(_limit_arrays(made, prefix) if whole or steps or made.limited else []),
+    return "\n".join([_head(exported, prefix, stops, steps), "#include <stdio.h>", _used(generator.dump()),
+                      *_arrays(exported, prefix),
+                      *([*_event_arrays(exported, prefix), *_start_arrays(exported, prefix),
+                         *_delay_arrays(exported, prefix)] if whole or steps else []),
+                      *(_limit_arrays(exported, prefix) if whole or steps or exported.limited else []),
                       *(part.replace("MODEL", prefix) for part in parts)])
 
 
@@ -89,51 +92,55 @@ double MODEL_next_stop(double t, const double *p) {
 """
 
 
-UNUSED = ("arg", "res", "iw", "w", "mem")  # arguments that CasADi gives to every function
+UNUSED = ("arg", "res", "iw", "w", "mem")  # arguments of every function that CasADi generates
 
 
 def _used(code: str) -> str:
-    """Generated functions without warnings of arguments that they do not use."""
-    def add(found: re.Match[str]) -> str:
-        names = [argument.split()[-1].strip("*") for argument in found[2].split(",")]
-        return found[1] + "".join(f" (void) {name};" for name in names if name in UNUSED)
+    """Add statements to generated functions that prevent warnings of unused arguments."""
+    def add(match: re.Match[str]) -> str:
+        names = [argument.split()[-1].strip("*") for argument in match[2].split(",")]
+        return match[1] + "".join(f" (void) {name};" for name in names if name in UNUSED)
 
     return re.sub(r"^((?:static|CASADI_SYMBOL_EXPORT) [^\n;{}()]*\(([^\n()]+)\) ?\{)$", add, code, flags=re.MULTILINE)
 
 
-def _head(made: Portable, prefix: str, stops: int, steps: bool) -> str:
-    """The comment that says what stands where."""
+def _head(exported: Portable, prefix: str, stops: int, steps: bool) -> str:
+    """The comment at the beginning that lists the contents."""
     parts = [
-        f"{made.name}: equations in C, written by heavebond {VERSION}", "",
+        f"{exported.name}: equations in C, written by heavebond {VERSION}", "",
         f"int {prefix}_evaluate(double t, const double *x, double *z, const double *p, const double *u,",
         f"{' ' * len(prefix)}              double *dx, double *y)", "",
         "gives the derivatives dx = dx/dt of the states x and the outputs y at the time t; either may be a null pointer.",
-        "z holds the algebraic unknowns: a first guess on entry, the solution on return (it is not looked at where there",
-        "are none). It returns 0, or another number where z is not found. It keeps nothing between calls.", "",
+        "z holds the algebraic unknowns: a first guess on entry, the solution on return (it is ignored if there",
+        "are none). It returns 0, or another number if z was not found. It has no memory between calls.", "",
+        *([f"Only {prefix}_advance can call it: after the inputs, u holds {DELAY_ROWS} values of each delayed",
+           "variable, which follow from the history of the run.", ""] if exported.delays else []),
         *([f"double {prefix}_next_stop(double t, const double *p)", "",
-           "gives the next instant after t at which a function of time has a kink or a short motion, or INFINITY.",
-           "An integrator ends a step there and begins anew, as it may pass over the motion otherwise.", ""]
+           "gives the next instant after t at which a function of time has a kink or a fast transition, or INFINITY.",
+           "An integrator must end a step there and restart, because it may skip the transition otherwise.", ""]
           if stops else []),
         *([f"int {prefix}_check(double t, const double *x, const double *z, const double *p, const double *u,",
            f"{' ' * len(prefix)}           char *message, size_t size)", "",
            "tests the physical limits of variables, such as a volume below 0, at the end of an accepted step. It returns 0,",
            "or another number with a message that names the variable and the time: the run has to end there.", ""]
-          if made.limited else []),
+          if exported.limited else []),
         *([f"size_t {prefix}_size(void)",
            f"void {prefix}_begin(void *run, double t, const double *p)",
            f"int {prefix}_advance(void *run, double end, const double *u, double *x, double *y, char *message, size_t size)",
            "",
-           f"integrate the equations with all events. A run needs {prefix}_size() bytes of memory, aligned for double. It",
-           f"begins at the time t with the parameters p (a null pointer: {prefix}_p_start). {prefix}_advance integrates to",
-           "the time end with constant inputs u; x and y are states and outputs there. Null pointers may stand for u, x, y",
-           "and message.",
-           "It returns 0, or another number with a message where the run has to end. A copy of the block is a snapshot.", ""]
+           "integrate the equations with all events and delays.",
+           f"A run needs {prefix}_size() bytes of memory, aligned for double. It begins at the time t with",
+           f"the parameters p (a null pointer: {prefix}_p_start). {prefix}_advance integrates to",
+           "the time end with constant inputs u; x and y are states and outputs there. Null pointers are permitted for",
+           "u, x, y and message.",
+           "It returns 0, or another number with a message if the run has to end. A copy of the block is a snapshot.", ""]
           if steps else []),
         f"All is in SI but y. {prefix}_x_start, {prefix}_z_start, {prefix}_p_start and {prefix}_u_start hold the values",
         f"at the start, {prefix}_n_x, {prefix}_n_z, {prefix}_n_p, {prefix}_n_u and {prefix}_n_y the numbers of each."]
     for letter, title, quantities in (
-            ("x", "States", made.states), ("z", "Algebraic unknowns", made.algebraic), ("p", "Parameters", made.parameters),
-            ("u", "Inputs", made.inputs), ("y", "Outputs", made.outputs)):
+            ("x", "States", exported.states), ("z", "Algebraic unknowns", exported.algebraic),
+            ("p", "Parameters", exported.parameters),
+            ("u", "Inputs", exported.inputs), ("y", "Outputs", exported.outputs)):
         if quantities:
             parts += ["", title, *_listed(letter, quantities)]
     return "/* " + "\n   ".join(c_comment(line) for line in parts).replace("\n   \n", "\n\n") + " */"
@@ -146,62 +153,85 @@ def _listed(letter: str, quantities: Sequence[Quantity]) -> list[str]:
             for row in rows]
 
 
-def _arrays(made: Portable, prefix: str) -> list[str]:
-    """Sizes, and values at the start; C knows no array of length 0."""
-    sizes = {"x": made.states, "z": made.algebraic, "p": made.parameters, "u": made.inputs, "y": made.outputs}
+def _arrays(exported: Portable, prefix: str) -> list[str]:
+    """Sizes, and values at the start; C does not permit arrays of length 0."""
+    sizes = {"x": exported.states, "z": exported.algebraic, "p": exported.parameters, "u": exported.inputs,
+             "y": exported.outputs}
     lines = ["enum { " + ", ".join(f"{prefix}_n_{letter} = {len(found)}" for letter, found in sizes.items()) + " };"]
     values = {f"{letter}_start": [q.start for q in sizes[letter]] for letter in "xzpu"}
-    values["x_nominal"] = [q.nominal for q in made.states]
-    values["z_nominal"] = [q.nominal for q in made.algebraic]
+    values["u_start"] += [0.0] * (DELAY_ROWS * len(exported.delays))
+    values["x_nominal"] = [q.nominal for q in exported.states]
+    values["z_nominal"] = [q.nominal for q in exported.algebraic]
     return [*lines, *(f"const double {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0.0]))}}};"
                       for name, numbers in values.items())]
 
 
-def _limit_arrays(made: Portable, prefix: str) -> list[str]:
-    """The messages on physical limits, and how far a variable may fall below each, by its size at the start."""
-    at_start = made.limits(made.assembly.begin, *([q.start for q in quantities] for quantities in (
-        made.states, made.algebraic, made.parameters, made.inputs)))
+def _limit_arrays(exported: Portable, prefix: str) -> list[str]:
+    """The messages on physical limits, and the tolerance of each limit, in proportion to the variable's size at the
+    start.
+    """
+    at_start = exported.limits(exported.assembly.begin, *([q.start for q in quantities] for quantities in (
+        exported.states, exported.algebraic, exported.parameters, exported.inputs)))
     above = np.array(at_start).ravel().tolist()
-    texts = [c_string(f"{u.name} falls below {readable(u.plausible.least, u.unit.text)}") for u in made.limited]
-    advice = [c_string(f"{u.plausible.beyond}.") for u in made.limited]
-    graces = [physical_grace(u, size if size > 0 else u.nominal) for u, size in zip(made.limited, above, strict=True)]
+    texts = [c_string(f"{u.name} falls below {readable(u.plausible.least, u.unit.text)}") for u in exported.limited]
+    advice = [c_string(f"{u.plausible.beyond}.") for u in exported.limited]
+    graces = [physical_grace(u, size if size > 0 else u.nominal) for u, size in zip(exported.limited, above, strict=True)]
     longest = max((len(a) + len(b) for a, b in zip(texts, advice, strict=True)), default=0) + SPARE
     return [f"enum {{ {prefix}_n_l = {len(texts)}, {prefix}_n_m = {longest} }};",
-            *(f"static const char *const {prefix}_l_{name}[] = {{{', '.join(found or ['0'])}}};"
-              for name, found in (("text", texts), ("advice", advice))),
+            *(f"static const char *const {prefix}_l_{name}[] = {{{', '.join(entries or ['0'])}}};"
+              for name, entries in (("text", texts), ("advice", advice))),
             f"static const double {prefix}_l_grace[] = {{{', '.join(map(repr, graces or [0.0]))}}};"]
 
 
-def _event_arrays(made: Portable, prefix: str) -> list[str]:
-    """Which event each condition belongs to, what happens once or is repeated, and what each reset sets."""
-    resets = [reset for event in made.events for reset in event.resets]
-    states = {column: k for k, column in enumerate(made.assembly.reduced.states)}
-    conditions = [k for k, event in enumerate(made.events) if event.indicator is not None]
-    breakaways = [(k, event.breakaway) for k, event in enumerate(made.events) if event.breakaway]
+def _event_arrays(exported: Portable, prefix: str) -> list[str]:
+    """The event of each condition, single and periodic instants, and the targets of resets."""
+    resets = [reset for event in exported.events for reset in event.resets]
+    states = {column: k for k, column in enumerate(exported.assembly.reduced.states)}
+    conditions = [k for k, event in enumerate(exported.events) if event.indicator is not None]
+    breakaways = [(k, event.breakaway) for k, event in enumerate(exported.events) if event.breakaway]
     numbers = {
         "condition": conditions,
-        "repeated": [0 if event.period is None else 1 for event in made.events],
-        "timed": [0 if k in conditions else 1 for k in range(len(made.events))],
-        "clock": [int(event.by_clock) for event in made.events],
-        "rows": np.cumsum([0, *(len(event.resets) for event in made.events)]).tolist(),
+        "repeated": [0 if event.period is None else 1 for event in exported.events],
+        "timed": [0 if k in conditions else 1 for k in range(len(exported.events))],
+        "clock": [int(event.by_clock) for event in exported.events],
+        "rows": np.cumsum([0, *(len(event.resets) for event in exported.events)]).tolist(),
         "set_state": [-1 if r.unknown is None else states[(r.unknown, 0)] for r in resets],
         "set_held": [-1 if r.held is None else r.held for r in resets],
-        "breaks": [1 if event.breakaway else 0 for event in made.events],
+        "breaks": [1 if event.breakaway else 0 for event in exported.events],
         "break_event": [k for k, _ in breakaways], "break_limit": [b.limit for _, b in breakaways],
         "break_direction": [int(b.direction) for _, b in breakaways]}
-    times = grid(made.assembly.model, None, None) if made.assembly.model.until is not None else [0.0, 1.0]
+    times = grid(exported.assembly.model, None, None) if exported.assembly.model.until is not None else [0.0, 1.0]
     return [
-        "enum { " + ", ".join(f"{prefix}_{name} = {len(found)}" for name, found in (
-            ("n_c", conditions), ("n_e", made.events), ("n_r", resets), ("n_f", made.sizes), ("n_b", breakaways))) + " };",
-        *(f"static const int {prefix}_{name}[] = {{{', '.join(map(str, found or [0]))}}};"
-          for name, found in numbers.items()),
-        f"static const double {prefix}_f_size[] = {{{', '.join(map(repr, made.sizes or (0.0,)))}}};",
+        "enum { " + ", ".join(f"{prefix}_{name} = {len(values)}" for name, values in (
+            ("n_c", conditions), ("n_e", exported.events), ("n_r", resets), ("n_f", exported.sizes), ("n_b", breakaways)))
+            + " };",
+        *(f"static const int {prefix}_{name}[] = {{{', '.join(map(str, values or [0]))}}};"
+          for name, values in numbers.items()),
+        f"static const double {prefix}_f_size[] = {{{', '.join(map(repr, exported.sizes or (0.0,)))}}};",
         f"static const double {prefix}_span = {float(times[-1] - times[0]) or 1.0!r}; /* s; of the run of the diagram */"]
 
 
-def _start_arrays(made: Portable, prefix: str) -> list[str]:
-    """The sizes of the conditions of the start, 0 where nothing that can be set changes it; and on what it depends."""
-    starting = made.starting
+def _delay_arrays(exported: Portable, prefix: str) -> list[str]:
+    """Numbers, sizes and values before the start of the delayed variables; whether the equations have rates of them, whether
+    a source depends on one without a state between, and the longest step."""
+    delays, u = exported.delays, exported.assembly.arguments[4]
+    reduced = exported.assembly.reduced
+    used = {s.element_hash() for s in ca.symvar(stack([reduced.ode, reduced.alg, reduced.unknowns()]))}
+    direct = bool(delays) and ca.depends_on(exported.assembly.express(stack(d.source for d in delays)),
+                                            stack([u, exported.assembly.arguments[2]]))
+    arrays: dict[str, tuple[str, Sequence[float]]] = {
+        "d_nominal": ("double", [d.nominal for d in delays]), "d_before": ("int", [d.index for d in delays]),
+        "d_rated": ("int", [int(any(s.element_hash() in used for s in split(d.symbols)[1:])) for d in delays])}
+    return [f"enum {{ {prefix}_n_d = {len(delays)}, {prefix}_n_v = {len(exported.inputs) + DELAY_ROWS * len(delays)}, "
+            f"{prefix}_direct = {int(direct)} }};",
+            *(f"static const {kind} {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0]))}}};"
+              for name, (kind, numbers) in arrays.items()),
+            f"static const double {prefix}_longest = {largest_step_of(exported.assembly.model)!r}; /* s; 0 for no limit */"]
+
+
+def _start_arrays(exported: Portable, prefix: str) -> list[str]:
+    """The sizes of the conditions of the start, 0 if no settable value changes it; and the values on which it depends."""
+    starting = exported.starting
     conditions, _, guesses = (starting.conditions.numel_out(k) for k in range(3))
     counts = (conditions, guesses, len(starting.solved_for), int(starting.square)) if starting.follows else (0, 0, 0, 0)
     numbers = {"solved": starting.solved_for, "by_p": [int(b) for b in starting.by_parameters],
@@ -209,6 +239,6 @@ def _start_arrays(made: Portable, prefix: str) -> list[str]:
     return [
         "enum { " + ", ".join(f"{prefix}_{name} = {count}" for name, count in zip(
             ("n_s", "n_a", "n_q", "start_square"), counts, strict=True)) + " };",
-        *(f"static const int {prefix}_start_{name}[] = {{{', '.join(map(str, found or [0]))}}};"
-          for name, found in numbers.items()),
+        *(f"static const int {prefix}_start_{name}[] = {{{', '.join(map(str, values or [0]))}}};"
+          for name, values in numbers.items()),
         f"static const double {prefix}_start_size[] = {{{', '.join(map(repr, starting.sizes or (1.0,)))}}};"]

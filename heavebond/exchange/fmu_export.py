@@ -31,22 +31,22 @@ from heavebond.language.model import Model
 COMPILERS = ("cc", "gcc", "clang")
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
 SYSTEMS_2 = {"linux": "linux", "darwin": "darwin", "win32": "win"}
-STAMP = (1980, 1, 1, 0, 0, 0)  # of every file in the archive, so that the same diagram gives the same bytes
+STAMP = (1980, 1, 1, 0, 0, 0)  # time stamp of every file in the archive, so that the same diagram gives the same bytes
 VERSIONS = (2, 3)
 
 
 def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), version: int = 3) -> Portable:
-    """Write an FMU of FMI 2.0 or 3.0; UsageError where there is no C compiler, ModelError for a diagram with FMUs."""
+    """Write an FMU of FMI 2.0 or 3.0; UsageError without a C compiler, ModelError for a diagram with FMUs."""
     if version not in VERSIONS:
-        raise UsageError([Problem("fmi-version", f"there is no FMI {version}.0 here", None, "Choose 2 or 3.")])
+        raise UsageError([Problem("fmi-version", f"FMI {version}.0 is not supported", None, "Choose 2 or 3.")])
     compiler = find_compiler()
-    made = portable(model, inputs, "model_", events=True)
-    source = c_text(made, "model", whole=True)
-    identifier, wrappers = c_name(made.name), _wrappers(version)
+    exported = portable(model, inputs, "model_", events=True)
+    source = c_text(exported, "model", whole=True)
+    identifier, wrappers = c_name(exported.name), _wrappers(version)
     hashed = hashlib.sha256("".join([source, *wrappers.values()]).encode())
     token = "{" + hashed.hexdigest()[:32] + "}"
     source += f'\nstatic const char model_token[] = "{token}";\n'
-    files = {"modelDescription.xml": description(made, identifier, token, version), "sources/model.c": source.encode(),
+    files = {"modelDescription.xml": description(exported, identifier, token, version), "sources/model.c": source.encode(),
              **{f"sources/{name}": text.encode() for name, text in wrappers.items()}}
     if version == 3:
         files["sources/buildDescription.xml"] = _build_description(identifier)
@@ -55,18 +55,18 @@ def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), versi
     with new_file(path) as fresh, zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():
             archive.writestr(zipfile.ZipInfo(name, STAMP), content, zipfile.ZIP_DEFLATED)
-    return made
+    return exported
 
 
 def find_compiler() -> str:
-    """The C compiler: that of the environment variable CC, else the first that is there; UsageError where none is."""
+    """The C compiler: from the environment variable CC, else the first that is installed; UsageError without one."""
     named = os.environ.get("CC")
     for name in (named,) if named else COMPILERS:
-        found = shutil.which(name)
-        if found:
-            return found
-    said = f"CC names '{named}', which is not there" if named else "there is no C compiler here"
-    raise UsageError([Problem("compiler-missing", f"an FMU holds compiled C, and {said}", None,
+        path = shutil.which(name)
+        if path:
+            return path
+    reason = f"CC names '{named}', which is not there" if named else "no C compiler is installed"
+    raise UsageError([Problem("compiler-missing", f"an FMU holds compiled C, and {reason}", None,
                               "Install gcc or clang (on Debian: apt install gcc), or set CC to a compiler. "
                               "`-o model.c` writes the equations as C and needs none.")])
 
@@ -82,8 +82,8 @@ def platform_of(version: int = 3) -> tuple[str, str]:
 
 
 def _wrappers(version: int) -> dict[str, str]:
-    """The sources beside model.c; the first includes the others."""
-    names = (f"fmi{version}.c", "fmu_core.c", "run.c", "fmu_start.c", "fmu_events.c", "rosenbrock.c")
+    """The sources in addition to model.c; the first includes the others."""
+    names = (f"fmi{version}.c", "fmu_core.c", "run.c", "fmu_start.c", "fmu_events.c", "history.c", "rosenbrock.c")
     return {name: (SOURCES / name).read_text(encoding="utf-8") for name in names}
 
 
@@ -92,12 +92,13 @@ def _compiled(compiler: str, source: str, wrappers: dict[str, str], version: int
         folder = Path(name)
         for file, text in {"model.c": source, **wrappers}.items():
             (folder / file).write_text(text, encoding="utf-8")
-        # without contraction products and sums round as they are written
+        # without contraction, so that products and sums are rounded as written
         command = [compiler, "-O2", "-std=c99", "-ffp-contract=off", "-shared", "-fPIC", "-fvisibility=hidden",
                    f"fmi{version}.c", "-o", "model.bin", "-lm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            lines = [line for line in done.stderr.splitlines() if "error" in line][:3] or done.stderr.splitlines()[:3]
+        completed = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        if completed.returncode:
+            lines = [line for line in completed.stderr.splitlines()
+                     if "error" in line][:3] or completed.stderr.splitlines()[:3]
             raise UsageError([Problem("compiler-failed", f"{compiler} could not compile the FMU", None,
                                       "Set CC to another C compiler (gcc or clang).", tuple(lines))])
         return (folder / "model.bin").read_bytes()

@@ -1,7 +1,7 @@
-"""JSON Schema (draft 7) of the files of the language, for editors that complete and check while one types.
+"""JSON Schema (draft 7) of the files of the language, for completion and checks in editors.
 
-It knows the keys of every kind of file, and of a folder's library the components, their parameters, inputs and units. What
-needs more than one look (wires, formulas, dimensions) is left to `heavebond check`.
+It contains the keys of every kind of file, and for a folder's library the components, their parameters, inputs and units.
+Checks across entries (wires, formulas, dimensions) are left to `heavebond check`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ UNIT = {"$ref": "#/definitions/unit"}
 BODY = {"components": {"$ref": "#/definitions/components"}, "nodes": {"$ref": "#/definitions/nodes"}}
 WHOLE = {"type": ["string", "integer"]}
 COUNT = {"anyOf": [WHOLE, {"type": "array", "items": WHOLE, "minItems": 1, "maxItems": 2}],
-         "description": "how many it is a list of, or rows and columns of a matrix, by whole numbers"}
+         "description": "length of a list, or rows and columns of a matrix, as whole numbers"}
 # in this order: an experiment and a study name a model too
 HEADS = ("component", "function", "experiment", "study", "model")
 
@@ -78,21 +78,23 @@ def diagram() -> Schema:
     return _object({
         "model": _said("the name of the diagram"), "summary": _said("a sentence"),
         "extends": _said("another diagram of which this one is a variant"),
-        "parameters": _each(QUANTITY, "figures of your own, for formulas"), **BODY,
-        "set": {"$ref": "#/definitions/settings"}, "remove": _said("parts of the extended diagram that go", WORDS),
+        "parameters": _each(QUANTITY, "parameters of the diagram, for formulas"), **BODY,
+        "set": {"$ref": "#/definitions/settings"}, "remove": _said("removed parts of the extended diagram", WORDS),
         "initial": {"$ref": "#/definitions/initial"},
         "vary": _each(FORMULA, "factors by which parameters of parts vary: `spring.c: =1 + 0.2*spring.s/(1 m)`"),
-        "nominal": _each(QUANTITY, "the size that a variable commonly has, for error control: `coil.i: 1 nA`"),
+        "nominal": _each(QUANTITY, "the usual size of a variable, for error control: `coil.i: 1 nA`"),
+        "clocks": _each(_object({"parts": WORDS, "jitter": TIME, "lost": QUANTITY, "seed": QUANTITY}, ["parts"]),
+                        "jitter and lost samples of the clocks of sampled parts"),
         "show": _each(_object({"is": _said("a formula; without it the name itself", FORMULA), "unit": UNIT}, ["unit"]),
                       "named outputs"),
         "simulate": _object({"from": TIME, "every": TIME, "until": {"anyOf": [TIME, _object(
                                  {"when": FORMULA, "at_most": TIME}, ["when", "at_most"],
-                                 "the condition at which a run ends, and the time at which it ends in any case")]},
+                                 "the condition for the end of a run, and its latest end")]},
                              "largest_step": _said("longest step of the integrator", TIME),
-                             "solver": _said("what integrates a run; auto without it", {"enum": list(SOLVERS)})},
-                            description="when it begins and ends, the time between output points, and by what"),
+                             "solver": _said("the integrator of a run [default: auto]", {"enum": list(SOLVERS)})},
+                            description="begin and end of a run, the time between output points, and the integrator"),
         "view": _each({"anyOf": [view_shape(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),
-        "source": _said("where it is from"), "notes": _said("text for readers", {})}, ["model"])
+        "source": _said("its source"), "notes": _said("text for readers", {})}, ["model"])
 
 
 def view_shape(kind: str) -> Schema:
@@ -101,52 +103,52 @@ def view_shape(kind: str) -> Schema:
     pair = {"type": "array", "items": FORMULA, "minItems": 2, "maxItems": 2}
     sizes = {key: pair if key in PAIRS and kind not in WIDE else FORMULA for key in (*needed, *more)}
     return _object({"is": {"enum": [kind]}, **sizes, "colour": _said(f"{colour} without it", {"enum": list(COLOURS)}),
-                    "label": _said("what is written at it")}, ["is", *needed])
+                    "label": _said("its label")}, ["is", *needed])
 
 
 def experiment() -> Schema:
-    """A diagram beside records."""
-    own = _object({"file": TEXT, "time": TIME_AXIS})
+    """A diagram with records."""
+    record_schema = _object({"file": TEXT, "time": TIME_AXIS})
     record = _object({
         "file": _said("CSV, Parquet or MAT file"), "use": {"enum": list(USES)}, "from": TIME, "to": TIME,
         "set": {"$ref": "#/definitions/settings"}, "initial": _each(QUANTITY), "inputs": {"$ref": "#/definitions/inputs"},
-        "outputs": _each(own)})
+        "outputs": _each(record_schema)})
     record["anyOf"] = [{"required": ["file", "use"]}, {"propertyNames": {"enum": ["set", "initial"]}}]
     output = _object({
         "is": _said("a formula; without it the name itself", FORMULA), "column": _said("its name in the file"), "unit": UNIT,
         "noise": _said("standard deviation", QUANTITY), "file": TEXT, "time": TIME_AXIS,
-        "shift": _said("by how much it is late", TIME), "outliers": {"enum": ["drop", "keep"]}})
+        "shift": _said("its delay", TIME), "outliers": {"enum": ["drop", "keep"]}})
     free = {"anyOf": [_said("a range `30 .. 70 kN*s/m`, `42 kN/m +- 20 %`, or `fixed`"),
                       _object({"range": TEXT, "each": {"enum": ["record"]}}, ["range"])]}
     return _object({
         "experiment": _said("a name"), "summary": _said("a sentence"), "extends": _said("an experiment to begin with"),
         "model": _said("the diagram"), "records": _each(record, "the measured files"), "time": TIME_AXIS,
         "inputs": {"$ref": "#/definitions/inputs"}, "outputs": _each(output, "measured channels"),
-        "free": _each(free, "what a fit may move"), "notes": _said("text for readers", {})}, ["experiment"])
+        "free": _each(free, "free parameters of a fit"), "notes": _said("text for readers", {})}, ["experiment"])
 
 
 def study() -> Schema:
     """Many cases, tuning, or both."""
     values, ranges = _each(QUANTITY), _each(TEXT, "parameters and their ranges: `0 .. 8 1/m`")
-    window = _object({"from": TIME, "to": TIME}, description="the time that counts")
+    window = _object({"from": TIME, "to": TIME}, description="the evaluated time")
     tune = _object({
         "free": ranges, "cost": _said("a formula of numbers of a run"), "limits": _said("comparisons that must hold", WORDS),
         "stable": _said("whether the tuned machine must be stable at rest", {"enum": ["on", "off"]}),
         "over": _each(values, "sets of values, each with its weight"),
-        "uncertain": _each(TEXT, "how far parameters may be off: `20 %`"),
+        "uncertain": _each(TEXT, "uncertainties of parameters: `20 %`"),
         "by": _each({"type": ["object", "null"]}, "procedures")}, ["free", "cost"])
     steps = _object({"from": QUANTITY, "to": QUANTITY, "number": {"type": ["integer", "string"]}}, ["from", "to", "number"])
     whole: Schema = {"type": ["integer", "string"]}
-    drawn = _object(dict.fromkeys((*DRAWN, "seed"), whole), description="how points are drawn")
+    drawn = _object(dict.fromkeys((*DRAWN, "seed"), whole), description="sampling method of the points")
     sample = _object({"sample": {"anyOf": [{"enum": list(NAMED)}, drawn]}, "over": ranges}, ["sample", "over"])
     cases = {"anyOf": [{"type": "array"}, steps, sample, _each({"anyOf": [values, {"type": "null"}]})]}
     return _object({
         "study": _said("a name"), "summary": _said("a sentence"), "model": _said("the diagram"),
-        "cases": _each(cases, "what is varied: `f: [1 Hz, 2 Hz]`, or named sets of values"), "evaluate": window,
-        "reference": _said("values of a run that others are compared with", values),
-        "modes": _said("values where modes are computed", values), "tune": tune,
-        "measure": _each({"anyOf": [TEXT, _object({"is": {}, "unit": UNIT}, ["is"])]}, "numbers told of each case"),
-        "compare_with": _said("what others say of the same", {"type": "object"}), "calibrate": _object(
+        "cases": _each(cases, "varied parameters: `f: [1 Hz, 2 Hz]`, or named sets of values"), "evaluate": window,
+        "reference": _said("values of the reference run", values),
+        "modes": _said("values for the computation of modes", values), "tune": tune,
+        "measure": _each({"anyOf": [TEXT, _object({"is": {}, "unit": UNIT}, ["is"])]}, "measured numbers of each case"),
+        "compare_with": _said("published numbers for comparison", {"type": "object"}), "calibrate": _object(
             {"free": ranges, "targets": {}, "to": {}}, ["free", "targets"]),
         "pictures": _each(_object({"title": TEXT, **dict.fromkeys(PICTURES, WORDS), "from": TIME, "to": TIME})),
         "notes": _said("text for readers", {})}, ["study", "model"])
@@ -161,38 +163,44 @@ def component_file(known: Library) -> Schema:
         "unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "default": QUANTITY, "neutral": QUANTITY,
         "integer": _said("a whole number; written without a value", {}), "class": TEXT, "search_range": TEXT,
         "wakes_with": WORDS, "count": COUNT,
-        "medium": _said("the property of the medium in its circuit that it is taken from"),
-        "typical": _object({"range": TEXT, "source": TEXT}, ["source"], "between which values it commonly lies"),
-        "instant": _said("a time at which something begins or changes, which the beginning of a record does not tell; "
+        "medium": _said("the property of the medium in its circuit that gives its value"),
+        "typical": _object({"range": TEXT, "source": TEXT}, ["source"], "its usual range"),
+        "instant": _said("a time at which something begins or changes, independent of the beginning of a record; "
                          "written without a value", {}),
         "width": _said("the width of a transition that makes a law smooth; written without a value", {}),
-        "meaning": _said("the effect of another value in a sentence with fields, `Leakage of {C} in {part}.`")})
+        "meaning": _said("a sentence on the effect of another value, with fields, `Leakage of {C} in {part}.`")})
     variable = _object({"unit": UNIT, "doc": TEXT, "min": QUANTITY, "max": QUANTITY, "start": QUANTITY, "held": QUANTITY,
                         "nominal": QUANTITY, "count": COUNT,
                         "delayed": _object({"of": TEXT, "by": FORMULA}, ["of", "by"],
-                                           "it is another variable at an earlier time"),
+                                           "source and delay, if it is another variable at an earlier time"),
                         "physical": _said("the limit below which a run ends with an error", QUANTITY),
-                        "beyond": _said("what happens below `physical`, and which component models it")}, ["unit"])
+                        "beyond": _said("the state below `physical`, and the component that models it")}, ["unit"])
     event = _object({**dict.fromkeys((*KINDS, "from", "impulse", "moves"), FORMULA), "then": _each(FORMULA),
                      "otherwise": _each(FORMULA)}, ["then"])
+    transition = {"anyOf": [FORMULA, _object({"when": FORMULA, "after": FORMULA})]}
+    state = _object({"doc": TEXT, "entry": _each(FORMULA), "to": _each(transition)})
     return _object({
         "component": _said("its name, in CamelCase", {"type": "string"}), "summary": _said("a sentence"),
-        "restrictions": _said("what it leaves out"), "source": _said("where the law is from"), "domain": TEXT,
+        "restrictions": _said("neglected effects"), "source": _said("source of the law"), "domain": TEXT,
         "symbol": _said("its picture in drawings"),
         "extends": _said("another component, whose laws it has"),
         "set": _each({"anyOf": [QUANTITY, *LISTS]}, "values of the parameters of the component that it extends"),
         "ports": _each({"anyOf": [domain, signal, port]}, "`a: translational`, `u: {signal: in, unit: V}`"),
         "parameters": _each(parameter), "variables": _each(variable, "own unknowns"),
-        "travel_time": _said("time in which a wave passes the component, a segment of a line"),
+        "travel_time": _said("travel time of a wave through the component, a segment of a line"),
+        "opens": _said("pressure by which a valve is open, positive while it passes, `a.p - b.p - dp_0`"),
         "initial": _each(FORMULA, "states at the start that the diagram does not give, `{z: u}`"),
-        "equations": _said("one equation a line, its name behind #", {"type": "string"}),
-        "when": _each(event, "what happens at an instant"), **BODY, "stores": _said("energy stored", FORMULA),
+        "equations": _said("one equation per line, its name after #", {"type": "string"}),
+        "when": _each(event, "events of the component"),
+        "states": _each(state, "a state machine by its named states, the first one active at the start"),
+        **BODY, "stores": _said("energy stored", FORMULA),
         "dissipates": _said("power lost", FORMULA), "unbalanced": _object({"power": FORMULA, "why": TEXT}, ["power", "why"]),
-        "power": _said("`source`, or `controlled,` and why"), "requires": _said("relations between parameters", WORDS),
-        "effect": _effect(domain), "sliding": _each(QUANTITY, "what makes its dry friction slide where it is linearised"),
-        "placeholder": _said("why its law is missing"),
+        "power": _said("`source`, or `controlled,` and the reason"), "requires": _said("relations between "
+                                                                                       "parameters", WORDS),
+        "effect": _effect(domain), "sliding": _each(QUANTITY, "values for linearisation while its dry friction slides"),
+        "placeholder": _said("reason for a missing law"),
         "approximation": _object({"is": TEXT, "order": TEXT}, ["is", "order"],
-                                 "the component without history that may take its place, and the whole number of its order"),
+                                 "the component without history that can replace it, and the whole number of its order"),
         "units": {"enum": ["unchecked"], "description": "its equations are between plain numbers in SI"}},
         ["component", "summary"])
 
@@ -202,11 +210,11 @@ def function_file() -> Schema:
     quantity = _object({"unit": UNIT, "doc": TEXT, "count": COUNT}, ["unit"])
     return _object({
         "function": _said("its name, in small letters with `_`", {"type": "string"}), "summary": _said("a sentence"),
-        "restrictions": _said("what it leaves out"), "source": _said("where the law is from"),
-        "inputs": _each(quantity, "what it is called with, in this order"),
-        "outputs": _each(quantity, "what it gives"),
+        "restrictions": _said("neglected effects"), "source": _said("source of the law"),
+        "inputs": _each(quantity, "arguments in this order"),
+        "outputs": _each(quantity, "results"),
         "constants": _each(_object({"unit": UNIT, "value": QUANTITY, "doc": TEXT}, ["unit", "value"]), "numbers of the law"),
-        "equations": _said("one line `name = formula` for each output and step, its name behind #", {"type": "string"})},
+        "equations": _said("one line `name = formula` for each output and step, its name after #", {"type": "string"})},
         ["function", "summary", "inputs", "outputs", "equations"])
 
 
@@ -217,18 +225,18 @@ def _effect(domain: Schema) -> Schema:
         "amplitude": {"anyOf": [WORDS, _each(TEXT)]}, "search_range": _each(TEXT), "also": _each(domain), "replaces": WORDS,
         "start": _each(FORMULA), "settled": WORDS, "requires": _each(WORDS), "acts": FORMULA, "varies_with": WORDS,
         "meaning": _said("the effect in a sentence with fields, `Dry friction of {F_c} {place}.`")},
-        ["class", "description"], "that it may be what another diagram lacks")
+        ["class", "description"], "use as a candidate for a missing effect")
     return {"anyOf": [one, {"type": "array", "items": one}]}
 
 
 # -- parts of them ---------------------------------------------------------------------------------------------------
 def parts() -> dict[str, Schema]:
-    """What several kinds of files share."""
+    """Definitions that several kinds of files share."""
     any_value = {"anyOf": [QUANTITY, *LISTS, {"$ref": "#/definitions/column"}]}
     return {
         "quantity": quantity(), "time": quantity(unit("s"), "a time"), "unit": units(),
         "column": column(["file", "column", "unit", "interpolation"]),
-        "inputs": _each({"anyOf": [_said("the input whose record it takes over", {"type": "string"}),
+        "inputs": _each({"anyOf": [_said("the input whose record it replaces", {"type": "string"}),
                                    column(["column", "unit", "interpolation"],
                                           {"noise": _said("standard deviation of its noise", QUANTITY),
                                     "smooth": _said("bandwidth of a smoothing spline: `5 Hz`", QUANTITY)})]},
@@ -237,22 +245,22 @@ def parts() -> dict[str, Schema]:
         "nodes": _each({"anyOf": [{"type": "array", "items": {"type": "string"}}, {"type": "string"}]},
                        "the wires: a name each, and the list of ports: `load: [spring.b, load.a]`"),
         "initial": {"type": "object", "description": "the start", "additionalProperties": QUANTITY, "properties": {
-            "start": {"enum": list(STARTS)}, "solve": _said("parameters that are found", WORDS)}}}
+            "start": {"enum": list(STARTS)}, "solve": _said("parameters that the start determines", WORDS)}}}
 
 
 def instances(known: Library) -> dict[str, Schema]:
-    """`components:` of a diagram or block, and what may be said of a part by what it is."""
-    found: dict[str, Component] = {}
+    """`components:` of a diagram or block, and the entries of a part of each kind."""
+    components: dict[str, Component] = {}
     for name in known.files:
         try:
-            found[name] = known.component(name)
+            components[name] = known.component(name)
         except ModelError:
-            continue  # what is wrong with it is told where it is used; its name may be completed
-    kinds = list(dict.fromkeys([*known.names(), *found]))
-    said = [found[name].summary if name in found else "" for name in kinds]
+            continue  # a wrong component is reported at its use; its name may be completed
+    kinds = list(dict.fromkeys([*known.names(), *components]))
+    summaries = [components[name].summary if name in components else "" for name in kinds]
     by_kind = [{"if": {"required": ["is"], "properties": {"is": {"const": name}}},
-                "then": {"$ref": f"#/definitions/is.{quote(name)}"}} for name in found]
+                "then": {"$ref": f"#/definitions/is.{quote(name)}"}} for name in components]
     part = {"type": "object", "required": ["is"], "allOf": by_kind, "properties": {
-        **COMMON_ENTRIES, "is": {"enum": kinds, "enumDescriptions": said, "description": "a component"}}}
-    return {"components": _each(part, "the parts: a name each, and what it is"),
-            **{f"is.{name}": instance_of(component) for name, component in found.items()}}
+        **COMMON_ENTRIES, "is": {"enum": kinds, "enumDescriptions": summaries, "description": "a component"}}}
+    return {"components": _each(part, "the parts: name and component of each"),
+            **{f"is.{name}": instance_of(component) for name, component in components.items()}}

@@ -10,7 +10,7 @@ from heavebond.language.definition import Component, Parameter, SignalPort
 from heavebond.language.reading import INTERPOLATIONS
 
 Schema = dict[str, object]
-# units that a declaration in base units may be given in, beside those that are common by themselves
+# accepted units for a declaration in base units, in addition to the common units
 MORE = ("kN/m", "MN/m", "N/mm", "kN*s/m", "N*s/mm", "mm/s", "m/s", "km/h", "m/s**2", "m**2", "cm**2", "mm**2", "m**3",
         "cm**3", "m**3/s", "m**3/h", "L/s", "1/s", "1/min", "N*m", "kN*m", "N*m/rad", "N*m*s/rad", "kg*m**2", "kg/m**3",
         "kg/s", "kg/h", "g/s", "1/Pa", "1/GPa", "L/min/bar", "m**3/(s*Pa)", "J/K", "W/K", "1/m", "s/m")
@@ -26,22 +26,22 @@ TIME_AXIS: Schema = {"type": "object", "additionalProperties": False, "required"
 
 @lru_cache(maxsize=256)
 def written_units(unit: Unit) -> tuple[str, ...]:
-    """Units in which a value may be written where `unit` is declared, its own first."""
-    found = [unit.text]
+    """Units in which a value may be written if `unit` is declared, the declared one first."""
+    units = [unit.text]
     for text in (*COMMON, *MORE):
-        other = read_unit(text)
-        if other.dimension == unit.dimension and other.counts == unit.counts and text not in found:
-            found.append(text)
-    return tuple(found)
+        read = read_unit(text)
+        if read.dimension == unit.dimension and read.counts == unit.counts and text not in units:
+            units.append(text)
+    return tuple(units)
 
 
 def quantity(unit: Unit | None = None, description: str = "") -> Schema:
     """A number with a unit, a formula, or a bare 0; without unit a plain number too."""
-    said: Schema = {"description": description} if description else {}
+    annotation: Schema = {"description": description} if description else {}
     if unit is None or (unit.dimension == ONE and not unit.counts) or is_generic(unit.dimension):
-        return {**said, "anyOf": [{"type": "number"}, {"type": "string", "pattern": QUANTITY}]}
+        return {**annotation, "anyOf": [{"type": "number"}, {"type": "string", "pattern": QUANTITY}]}
     units = written_units(unit)
-    return {**said, "anyOf": [{"type": "string", "pattern": QUANTITY}, {"const": 0}],
+    return {**annotation, "anyOf": [{"type": "string", "pattern": QUANTITY}, {"const": 0}],
             "examples": [f"1 {text}" for text in units],
             "defaultSnippets": [{"label": f"... {text}", "body": f"${{1:1}} {text}"} for text in units]}
 
@@ -52,10 +52,10 @@ def parameter(declared: Parameter) -> Schema:
     parts += [f"default {declared.default.text}"] if declared.default is not None else []
     parts += [f"at least {declared.low:g}"] if declared.low is not None else []
     parts += [f"at most {declared.high:g}"] if declared.high is not None else []
-    said = ", ".join(part for part in parts if part)
+    description = ", ".join(part for part in parts if part)
     if declared.integer:
-        return {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": said}
-    return quantity(declared.unit, said)
+        return {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": description}
+    return quantity(declared.unit, description)
 
 
 LISTS: tuple[Schema, ...] = (
@@ -67,25 +67,26 @@ LISTS: tuple[Schema, ...] = (
 
 
 def listed(declared: Parameter) -> Schema:
-    """The values of a parameter that is a list: one after the other, or a column of a file."""
+    """The values of a list parameter: in sequence, or a column of a file."""
     return {"description": parameter(declared)["description"], "anyOf": [parameter(declared), *LISTS]}
 
 
 def signal(port: SignalPort) -> Schema:
-    """What is given to a signal input in place: a quantity, a formula, or a column of a record."""
-    said = ", ".join(part for part in (port.doc, f"in {port.unit.text}") if part)
+    """The value of a signal input: a quantity, a formula, or a column of a record."""
+    description = ", ".join(part for part in (port.doc, f"in {port.unit.text}") if part)
     several = LISTS[:1] if port.count is not None else ()
-    return {"description": f"{said}; or joined by a node",
+    return {"description": f"{description}; or a connection by a node",
             "anyOf": [quantity(port.unit), {"$ref": "#/definitions/column"}, *several]}
 
 
 def column(required: Iterable[str], more: Mapping[str, Schema] | None = None) -> Schema:
-    """A column of a record as an input, with entries that it may have besides."""
+    """A column of a record as an input, with optional entries."""
     return {
         "type": "object", "additionalProperties": False, "required": list(required), "properties": {
-        "file": {"type": "string", "description": "CSV, Parquet or MAT file beside this one"},
+        "file": {"type": "string", "description": "CSV, Parquet or MAT file, relative to the folder of this one"},
         "column": {**TEXT, "description": "its name in the file"}, "unit": {"$ref": "#/definitions/unit"},
-        "interpolation": {"enum": list(INTERPOLATIONS), "description": "what holds between two samples"}, "time": TIME_AXIS,
+        "interpolation": {"enum": list(INTERPOLATIONS), "description": "interpolation between two samples"},
+        "time": TIME_AXIS,
         "gaps": {"enum": ["bridge"], "description": "go across gaps"}, **(more or {})}}
 
 
@@ -96,17 +97,17 @@ def units() -> Schema:
 
 
 def instance_of(component: Component) -> Schema:
-    """The entries of a part that is this component."""
+    """The entries of a part of this kind."""
     lists = {name: p for name, p in component.parameters.items() if p.count is not None}
-    given = {name: listed(p) if name in lists else parameter(p) for name, p in component.parameters.items()}
-    given |= {name: signal(s) for name, s in component.signals.items() if s.direction == "in"}
+    settings = {name: listed(p) if name in lists else parameter(p) for name, p in component.parameters.items()}
+    settings |= {name: signal(s) for name, s in component.signals.items() if s.direction == "in"}
     elements = {rf"^{name}\[\s*\d+\s*((,|\]\[)\s*\d+\s*)?\]$": parameter(p) for name, p in lists.items()}
-    return {"description": component.summary, "additionalProperties": False, "properties": {**COMMON_ENTRIES, **given},
+    return {"description": component.summary, "additionalProperties": False, "properties": {**COMMON_ENTRIES, **settings},
             **({"patternProperties": elements} if elements else {})}
 
 
 COMMON_ENTRIES: Mapping[str, Schema] = {
     "is": {}, "at": {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3,
-                     "description": "column and row in the drawing, and by how many degrees it is turned"},
-    "repeat": {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": "so many of it in line"},
-    "data": {**WORDS, "description": "parts whose parameters of the same names count where none are given"}}
+                     "description": "column and row in the drawing, and its rotation in degrees"},
+    "repeat": {"anyOf": [{"type": "integer"}, {"type": "string"}], "description": "number of equal parts in series"},
+    "data": {**WORDS, "description": "parts that give missing parameters of the same name"}}

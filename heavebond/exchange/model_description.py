@@ -21,37 +21,40 @@ from heavebond.numerics.output_times import grid
 STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*\)*")
 
 
-def description(made: Portable, identifier: str, token: str, version: int = 3) -> bytes:
-    """The XML that tells what the FMU holds; `version` of the standard is 2 or 3."""
-    shown = [q for group in (made.states, made.inputs, made.outputs) for q in group]
-    structured = all(STRUCTURED.fullmatch(q.name) for q in shown)
+def description(exported: Portable, identifier: str, token: str, version: int = 3) -> bytes:
+    """The XML that describes the contents of the FMU; `version` of the standard is 2 or 3."""
+    shown_quantities = [q for group in (exported.states, exported.inputs, exported.outputs) for q in group]
+    structured = all(STRUCTURED.fullmatch(q.name) for q in shown_quantities)
     root = Xml.Element("fmiModelDescription", {
-        "fmiVersion": f"{version}.0", "modelName": made.name, "instantiationToken" if version == 3 else "guid": token,
+        "fmiVersion": f"{version}.0", "modelName": exported.name, "instantiationToken" if version == 3 else "guid": token,
         "generationTool": f"heavebond {VERSION}",
         "variableNamingConvention": "structured" if structured else "flat",
-        **({"numberOfEventIndicators": str(len(_conditions(made)))} if version == 2 else {}),
-        **({"description": summary} if (summary := made.assembly.model.summary) else {})})
-    (_kinds_3 if version == 3 else _kinds_2)(root, identifier)
-    quantities = [q for group in (made.states, made.parameters, made.inputs, made.outputs) for q in group]
-    rates = [_rate(q) for q in made.states]
+        **({"numberOfEventIndicators": str(len(_conditions(exported)))} if version == 2 else {}),
+        **({"description": summary} if (summary := exported.assembly.model.summary) else {})})
+    (_kinds_3 if version == 3 else _kinds_2)(root, identifier, not exported.delays)
+    quantities = [q for group in (exported.states, exported.parameters, exported.inputs, exported.outputs) for q in group]
+    rates = [_rate(q) for q in exported.states]
     _units(root, [*(q.unit for q in quantities), *(unit for _, unit in rates)])
-    _experiment(root, made)
-    (_Variables3 if version == 3 else _Variables2)(root).write(made, rates)
+    _experiment(root, exported)
+    (_Variables3 if version == 3 else _Variables2)(root).write(exported, rates)
     return xml_bytes(root)
 
 
-def _kinds_3(root: Xml.Element, identifier: str) -> None:
+def _kinds_3(root: Xml.Element, identifier: str, exchange: bool) -> None:
+    """Co-simulation, and model exchange unless an importing integrator would have to keep the history of delays."""
     shared = {"modelIdentifier": identifier, "canGetAndSetFMUState": "true", "providesDirectionalDerivatives": "true"}
     shared["canSerializeFMUState"] = "true"
-    Xml.SubElement(root, "ModelExchange", {**shared, "needsCompletedIntegratorStep": "true"})  # which tests physical limits
+    if exchange:  # a completed step tests physical limits
+        Xml.SubElement(root, "ModelExchange", {**shared, "needsCompletedIntegratorStep": "true"})
     Xml.SubElement(root, "CoSimulation", {**shared, "canHandleVariableCommunicationStepSize": "true",
                                           "hasEventMode": "true"})
 
 
-def _kinds_2(root: Xml.Element, identifier: str) -> None:
+def _kinds_2(root: Xml.Element, identifier: str, exchange: bool) -> None:
     shared = {"modelIdentifier": identifier, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true",
               "providesDirectionalDerivative": "true"}
-    for kind, more in (("ModelExchange", {}), ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
+    kinds = [("ModelExchange", dict[str, str]())] if exchange else []
+    for kind, more in (*kinds, ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
         element = Xml.SubElement(root, kind, {**shared, **more})
         Xml.SubElement(Xml.SubElement(element, "SourceFiles"), "File", {"name": "fmi2.c"})  # which includes the others
 
@@ -62,7 +65,7 @@ def _rate(state: Quantity) -> tuple[str, Unit]:
 
 
 def unit_name(unit: Unit) -> str:
-    """A unit as FMI tools write it: `m3/(s.Pa)` for `m**3/(s*Pa)`."""
+    """A unit in the notation of FMI: `m3/(s.Pa)` for `m**3/(s*Pa)`."""
     return unit.text.replace("**", "").replace("*", ".")
 
 
@@ -71,7 +74,7 @@ def _units(root: Xml.Element, units: Sequence[Unit]) -> None:
     for name, unit in {unit_name(unit): unit for unit in units}.items():
         entry = Xml.SubElement(definitions, "Unit", {"name": name})
         if any(power.denominator != 1 for _, power in unit.dimension):
-            continue  # FMI counts in whole powers
+            continue  # FMI permits whole powers only
         base = {symbol: str(power.numerator) for symbol, power in unit.dimension}
         if unit.counts == "angle":
             base["rad"] = "1"
@@ -82,8 +85,8 @@ def _units(root: Xml.Element, units: Sequence[Unit]) -> None:
         Xml.SubElement(entry, "BaseUnit", base)
 
 
-def _experiment(root: Xml.Element, made: Portable) -> None:
-    model = made.assembly.model
+def _experiment(root: Xml.Element, exported: Portable) -> None:
+    model = exported.assembly.model
     if model.until is not None:
         times = grid(model, None, None)
         Xml.SubElement(root, "DefaultExperiment", {"startTime": repr(float(times[0])) if times[0] else "0",
@@ -91,13 +94,13 @@ def _experiment(root: Xml.Element, made: Portable) -> None:
                                                    "stepSize": repr(float(times[1] - times[0]))})
 
 
-def _conditions(made: Portable) -> list[FlatEvent]:
+def _conditions(exported: Portable) -> list[FlatEvent]:
     """The events with an indicator, in the order of the indicators."""
-    return [event for event in made.events if event.indicator is not None]
+    return [event for event in exported.events if event.indicator is not None]
 
 
 class _Variables3:
-    """Variables and their structure as FMI 3.0 writes them; value references are as `fmu_core.c` counts them."""
+    """Variables and model structure in the format of FMI 3.0; value references are numbered as in `fmu_core.c`."""
 
     def __init__(self, root: Xml.Element):
         self.variables, self.structure = Xml.SubElement(root, "ModelVariables"), Xml.SubElement(root, "ModelStructure")
@@ -107,49 +110,50 @@ class _Variables3:
         Xml.SubElement(self.variables, "Float64", {"name": name, "valueReference": str(reference), "causality": causality,
                                                    "variability": variability, **{k: v for k, v in more.items() if v}})
 
-    def write(self, made: Portable, rates: Sequence[tuple[str, Unit]]) -> None:
+    def write(self, exported: Portable, rates: Sequence[tuple[str, Unit]]) -> None:
         """All variables."""
-        names = {q.name for group in (made.states, made.parameters, made.inputs) for q in group}
-        names |= {held.name for held in made.held.values()}
+        names = {q.name for group in (exported.states, exported.parameters, exported.inputs) for q in group}
+        names |= {held.name for held in exported.held.values()}
         self.add("time", 0, "independent", "continuous", description="time in s")
-        first, n_x = 1, len(made.states)
-        solved = list(range(first, first + n_x)) if made.starting.follows else []  # what the initialisation may change
-        for k, q in enumerate(made.states):
+        first, n_x = 1, len(exported.states)
+        # values that the initialisation may change
+        solved = list(range(first, first + n_x)) if exported.starting.follows else []
+        for k, q in enumerate(exported.states):
             self.add(q.name, first + k, "local", "continuous", initial="approx" if solved else "exact", **_told(q),
                      nominal=repr(q.nominal))
         for k, (name, unit) in enumerate(rates):
             self.add(name, first + n_x + k, "local", "continuous", initial="calculated", unit=unit_name(unit),
                      derivative=str(first + k))
         first += 2 * n_x
-        for k, (q, shown) in enumerate(zip(made.parameters, made.tunable, strict=True)):
-            if shown:
+        for k, (q, is_tunable) in enumerate(zip(exported.parameters, exported.tunable, strict=True)):
+            if is_tunable:
                 self.add(q.name, first + k, "parameter", "tunable", initial="exact", **_told(q), **_bounds(q))
-            elif held := made.held.get(k):
+            elif held := exported.held.get(k):
                 self.add(held.name, first + k, "local", "discrete", initial="exact", **_told(replace(q, doc=held.doc)))
-        first += len(made.parameters)
-        for k, q in enumerate(made.inputs):
+        first += len(exported.parameters)
+        for k, q in enumerate(exported.inputs):
             self.add(q.name, first + k, "input", "continuous", **_told(q))
-        first += len(made.inputs)
-        for k, q in enumerate(made.outputs):
+        first += len(exported.inputs)
+        for k, q in enumerate(exported.outputs):
             # an output may have the name of a state or a parameter, which FMI does not allow
             name = f"show.{q.name}" if q.name in names else q.name
             self.add(name, first + k, "output", "continuous", initial="calculated", unit=unit_name(q.unit),
                      description=q.doc)
-        outputs = list(range(first, first + len(made.outputs)))
+        outputs = list(range(first, first + len(exported.outputs)))
         self.structured(solved, list(range(1 + n_x, 1 + 2 * n_x)), outputs,
-                        self.conditions(made, first + len(made.outputs)))
+                        self.conditions(exported, first + len(exported.outputs)))
 
-    def conditions(self, made: Portable, first: int) -> list[int]:
+    def conditions(self, exported: Portable, first: int) -> list[int]:
         """The event indicators as variables, and their value references."""
-        found = _conditions(made)
-        for k, event in enumerate(found):
+        events = _conditions(exported)
+        for k, event in enumerate(events):
             self.add(f"{event.name}.indicator", first + k, "local", "continuous", initial="calculated",
                      description=f"above 0 where this is true: {event.text}")
-        return list(range(first, first + len(found)))
+        return list(range(first, first + len(events)))
 
     def structured(self, solved: list[int], rates: list[int], outputs: list[int], indicators: list[int]) -> None:
-        """Outputs, derivatives of states, what is unknown at the start (also the states that are solved for), and event
-        indicators, by value references."""
+        """Outputs, derivatives of states, initial unknowns (also the states that are solved for), and event indicators,
+        by value references."""
         for kind, references in (("Output", outputs), ("ContinuousStateDerivative", rates),
                                  ("InitialUnknown", [*solved, *rates, *outputs]), ("EventIndicator", indicators)):
             for reference in references:
@@ -157,7 +161,7 @@ class _Variables3:
 
 
 class _Variables2(_Variables3):
-    """The same as FMI 2.0 writes it: variables are counted from 1 in the order of the file."""
+    """The same in the format of FMI 2.0: variables are numbered from 1 in the order of the file."""
 
     def __init__(self, root: Xml.Element):
         super().__init__(root)
@@ -172,8 +176,8 @@ class _Variables2(_Variables3):
             more["derivative"] = str(self.index[int(state)])
         Xml.SubElement(element, "Real", {k: v for k, v in more.items() if v})
 
-    def conditions(self, made: Portable, first: int) -> list[int]:
-        return []  # the indicators are no variables
+    def conditions(self, exported: Portable, first: int) -> list[int]:
+        return []  # indicators are not variables
 
     def structured(self, solved: list[int], rates: list[int], outputs: list[int], indicators: list[int]) -> None:
         for kind, references in (("Outputs", outputs), ("Derivatives", rates),
@@ -193,7 +197,7 @@ def _bounds(q: Quantity) -> dict[str, str]:
 
 
 def xml_bytes(root: Xml.Element) -> bytes:
-    """The file, with characters that XML does not take left out of all attributes."""
+    """The bytes of the file, without characters in attributes that XML does not permit."""
     for element in root.iter():
         element.attrib.update({name: xml_text(value) for name, value in element.attrib.items()})
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{Xml.tostring(root, encoding="unicode")}\n'.encode()

@@ -1,7 +1,8 @@
 """A diagram as explicit equations for export: x' = f(t, x, z, p, u), 0 = g(t, x, z, p, u), y = h(t, x, z, p, u).
 
-All is in SI but the outputs y, which are those under `show:` in the units given there. The inputs u are the measured signals
-of the diagram and the signals that are taken out of it; where an equation needs it, the rate of an input is an input too.
+All values are in SI except the outputs y, which are the outputs under `show:` in their units. The inputs u are the
+measured signals of the diagram and the signal inputs that are opened; if an equation needs it, the rate of an input is an
+input too.
 """
 
 from __future__ import annotations
@@ -18,29 +19,34 @@ import numpy as np
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, UsageError, listing, suggest
 from heavebond.core.units import Unit, declared_unit, dimension_text, read_unit, times, unit
 from heavebond.equations.events import FlatEvent, Held
-from heavebond.equations.flatten import unclocked
+from heavebond.equations.flatten import DelayedVariable, unclocked
 from heavebond.equations.reduce import reduce
 from heavebond.equations.resolver import Unknown
-from heavebond.exchange.stop_events import stop_events
+from heavebond.equations.time_conditions import NEVER
 from heavebond.language.definition import FileInput
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.co_simulation import foreign_parts
-from heavebond.numerics.dae import Array, Assembly, assemble, build
+from heavebond.numerics.dae import Array, Assembly, assemble, build, measured_rows
+from heavebond.numerics.forcing import Forcing, switch_arguments
 from heavebond.numerics.impulses import yielding
 from heavebond.numerics.initialise import Start, held_still, start
 from heavebond.numerics.inputs import pieced
 from heavebond.numerics.jumps import differentiated
 from heavebond.numerics.matrices import null_space, scaled
 from heavebond.numerics.newton import weights
+from heavebond.numerics.output_times import grid, largest_step_of
 from heavebond.numerics.physical_limits import limited
 from heavebond.numerics.result import signal_expression
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations
+from heavebond.numerics.time_search import rounding
 
-AT_ONCE = 1e-6  # s; of the records only the beginning is needed
-DERIVED = ("scale.", "initial.", "history.")  # parameters of a run, not of the machine
+AT_ONCE = 1e-6  # s; only the beginning of the records is needed
+DERIVED = ("scale.", "initial.", "history.")  # these are parameters of a run, not of the machine
+MOST_INSTANTS = 500  # limit of instants of an export
+LEVELS = (0.0, -1.0, 1.0, -4.0, 4.0)  # values of a linear expression in an exponential or a power
 
 
 @dataclass(frozen=True)
@@ -58,10 +64,10 @@ class Quantity:
 
 @dataclass(frozen=True)
 class StartConditions:
-    """The conditions of the start, for values that are set before it: `conditions` is (t, x, z, p, u) -> (residuals, their
-    gradients by rows, the same of the guesses, the guesses of x and z). The unknowns are x, z and the parameters
-    `solved_for`, of the usual `sizes`. `by_parameters` and `by_inputs` tell on which values the start depends; `square`
-    tells whether its conditions determine all unknowns."""
+    """The conditions of the start, for values that are set before it: `conditions` is (t, x, z, p, u) -> (residuals,
+    their gradients by rows, the same of the guesses, the guesses of x and z). The unknowns are x, z and the parameters
+    `solved_for`, of the usual `sizes`. `by_parameters` and `by_inputs` are the values on which the start depends;
+    `square` is True if its conditions determine all unknowns."""
 
     conditions: ca.Function
     solved_for: tuple[int, ...]
@@ -72,21 +78,24 @@ class StartConditions:
 
     @property
     def follows(self) -> bool:
-        """Whether the start depends on anything that can be set."""
+        """True if the start depends on any settable value."""
         return any((*self.by_parameters, *self.by_inputs))
 
 
 @dataclass(frozen=True)
 class Portable:
-    """What is exported; `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), `directions` (t, x, z, p, u and a
-    direction of each) -> what (x', y, g, indicators) change along it, and `jacobian` (t, x, z, p, u) -> the derivatives of
-    (x', g) by (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the user's.
+    """The exported equations: `equations` is (t, x, z, p, u) -> (x', y, g, dg/dz by rows), `directions` (t, x, z, p, u and a
+    direction of each) -> the directional derivative of (x', y, g, indicators), and `jacobian` (t, x, z, p, u) -> the
+    derivatives of (x', g) by (x, z), by rows, and by t. `parameters` are all of p, of which those in `tunable` are the
+    user's.
 
-    Of the events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, what the equations differentiate and
-    events may not make jump, with `sizes`, accelerations of the contacts that may break away), `updates` (t, x, z, p, u, 1
-    for each event that happens) -> new values of all resets (see `numerics.update_order`), and `instants` p -> (first
-    instants, periods). `stops` is p -> the instants at which an integrator stops for functions of time; `limits`
-    (t, x, z, p, u) -> how far the variables `limited` are above their physical limits."""
+    For events, `happenings` is (t, x, z, p, u) -> (indicators of the conditions, quantities that the equations
+    differentiate and that must not jump at events, with `sizes`, accelerations of the contacts that may break away),
+    `updates` (t, x, z, p, u, 1 for each active event) -> new values of all resets (see `numerics.update_order`), and
+    `instants` p -> (first instants, periods). `stops` is p -> the instants at which an integrator stops for functions of
+    time; `limits` (t, x, z, p, u) -> the distance of the variables `limited` from their physical limits; `histories`
+    (t, x, z, p, u) -> (sources of the delayed variables, their delays). After the inputs, u has the rows of each delayed
+    variable (see `substitute_inputs`)."""
 
     assembly: Assembly
     states: tuple[Quantity, ...]
@@ -104,6 +113,7 @@ class Portable:
     sizes: tuple[float, ...]
     starting: StartConditions
     limits: ca.Function
+    histories: ca.Function
     stops: ca.Function | None = None
 
     @property
@@ -122,36 +132,49 @@ class Portable:
         return {held.index: held for held in self.assembly.flat.held}
 
     @property
+    def delays(self) -> tuple[DelayedVariable, ...]:
+        """The delayed variables, in the order of `histories`."""
+        return tuple(self.assembly.flat.delays)
+
+    @property
+    def integrated(self) -> bool:
+        """Whether an integrator belongs to the equations: for events, delays or a longest step."""
+        return bool(self.events or self.delays or largest_step_of(self.assembly.model))
+
+    @property
     def name(self) -> str:
         """The name of the diagram."""
         return self.assembly.model.name
 
 
 def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, events: bool = False) -> Portable:
-    """The equations of a diagram, started as it says, with the signal inputs `inputs` taken out of it; the names of the
-    functions begin with `prefix`.
+    """The equations of a diagram, started by its initial conditions, with the signal inputs `inputs` opened; the names of
+    the functions begin with `prefix`.
 
-    What drives these in the diagram gives them their values at the start only. Unless `events`, a diagram whose only events
-    are comparisons with the time has none in its equations. Raises UsageError for an input that is not there, ModelError
-    for a diagram with FMUs in it.
+    The sources of these inputs in the diagram give their values at the start only. Unless `events`, a diagram whose only
+    events are comparisons with the time has none in its equations. Raises UsageError for an unknown input, ModelError for
+    a diagram with FMUs.
     """
     wanted = list(dict.fromkeys(inputs))
-    # an export keeps no history, and the program that runs it decides when a run ends
-    assembly = assemble(replace(model, approximate=True, ends=None))
+    assembly = assemble(replace(model, ends=None))  # the program that runs it decides the end of a run
     sizes = _sizes(assembly)
     assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
     if parts := foreign_parts(assembly.flat):
         raise ModelError([Problem("export-fmu", f"a diagram with an FMU in it cannot be exported: {listing(parts, 3)}",
-                                  assembly.flat.expanded.leaves[next(iter(parts))].place, "Leave the FMU out, and name what "
-                                  "it drives as an input (`--input`).")])
+                                  assembly.flat.expanded.leaves[next(iter(parts))].place, "Remove the FMU, and make the "
+                                                                                          "signals that it drives inputs "
+                                                                                          "(`--input`).")])
     if not events and assembly.flat.events and all(event.by_clock for event in assembly.flat.events):
         assembly = build(reduce(unclocked(assembly.flat)))
-    events = events or bool(assembly.flat.events)
+    events = events or bool(assembly.flat.events or assembly.flat.delays or largest_step_of(assembly.model))
+    for clock in assembly.model.clocks.values():
+        raise ModelError([Problem("export-clock", f"an export has regular clocks; {clock.text}", clock.place,
+                                  "Export a variant without `clocks:`, or let the importing program make the jitter.")])
     if any(event.impulse for event in assembly.flat.events) and (turned := yielding(assembly.reduced)):
-        raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which an "
-                                  "FMU or a C program does not look for",
+        raise ModelError([Problem("export-impact", f"an impact may set off {listing(turned, 3)} at once, which FMUs and C "
+                                  "programs do not support",
                                   next(e.place for e in assembly.flat.events if e.impulse),
-                                  "Leave out friction that sticks (DryFriction) and further stops, or take elastic ones "
+                                  "Remove friction that sticks (DryFriction) and further stops, or take elastic ones "
                                   "(EndStop).")])
     assembly = assembly.with_sizes(sizes) if sizes else assembly
     stops = stop_events(assembly)
@@ -163,8 +186,8 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
 
 
 def _sizes(assembly: Assembly) -> Mapping[str, float]:
-    """The sizes of unknowns that stay far below their nominal ones in a run of the diagram (see `numerics.sizes`); none if
-    it does not state `until:`, or if the run fails."""
+    """The sizes of unknowns that stay far below their nominal ones in a run of the diagram (see `numerics.sizes`); none
+    without `until:`, or if the run fails."""
     if assembly.model.until is None or foreign_parts(assembly.flat):
         return {}
     try:
@@ -176,12 +199,11 @@ def _sizes(assembly: Assembly) -> Mapping[str, float]:
 # -- inputs ----------------------------------------------------------------------------------------------------------
 def _measured(assembly: Assembly) -> Array:
     """The column of measured inputs at the start."""
-    return pieced(assembly.flat, assembly.begin, assembly.begin + AT_ONCE).at(
-        np.array([assembly.begin]))[:, 0] if assembly.flat.inputs else np.zeros(0)
+    return pieced(assembly.flat, assembly.begin, assembly.begin + AT_ONCE).at(np.array([assembly.begin]))[:, 0]
 
 
 def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
-    """The diagram with signal inputs taken out, and the column of inputs at the start as `Assembly` takes it."""
+    """The diagram with opened signal inputs, and the column of inputs at the start in the form for `Assembly`."""
     flat, settings = before.flat, dict(before.model.settings)
     free = [f"{path}.{n}" for path, leaf in flat.expanded.leaves.items()
             for n, s in leaf.component.signals.items() if s.direction == "in"]
@@ -197,10 +219,10 @@ def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
 
 
 def _column(before: Assembly, after: Assembly) -> Array:
-    """(t, c0..c3 of each input) at the start: the values that the diagram gave the inputs there, and their rates."""
+    """(t, c0..c3 of each input) at the start: the values of the inputs in the diagram, and their rates."""
     measured = _measured(before)
     first = start(before, None, measured)
-    column = np.zeros(1 + 4 * len(after.flat.inputs))
+    column = np.zeros(after.arguments[4].numel())
     column[0] = before.begin
     t, x, z, _, _, rate = before.arguments
     for k, known in enumerate(after.flat.inputs):
@@ -209,7 +231,7 @@ def _column(before: Assembly, after: Assembly) -> Array:
             value = ca.Function("c", list(before.arguments), [course])(first.t, first.x, first.z, first.p, measured, 1.0)
             column[1 + 4 * k + order] = float(value) / factorial(order)
             if z.numel() and ca.which_depends(course, z, 1, False)[0]:
-                break  # its rate follows from a loop; the new input begins at rest
+                break  # its rate depends on a loop; the new input begins at rest
             course = ca.jtimes(course, stack([x, t]), stack([before.ode, rate]))
     return column
 
@@ -218,23 +240,27 @@ def _column(before: Assembly, after: Assembly) -> Array:
 def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     flat, first = assembly.flat, start(assembly, None, column)
     t, x, z, p, pieces, rate = assembly.arguments
-    shown = list(assembly.model.show) or assembly.state_names
-    outputs = stack([signal_expression(assembly, n) for n in shown])
+    output_names = list(assembly.model.show) or assembly.state_names
+    outputs = stack([signal_expression(assembly, n) for n in output_names])
     jacobian = ca.densify(ca.jacobian(assembly.alg, z)).T if z.numel() else ca.SX(0, 0)
     symbols = [ca.SX.sym("u", 4) for _ in flat.inputs]
-    given = stack([t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)])  # c_k = u^(k) / k!
+    rows = measured_rows(flat)
+    delayed = pieces[rows:]
+    measured = [t, *(s / ca.SX(ca.DM([1, 1, 2, 6])) for s in symbols)] if flat.inputs else []  # c_k = u^(k) / k!
+    inputs_with_rates = stack([*measured, delayed])
     followed = differentiated(assembly)
-    happenings = [assembly.express(stack(found)) for found in (
+    happenings = [assembly.express(stack(group)) for group in (
         [e.indicator for e in flat.events if e.indicator is not None], [flat.levels[0][j] for j in followed],
         [flat.levels[1][e.breakaway.speed] for e in flat.events if e.breakaway],
         [flat.levels[0][flat.names[u.name]] - u.plausible.least for u in limited(assembly).unknowns])]
     updates = assembly.update_order.at(first.p)
-    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings, updates.values],
-                          [pieces, rate], [given if flat.inputs else pieces, ca.SX(1)])
+    sources = assembly.express(stack(d.source for d in flat.delays))
+    right = ca.substitute([assembly.ode, outputs, assembly.alg, ca.vec(jacobian), *happenings, updates.values, sources],
+                          [pieces, rate], [inputs_with_rates, ca.SX(1)])
     used = {s.element_hash() for side in right for s in ca.symvar(side)}
-    kept = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
-            if order == 0 or one.element_hash() in used]
-    u = stack([symbols[k][order] for k, order in kept])
+    kept_inputs = [(k, order) for k, s in enumerate(symbols) for order, one in enumerate(split(s))
+                   if order == 0 or one.element_hash() in used]
+    u = stack([*(symbols[k][order] for k, order in kept_inputs), delayed])
     equations = ca.Function(f"{prefix}equations", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[:4]]))
     happening = ca.Function(f"{prefix}happenings", [t, x, z, p, u], ca.cse([ca.densify(side) for side in right[4:7]]))
     limits = ca.Function(f"{prefix}limits", [t, x, z, p, u], ca.cse([ca.densify(right[7])]))
@@ -250,20 +276,23 @@ def _portable(assembly: Assembly, column: Array, prefix: str) -> Portable:
     by_all = ca.Function(f"{prefix}jacobian", [t, x, z, p, u],
                          ca.cse([ca.vec(by_unknowns), ca.densify(ca.jtimes(laws, t, ca.SX(1)))]))
     instants = ca.Function(f"{prefix}instants", [p], [ca.densify(assembly.express(stack(
-        ca.SX(0) if e is None else e for e in found))) for found in (
+        ca.SX(0) if e is None else e for e in group))) for group in (
             [event.first for event in flat.events], [event.period for event in flat.events])])
+    histories = ca.Function(f"{prefix}histories", [t, x, z, p, u], ca.cse([
+        ca.densify(right[9]), ca.densify(assembly.express(stack(d.delay for d in flat.delays)))]))
     starting = _start_conditions(assembly, first, column, symbols, u, f"{prefix}starting")
     return Portable(assembly, _columns(assembly, assembly.reduced.states, first.x, assembly.x_nominal),
                     _columns(assembly, assembly.reduced.algebraic, first.z, assembly.z_nominal),
                     _parameters(assembly, first), tuple(not q.name.startswith(DERIVED) for q in flat.parameters),
-                    tuple(_input(assembly, k, order, column) for k, order in kept),
-                    tuple(_outputs(assembly, shown, outputs, first, column)), equations, directions, by_all,
-                    happening, updated, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits)
+                    tuple(_input(assembly, k, order, column) for k, order in kept_inputs),
+                    tuple(_outputs(assembly, output_names, outputs, first, column)), equations, directions, by_all,
+                    happening, updated, instants, tuple(float(flat.unknowns[j].nominal) for j in followed), starting, limits,
+                    histories)
 
 
 def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: list[ca.SX], u: ca.SX, label: str
                       ) -> StartConditions:
-    """The conditions of the start in the arguments of an export; a steady start holds the inputs still."""
+    """The conditions of the start in the arguments of an export; a steady start keeps the inputs constant."""
     flat, equations = assembly.flat, StartEquations(assembly)
     t, x, z, p, pieces, rate = assembly.arguments
     whole = equations.conditions if first.in_turn else equations.all
@@ -271,9 +300,9 @@ def _start_conditions(assembly: Assembly, first: Start, column: Array, symbols: 
     guesses = equations.guess.columns([(j, order) for j, order in (*assembly.reduced.states, *assembly.reduced.algebraic)])
     sides = [whole.residuals, whole.slopes, *((aims.residuals, aims.slopes) if aims else (ca.SX(0, 1), ca.SX(0, 1)))]
     orders = ca.SX(ca.DM([1, 0, 0, 0] if equations.steady else [1, 1, 1 / 2, 1 / 6]))  # c_k = u^(k) / k!
-    given = stack([t, *(s * orders for s in symbols)])
+    inputs_with_rates = stack([*([t, *(s * orders for s in symbols)] if flat.inputs else []), pieces[measured_rows(flat):]])
     sides = ca.substitute([*sides, guesses], [pieces, rate],
-                          [given if flat.inputs else pieces, ca.SX(0 if equations.steady else 1)])
+                          [inputs_with_rates, ca.SX(0 if equations.steady else 1)])
     used = {s.element_hash() for side in sides for s in ca.symvar(side)}
     fixed = {*equations.solved_for, *(held.index for held in flat.held)}
     by_parameters = tuple(s.element_hash() in used and k not in fixed and not name.startswith(DERIVED)
@@ -298,23 +327,24 @@ def derived(base: Unit, order: int) -> Unit:
 
 
 def _columns(assembly: Assembly, columns: Iterable[tuple[int, int]], values: Array, nominal: Array) -> tuple[Quantity, ...]:
-    found = []
+    quantities = []
     for (j, order), value, size in zip(columns, values, nominal, strict=True):
         unknown = assembly.flat.unknowns[j]
-        found.append(Quantity(assembly.reduced.name((j, order)), derived(unknown.unit, order), float(value), unknown.doc,
-                              nominal=float(size)))
-    return tuple(found)
+        quantities.append(Quantity(assembly.reduced.name((j, order)), derived(unknown.unit, order), float(value),
+                                   unknown.doc,
+                                   nominal=float(size)))
+    return tuple(quantities)
 
 
 def _parameters(assembly: Assembly, first: Start) -> tuple[Quantity, ...]:
-    found, leaves = [], assembly.flat.expanded.leaves
+    quantities, leaves = [], assembly.flat.expanded.leaves
     for q, value in zip(assembly.flat.parameters, first.p, strict=True):
         path, _, name = q.name.rpartition(".")
         declared = leaves[path].component.parameters.get(name) if path in leaves else None
         low, high = (None, None) if declared is None else (declared.low, declared.high)
-        found.append(Quantity(q.name, q.unit, float(value), declared.doc if declared else "",
-                              -inf if low is None else low, inf if high is None else high))
-    return tuple(found)
+        quantities.append(Quantity(q.name, q.unit, float(value), declared.doc if declared else "",
+                                   -inf if low is None else low, inf if high is None else high))
+    return tuple(quantities)
 
 
 def _input(assembly: Assembly, k: int, order: int, column: Array) -> Quantity:
@@ -322,7 +352,7 @@ def _input(assembly: Assembly, k: int, order: int, column: Array) -> Quantity:
     value = float(column[1 + 4 * k + order]) * factorial(order)
     name, doc = known.name, ""
     for _ in range(order):
-        name, doc = f"der({name})", f"derivative of {name}; to be given beside it"
+        name, doc = f"der({name})", f"derivative of {name}; required in addition to it"
     return Quantity(name, derived(known.unit, order), value, doc)
 
 
@@ -332,6 +362,44 @@ def _outputs(assembly: Assembly, names: Iterable[str], expressions: ca.SX, first
     units = dict(zip(assembly.state_names, (derived(assembly.flat.unknowns[j].unit, order)
                                             for j, order in assembly.reduced.states), strict=True))
     for name, value in zip(names, np.array(values).ravel(), strict=True):
-        shown = assembly.model.show.get(name)
-        yield Quantity(name, read_unit(shown.unit) if shown else units[name], float(value),
-                       shown.text if shown and shown.text != name else "")
+        shown_output = assembly.model.show.get(name)
+        yield Quantity(name, read_unit(shown_output.unit) if shown_output else units[name], float(value),
+                       shown_output.text if shown_output and shown_output.text != name else "")
+
+
+# -- instants at which an integrator stops -----------------------------------------------------------------------------
+def stop_events(assembly: Assembly) -> list[FlatEvent]:
+    """Time events that set nothing, at the instants at which functions of time have kinks or fast transitions.
+
+    A run of a diagram determines these instants with its parameters (`numerics.forcing`). A program that runs an export
+    has a separate integrator and may change parameters, so it needs formulas: for each function of time, the zeros of the
+    linear expressions at which `min`, `max`, `abs`, `sign` and comparisons may switch, and the zeros and the ends of the
+    steep part of linear expressions in powers and exponentials. If another branch is active, such an instant is
+    superfluous and has no effect.
+    """
+    forcing: Forcing = assembly.once("forcing", lambda: Forcing(assembly))
+    if not forcing.parts:
+        return []
+    time, p = assembly.arguments[0], assembly.arguments[3]
+    roots = _roots(forcing.parts, time)
+    known = np.array(ca.Function("known", [p], [stack(roots)])(assembly.p)).ravel()
+    if assembly.model.until is not None:  # instants without a formula, with the parameters of the diagram
+        times = forcing.stops(grid(assembly.model, None, None), assembly.p).times
+        near = np.abs(times[:, None] - known[None, :]).min(axis=1, initial=np.inf) <= 4 * rounding(times)
+        roots += [ca.SX(t) for t in times[~near].tolist()]
+    place = next(iter(assembly.flat.expanded.leaves.values())).place
+    return [FlatEvent(f"stop_{k}", "stop", place, None, root, None, ()) for k, root in enumerate(roots[:MOST_INSTANTS], 1)]
+
+
+def _roots(parts: list[ca.SX], time: ca.SX) -> list[ca.SX]:
+    """Times at which linear expressions in functions of time are zero, or at the ends of their steep part."""
+    roots: dict[str, ca.SX] = {}
+    for expressions, levels in zip(switch_arguments(parts, time)[1:], ((0.0,), LEVELS), strict=True):
+        for expression in expressions:
+            slope = ca.jacobian(expression, time)
+            if slope.nnz() and not ca.depends_on(slope, time):
+                first = ca.substitute(expression, time, ca.SX(0))
+                for level in levels:
+                    root = ca.if_else(slope == 0, NEVER, (level - first) / slope)
+                    roots.setdefault(str(root), root)
+    return list(roots.values())

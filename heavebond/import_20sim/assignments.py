@@ -1,4 +1,4 @@
-"""What the statements of a submodel call and assign, and the placeholder for one that is not translated."""
+"""Called and assigned quantities of a submodel's statements, and the placeholder for a submodel that is not translated."""
 
 from __future__ import annotations
 
@@ -23,27 +23,26 @@ def derivatives(expr: Expr) -> list[Expr]:
 
 
 def has_event(expr: Expr) -> bool:
-    """Whether an expression holds an event."""
     return any(n.lower() in EVENTS for n in calls(expr))
 
 
-def make_placeholder(made: Component, given: Collection[str] = ()) -> None:
+def make_placeholder(component: Component, given: Collection[str] = ()) -> None:
     """Constants in place of equations that are not translated: for each output, and for the effort of each port that the
-    submodel gives (`given` are the quantities of ports that it assigns); the flow of other ports is 0."""
-    made.equations, made.events, made.initial, made.first, made.gives, made.tables = [], {}, {}, {}, {}, {}
-    made.requires = []
-    made.items = {n: item for n, item in made.items.items() if item.kind not in ("variable", "held")}
-    for item in list(made.items.values()):
+    submodel determines (`given` are the quantities of ports that it assigns); the flow of other ports is 0."""
+    component.equations, component.events, component.initial = [], {}, {}
+    component.first, component.gives, component.tables, component.requires = {}, {}, {}, []
+    component.items = {n: item for n, item in component.items.items() if item.kind not in ("variable", "held")}
+    for item in list(component.items.values()):
         if item.kind == "out":
-            value, doc = made.fresh(f"{item.name}_value"), f"value of the output {item.name}, which is not computed"
-            made.items[value] = Item(value, "parameter", "", doc, 0.0)
-            made.equations.append((f.name(item.name), f.name(value), "not translated"))
+            value, doc = component.fresh(f"{item.name}_value"), f"value of the output {item.name}, which is not computed"
+            component.items[value] = Item(value, "parameter", "", doc, 0.0)
+            component.equations.append((f.name(item.name), f.name(value), "not translated"))
         elif item.kind == "bond" and f"{item.name}.e" in given and f"{item.name}.f" not in given:
-            value, doc = made.fresh(f"{item.name}_effort"), f"effort of the port {item.name}, which is not computed"
-            made.items[value] = Item(value, "parameter", "W", doc, 0.0)
-            made.equations.append((f.name(f"{item.name}.e"), f.name(value), "not translated"))
+            value, doc = component.fresh(f"{item.name}_effort"), f"effort of the port {item.name}, which is not computed"
+            component.items[value] = Item(value, "parameter", "W", doc, 0.0)
+            component.equations.append((f.name(f"{item.name}.e"), f.name(value), "not translated"))
         elif item.kind == "bond":
-            made.equations.append((f.name(f"{item.name}.f"), f.number(0), "not translated"))
+            component.equations.append((f.name(f"{item.name}.f"), f.number(0), "not translated"))
 
 
 def assigned(statement: Statement) -> list[str]:
@@ -68,7 +67,7 @@ def mentioned(statement: Statement) -> set[str]:
 
 
 def counts(statement: Statement) -> set[str]:
-    """The names on which the number of turns of the loops in a statement depends."""
+    """The names on which the number of iterations of the loops in a statement depends."""
     if isinstance(statement, If):
         return set().union(*map(counts, (*statement.then, *statement.otherwise)))
     if isinstance(statement, For):
@@ -78,19 +77,19 @@ def counts(statement: Statement) -> set[str]:
 
 
 def assigned_again(statements: Iterable[Statement]) -> set[str]:
-    """The quantities that several statements assign, one at least as a whole or in a branch."""
-    seen: set[str] = set()
+    """The quantities that several statements assign, at least one of them completely or in a branch."""
+    assigned_before: set[str] = set()
     again: set[str] = set()
     for statement in statements:
         if isinstance(statement, Assign) and statement.left.op == "index":
             key = {repr(plain(statement.left))}
         else:
             key = set(assigned(statement))
-        again |= {k.partition("[")[0] for k in seen & key}
-        seen |= key
+        again |= {k.partition("[")[0] for k in assigned_before & key}
+        assigned_before |= key
     return again
 
 
 def plain(expr: Expr) -> object:
-    """An expression without its lines, to be compared."""
+    """An expression without its lines, for comparisons."""
     return (expr.op, expr.name, expr.value, tuple(plain(e) for e in expr.args))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.component import Component, Item
@@ -14,7 +15,6 @@ from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.memory import SAMPLE_TIME, Memory
 from heavebond.import_20sim.names import camel, identifier, labels
-from heavebond.import_20sim.nets import Nets, passing
 from heavebond.import_20sim.sampling import Sampling
 from heavebond.import_20sim.sidops_tree import Assign, Connection, Do, Expr, Port, Submodel
 
@@ -25,7 +25,7 @@ Made = "Component | Block"
 
 @dataclass
 class Part:
-    """A part of a block, with what it is, its values, and its place."""
+    """Part of a block, with its component, its values, and its place."""
 
     name: str
     what: Component | Block
@@ -37,7 +37,7 @@ class Part:
 
 @dataclass
 class Block:
-    """A block or diagram: parts, nodes, ports, and equations between its own ports."""
+    """A block or diagram: parts, nodes, ports, and equations between its ports."""
 
     name: str
     summary: str
@@ -50,7 +50,7 @@ class Block:
     line: int = 0
 
     def is_bond(self, end: str) -> bool:
-        """Whether an end of a node, `part.port` or an own port, is that of a bond."""
+        """True if an end of a node, `part.port` or a port of the block, belongs to a bond."""
         name, _, port = end.partition(".")
         part = next((p for p in self.parts.values() if p.name == name), None)
         items = part.what.items if part and port else self.items
@@ -58,7 +58,7 @@ class Block:
 
 
 def title(submodel: Submodel, library: frozenset[str] = frozenset()) -> str:
-    """The name of the component for a submodel: its type, or its own name where the type says nothing or is taken."""
+    """The name of the component for a submodel: its type, or its name if the type is general or taken."""
     kind = camel(submodel.type)
     name = camel(submodel.name) if kind in GENERIC or kind in library or not submodel.type else kind
     return f"Own{name}" if name in library else name
@@ -75,25 +75,25 @@ def elements_of(port: Port, known: Mapping[str, float]) -> list[str]:
         [f"{base}_{i + 1}_{k + 1}" for i in range(rows) for k in range(columns)]
 
 
-def _unused(base: str, taken: Collection[str]) -> str:
+def _unused(base: str, used_names: Collection[str]) -> str:
     """A name that is not taken: `Gain`, `Gain_2` ..."""
-    k, found = 1, base
-    while found in taken:
-        k, found = k + 1, f"{base}_{k + 1}"
-    return found
+    k, candidate = 1, base
+    while candidate in used_names:
+        k, candidate = k + 1, f"{base}_{k + 1}"
+    return candidate
 
 
-def _known_values(made: Component, builder: Builder, values: Mapping[str, float]) -> dict[str, float]:
-    """The values that are known before the run: numbers, parameters, given ones, and what the initial equations and the
-    equations compute of these."""
-    known = {**values, **{i.name: i.value for i in made.of_kind("parameter") if i.value is not None}, **builder.numbers}
-    formulas = {**{left.name: right for left, right, _ in made.equations if left.op == "name"}, **builder.start}
-    found = True
-    while found:
+def _known_values(component: Component, builder: Builder, values: Mapping[str, float]) -> dict[str, float]:
+    """The values that are known before the run: numbers, parameters, given ones, and results of the initial equations and
+    the equations with these."""
+    known = {**values, **{i.name: i.value for i in component.of_kind("parameter") if i.value is not None}, **builder.numbers}
+    formulas = {**{left.name: right for left, right, _ in component.equations if left.op == "name"}, **builder.start}
+    changed = True
+    while changed:
         new = {name: value for name, right in formulas.items() if name not in known
                and (value := fold(right, known)) is not None}
         known.update(new)
-        found = bool(new)
+        changed = bool(new)
     return known
 
 
@@ -104,18 +104,18 @@ class Translator:
         self.emx, self.comments, self.library, self.sampling = emx, comments, library, sampling
         self.components: list[tuple[str, Component]] = []  # by dotted path of the new diagram
         self.blocks: list[tuple[str, Block]] = []
-        self.scopes: list[dict[str, str]] = []  # global relations of the submodels around: name to name in the diagram
+        self.scopes: list[dict[str, str]] = []  # global relations of the enclosing submodels: name to name in the diagram
         self.values: dict[str, tuple[float, str]] = {}  # of global parameters by their name in the diagram, with their unit
-        self.computed: dict[str, float] = {}  # of other global quantities that are known before the run
+        self.computed: dict[str, float] = {}  # values of other global quantities that are known before the run
         self.constants: dict[str, float] = {}  # global constants
-        self.texts: dict[str, str] = {}  # of global parameters that are texts, such as names of files
-        self.notes: list[tuple[str, int, str]] = []  # of global relations that compute nothing: path, line, reason
+        self.texts: dict[str, str] = {}  # text values of global parameters, such as names of files
+        self.notes: list[tuple[str, int, str]] = []  # global relations that have no results: path, line, reason
         self.pending: list[tuple[Component, str, Builder]] = []  # without initial values; with the prefix of their names
 
     def enter_texts(self, submodel: Submodel) -> None:
-        """Enter the global texts of a submodel and of those within it; the experiment may state others."""
-        for own in (submodel.relations, submodel.equations):
-            for item in (*own.constants, *own.parameters, *own.variables) if own is not None else ():
+        """Enter the global texts of a submodel and of those within it; the experiment may give others."""
+        for section in (submodel.relations, submodel.equations):
+            for item in (*section.constants, *section.parameters, *section.variables) if section is not None else ():
                 if item.kind == "string" and item.is_global and item.value is not None:
                     self.texts.setdefault(identifier(item.name), item.value.name)
         self.texts.update({name: text for name, text in self.emx.texts.items() if name in self.texts})
@@ -124,8 +124,9 @@ class Translator:
 
     def enter_constants(self, submodel: Submodel) -> None:
         """Enter the global constants and whole parameters of a submodel and of those within it, which may be sizes."""
-        own = submodel.equations
-        for item in (*own.constants, *(p for p in own.parameters if p.kind == "integer")) if own is not None else ():
+        equations = submodel.equations
+        for item in (*equations.constants,
+                     *(p for p in equations.parameters if p.kind == "integer")) if equations is not None else ():
             if item.is_global and not item.size and item.value is not None and (value := fold(item.value, {})) is not None:
                 stated = self.emx.stated(identifier(item.name))
                 self.constants.setdefault(item.name, value if stated is None else stated)
@@ -141,7 +142,7 @@ class Translator:
         return {**known, **{label: known[name] for scope in self.scopes for label, name in scope.items() if name in known}}
 
     def _relations(self, submodel: Submodel, old: str, new: str) -> Component | None:
-        """Enter the global relations of a submodel; those that compute something are a component."""
+        """Enter the global relations of a submodel; relations with results become a component."""
         self.scopes.append({})
         relations = submodel.relations
         if relations is None:
@@ -154,21 +155,21 @@ class Translator:
         relations.constants = []
         builder = Builder(Submodel(GLOBALS, submodel.line, type="Globals", equations=relations), submodel.comments,
                           known=self._known())
-        made = builder.build()
-        made.line, made.name = submodel.line, f"{title(submodel)}Globals" if new else "Globals"
-        self._experiment(made, old, builder)
+        component = builder.build()
+        component.line, component.name = submodel.line, f"{title(submodel)}Globals" if new else "Globals"
+        self._experiment(component, old, builder)
         prefix = f"{new.replace('.', '_')}_" if new else ""
-        # `global` without a value is that of a submodel around, or one that another submodel gives
-        self.scopes[-1] = {label: f"{prefix}{label}" for label in (*made.shared.values(), *made.gives.values())
+        # `global` without a value belongs to an enclosing submodel, or to another submodel that assigns it
+        self.scopes[-1] = {label: f"{prefix}{label}" for label in (*component.shared.values(), *component.gives.values())
                            if not (outer and re.fullmatch(f"({outer})(_[0-9]+)*", identifier(label)))}
-        made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
-        made.gives = {own: self.scoped(label) for own, label in made.gives.items()}
-        for own, label in made.shared.items():
-            if (value := made.items[own].value) is not None:
-                self.values[label] = value, made.items[own].unit
-        if made.equations or made.events or made.untranslated:
-            return made
-        self.notes += [(new, line, why) for line, why in made.omitted]
+        component.shared = {own: self.scoped(label) for own, label in component.shared.items()}
+        component.gives = {own: self.scoped(label) for own, label in component.gives.items()}
+        for own, label in component.shared.items():
+            if (value := component.items[own].value) is not None:
+                self.values[label] = value, component.items[own].unit
+        if component.equations or component.events or component.untranslated:
+            return component
+        self.notes += [(new, line, why) for line, why in component.omitted]
         return None
 
     def submodel(self, submodel: Submodel, old: str, new: str,
@@ -192,36 +193,37 @@ class Translator:
                               label[len(prefix):] for name in self.emx.plotted for label in labels(name)
                               if label.startswith(prefix)],
                           lambda name: self.emx.stated(f"{prefix}{name}"), self.sampling.sampled.get(id(submodel), ()))
-        made = builder.build()
+        component = builder.build()
         sampled = None if id(submodel) in self.sampling.discrete else self.sampling.sampled.get(id(submodel), ())
-        if sampled != () and not made.untranslated:
-            self._show_samples(made, builder.memory, prefix, sampled)
+        if sampled != () and not component.untranslated:
+            self._show_samples(component, builder.memory, prefix, sampled)
         if computed is not None:
-            made.untranslated.append((submodel.line, "its global relations compute something; only those of a submodel of "
-                                      "submodels may"))
-        if SAMPLE_TIME in made.shared:
-            made.items[SAMPLE_TIME].value = self.sampling.times.get(id(submodel))
-        made.name = title(submodel, self.library)
-        made.shared = {own: self.scoped(label) for own, label in made.shared.items()}
-        made.gives = {own: self.scoped(label) for own, label in made.gives.items()}
+            component.untranslated.append((submodel.line,
+                                           "its global relations have results, which is supported in a submodel "
+                                                     "of submodels only"))
+        if SAMPLE_TIME in component.shared:
+            component.items[SAMPLE_TIME].value = self.sampling.times.get(id(submodel))
+        component.name = title(submodel, self.library)
+        component.shared = {own: self.scoped(label) for own, label in component.shared.items()}
+        component.gives = {own: self.scoped(label) for own, label in component.gives.items()}
         if submodel.equations is None and submodel.ports:
-            made.untranslated.append((submodel.line, "it has no implementation"))
-        self._experiment(made, old, builder)
+            component.untranslated.append((submodel.line, "it has no implementation"))
+        self._experiment(component, old, builder)
         self.scopes.pop()
-        self.components.append((new, made))
-        return made
+        self.components.append((new, component))
+        return component
 
-    def _show_samples(self, made: Component, memory: Memory, prefix: str, sampled: Collection[str] | None) -> None:
-        """Plotted variables of a discrete submodel keep their values between the samples; `sampled` are those that do in one
-        with continuous parts."""
+    def _show_samples(self, component: Component, memory: Memory, prefix: str, sampled: Collection[str] | None) -> None:
+        """Plotted variables of a discrete submodel keep their values between the samples; `sampled` are the names of such
+        variables in one with continuous parts."""
         for plotted in (label for name in self.emx.plotted for label in labels(name)):
             name = plotted[len(prefix):]
-            item = made.items.get(name) if plotted.startswith(prefix) and (sampled is None or name in sampled) else None
-            if item is not None and item.kind in ("variable", "out", "held") and name not in made.shown:
-                made.shown[name] = memory.at_samples(f.name(name))
+            item = component.items.get(name) if plotted.startswith(prefix) and (sampled is None or name in sampled) else None
+            if item is not None and item.kind in ("variable", "out", "held") and name not in component.shown:
+                component.shown[name] = memory.at_samples(f.name(name))
 
     def finish(self) -> None:
-        """Set the initial values, when all global quantities are known that are known before the run."""
+        """Set the initial values, after all global quantities that are known before the run have been determined."""
         for _, made in self.components:
             self.computed.update({label: value for own, label in made.shared.items() if label not in self.computed
                                   and (value := made.items[own].value) is not None})
@@ -235,87 +237,88 @@ class Translator:
         for made, prefix, builder in self.pending:
             self._initial_values(made, prefix, builder)
 
-    def _of_globals(self, made: Component) -> dict[str, float]:
-        """The known values of the global quantities that a component needs, by its own names."""
+    def _of_globals(self, component: Component) -> dict[str, float]:
+        """The known values of the global quantities that a component needs, by its local names."""
         known = {**self.computed, **{name: value for name, (value, _) in self.values.items()}}
-        return {own: known[label] for own, label in made.shared.items() if label in known}
+        return {own: known[label] for own, label in component.shared.items() if label in known}
 
-    def _experiment(self, made: Component, old: str, builder: Builder) -> None:
-        """Values of the experiment. 20-sim writes 0 for parameters of global relations that it has not compiled, which is no
-        value: theirs is that of the text."""
+    def _experiment(self, component: Component, old: str, builder: Builder) -> None:
+        """Values of the experiment. 20-sim writes 0 for parameters of global relations that it has not compiled; then the
+        value in the text is used."""
         prefix = f"{old}\\" if old else ""
         relations = builder.submodel.name == GLOBALS
-        for item in made.of_kind("parameter"):
+        for item in component.of_kind("parameter"):
             stated = self.emx.stated(f"{prefix}{item.name}")
-            if stated is None and item.name in made.shared:
-                stated = self.emx.stated(identifier(made.shared[item.name]))
+            if stated is None and item.name in component.shared:
+                stated = self.emx.stated(identifier(component.shared[item.name]))
             if relations and stated == 0 and item.value:
                 why = f"the experiment states 0 for '{item.name}', and the global relations {item.value:g}, which is used"
-                made.omitted.append((made.line, why))
-            elif stated is not None and not (stated == 0 and self.scoped(made.shared.get(item.name, "")) in self.values):
+                component.omitted.append((component.line, why))
+            elif stated is not None and not (stated == 0
+                                             and self.scoped(component.shared.get(item.name, "")) in self.values):
                 item.value = stated
-        self.pending.append((made, prefix, builder))
+        self.pending.append((component, prefix, builder))
 
-    def _initial_values(self, made: Component, prefix: str, builder: Builder) -> None:
-        """Initial values of the experiment, or as the equations state them; a parameter without a value is 0."""
-        values = dict.fromkeys((item.name for item in made.of_kind("parameter")), 0.0) | self._of_globals(made)
-        known = _known_values(made, builder, values)
-        for held, first in made.first.items():
+    def _initial_values(self, component: Component, prefix: str, builder: Builder) -> None:
+        """Initial values from the experiment, or from the equations; a parameter without a value is 0."""
+        values = dict.fromkeys((item.name for item in component.of_kind("parameter")), 0.0) | self._of_globals(component)
+        known = _known_values(component, builder, values)
+        for held, first in component.first.items():
             value = fold(first, known)
             if value is None:
                 why = f"the first value of '{held}' depends on the run; 0 is used"
-                made.omitted.append((builder.submodel.line, why))
-            made.items[held].value = value or 0.0
-        for variable, first in list(made.initial.items()):
+                component.omitted.append((builder.submodel.line, why))
+            component.items[held].value = value or 0.0
+        for variable, first in list(component.initial.items()):
             of_element = re.sub(r"((?:_[0-9]+)*)$", r"_initial\1", variable)  # x_initial[2]
             stated = self.emx.initials.get(f"{prefix}{variable}_initial", self.emx.initials.get(f"{prefix}{of_element}"))
             value = fold(first, known) if stated is None else stated
             if value is None:
                 why = f"the initial value of '{variable}' depends on the run; 0 is used"
-                made.omitted.append((builder.submodel.line, why))
-            made.initial[variable] = first.__class__("number", value=value or 0.0)
+                component.omitted.append((builder.submodel.line, why))
+            component.initial[variable] = first.__class__("number", value=value or 0.0)
 
     def block(self, submodel: Submodel, old: str, new: str) -> Block:
         """The parts of a submodel and their nodes."""
-        made = Block(title(submodel, self.library), "", line=submodel.line)
-        made.untranslated += submodel.problems
+        block = Block(title(submodel, self.library), "", line=submodel.line)
+        block.untranslated += submodel.problems
         computed = self._relations(submodel, old, new)
         for port in submodel.ports:
             if port.terminals:  # of a block: its parts are connected to each terminal
                 for label in (f"{port.name}_high", f"{port.name}_low"):
-                    made.elements[label] = [identifier(label)]
-                    made.items[identifier(label)] = Item(identifier(label), "bond", "", port.domain)
+                    block.elements[label] = [identifier(label)]
+                    block.items[identifier(label)] = Item(identifier(label), "bond", "", port.domain)
                 continue
-            made.elements[port.name] = elements_of(port, self._known())
-            for name in made.elements[port.name]:
+            block.elements[port.name] = elements_of(port, self._known())
+            for name in block.elements[port.name]:
                 kind = port.direction if port.domain == "signal" else "bond"
-                made.items[name] = Item(name, kind, port.unit if kind != "bond" else "",
-                                        "" if port.domain in ("signal", "power") else port.domain)
+                block.items[name] = Item(name, kind, port.unit if kind != "bond" else "",
+                                         "" if port.domain in ("signal", "power") else port.domain)
         if computed is not None:
             name = _unused("globals", {identifier(part.name) for part in submodel.submodels})
             self.components.append((f"{new}.{name}" if new else name, computed))
-            made.parts["\\globals"] = Part(name, computed, min((p.x for p in submodel.submodels), default=0.0) - 80,
+            block.parts["\\globals"] = Part(name, computed, min((p.x for p in submodel.submodels), default=0.0) - 80,
                                             max((p.y for p in submodel.submodels), default=0.0))
         by_name = {part.name: part for part in submodel.submodels}
-        taken = {part.name for part in made.parts.values()}
+        used_names = {part.name for part in block.parts.values()}
         nets, ends = self._ends(submodel, by_name)
         for part in submodel.submodels:
             if _alias(part, ends.get(part.name, [])):
                 continue
-            name = _unused(identifier(part.name), taken)
-            taken.add(name)
-            own = identifier(part.name)
-            inner = self.submodel(part, f"{old}\\{own}" if old else own, f"{new}.{name}" if new else name,
+            name = _unused(identifier(part.name), used_names)
+            used_names.add(name)
+            part_name = identifier(part.name)
+            inner = self.submodel(part, f"{old}\\{part_name}" if old else part_name, f"{new}.{name}" if new else name,
                                   ends.get(part.name, []))
             placed = Part(name, inner, part.x, part.y)
             placed.elements = {**inner.elements, **{
                 label: inner.elements[identifier(label)] for _, label, _ in ends.get(part.name, [])
                 if identifier(label) in inner.elements}}
-            made.parts[part.name] = placed
-        self._nodes(made, nets)
+            block.parts[part.name] = placed
+        self._nodes(block, nets)
         self.scopes.pop()
-        self.blocks.append((new, made))
-        return made
+        self.blocks.append((new, block))
+        return block
 
     def _ends(self, submodel: Submodel, by_name: Mapping[str, Submodel]
               ) -> tuple[Nets, dict[str, list[tuple[str, str, str]]]]:
@@ -324,20 +327,20 @@ class Translator:
         labelled: list[tuple[str, str]] = []
         for connection in submodel.connections:
             pair = []
-            for end, way in ((connection.start, "out"), (connection.stop, "in")):
+            for end, direction in ((connection.start, "out"), (connection.stop, "in")):
                 name, _, port = end.rpartition("\\")
                 part = by_name.get(name)
                 declared = next((p for p in part.ports if p.name == port), None) if part else None
                 if part is not None and declared is not None and declared.many and not part.submodels:
-                    own = ends.setdefault(name, [])
-                    label = f"{port}_{sum(p == port for p, *_ in own) + 1}"
-                    own.append((port, label, way))
+                    knot_ends = ends.setdefault(name, [])
+                    label = f"{port}_{sum(p == port for p, *_ in knot_ends) + 1}"
+                    knot_ends.append((port, label, direction))
                     pair.append(f"{name}\\{label}")
                 else:
                     side = port.removesuffix("_high").removesuffix("_low")
                     if part is not None and ((part.knot and declared is not None) or
                                              any(p.terminals and p.name == side for p in part.ports)):
-                        ends.setdefault(name, []).append((port, port, way))
+                        ends.setdefault(name, []).append((port, port, direction))
                     pair.append(end)
             labelled.append((pair[0], pair[1]))
         nets = Nets()
@@ -351,13 +354,14 @@ class Translator:
         for group in nets.groups():
             inner = [(made.parts[e.rpartition("\\")[0]], e.rpartition("\\")[2]) for e in group
                      if e.rpartition("\\")[0] in made.parts]
-            own = [e for e in group if e in made.elements]
-            widths = {len(p.elements.get(port, [port])) for p, port in inner} | {len(made.elements[e]) for e in own}
+            knot_elements = [e for e in group if e in made.elements]
+            widths = {len(p.elements.get(port, [port])) for p, port in inner} | {len(made.elements[e])
+                                                                                 for e in knot_elements}
             if len(widths) > 1:
                 made.untranslated.append((made.line, f"the ends of {', '.join(group)} have different sizes"))
             for k in range(min(widths, default=0)):
                 self._node(made, [(p, p.elements.get(port, [port])[k]) for p, port in inner],
-                           [made.elements[e][k] for e in own])
+                           [made.elements[e][k] for e in knot_elements])
         for part in made.parts.values():
             self._free(made, part)
         driven = {end for ends in made.nodes.values() for end in ends} | {left for left, _ in made.equations}
@@ -366,47 +370,47 @@ class Translator:
                 made.equations.append((item.name, "0"))
                 made.untranslated.append((made.line, f"the output '{item.name}' is connected to nothing; it is 0"))
 
-    def _node(self, made: Block, inner: list[tuple[Part, str]], own: list[str]) -> None:
+    def _node(self, block: Block, inner: list[tuple[Part, str]], own: list[str]) -> None:
         for p, e in inner:
             if e not in p.what.items:
-                why = f"a connection ends at '{p.name}\\{e}', which is no port; it is left out"
-                made.untranslated.append((made.line, why))
+                why = f"a connection ends at '{p.name}\\{e}', which is not a port; it is left out"
+                block.untranslated.append((block.line, why))
         inner = [(p, e) for p, e in inner if e in p.what.items]
-        kinds = {e: made.items[e].kind for e in own}
+        kinds = {e: block.items[e].kind for e in own}
         bonds = [f"{p.name}\\{e}" for p, e in inner if p.what.items[e].kind == "bond"]
         bonds += [e for e in own if kinds[e] == "bond"]
         if bonds and len(bonds) < len(inner) + len(own):
-            made.untranslated.append((made.line, f"a signal is connected to the power port '{bonds[0]}'; it is left out"))
+            block.untranslated.append((block.line, f"a signal is connected to the power port '{bonds[0]}'; it is left out"))
             inner = [(p, e) for p, e in inner if p.what.items[e].kind != "bond"]
-            made.equations += [(f"{e}.f", "0") for e in own if kinds[e] == "bond"]
+            block.equations += [(f"{e}.f", "0") for e in own if kinds[e] == "bond"]
             own = [e for e in own if kinds[e] != "bond"]
         sources = [(p, e) for p, e in inner if p.what.items[e].kind == "out"]
-        given = [e for e in own if kinds[e] == "in"]
+        inputs_of_block = [e for e in own if kinds[e] == "in"]
         outs = [e for e in own if kinds[e] == "out"]
         ends = [f"{p.name}.{e}" for p, e in (*sources, *((p, e) for p, e in inner if (p, e) not in sources))]
-        if given and outs:
-            made.equations += [(out, given[0]) for out in outs]
+        if inputs_of_block and outs:
+            block.equations += [(out, inputs_of_block[0]) for out in outs]
             outs = []
         elif len(outs) > 1:
-            made.equations += [(out, outs[0]) for out in outs[1:]]
+            block.equations += [(out, outs[0]) for out in outs[1:]]
             outs = outs[:1]
-        ends += [e for e in own if kinds[e] == "bond"] + given + outs
+        ends += [e for e in own if kinds[e] == "bond"] + inputs_of_block + outs
         if not inner or len(ends) < 2:
             return
         first, element = (sources or inner)[0]
-        taken = {*made.items, *(part.name for part in made.parts.values()), *made.nodes}
-        made.nodes[_unused(f"{first.name}_{element}", taken)] = ends
+        used_names = {*block.items, *(part.name for part in block.parts.values()), *block.nodes}
+        block.nodes[_unused(f"{first.name}_{element}", used_names)] = ends
 
-    def _free(self, made: Block, part: Part) -> None:
-        """Power ports on no connection are free ends; inputs on none are 0, as in 20-sim."""
-        joined = {end for ends in made.nodes.values() for end in ends}
+    def _free(self, block: Block, part: Part) -> None:
+        """Power ports without a connection are free ends; inputs without one are 0, as in 20-sim."""
+        joined = {end for ends in block.nodes.values() for end in ends}
         for item in part.what.items.values():
             if f"{part.name}.{item.name}" in joined:
                 continue
             if item.kind == "bond":
-                taken = {*made.items, *(p.name for p in made.parts.values()), *made.nodes}
-                made.nodes[_unused(f"{part.name}_{item.name}", taken)] = [f"{part.name}.{item.name}"]
-                if isinstance(part.what, Component) and part.what.untranslated:  # nothing flows: its effort is 0
+                used_names = {*block.items, *(p.name for p in block.parts.values()), *block.nodes}
+                block.nodes[_unused(f"{part.name}_{item.name}", used_names)] = [f"{part.name}.{item.name}"]
+                if isinstance(part.what, Component) and part.what.untranslated:  # no flow: its effort is 0
                     part.what.equations = [(Expr(left.op, left.args, f"{item.name}.e"), right, comment)
                                            if left.name == f"{item.name}.f" else (left, right, comment)
                                            for left, right, comment in part.what.equations]
@@ -415,7 +419,7 @@ class Translator:
 
 
 def _alias(part: Submodel, ends: list[tuple[str, str, str]]) -> bool:
-    """Whether a knot is nothing but a node: a splitter, or a 0-junction whose effort no signal takes."""
+    """True if a knot is only a node: a splitter, or a 0-junction whose effort no signal takes."""
     if not part.knot or part.equations is None:
         return False
     lines = part.equations.equations
@@ -430,3 +434,41 @@ def _alias(part: Submodel, ends: list[tuple[str, str, str]]) -> bool:
 
 
 __all__ = ["Block", "Connection", "Part", "Translator", "Unreadable"]
+
+
+# -- ends of connections that form one node ----------------------------------------------------------------------------
+class Nets:
+    """Ends of connections that form one node."""
+
+    def __init__(self) -> None:
+        self.parent: dict[str, str] = {}
+
+    def find(self, end: str) -> str:
+        self.parent.setdefault(end, end)
+        while self.parent[end] != end:
+            self.parent[end] = self.parent[self.parent[end]]
+            end = self.parent[end]
+        return end
+
+    def join(self, a: str, b: str) -> None:
+        self.parent[self.find(b)] = self.find(a)
+
+    def groups(self) -> list[list[str]]:
+        groups: dict[str, list[str]] = {}
+        for end in self.parent:
+            groups.setdefault(self.find(end), []).append(end)
+        return list(groups.values())
+
+
+def passing(made: Component, equations: Iterable[tuple[str, str]], nets: Nets) -> None:
+    """Give a component the equations of a submodel without parts, whose ports are connected to each other: signals are
+    equal, and bonds have one effort and flows whose sum is 0. `equations` are the known equations between its signals."""
+    made.equations = [(f.name(left), f.number(0) if right == "0" else f.name(right), "") for left, right in equations]
+    given = {left.name for left, *_ in made.equations}
+    for group in nets.groups():
+        for own in zip(*(made.elements[e] for e in group if e in made.elements), strict=False):
+            inputs, outputs, bonds = ([e for e in own if made.items[e].kind == kind] for kind in ("in", "out", "bond"))
+            made.equations += [(f.name(e), f.name(inputs[0]), "") for e in outputs if inputs and e not in given]
+            made.equations += [(f.name(f"{e}.e"), f.name(f"{bonds[0]}.e"), "") for e in bonds[1:]]
+            if bonds:
+                made.equations.append((reduce(f.add, (f.name(f"{e}.f") for e in bonds)), f.number(0), ""))

@@ -1,4 +1,6 @@
-"""Nested choices, `if c then a else b` as values: simplified, without events, and taken apart into conditions and values."""
+"""Nested choices, `if c then a else b` as values: simplification, removal of events, separation into conditions and
+values.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ def rebuilt(expr: Expr, change: Callable[[Expr], Expr]) -> Expr:
 
 @lru_cache(maxsize=100_000)
 def simplified(expr: Expr) -> Expr:
-    """The same value with the choices and conditions decided that known numbers decide."""
+    """Simplify choices and conditions that known numbers decide."""
     if not expr.args:
         return expr
     expr = rebuilt(expr, simplified)
@@ -52,14 +54,16 @@ def _choice(expr: Expr) -> Expr:
 
 
 def _condition(expr: Expr) -> Expr:
-    """A flag that is 1 where a condition is true, as that condition."""
+    """A flag that is 1 if a condition is true, converted to that condition."""
     if expr.op == "if" and expr.args[1:] == (TRUE, FALSE):
         return expr.args[0]
     return simplified(Expr("not", (expr.args[0],))) if expr.op == "if" and expr.args[1:] == (FALSE, TRUE) else expr
 
 
 def decided(expr: Expr, condition: Expr, value: bool) -> Expr:
-    """An expression where a condition is true or false: its own choices by that condition, or by a part of it, are made."""
+    """An expression under a true or false condition: choices by that condition, or by a part of it, are replaced by their
+    branch.
+    """
     if condition.op == ("and" if value else "or"):
         return decided(decided(expr, condition.args[0], value), condition.args[1], value)
     while expr.op == "if":
@@ -73,28 +77,28 @@ def decided(expr: Expr, condition: Expr, value: bool) -> Expr:
 
 def _joined(expr: Expr) -> Expr:
     left, right = expr.args
-    ends = expr.op == "or"  # the value of a side that decides the whole
-    for side, other in ((left, right), (right, left)):
+    ends = expr.op == "or"  # the value of a side that determines the whole
+    for side, opposite in ((left, right), (right, left)):
         if side.op == "number":
-            return (TRUE if ends else FALSE) if bool(side.value) == ends else other
+            return (TRUE if ends else FALSE) if bool(side.value) == ends else opposite
     if left == right:
         return left
     return expr if ends else _and(expr)
 
 
 def _and(expr: Expr) -> Expr:
-    """`a and b` without what follows from the rest: `x >= 1 and x > 1` is `x > 1`."""
+    """`a and b` without redundant parts: `x >= 1 and x > 1` is `x > 1`."""
     parts = _parts(expr)
-    kept = [p for p in parts if not any(_follows(p, q) for q in parts)]
-    found = kept[0]
-    for part in kept[1:]:
-        found = Expr("and", (found, part))
-    return found
+    independent = [p for p in parts if not any(_follows(p, q) for q in parts)]
+    conjunction = independent[0]
+    for part in independent[1:]:
+        conjunction = Expr("and", (conjunction, part))
+    return conjunction
 
 
 def _parts(expr: Expr) -> list[Expr]:
-    found = [p for side in expr.args for p in _parts(side)] if expr.op == "and" else [expr]
-    return list(dict.fromkeys(found))
+    conjuncts = [p for side in expr.args for p in _parts(side)] if expr.op == "and" else [expr]
+    return list(dict.fromkeys(conjuncts))
 
 
 SHARPER = {">=": (">", "=="), "<=": ("<", "=="), "!=": (">", "<")}
@@ -124,8 +128,8 @@ def _compared(expr: Expr) -> Expr:
 @lru_cache(maxsize=100_000)
 def triggers(expr: Expr) -> tuple[Expr, ...]:
     """The events in an expression, each once."""
-    found = [expr] if expr.op == "event" else []
-    return tuple(dict.fromkeys([*found, *(e for arg in expr.args for e in triggers(arg))]))
+    events = [expr] if expr.op == "event" else []
+    return tuple(dict.fromkeys([*events, *(e for arg in expr.args for e in triggers(arg))]))
 
 
 @lru_cache(maxsize=100_000)
@@ -143,8 +147,8 @@ def _replaced(expr: Expr, event: Expr | None) -> Expr:
 
 @lru_cache(maxsize=100_000)
 def between_events(expr: Expr) -> Expr:
-    """The value that an equation gives. A choice by `time == 0` or `time > 0` keeps it from dividing by a time of 0: its
-    divisors are those of a short time."""
+    """The value of an equation between events. If a choice by `time == 0` or `time > 0` prevents a division by a time of
+    0, its divisors are evaluated at a short time."""
     @cache
     def later(e: Expr) -> Expr:
         return f.call("max", e, f.number(SHORTLY)) if e == f.name("time") else rebuilt(e, later) if e.args else e
@@ -159,15 +163,15 @@ def between_events(expr: Expr) -> Expr:
     def change(e: Expr) -> Expr:
         if e.op != "if":
             return rebuilt(e, change) if e.args else e
-        own = kept_from_zero if _asks_for_start(e.args[0]) else change
-        return Expr("if", (e.args[0], *map(own, e.args[1:])), line=e.line)
+        simplify = kept_from_zero if _asks_for_start(e.args[0]) else change
+        return Expr("if", (e.args[0], *map(simplify, e.args[1:])), line=e.line)
 
     return at_event(change(expr), None)
 
 
 @lru_cache(maxsize=100_000)
 def _asks_for_start(condition: Expr) -> bool:
-    """Whether a condition compares the time with 0."""
+    """True if a condition compares the time with 0."""
     compared = condition.op in OPPOSITE and f.name("time") in condition.args
     if compared or (condition.op == "event" and condition.name == "time"):
         return any(e.op == "number" and e.value <= 0 for e in condition.args)
@@ -176,7 +180,7 @@ def _asks_for_start(condition: Expr) -> bool:
 
 @lru_cache(maxsize=100_000)
 def at_start(expr: Expr) -> Expr:
-    """The expression at the initial time, where an instant that has passed counts as an event."""
+    """The expression at the initial time, with passed instants counted as events."""
     @cache
     def change(e: Expr) -> Expr:
         if e.op == "event":
@@ -194,7 +198,7 @@ def names(expr: Expr) -> tuple[str, ...]:
 
 @lru_cache(maxsize=100_000)
 def keeps(expr: Expr, name: str) -> bool:
-    """Whether a value depends on the value that the variable had before."""
+    """True if a value depends on the former value of the variable."""
     return (expr.op in ("prev", "name") and expr.name == name) or any(keeps(e, name) for e in expr.args)
 
 
@@ -208,7 +212,7 @@ def renamed(expr: Expr, old: str, new: Expr) -> Expr:
 
 @lru_cache(maxsize=100_000)
 def begun(expr: Expr) -> Expr:
-    """An expression at the very start, where what variables were before is 0."""
+    """An expression at the very start, with former values of 0."""
     return FALSE if expr.op == "prev" else rebuilt(expr, begun) if expr.args else expr
 
 
@@ -233,10 +237,10 @@ def leaves(expr: Expr, held: Expr) -> tuple[tuple[Expr, Expr], ...]:
         return ()
     condition, then, otherwise = expr.args
     condition = f.truth(condition)
-    found = []
+    cases = []
     for guard, branch in ((condition, then), (Expr("not", (condition,)), otherwise)):
         if branch == held:
             continue
         inner = leaves(branch, held)
-        found += [(Expr("and", (guard, c)), v) for c, v in inner] if branch.op == "if" else [(guard, branch)]
-    return tuple((simplified(c), v) for c, v in found)
+        cases += [(Expr("and", (guard, c)), v) for c, v in inner] if branch.op == "if" else [(guard, branch)]
+    return tuple((simplified(c), v) for c, v in cases)

@@ -20,21 +20,22 @@ ACROSS_IS_FLOW = {"translation", "rotation", "mechanical"}
 
 
 class Symbols:
-    """The names of a submodel with their elements; `ends` are the connections of a knot's ports (name, direction), `known`
-    the values of global quantities, `stated` gives the value of a constant in the experiment by its name, or None."""
+    """The names of a submodel with their elements; `ends` are the connections of a knot's ports (name, direction),
+    `known` the values of global quantities, `stated` gives the value of a constant in the experiment by its name, or
+    None."""
 
-    def __init__(self, submodel: Submodel, made: Component, calculus: Calculus, ends: Iterable[tuple[str, str, str]],
+    def __init__(self, submodel: Submodel, component: Component, calculus: Calculus, ends: Iterable[tuple[str, str, str]],
                  known: Mapping[str, float], stated: Callable[[str], float | None]):
-        self.submodel, self.source, self.made, self.known = submodel, submodel.equations or Equations(), made, known
+        self.submodel, self.source, self.made, self.known = submodel, submodel.equations or Equations(), component, known
         self.names: dict[str, Matrix] = {}
-        self.many: dict[str, list[tuple[str, bool]]] = {}  # of a knot's port: elements and whether they point out
+        self.many: dict[str, list[tuple[str, bool]]] = {}  # for a knot's port: elements and True if they point out
         self.numbers: dict[str, float] = {}
         self.evaluate = Evaluator(self.names, self.numbers, calculus)
         self.ends = list(ends)
         self.stated = stated
 
     def declare(self) -> None:
-        """Enter all symbols; those that cannot be read are listed in the component."""
+        """Enter all symbols; unreadable ones are listed in the component."""
         for constant in self.source.constants:
             self.guard(partial(self._constant, constant), constant.line)
         everything = [*self.submodel.parameters, *self.source.parameters]
@@ -57,14 +58,14 @@ class Symbols:
                 self.numbers.pop(parameter.name, None)
 
     def _structural(self) -> set[str]:
-        """The names on which sizes and the number of turns of loops depend: their values are fixed by the translation."""
-        own = self.source
-        sizes = [port.size for port in self.submodel.ports] + [v.size for v in (*self.submodel.variables, *own.variables)]
-        loops = map(counts, (*own.initial, *own.equations, *own.code))
+        """The names on which sizes and numbers of iterations depend: the translation fixes their values."""
+        source = self.source
+        sizes = [port.size for port in self.submodel.ports] + [v.size for v in (*self.submodel.variables, *source.variables)]
+        loops = map(counts, (*source.initial, *source.equations, *source.code))
         return {n for size in sizes for e in size for n in names(e)}.union(*loops)
 
     def guard(self, action: Callable[[], None], line: int) -> None:
-        """Do something; list what cannot be read."""
+        """Perform an action; list a construct that cannot be read."""
         try:
             action()
         except Unreadable as problem:
@@ -73,7 +74,7 @@ class Symbols:
     def _constant(self, item: Declared) -> None:
         if item.kind == "string":
             return
-        if item.is_global and (item.size or item.value is None):  # of another submodel, or for others
+        if item.is_global and (item.size or item.value is None):  # global quantity of another submodel, or for others
             if item.size or (value := self.known.get(item.name)) is None:
                 self._parameter(item)
             else:
@@ -111,13 +112,13 @@ class Symbols:
         base = identifier(label)
         while True:
             if (rows, columns) == (1, 1):
-                found = [[base]]
+                element_names = [[base]]
             elif columns == 1:
-                found = [[f"{base}_{i + 1}"] for i in range(rows)]
+                element_names = [[f"{base}_{i + 1}"] for i in range(rows)]
             else:
-                found = [[f"{base}_{i + 1}_{k + 1}" for k in range(columns)] for i in range(rows)]
-            if not taken or not any(name in self.made.items for name in (base, *(e for row in found for e in row))):
-                return found
+                element_names = [[f"{base}_{i + 1}_{k + 1}" for k in range(columns)] for i in range(rows)]
+            if not taken or not any(name in self.made.items for name in (base, *(e for row in element_names for e in row))):
+                return element_names
             base += "_"
 
     def _port(self, port: Port) -> None:
@@ -152,28 +153,30 @@ class Symbols:
         self._members(port, label, effort, flow)
 
     def _common(self, port: Port) -> None:
-        """A port of an element that may have several connections: its ends share the across quantity, and the through
-        quantities add up."""
+        """A port of an element with several possible connections: its ends share the across quantity, and the through
+        quantities are added."""
         if not self.many[port.name]:
             self._end(port, port.name, [[identifier(port.name)]], port.direction == "out")
             return
-        (first, _), *others = self.many[port.name]
+        (first, _), *further_ends = self.many[port.name]
         across = self.names[f"{first}.a"]
         through = None
         for name, out in self.many[port.name]:
-            own = self.names[f"{name}.t"]
-            signed = [[f.negative(e) if out != (port.direction == "out") else e for e in row] for row in own]
+            terminal = self.names[f"{name}.t"]
+            signed = [[f.negative(e) if out != (port.direction == "out") else e for e in row] for row in terminal]
             through = signed if through is None else [[f.add(a, b) for a, b in zip(r, s, strict=True)]
                                                       for r, s in zip(through, signed, strict=True)]
-        for name, _ in others:
-            for mine, other in zip(across, self.names[f"{name}.a"], strict=True):
-                self.made.equations += [(b, a, "") for a, b in zip(mine, other, strict=True)]
+        for name, _ in further_ends:
+            for mine, their_name in zip(across, self.names[f"{name}.a"], strict=True):
+                self.made.equations += [(b, a, "") for a, b in zip(mine, their_name, strict=True)]
         assert through is not None
         effort, flow = (through, across) if port.domain in ACROSS_IS_FLOW else (across, through)
         self._members(port, port.name, effort, flow)
 
     def _terminals(self, port: Port) -> None:
-        """A port with two terminals: the across quantity is the difference between them, the through quantity passes."""
+        """A port with two terminals: the across quantity is the difference between them, and the through quantity is
+        equal.
+        """
         high, low = (identifier(f"{port.name}_{side}") for side in ("high", "low"))
         for name in (high, low):
             self.made.items[name] = Item(name, "bond", "", port.domain)
@@ -185,16 +188,16 @@ class Symbols:
             self.made.equations.append((f.name(f"{low}.f"), f.negative(flow), "what enters at one end leaves at the other"))
             self._members(port, port.name, [[effort]], [[f.negative(flow) if out else flow]])
             return
-        ways = {name: way for _, name, way in self.ends}
-        speeds = [f.negative(f.name(f"{n}.f")) if ways.get(n) == "out" else f.name(f"{n}.f") for n in (high, low)]
+        directions = {name: way for _, name, way in self.ends}
+        speeds = [f.negative(f.name(f"{n}.f")) if directions.get(n) == "out" else f.name(f"{n}.f") for n in (high, low)]
         force = f.name(f"{high}.e")
-        same = (ways.get(high) == "out") != (ways.get(low) == "out")  # the arrows pass through the element
+        same = (directions.get(high) == "out") != (directions.get(low) == "out")  # the arrows pass through the element
         self.made.equations.append((f.name(f"{low}.e"), force if same else f.negative(force), "the force passes through"))
-        reverse = (ways.get(high) == "out") != out
+        reverse = (directions.get(high) == "out") != out
         self._members(port, port.name, [[f.negative(force) if reverse else force]], [[Expr("-", (speeds[0], speeds[1]))]])
 
     def _members(self, port: Port, label: str, effort: Matrix, flow: Matrix) -> None:
-        """The names by which equations call the quantities of a port."""
+        """The names of the quantities of a port in equations."""
         a, b = MEMBERS.get(port.domain, ("e", "f"))
         across, through = (flow, effort) if port.domain in ACROSS_IS_FLOW else (effort, flow)
         self.names.update({f"{label}.e": effort, f"{label}.f": flow, f"{label}.{a}": effort, f"{label}.{b}": flow,

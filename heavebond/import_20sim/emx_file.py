@@ -14,14 +14,14 @@ MOST_BYTES = 50_000_000
 DEEPEST = 100
 MOST_ELEMENTS = 1_000_000
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # byte order marks
-CONTROL = bytes(c if c >= 32 or c in b"\t\n\r" else 32 for c in range(256))  # XML has no others
+CONTROL = bytes(c if c >= 32 or c in b"\t\n\r" else 32 for c in range(256))  # control characters, which XML does not permit
 
 
 @dataclass
 class EmxFile:
     """The SIDOPS text with its first line, and the run settings, values and plotted variables of the default experiment;
-    the values of constants stand among those of parameters.
-    Values and texts have the names that `names.labels` gives; plotted variables, those of the file."""
+    values of constants are among those of parameters. Values and texts have the names of `names.labels`, plotted
+    variables those of the file."""
 
     path: Path
     sidops: str = ""
@@ -38,11 +38,11 @@ class EmxFile:
     plotted: list[str] = field(default_factory=list)
 
     def stated(self, parameter: str) -> float | None:
-        """The value of a parameter in the experiment, where one that is an initial value stands among those."""
+        """The value of a parameter in the experiment, which may be listed among the initial values."""
         return self.parameters.get(parameter, self.initials.get(parameter))
 
     def within(self, part: str) -> None:
-        """Name the quantities as those of a part, beside the global ones."""
+        """Name the quantities as quantities of a part, in addition to the global ones."""
         for values in (self.parameters, self.initials, self.sample_times):
             values.update({f"{part}\\{name}": value for name, value in values.items()})
         self.texts.update({f"{part}\\{name}": text for name, text in self.texts.items()})
@@ -57,7 +57,7 @@ class _Handler:
         self.path: list[str] = []
         self.text: list[str] = []
         self.elements = 0
-        self.experiment: EmxFile | None = None  # the one that is read
+        self.experiment: EmxFile | None = None  # the experiment that is being read
         self.use_every = False
         self.names: list[str] = []
 
@@ -91,7 +91,7 @@ class _Handler:
         self.text = []
 
     def keep(self) -> None:
-        """Use the experiment that has been read where it is the first one, or the default one."""
+        """Use the experiment that has been read if it is the first or the default one."""
         read, self.experiment = self.experiment, None
         if read is None:
             return
@@ -99,36 +99,36 @@ class _Handler:
             self.found = replace(read, sidops=self.found.sidops, first_line=self.found.first_line,
                                  default=self.found.default, name=read.name or "Experiment")
 
-    def _settings(self, found: EmxFile, tag: str, text: str) -> None:
+    def _settings(self, emx: EmxFile, tag: str, text: str) -> None:
         if tag == "Name" and self.path[-2:-1] == ["Experiment"]:
-            found.name = text
+            emx.name = text
         elif tag == "StartTime":
-            found.start = _number(text) or 0.0
+            emx.start = _number(text) or 0.0
         elif tag == "FinishTime":
-            found.finish = _number(text)
+            emx.finish = _number(text)
         elif tag == "UseOutputAfterEach":
             self.use_every = text.lower() == "true"
         elif tag == "OutputAfterEach" and self.use_every and (value := _number(text)) and value > 0:
-            found.every = value
+            emx.every = value
         elif tag == "DiscreteID":
             self.names = labels(text)[:1]
         elif tag == "TimeInterval" and (value := _number(text)) and value > 0:
-            found.sample_times.update(dict.fromkeys(self.names, value))
+            emx.sample_times.update(dict.fromkeys(self.names, value))
 
-    def _experiment(self, found: EmxFile, tag: str, text: str) -> None:
+    def _experiment(self, emx: EmxFile, tag: str, text: str) -> None:
         parent = self.path[-2] if len(self.path) > 1 else ""
         group = self.path[-3] if len(self.path) > 2 else ""
         if parent == "Variable" and tag == "Name":
             self.names = labels(text)
         elif parent == "Variable" and tag == "Value" and (value := _number(text)) is not None:
             if group in ("Parameters", "Constants"):
-                found.parameters.update(dict.fromkeys(self.names, value))
+                emx.parameters.update(dict.fromkeys(self.names, value))
             elif group == "Initials":
-                found.initials.update(dict.fromkeys(self.names, value))
+                emx.initials.update(dict.fromkeys(self.names, value))
         elif parent == "Variable" and tag == "Value" and group == "Parameters":
-            found.texts.update(dict.fromkeys(self.names, text.strip("\"'")))
-        elif tag == "VarName" and parent == "YCurveData" and text not in found.plotted:
-            found.plotted.append(text)
+            emx.texts.update(dict.fromkeys(self.names, text.strip("\"'")))
+        elif tag == "VarName" and parent == "YCurveData" and text not in emx.plotted:
+            emx.plotted.append(text)
 
 
 def _number(text: str) -> float | None:
@@ -144,8 +144,8 @@ def _refused(path: Path, line: int, code: str, why: str) -> ModelError:
 
 
 def _well_encoded(content: bytes) -> bytes:
-    """The content without control characters, and as UTF-8 where it says so and is not: 20-sim copies texts of icons in the
-    code page of Windows, such as letters of a symbol font, into files that it declares as UTF-8."""
+    """The content without control characters, and converted to UTF-8 if it is declared so but is not: 20-sim copies texts
+    of icons in the code page of Windows, such as letters of a symbol font, into files that it declares as UTF-8."""
     head = content[:200].lower()
     if content[:2] in UTF_16 or (b"encoding" in head and b"utf-8" not in head):
         return content
@@ -158,7 +158,7 @@ def _well_encoded(content: bytes) -> bytes:
 
 
 def read_emx(path: Path) -> EmxFile:
-    """Read a file; raises ModelError for what is no .emx file, for document types and entities, and beyond the limits."""
+    """Read a file; raises ModelError if it is not an .emx file, for document types and entities, and beyond the limits."""
     if path.stat().st_size > MOST_BYTES:
         raise _refused(path, 1, "emx-size", f"it has more than {MOST_BYTES // 1_000_000} MB")
     parser = expat.ParserCreate()
@@ -175,7 +175,7 @@ def read_emx(path: Path) -> EmxFile:
     content = _well_encoded(path.read_bytes())
     try:
         parser.Parse(content, True)
-    except (expat.ExpatError, ValueError, LookupError) as error:  # LookupError: an encoding that nobody knows
+    except (expat.ExpatError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
         if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
             refuse()
         if not handler.found.sidops:

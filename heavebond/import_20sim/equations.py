@@ -50,16 +50,17 @@ from heavebond.import_20sim.passed_conditions import moves, passed
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, Statement, Submodel
 from heavebond.import_20sim.splitting import read_held, share_repeated, split_deep
 
-NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}  # on the solution of the equations
+# functions of the solution of the equations
+NO_EFFECT = {"warning", "stopsimulation", "effortincausality", "flowincausality", "seed"}
 
-AT_EVERY_STEP = "'{}' follows from its own value at the integration step before, and so depends on the method"
+AT_EVERY_STEP = "'{}' depends on its value at the integration step before, and so on the integration method"
 
 
 class Builder(Execution):
-    """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction), `known`
-    the values of global quantities, `discrete` whether its statements act at samples, `held` its inputs that come from
-    discrete submodels, `plotted` its quantities that the experiment plots, `stated` the values of the experiment by name,
-    `sampled` its quantities that change at samples only beside continuous ones."""
+    """The component of one submodel; `comments` by line, `ends` the connections of a knot's ports (name, direction),
+    `known` the values of global quantities, `discrete` True if its statements act at samples, `held` its inputs from
+    discrete submodels, `plotted` its plotted quantities, `stated` the values of the experiment by name, `sampled` its
+    quantities that change at samples only, in addition to continuous ones."""
 
     def __init__(self, submodel: Submodel, comments: Mapping[int, str], ends: Iterable[tuple[str, str, str]] = (),
                  known: Mapping[str, float] = MappingProxyType({}), texts: Mapping[str, str] = MappingProxyType({}),
@@ -81,45 +82,45 @@ class Builder(Execution):
         self.evaluate.table, self.evaluate.external = outside.table, outside.function
         self.labels: dict[str, str] = {}  # the quantities by the names of their elements
         self.triggers: Env = {}  # variables that are events
-        self.start: Env = {}  # what the initial equations assign
-        self.assigned: Env = {}  # what the statements assign whose results are written now
-        self.followed: list[Kept] = []  # branches whose last value is kept
-        self.momentary: Env = {}  # of these, what branches assign that end themselves
+        self.start: Env = {}  # assignments of the initial equations
+        self.assigned: Env = {}  # assignments of the statements whose results are being written
+        self.followed: list[Kept] = []  # branches whose last value is stored
+        self.momentary: Env = {}  # assignments, among these, of branches that end themselves
 
     def build(self) -> Component:
-        """The component; what cannot be translated is listed in it."""
-        made = self.made
-        made.line = self.submodel.line
-        made.untranslated += [*self.submodel.problems, *self.source.problems]
+        """The component; it lists constructs that cannot be translated."""
+        component = self.made
+        component.line = self.submodel.line
+        component.untranslated += [*self.submodel.problems, *self.source.problems]
         self.symbols.declare()
         self.labels = {f.text(e): label for label, rows in self.symbols.names.items() for row in rows for e in row}
         self._hold_inputs()
         try:
             self._equations()
         except Unreadable as problem:
-            made.untranslated.append((problem.line, problem.reason))
+            component.untranslated.append((problem.line, problem.reason))
         except RecursionError:
-            made.untranslated.append((self.submodel.line, "an expression is nested too deeply"))
-        if made.untranslated:
+            component.untranslated.append((self.submodel.line, "an expression is nested too deeply"))
+        if component.untranslated:
             sides = (e for s in (*self.source.equations, *self.source.code) if isinstance(s, Assign) and s.left.op == "name"
                      for row in self.symbols.names.get(s.left.name, []) for e in row)
-            make_placeholder(made, {e.args[0].name if e.op == "negative" else e.name for e in sides})
+            make_placeholder(component, {e.args[0].name if e.op == "negative" else e.name for e in sides})
         else:
             self.memory.keep_samples({name for name, label in self.labels.items() if label in self.sampled})
-            made.junction = one_junction(self.symbols)
-            keep_values_before_jumps(made, self.followed)
-            read_held(made)
-            split_deep(made)
-            share_repeated(made)
-        return made
+            component.junction = one_junction(self.symbols)
+            keep_values_before_jumps(component, self.followed)
+            read_held(component)
+            split_deep(component)
+            share_repeated(component)
+        return component
 
     def _hold_inputs(self) -> None:
-        """What comes from a discrete submodel keeps its value between the samples."""
+        """Inputs from a discrete submodel keep their values between the samples."""
         for port in self.held_inputs:
             for label in [name for name, _ in self.symbols.many.get(port, [(identifier(port), True)])]:
-                given = self.symbols.names.get(label) or self.symbols.names.get(port, [])
+                held_names = self.symbols.names.get(label) or self.symbols.names.get(port, [])
                 self.symbols.names[label if label in self.symbols.names else port] = [
-                    [f.name(self.memory.at_samples(e)) for e in row] for row in given]
+                    [f.name(self.memory.at_samples(e)) for e in row] for row in held_names]
 
     # -- statements --------------------------------------------------------------------------------------------------
     def _equations(self) -> None:
@@ -147,19 +148,20 @@ class Builder(Execution):
         self._unwritten(start, written)
 
     def _anywhere(self, statement: Statement) -> bool:
-        """Whether a statement assigns an element whose index the run decides."""
+        """True if a statement assigns an element whose index is determined during the run."""
         try:
             return isinstance(statement, Assign) and bool(self.evaluate.places(statement.left, statement.right))
         except Unreadable:
             return False
 
     def _simultaneous(self) -> set[str]:
-        """The quantities on the left side of several equations that hold at the same time: there are as many equations as
-        unknowns only if each of them counts. 20-sim solves one of them for another quantity."""
+        """The quantities on the left side of several simultaneous equations: the numbers of equations and unknowns are
+        equal only if each of them counts. 20-sim solves one of them for another quantity."""
         plain = [s for s in self.source.equations if isinstance(s, Assign)]
         left = [s.left.name for s in plain if s.left.op == "name"]
-        others = [s for s in (*self.source.equations, *self.source.code) if not (isinstance(s, Assign) and s in plain)]
-        elsewhere = {label for s in others for label in assigned(s)}
+        other_statements = [s for s in (*self.source.equations, *self.source.code)
+                            if not (isinstance(s, Assign) and s in plain)]
+        elsewhere = {label for s in other_statements for label in assigned(s)}
         again = {label for label in left if left.count(label) > 1} - elsewhere
         if not again:
             return set()
@@ -170,29 +172,29 @@ class Builder(Execution):
         used = {n for s in (*self.source.equations, *self.source.code) for n in mentioned(s)}
         unknown = sum(size(label) for label in used if (rows := self.symbols.names.get(label)) and
                       (item := self.made.items.get(rows[0][0].name)) is not None and item.kind in ("variable", "out"))
-        given = sum(map(size, left)) + len(plain) - len(left) + sum(map(size, elsewhere - set(left)))
-        return again if given == unknown + len(self.made.of_kind("bond")) else set()
+        equation_count = sum(map(size, left)) + len(plain) - len(left) + sum(map(size, elsewhere - set(left)))
+        return again if equation_count == unknown + len(self.made.of_kind("bond")) else set()
 
     def _code(self) -> Env:
-        """What the statements of `code` assign."""
+        """Assignments of the statements of `code`."""
         env: Env = dict(self.triggers)
-        if self.discrete:  # what is read before it is assigned is that of the last sample
+        if self.discrete:  # a quantity that is read before its assignment has the value of the last sample
             written = [base for s in self.source.code for base in assigned(s)]
             elements = [e for base in written for row in self.symbols.names.get(base, []) for e in row]
             env |= {e.name: Expr("prev", name=e.name) for e in elements if e.name in self.made.items}
         return self._in_turn(self.source.code, env, set())
 
     def _in_turn(self, statements: list[Statement], env: Env, elsewhere: set[str]) -> Env:
-        """What statements assign that are executed one after the other. After its last assignment, a variable stands for its
-        value: an equation of its own, as it was written; not so variables that are assigned elsewhere too."""
+        """Assignments of statements that are executed in sequence. After its last assignment, a variable represents its
+        value in an equation as written, unless it is assigned elsewhere too."""
         final: Env = {}
         later: list[set[str]] = [elsewhere]
         for statement in reversed(statements):
             later.append(later[-1] | set(assigned(statement)))
-        for statement, others in zip(statements, reversed(later[:-1]), strict=True):
+        for statement, later_statements in zip(statements, reversed(later[:-1]), strict=True):
             self._run([statement], env)
             for base in dict.fromkeys(assigned(statement)):
-                if base in others:
+                if base in later_statements:
                     continue
                 for key in (f.text(e) for row in self.symbols.names.get(base, []) for e in row):
                     item, value = self.made.items.get(key), env.get(key)
@@ -204,18 +206,18 @@ class Builder(Execution):
         return {**env, **final}
 
     def _states_begin(self, start: Env) -> None:
-        """The initial values of states for which `int` and `ddt` have none: what the initial equations assign, or 0."""
-        given = {label for s in (*self.source.equations, *self.source.code) for label in assigned(s)}
+        """The initial values of states for which `int` and `ddt` have none: from the initial equations, or 0."""
+        assigned_labels = {label for s in (*self.source.equations, *self.source.code) for label in assigned(s)}
         for name, first in self.memory.begun.items():
             item = self.made.items.get(name)
-            if item is not None and item.kind == "variable" and self.labels.get(name) not in given:
+            if item is not None and item.kind == "variable" and self.labels.get(name) not in assigned_labels:
                 self.made.initial.setdefault(name, first)
         for left, right, _ in list(self.made.equations):
             for name in (e.args[0].name for side in (left, right) for e in derivatives(side) if e.args[0].op == "name"):
-                value, own = start.get(name), self.made.initial.get(name)
-                if own is None and (value is not None or left == f.call("der", f.name(name))):
+                value, own_initial = start.get(name), self.made.initial.get(name)
+                if own_initial is None and (value is not None or left == f.call("der", f.name(name))):
                     self.made.initial[name] = f.number(0) if value is None else value
-                elif own is not None and value is not None and own != value:
+                elif own_initial is not None and value is not None and own_initial != value:
                     self.memory.note(self.submodel.line, f"the initial equation of '{name}' is not used: its integral or "
                                      "derivative states an initial value")
 
@@ -224,12 +226,12 @@ class Builder(Execution):
             | {n for event in self.made.events.values() for v in event.then.values() for n in names(v)}
 
     def _unwritten(self, start: Env, written: set[str]) -> None:
-        """Variables that are set once, that another submodel computes, or that nothing uses."""
+        """Variables that are set once, that another submodel computes, or that are not used."""
         used = self._used() | set(self.made.gives)
         once = {name: value for name, value in start.items() if (item := self.made.items.get(name)) is not None
                 and name not in written and item.kind in ("variable", "out")}
         reached = [name for name in once if name in used or self.made.items[name].kind == "out"]
-        for name in reached:  # they may use others
+        for name in reached:  # these may depend on others
             reached += [n for n in dict.fromkeys(names(once[name])) if n in once and n not in reached]
         for name in (n for n in once if n in reached):
             *before, beside = self.comment(self.labels.get(name, name)).split("\n")
@@ -247,7 +249,7 @@ class Builder(Execution):
         self._undetermined()
 
     def _undetermined(self) -> None:
-        """Variables that no equation assigns are 0, as in 20-sim, where there are fewer equations than unknowns."""
+        """Set variables that no equation assigns to 0, as in 20-sim, if there are fewer equations than unknowns."""
         if self.made.untranslated:
             return
         unknown = self.made.of_kind("variable", "out", "bond")
@@ -259,7 +261,7 @@ class Builder(Execution):
             self.memory.note(self.submodel.line, f"no equation assigns '{base}'; it is 0")
 
     def _trigger(self, statement: Statement) -> None:
-        """`b = event (x)`: a variable that is true at an instant only stands for that event where it is used."""
+        """`b = event (x)`: a variable that is true at an instant only represents that event in other expressions."""
         if not isinstance(statement, Assign) or not has_event(statement.right) or \
                 {n.lower() for n in calls(statement.right)} - EVENTS:
             return
@@ -276,23 +278,23 @@ class Builder(Execution):
         else:
             env: Env = dict(self.triggers)
             self._statement(statement, env)
-            others = (s for s in (*self.source.equations, *self.source.code) if s is not statement)
-            self._results(self._without_memory(env, others), start, written)
+            other_statements = (s for s in (*self.source.equations, *self.source.code) if s is not statement)
+            self._results(self._without_memory(env, other_statements), start, written)
 
-    def _without_memory(self, env: Env, others: Iterable[Statement]) -> Env:
-        """Values without the former ones that nothing needs; `others` are the statements that read them as they are."""
-        read = {n for s in others for n in mentioned(s)} | self._used()  # by integrals and events, too
+    def _without_memory(self, env: Env, other_statements: Iterable[Statement]) -> Env:
+        """Remove former values that are not needed; `other_statements` are the statements that read the values unchanged."""
+        read = {n for s in other_statements for n in mentioned(s)} | self._used()  # by integrals and events, too
         read |= {n for e in self.made.events.values() for text in e.when.values() for n in re.findall(r"\w+", text)}
         read |= {n for first in (*self.made.initial.values(), *self.made.first.values()) for n in names(first)}
         kinds = {name: item.kind for name, item in self.made.items.items()}
-        own = [name for name in env if kinds.get(name) == "variable" and name not in self.made.gives and
-               not {name, self.labels.get(name, name)} & {*read, *self.plotted}]
-        found = without_memory(env, own, {n for n, kind in kinds.items() if kind == "parameter"})
-        for name in own:
-            if keeps(env[name], name) and not keeps(found[name], name) and found[name].op == "if" and \
-                    f.number(0) in found[name].args[1:]:
+        candidates = [name for name in env if kinds.get(name) == "variable" and name not in self.made.gives and
+                      not {name, self.labels.get(name, name)} & {*read, *self.plotted}]
+        reduced = without_memory(env, candidates, {n for n, kind in kinds.items() if kind == "parameter"})
+        for name in candidates:
+            if keeps(env[name], name) and not keeps(reduced[name], name) and reduced[name].op == "if" and \
+                    f.number(0) in reduced[name].args[1:]:
                 self.said.setdefault(self.labels.get(name, name), []).append("0 where no branch assigns it")
-        return found
+        return reduced
 
     def _do(self, statement: Do) -> None:
         if statement.error:
@@ -300,8 +302,8 @@ class Builder(Execution):
         function, call = statement.call.name.lower(), statement.call
         if function == "equal" and call.args and call.args[0].op == "call":
             elements = collected(self.symbols, call.args[0])
-            for other in elements[1:]:
-                self._pairs(elements[0][1], other[1])
+            for element in elements[1:]:
+                self._pairs(elements[0][1], element[1])
         elif function not in NO_EFFECT:
             raise Unreadable(statement.line, f"`{statement.call.name}` is not translated")
 
@@ -331,7 +333,7 @@ class Builder(Execution):
             raise Unreadable(line, AT_EVERY_STEP.format(left.name))
         target = self.evaluate(left)
         if right.op == "call" and right.name.lower() == "constraint" and len(right.args) == 1:
-            zero = self.evaluate(right.args[0])  # the left side is what keeps it at 0
+            zero = self.evaluate(right.args[0])  # the left side keeps it at 0
             self._pairs(zero, [[f.number(0)]], comment or f"kept at 0 by {f.text(target[0][0])}")
             return
         self.memory.target = f.text(target[0][0]) if left.op in ("name", "index") else ""
@@ -345,7 +347,7 @@ class Builder(Execution):
         written.update(f.text(e) for row in target for e in row)
 
     def _constant_trigger(self, name: str) -> None:
-        """A variable that is true at instants only is left out, or 0 where it is an output."""
+        """A variable that is true at instants only is omitted, or 0 if it is an output."""
         item = self.made.items.get(name)
         shared = name in self.made.gives
         if shared:
@@ -383,10 +385,10 @@ class Builder(Execution):
             self.made.initial[f.text(e)] = value
 
     def _final(self, expr: Expr) -> Matrix | None:
-        """The variables that an expression names: what they are after all statements."""
-        found = self.symbols.names.get(expr.name, []) if expr.op == "name" else []
-        kinds = {item.kind if (item := self.made.items.get(e.name)) else "" for row in found for e in row}
-        return found if found and kinds <= {"variable", "out"} else None
+        """The variables in an expression, with their values after all statements."""
+        elements = self.symbols.names.get(expr.name, []) if expr.op == "name" else []
+        kinds = {item.kind if (item := self.made.items.get(e.name)) else "" for row in elements for e in row}
+        return elements if elements and kinds <= {"variable", "out"} else None
 
     def _assign(self, statement: Assign, env: Env) -> None:
         if statement.left.op == "call" and statement.left.name.lower() == "next" and \
@@ -404,7 +406,7 @@ class Builder(Execution):
                 self._code_result(name, value, start, written)
 
     def _code_result(self, name: str, value: Expr, start: Env, written: set[str]) -> None:
-        """What a variable is after the statements: an equation, or a held variable that events set."""
+        """The value of a variable after the statements: an equation, or a held variable that events set."""
         if name in written:
             raise Unreadable(self.submodel.line, f"'{name}' is assigned in several places")
         written.add(name)
@@ -414,9 +416,9 @@ class Builder(Execution):
         if self.discrete and item is not None and item.kind in ("variable", "out"):
             value = self._of_last_sample(name, value, start)
         between = at_event(value, None) if keeps(value, name) else between_events(value)
-        said = self.comment(self.labels.get(name, name))
+        comment = self.comment(self.labels.get(name, name))
         if item is None and name in self.targets and not keeps(value, name):
-            self.made.equations.append((self.targets[name], between, said))
+            self.made.equations.append((self.targets[name], between, comment))
             return
         if item is None or item.kind not in ("variable", "out"):
             self.made.untranslated.append((self.submodel.line, f"'{name}' cannot be assigned"))
@@ -425,51 +427,52 @@ class Builder(Execution):
             if triggers(value) and between == f.number(0) and item.kind == "variable":
                 self._constant_trigger(name)
             else:
-                self.made.equations.append((f.name(name), between, said))
+                self.made.equations.append((f.name(name), between, comment))
             return
         if between.op not in ("if", "prev") and not triggers(value):
             raise Unreadable(self.submodel.line, AT_EVERY_STEP.format(name))
-        found = leaves(between, Expr("prev", name=name))
-        if any(moves(self.made, leaf) for _, leaf in found) and name not in self.momentary:
-            if not any(keeps(e, name) for pair in found for e in pair):
-                self._follows(name, item, between, found, start.get(name, f.number(0)), said)
+        cases = leaves(between, Expr("prev", name=name))
+        if any(moves(self.made, leaf) for _, leaf in cases) and name not in self.momentary:
+            if not any(keeps(e, name) for pair in cases for e in pair):
+                self._follows(name, item, between, cases, start.get(name, f.number(0)), comment)
                 return
             self.made.omitted.append((self.submodel.line, f"'{name}' depends on the value that it had before; it is set "
                                       "only at the instants at which the conditions of its branches become true"))
-        self._held(name, item, value, start.get(name, f.number(0)), said)
+        self._held(name, item, value, start.get(name, f.number(0)), comment)
 
     def _of_last_sample(self, name: str, value: Expr, start: Env) -> Expr:
-        """A value in which what variables were before, itself among them, is what they were at the last sample."""
+        """A value in which former values of variables, its own among them, are the values at the last sample."""
         before = dict.fromkeys(n for n in former(value) if n in self.made.items)
         if keeps(value, name):
             before[name] = None
         for n in before:
-            kept = self.memory.at_samples(f.name(n), start.get(n, f.number(0)))
-            value = renamed(value, n, f.name(kept)) if n == name else renamed_former(value, n, f.name(kept))
+            sampled_value = self.memory.at_samples(f.name(n), start.get(n, f.number(0)))
+            value = renamed(value, n, f.name(sampled_value)) if n == name else renamed_former(value, n,
+                                                                                              f.name(sampled_value))
         return value
 
-    def _follows(self, name: str, item: Item, value: Expr, found: Iterable[tuple[Expr, Expr]], first: Expr,
-                 said: str) -> None:
-        """A variable that follows an expression while a branch assigns it, and keeps its last value where none does."""
-        kept = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
-        self.made.equations.append((f.name(name), renamed(value, name, f.name(kept)), said))
-        for condition, leaf in found:
+    def _follows(self, name: str, item: Item, value: Expr, cases: Iterable[tuple[Expr, Expr]], first: Expr,
+                 text: str) -> None:
+        """A variable that follows an expression while a branch assigns it, and keeps its last value otherwise."""
+        held_value = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
+        self.made.equations.append((f.name(name), renamed(value, name, f.name(held_value)), text))
+        for condition, leaf in cases:
             condition = passed(self.made, self.assigned, condition)
             flag = self.made.hold(f"{name}_assigned", "", f"1 while a branch assigns {name}", f.number(0))
-            # left only where it was entered: at the start a condition may pass from equality to either side
+            # exit only after entry: at the start a condition may change from equality to either side
             left = Expr("and", (simplified(Expr("not", (condition,))), Expr("==", (f.name(flag), f.number(1)))))
             self.made.on("at_start", {"at": "0"}, {flag: Expr("if", (condition, f.number(1), f.number(0)))})
             self.made.on(f"{name}_begins", {"condition": f.text(condition)}, {flag: f.number(1)})
-            ends = self.made.on(f"{name}_ends", {"condition": f.text(left)}, {kept: leaf, flag: f.number(0)})
-            self.followed.append(Kept(kept, flag, ends, condition, leaf))
+            ends = self.made.on(f"{name}_ends", {"condition": f.text(left)}, {held_value: leaf, flag: f.number(0)})
+            self.followed.append(Kept(held_value, flag, ends, condition, leaf))
 
-    def _held(self, name: str, item: Item, value: Expr, first: Expr, said: str) -> None:
+    def _held(self, name: str, item: Item, value: Expr, first: Expr, text: str) -> None:
         """A variable that keeps its value: held, and set by events."""
         held = name
         if item.kind == "out":
             held = self.made.fresh(f"{name}_held")
-            self.made.equations.append((f.name(name), f.name(held), said or "kept between events"))
-        doc = item.doc or ("" if held != name else "; ".join(filter(None, said.split("\n"))))
+            self.made.equations.append((f.name(name), f.name(held), text or "kept between events"))
+        doc = item.doc or ("" if held != name else "; ".join(filter(None, text.split("\n"))))
         self.made.items[held] = Item(held, "held", item.unit, doc, 0.0, before=item.before if held == name else "")
         self.made.first[held] = first
         value = renamed(value, name, f.name(held))

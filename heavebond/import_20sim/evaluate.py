@@ -25,12 +25,12 @@ MEMBERS = {"power": ("e", "f"), "hydraulic": ("p", "phi"), "translation": ("F", 
            "petrinet": ("e", "f"), "pseudohydraulic": ("p", "dm"), "pseudopneumatic": ("p", "dm"),
            "pseudothermalh": ("T", "dH"), "electrical": ("u", "i")}
 MOST_ELEMENTS = 2000
-MOST_TIMES = 16  # that a matrix is multiplied by itself
-OUTSIDE = "where an index that the run decides lies outside its vector, the first or the last element is used"
+MOST_TIMES = 16  # largest exponent of a matrix
+OUTSIDE = "if an index that depends on the run lies outside its vector, the first or the last element is used"
 
 
 class Calculus(Protocol):
-    """What the component that is being made does for an expression."""
+    """Operations of the component under construction that an expression needs."""
 
     def state(self, rate: Expr, first: Expr | None, line: int) -> Expr: ...
     def begins(self, state: Expr, first: Expr) -> None: ...
@@ -44,7 +44,7 @@ class Calculus(Protocol):
     def delayed(self, args: list[Expr], line: int) -> Expr: ...
     def noise(self, line: int) -> Expr: ...
     def require(self, index: Expr, size: int) -> bool: ...
-    def note(self, line: int, what: str) -> None: ...
+    def note(self, line: int, text: str) -> None: ...
 
 
 @dataclass
@@ -57,16 +57,16 @@ class Evaluator:
     values: dict[str, Expr] = field(default_factory=dict)  # elements that have been assigned before
     table: Callable[[Expr, Expr], Expr] = lambda name, _: _no_table(name)
     external: Callable[[Expr, Evaluator], Matrix] = lambda call, _: _unknown(call)  # a function of a compiled library
-    defined: dict[str, Expr] = field(default_factory=dict)  # what variables stand for that stand by their name
-    indexed: bool = False  # whether an index that the run decides has been listed
-    final: Callable[[Expr], Matrix | None] = lambda _: None  # the variables of a name, whatever has been assigned before
+    defined: dict[str, Expr] = field(default_factory=dict)  # values of variables that are used by name
+    indexed: bool = False  # True after an index that is determined during the run has been listed
+    final: Callable[[Expr], Matrix | None] = lambda _: None  # the variables of a name, independent of former assignments
     knots: Callable[[Expr], Matrix | None] = lambda _: None  # the value of `sum (direct (p.f))` or `first (p.e)` at a knot
 
     def scalar(self, expr: Expr) -> Expr:
-        found = self(expr)
-        if len(found) != 1 or len(found[0]) != 1:
-            raise Unreadable(expr.line, "a vector stands where a number is needed")
-        return found[0][0]
+        matrix = self(expr)
+        if len(matrix) != 1 or len(matrix[0]) != 1:
+            raise Unreadable(expr.line, "a vector is given instead of a number")
+        return matrix[0][0]
 
     def whole(self, expr: Expr) -> int:
         """A whole number that is known: a size or an index."""
@@ -76,11 +76,11 @@ class Evaluator:
         return round(value)
 
     def __call__(self, expr: Expr) -> Matrix:
-        """The elements of an expression by rows; there is one at least."""
-        found = self._elements(expr)
-        if not found or not found[0]:
+        """The elements of an expression by rows, at least one."""
+        matrix = self._elements(expr)
+        if not matrix or not matrix[0]:
             raise Unreadable(expr.line, "a matrix without elements is not possible")
-        return found
+        return matrix
 
     def _elements(self, expr: Expr) -> Matrix:
         op = expr.op
@@ -107,14 +107,14 @@ class Evaluator:
         if op in ("negative", "not"):
             return [[f.negative(e) if op == "negative" else Expr("not", (e,)) for e in row] for row in self(expr.args[0])]
         if op in ("text", "range"):
-            raise Unreadable(expr.line, "a text stands where a number is needed")
+            raise Unreadable(expr.line, "a text is given instead of a number")
         return each(lambda a, b: self._pair(op, a, b, expr.line), self(expr.args[0]), self(expr.args[1]), expr.line)
 
     def _power(self, base: Matrix, expr: Expr) -> Matrix:
         """A square matrix to a power, `expr` being `A ^ n`; of its inverse for a negative one."""
         exponent = fold(self.scalar(expr.args[1]), self.numbers)
         if exponent is None or exponent != round(exponent) or abs(exponent) > MOST_TIMES:
-            raise Unreadable(expr.line, "a matrix has a power that is no known whole number "
+            raise Unreadable(expr.line, "the exponent of a matrix is not a known whole number "
                                         f"from -{MOST_TIMES} to {MOST_TIMES}")
         if exponent < 0:
             base = self._call(Expr("call", (expr.args[0],), "inverse", line=expr.line))
@@ -177,8 +177,8 @@ class Evaluator:
         return [[base[i][k] for k in columns] for i in rows]
 
     def places(self, left: Expr, value: Expr) -> list[tuple[Expr, Expr, Expr]]:
-        """The elements that `x[i] = value` may set where the run decides i, with the condition and the value for each, in
-        which i is known; none where it is known anyway."""
+        """The elements that `x[i] = value` may set if i is determined during the run, with the condition and the value
+        for each, in which i is known; empty if it is known anyway."""
         indices = left.args[1:] if left.op == "index" else ()
         if all(e.op == "range" or fold(self.scalar(e), self.numbers) is not None for e in indices):
             return []
@@ -186,29 +186,30 @@ class Evaluator:
         if len(indices) == 1:
             rows = [[e] for row in rows for e in row]
         sizes = (len(rows), len(rows[0]) if rows else 0)
-        ways = [self._ways(e, n) for e, n in zip(indices, sizes, strict=False)]
+        positions = [self._ways(e, n) for e, n in zip(indices, sizes, strict=False)]
         whole, known = self.scalar(value), [self.scalar(e) if e.op == "name" else None for e in indices]
-        found = []
-        for place in product_of(*ways):
+        choices = []
+        for place in product_of(*positions):
             conditions = [c for _, c in place if c is not None]
             own = whole
             for index, (k, condition) in zip(known, place, strict=True):
                 if index is not None and index.op == "name" and condition is not None:
                     own = renamed(own, index.name, f.number(k + 1.0))
             element = rows[place[0][0]][place[1][0] if len(place) > 1 else 0]
-            found.append((element, reduce(lambda a, b: Expr("and", (a, b)), conditions), own))
-        return found
+            choices.append((element, reduce(lambda a, b: Expr("and", (a, b)), conditions), own))
+        return choices
 
     def _ways(self, index: Expr, size: int) -> list[tuple[int, Expr | None]]:
-        """The positions that an index may name, with the condition for each where the run decides it."""
+        """The positions that an index may name, with the condition for each if the run determines it."""
         if index.op == "range" or fold(value := self.scalar(index), self.numbers) is not None:
             return [(k, None) for k in self._range(index, size)]
         self._note_index(value, size, index.line)
-        found: list[tuple[int, Expr | None]] = []
+        positions_with_conditions: list[tuple[int, Expr | None]] = []
         for k in range(size):
             above, below = Expr(">", (value, f.number(k + 0.5))), Expr("<", (value, f.number(k + 1.5)))
-            found.append((k, below if k == 0 else above if k == size - 1 else Expr("and", (above, below))))
-        return found
+            positions_with_conditions.append((k, below if k == 0 else above if k == size - 1
+                                              else Expr("and", (above, below))))
+        return positions_with_conditions
 
     def _note_index(self, index: Expr, size: int, line: int) -> None:
         """List once that an index may lie outside 1 to `size`."""
@@ -218,7 +219,7 @@ class Evaluator:
             self.indexed = True
 
     def _between(self, expr: Expr) -> tuple[float, float]:
-        """Bounds of a value that is chosen among numbers, or a sum of such; infinite where they are not known."""
+        """Bounds of a choice among numbers, or of a sum of such; infinite if they are not known."""
         if (value := fold(expr, self.numbers)) is not None:
             return value, value
         if expr.op == "name" and expr.name in self.defined:
@@ -230,10 +231,10 @@ class Evaluator:
 
     def _range(self, expr: Expr, size: int) -> list[int]:
         first, last = expr.args if expr.op == "range" else (expr, expr)
-        found = list(range(self.whole(first) - 1, self.whole(last)))
-        if not found or found[0] < 0 or found[-1] >= size:
+        indices = list(range(self.whole(first) - 1, self.whole(last)))
+        if not indices or indices[0] < 0 or indices[-1] >= size:
             raise Unreadable(expr.line, "an index lies outside its vector")
-        return found
+        return indices
 
     def _call(self, expr: Expr) -> Matrix:
         name = expr.name.lower()
@@ -274,7 +275,7 @@ class Evaluator:
         return self._by_element(name, [self(a) for a in expr.args if a.op != "text"], expr)
 
     def _by_element(self, name: str, args: list[Matrix], expr: Expr) -> Matrix:
-        """A function of numbers, for each element of its arguments; one that is a number counts for all elements."""
+        """Apply a function of numbers to each element of its arguments; a number is combined with all elements."""
         whole = next((a for a in args if (len(a), len(a[0])) != (1, 1)), [[f.number(0)]])
         sides = [[[e for e, _ in row] for row in _pairs(a, whole, expr.line)] for a in args]
         final = self.final(expr.args[0]) if expr.args else None
@@ -305,7 +306,7 @@ class Evaluator:
             raise Unreadable(expr.line, f"the function `{expr.name}` is not translated") from None
 
     def _bits(self, name: str, args: list[Expr], expr: Expr) -> Expr:
-        """A function of the bits of whole numbers that are known."""
+        """A function of the bits of known whole numbers."""
         values = [fold(a, self.numbers) for a in args]
         try:
             return f.number(float(BITS[name](*(int(v) for v in values if v is not None))))
@@ -313,7 +314,7 @@ class Evaluator:
             raise Unreadable(expr.line, f"`{expr.name}` is translated for known whole numbers only") from None
 
     def _rounded(self, name: str, value: Expr) -> Expr:
-        """A whole number beside a value, which events follow."""
+        """A whole number computed from a value, followed by events."""
         if (known := fold(value, self.numbers)) is not None:
             whole = {"floor": math.floor, "ceil": math.ceil, "round": lambda x: math.copysign(math.floor(abs(x) + 0.5), x)}
             return f.number(float(whole.get(name, math.trunc)(known)))
@@ -327,7 +328,7 @@ class Evaluator:
 
 
 def _no_table(name: Expr) -> Expr:
-    raise Unreadable(name.line, "there are no files beside the model")
+    raise Unreadable(name.line, "the folder of the model contains no files")
 
 
 def _unknown(call: Expr) -> Matrix:
@@ -370,11 +371,11 @@ BITS: dict[str, Callable[..., int]] = {
 
 
 def _chosen(index: Expr, elements: list[Expr]) -> Expr:
-    """The element of an index that is computed in the run."""
-    found = elements[-1]
+    """The element of an index that is computed during the run."""
+    choice = elements[-1]
     for k in range(len(elements) - 1, 0, -1):
-        found = Expr("if", (Expr("<", (index, f.number(k + 0.5))), elements[k - 1], found))
-    return found
+        choice = Expr("if", (Expr("<", (index, f.number(k + 0.5))), elements[k - 1], choice))
+    return choice
 
 
 def _number(expr: Expr) -> Expr:
@@ -386,20 +387,20 @@ def _is_square(matrix: Matrix) -> bool:
 
 
 def spread(values: Matrix, count: int, line: int) -> list[Expr]:
-    """The elements of a matrix, of which one counts for all."""
+    """The elements of a matrix; a single one is repeated."""
     flat = [e for row in values for e in row]
     if len(flat) not in (1, count):
-        raise Unreadable(line, f"{len(flat)} elements stand where {count} are needed")
+        raise Unreadable(line, f"{len(flat)} elements are given where {count} are needed")
     return flat if len(flat) == count else flat * count
 
 
 def each(pair: Callable[[Expr, Expr], Expr], a: Matrix, b: Matrix, line: int) -> Matrix:
-    """A function of two elements, for each; a matrix that is a number counts for all elements of the other one."""
+    """Combine the elements of two matrices; a number is combined with all elements of the other one."""
     return [[pair(x, y) for x, y in row] for row in _pairs(a, b, line)]
 
 
 def _pairs(a: Matrix, b: Matrix, line: int) -> list[list[tuple[Expr, Expr]]]:
-    """The elements of two matrices of the same size side by side; one that is a number counts for all elements."""
+    """Pairs of elements of two matrices of the same size; a number is combined with all elements."""
     if len(a) == 1 and len(a[0]) == 1:
         a = [[a[0][0] for _ in row] for row in b]
     if len(b) == 1 and len(b[0]) == 1:
@@ -418,7 +419,7 @@ def _product(a: Matrix, b: Matrix, line: int) -> Matrix:
 
 
 def fold(expr: Expr, numbers: Mapping[str, float]) -> float | None:
-    """The value of an expression of known numbers; None where it is not known, or not finite."""
+    """The value of an expression of known numbers; None if it is not known, or not finite."""
     value = _fold(expr, numbers)
     return value if value is not None and math.isfinite(value) else None
 
@@ -433,7 +434,7 @@ def _fold(expr: Expr, numbers: Mapping[str, float]) -> float | None:
         return None if condition is None else fold(expr.args[1 if condition else 2], numbers)
     values = [fold(e, numbers) for e in expr.args]
     if expr.op in ("and", "or") and any(v is not None and bool(v) == (expr.op == "or") for v in values):
-        return float(expr.op == "or")  # one side decides, whatever the other is
+        return float(expr.op == "or")  # one side determines the result
     if None in values:
         return None
     if expr.op == "call":

@@ -15,16 +15,16 @@ from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statem
 
 Env = dict[str, Expr]
 MOST_TURNS = 500
-MOST_BRANCHES = 200  # of a loop that ends at a condition of the run
+MOST_BRANCHES = 200  # limit of iterations of a loop that ends at a condition of the run
 
 
 def _where(env: Env, condition: Expr, value: bool) -> Env:
-    """What holds in a branch."""
+    """The values in a branch."""
     return {name: decided(e, condition, value) for name, e in env.items()}
 
 
 class Execution:
-    """What the statements of one submodel assign; an `Env` holds it by the text of each element."""
+    """Symbolic execution of the statements of one submodel; an `Env` holds the values by the text of each element."""
 
     made: Component
     memory: Memory
@@ -33,7 +33,7 @@ class Execution:
     numbers: dict[str, float]
 
     def __init__(self) -> None:
-        self.targets: Env = {}  # what a statement assigns, by its text
+        self.targets: Env = {}  # assigned values, by text
         self.turns = 0
         self.said: dict[str, list[str]] = {}  # the comments at the statements that assign a quantity
 
@@ -41,7 +41,7 @@ class Execution:
         raise NotImplementedError
 
     def _run(self, statements: Iterable[Statement], env: Env) -> None:
-        """Execute assignments one after the other with symbols; `env` holds what they assign."""
+        """Execute assignments in sequence with symbols; `env` holds the values."""
         outer, self.evaluate.values = self.evaluate.values, env
         for statement in statements:
             try:
@@ -71,15 +71,17 @@ class Execution:
     def _say(self, statement: Statement) -> None:
         """Keep a comment for the first quantity that a statement assigns."""
         for label in assigned(statement)[:1]:
-            own = self.said.setdefault(label, [])
-            if (comment := self.comments[statement.line]) not in own:
-                own.append(comment)
+            comments = self.said.setdefault(label, [])
+            if (comment := self.comments[statement.line]) not in comments:
+                comments.append(comment)
 
     def comment(self, label: str) -> str:
-        """The comments of all statements that assign a quantity: lines before the equation, and last the text beside it."""
-        own = [comment.split("\n") for comment in self.said.pop(label, ())]
-        before = [line for lines in own for line in lines[:-1]]
-        return "\n".join([*before, "; ".join(dict.fromkeys(lines[-1] for lines in own if lines[-1]))])
+        """The comments of all statements that assign a quantity: lines before the equation, and last the text on its
+        line.
+        """
+        comments = [comment.split("\n") for comment in self.said.pop(label, ())]
+        before = [line for lines in comments for line in lines[:-1]]
+        return "\n".join([*before, "; ".join(dict.fromkeys(lines[-1] for lines in comments if lines[-1]))])
 
     def _assign(self, statement: Assign, env: Env) -> None:
         self.memory.target = statement.left.name if statement.left.op == "name" else ""
@@ -105,18 +107,18 @@ class Execution:
                 self._statement(inner, env)
             return
         then, otherwise = _where(env, condition, True), _where(env, condition, False)
-        for body, own in ((statement.then, then), (statement.otherwise, otherwise)):
+        for body, branch_env in ((statement.then, then), (statement.otherwise, otherwise)):
             for inner in body:
-                self._statement(inner, own)
+                self._statement(inner, branch_env)
         env.update(self._merged(condition, then, otherwise, env))
 
     def _merged(self, condition: Expr, then: Env, otherwise: Env, env: Env) -> Env:
-        """What holds after a choice between two branches."""
-        found: Env = {}
+        """The values after a choice between two branches."""
+        merged: Env = {}
         for name in dict.fromkeys([*then, *otherwise]):
             a, b = (side.get(name, env.get(name, Expr("prev", name=name))) for side in (then, otherwise))
-            found[name] = a if a == b else simplified(Expr("if", (condition, a, b)))
-        return found
+            merged[name] = a if a == b else simplified(Expr("if", (condition, a, b)))
+        return merged
 
     def _turn(self, line: int) -> None:
         self.turns += 1
@@ -140,10 +142,10 @@ class Execution:
 
     def _while(self, statement: While, env: Env) -> None:
         """`while c do ... end`, or `repeat ... until c` (`after`), whose condition is known beforehand."""
-        branches: list[tuple[Expr, Env]] = []  # what holds where the loop ends at a condition that the run decides
-        now = dict(env)
+        branches: list[tuple[Expr, Env]] = []  # values if the loop ends at a condition that is determined during the run
+        loop_env = dict(env)
         for turn in range(MOST_TURNS + 1):
-            self.evaluate.values = now
+            self.evaluate.values = loop_env
             condition = f.number(1) if statement.after and turn == 0 else \
                 simplified(f.truth(self.evaluate.scalar(statement.condition)))
             goes_on = simplified(Expr("not", (condition,))) if statement.after and turn else condition
@@ -154,14 +156,14 @@ class Execution:
                 if len(branches) == MOST_BRANCHES:
                     raise Unreadable(statement.line, "a loop with more than "
                                      f"{MOST_BRANCHES} turns that depend on the run is not translated")
-                branches.append((goes_on, _where(now, goes_on, False)))
-                now = _where(now, goes_on, True)
+                branches.append((goes_on, _where(loop_env, goes_on, False)))
+                loop_env = _where(loop_env, goes_on, True)
             self._turn(statement.line)
             for inner in statement.body:
-                self._statement(inner, now)
+                self._statement(inner, loop_env)
         else:
             raise Unreadable(statement.line, f"a loop of more than {MOST_TURNS} turns is not translated")
         for condition, ended in reversed(branches):
-            now = self._merged(condition, now, ended, env)
+            loop_env = self._merged(condition, loop_env, ended, env)
         env.clear()
-        env.update(now)
+        env.update(loop_env)

@@ -21,7 +21,7 @@ COMPARE = 2
 
 
 class Unreadable(Exception):
-    """A construct that the parser does not know; holds the line and the reason."""
+    """A construct that the parser does not know, with the line and the reason."""
 
     def __init__(self, line: int, reason: str):
         super().__init__(reason)
@@ -47,7 +47,7 @@ class Reader:
         return token
 
     def skip(self, *texts: str) -> bool:
-        """Take the next token where it is one of these."""
+        """Skip the next token if it is one of these."""
         if self.now.text.lower() in texts and self.now.kind in ("name", "sign"):
             self.at += 1
             return True
@@ -104,30 +104,30 @@ class Reader:
             self.depth -= 1
 
     def _postfix(self) -> Expr:
-        found = self._primary()
+        postfixed = self._primary()
         while self.now.text == "[":
             line = self.take().line
-            found = Expr("index", (found, *self._list("]", ranges=True)), line=line)
-        return found
+            postfixed = Expr("index", (postfixed, *self._list("]", ranges=True)), line=line)
+        return postfixed
 
     def _list(self, end: str, *, ranges: bool = False) -> list[Expr]:
-        found: list[Expr] = []
+        items: list[Expr] = []
         while self.now.text != end:
             first = self.expression()
             if ranges and self.skip(":"):
                 first = Expr("range", (first, self.expression()), line=first.line)
-            found.append(first)
+            items.append(first)
             if not self.skip(","):
                 break
         self.need(end)
-        return found
+        return items
 
     def _primary(self) -> Expr:
         token = self.take()
         if token.kind == "number" and float(token.text) > LARGEST:
             raise Unreadable(token.line, f"the number {token.text[:30]} is too large")
         if token.kind == "number" and self.now.kind == "unit" and not (
-                self.declaring and self.tokens[self.at + 1].text in (";", ",")):  # that unit is of what is declared
+                self.declaring and self.tokens[self.at + 1].text in (";", ",")):  # this is the unit of the declaration
             return Expr("number", value=float(token.text) * unit_factor(self.take().text[1:-1]), line=token.line)
         if token.kind == "number":
             return Expr("number", value=float(token.text), line=token.line)
@@ -145,7 +145,7 @@ class Reader:
             if self.skip("("):
                 return Expr("call", tuple(self._list(")")), name=token.text, line=token.line)
             return Expr("name", name=token.text, line=token.line)
-        raise Unreadable(token.line, f"'{token.text[:30]}' is no expression")
+        raise Unreadable(token.line, f"'{token.text[:30]}' is not an expression")
 
     def _conditional(self, token: Token) -> Expr:
         condition = self.expression()
@@ -174,7 +174,7 @@ class Reader:
     # -- statements --------------------------------------------------------------------------------------------------
     def statements(self, *ends: str) -> list[Statement]:
         """Statements up to a keyword of `ends` or the next section; one that cannot be read is kept as an error."""
-        found: list[Statement] = []
+        statement_list: list[Statement] = []
         while self.now.kind != "end" and self.now.word not in SECTIONS and self.now.word not in ends:
             if self.skip(";"):
                 continue
@@ -183,12 +183,12 @@ class Reader:
                 continue
             start = self.at
             try:
-                found.append(self._statement())
+                statement_list.append(self._statement())
             except Unreadable as problem:
-                found.append(Do(Expr("text"), problem.line, problem.reason))
+                statement_list.append(Do(Expr("text"), problem.line, problem.reason))
                 self.at = max(self.at, start + 1)
                 self.to_semicolon()
-        return found
+        return statement_list
 
     def _statement(self) -> Statement:
         self.deeper()
@@ -262,7 +262,7 @@ class Reader:
         return While(condition, tuple(body), token.word == "repeat", token.line)
 
     def _switch(self, line: int) -> Statement:
-        """`switch x case 1 do ... default do ... end` as nested choices; each case may have an `end` of its own."""
+        """`switch x case 1 do ... default do ... end` as nested choices; each case may have a separate `end`."""
         value, closed = self.expression(), False
         branches: list[tuple[Expr, list[Statement]]] = []
         otherwise: list[Statement] = []
@@ -283,7 +283,7 @@ class Reader:
                 branches.append((test, body))
             else:
                 otherwise = body
-        if closed:  # the last `end` was that of the last case
+        if closed:  # the last `end` belonged to the last case
             self.need("end")
             self.skip(";")
         if not branches:
@@ -295,25 +295,25 @@ class Reader:
     # -- declarations ------------------------------------------------------------------------------------------------
     def declarations(self, problems: list[tuple[int, str]]) -> list[Declared]:
         """Declarations up to the next section or `end`."""
-        found: list[Declared] = []
+        declared_list: list[Declared] = []
         while self.now.kind != "end" and self.now.word not in SECTIONS and self.now.word not in ("end", "restrictions",
                                                                                               "ports", "description"):
             if self.skip(";"):
                 continue
-            if self.now.kind == "string":  # a description of what stands before it
-                said = self.take().text[1:-1]
-                found[-1:] = [replace(item, doc=item.doc or said) for item in found[-1:]]
+            if self.now.kind == "string":  # a description of the declaration before it
+                comment = self.take().text[1:-1]
+                declared_list[-1:] = [replace(item, doc=item.doc or comment) for item in declared_list[-1:]]
                 continue
             try:
                 if self.now.word not in KINDS:
-                    raise Unreadable(self.now.line, f"'{self.now.text[:30]}' is no declaration")
-                found += self._declared()
+                    raise Unreadable(self.now.line, f"'{self.now.text[:30]}' is not a declaration")
+                declared_list += self._declared()
             except Unreadable as problem:
                 problems.append((problem.line, problem.reason))
                 if self.now.word not in SECTIONS:
                     self.take()
                 self.to_semicolon()
-        return found
+        return declared_list
 
     def _annotation(self) -> None:
         """Skip the rest of `(min=0, range=<-1,1>)`."""
@@ -322,7 +322,7 @@ class Reader:
             depth += {"(": 1, ")": -1}.get(self.take().text, 0)
 
     def _stated(self) -> Expr:
-        """The value of a declaration; a unit behind its end is that of the declaration."""
+        """The value of a declaration; a unit after it belongs to the declaration."""
         self.declaring = True
         try:
             return self.expression()
@@ -331,15 +331,15 @@ class Reader:
 
     def _declared(self) -> list[Declared]:
         kind, words = self.take().word, []
-        found: list[Declared] = []
+        declared_list: list[Declared] = []
         while self.now.word in WORDS:
             words.append(self.take().word)
         while True:
-            while found and self.now.word in WORDS and self.tokens[self.at + 1].kind == "name":
+            while declared_list and self.now.word in WORDS and self.tokens[self.at + 1].kind == "name":
                 self.take()
             token = self.take()
             if token.kind != "name":
-                raise Unreadable(token.line, f"'{token.text[:30]}' is no name")
+                raise Unreadable(token.line, f"'{token.text[:30]}' is not a name")
             size: list[Expr] = []
             value: Expr | None = None
             unit = ""
@@ -357,9 +357,9 @@ class Reader:
                 else:
                     break
             *before, beside = self.comments.get(token.line, "").split("\n")
-            found.append(Declared(token.text, kind, token.line, tuple(words), tuple(size), value, unit, beside,
-                                  "" if found else "\n".join(before)))
+            declared_list.append(Declared(token.text, kind, token.line, tuple(words), tuple(size), value, unit, beside,
+                                          "" if declared_list else "\n".join(before)))
             if not self.skip(","):
                 break
         self.skip(";")
-        return found
+        return declared_list

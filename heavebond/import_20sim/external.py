@@ -1,4 +1,4 @@
-"""What stands outside an imported model: tables in files beside it, and functions of 20-sim's own compiled libraries (DLLs)
+"""Data outside an imported model: tables in files in its folder, and functions of 20-sim's compiled libraries (DLLs)
 whose laws its manual states. No library is called."""
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Expr
 from heavebond.import_20sim.tables import Grid, Table, read_grid, read_table
 
-# libraries and functions in small letters; profiles by their share of the stroke, with its first and second derivative
+# libraries and functions in lower case; profiles by their share of the stroke, with first and second derivative
 TABLE, PROFILES = "table2d.dll", "motionprofiles.dll"
 
 
 class External:
     """The tables and library functions of one component; `texts` are the names of files and functions."""
 
-    def __init__(self, made: Component, memory: Memory, folder: Path | None, texts: Mapping[str, str]):
-        self.made, self.memory, self.folder, self.texts = made, memory, folder, texts
+    def __init__(self, component: Component, memory: Memory, folder: Path | None, texts: Mapping[str, str]):
+        self.made, self.memory, self.folder, self.texts = component, memory, folder, texts
         self.unread = False  # whether a table of two inputs could not be read
 
     def _text(self, name: Expr) -> str:
@@ -35,7 +35,7 @@ class External:
         return Expr("table", (value,), self._entered(name, read_table))
 
     def _entered(self, name: Expr, read: Callable[[Path, str, int], Table | Grid]) -> str:
-        """The label of the table in the file that is named."""
+        """The label of the table in the named file."""
         text = self._text(name)
         if self.folder is None or not text:
             raise Unreadable(name.line, "the name of the table's file is not known")
@@ -50,13 +50,13 @@ class External:
         return label
 
     def function(self, call: Expr, evaluate: Evaluator) -> Matrix:
-        """`dll (library, function, argument)`; raises Unreadable where its law is not known."""
+        """`dll (library, function, argument)`; raises Unreadable if its law is not known."""
         library, name = (self._text(e).lower() for e in (*call.args, call, call)[:2])
         if library == TABLE and name == "table2dinit" and len(call.args) == 3:
             self.unread = True
             self._entered(call.args[2], read_grid)
             self.unread = False
-            return [[f.number(1)]]  # the number of the table, which counts for nothing: there is one
+            return [[f.number(1)]]  # the number of the table, which has no effect: there is one
         if library == TABLE and name == "tableread" and len(call.args) == 3:
             return [[self._read(call, [e for row in evaluate(call.args[2]) for e in row])]]
         if library == PROFILES and len(call.args) == 3:
@@ -67,11 +67,11 @@ class External:
                 return [[share], [f.number(1)], [f.number(0)]]
         raise Unreadable(call.line, f"`{call.name}`: {EXTERNAL['dll']}")
 
-    def _read(self, call: Expr, given: list[Expr]) -> Expr:
+    def _read(self, call: Expr, arguments: list[Expr]) -> Expr:
         """The value of a table of two inputs: the argument is its number and its inputs, of rows and of columns."""
         grids = [label for label, table in self.made.tables.items() if len(table) == 3]
         if self.unread:
             return f.number(0)  # its reason is listed
-        if len(given) != 3 or len(grids) != 1:
+        if len(arguments) != 3 or len(grids) != 1:
             raise Unreadable(call.line, "`TableRead` takes a vector of one table's number and two inputs")
-        return Expr("table2", tuple(given[1:]), grids[0])
+        return Expr("table2", tuple(arguments[1:]), grids[0])

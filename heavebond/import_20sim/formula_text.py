@@ -8,7 +8,7 @@ from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.sidops_tree import Expr
 
 ADD, MULTIPLY, SIGN, POWER, ATOM = 4, 5, 6, 7, 8
-LARGEST = 20_000  # nodes of an expression: a text that nobody reads, and that the formula language refuses
+LARGEST = 20_000  # limit of nodes of an expression; larger texts are unreadable and refused by the formula language
 LEVEL = {"or": 0, "and": 1, "not": 2, "==": 3, "!=": 3, "<": 3, ">": 3, "<=": 3, ">=": 3, "+": ADD, "-": ADD,
          "*": MULTIPLY, "/": MULTIPLY, "negative": SIGN, "^": POWER}
 TRUTHS = {"or", "and", "not", "==", "!=", "<", ">", "<=", ">="}
@@ -30,7 +30,7 @@ def negative(inner: Expr) -> Expr:
     """-inner, without a double sign."""
     if inner.op == "negative":
         return inner.args[0]
-    return number(0.0 - inner.value) if inner.op == "number" else Expr("negative", (inner,))  # -0.0 would read "-0"
+    return number(0.0 - inner.value) if inner.op == "number" else Expr("negative", (inner,))  # -0.0 would be written as "-0"
 
 
 def add(left: Expr, right: Expr) -> Expr:
@@ -57,7 +57,7 @@ def multiply(left: Expr, right: Expr) -> Expr:
 
 @lru_cache(maxsize=20_000)
 def truth(expr: Expr) -> Expr:
-    """An expression where a condition is needed: a number is true where it is not zero."""
+    """An expression used as a condition: a number is true if it is not zero."""
     if expr.op in ("or", "and", "not"):
         return Expr(expr.op, tuple(truth(e) for e in expr.args))
     if expr.op in TRUTHS or expr.op == "event":
@@ -76,7 +76,7 @@ def text(expr: Expr) -> str:
 
 
 def value_text(expr: Expr) -> str:
-    """The text of an expression where a number is needed: a comparison becomes 1 or 0."""
+    """The text of an expression used as a number: a comparison becomes 1 or 0."""
     return _value(expr)
 
 
@@ -111,7 +111,7 @@ def _text(expr: Expr) -> tuple[str, int]:
     if op == "if":
         return f"if_else({text(truth(expr.args[0]))}, {_value(expr.args[1])}, {_value(expr.args[2])})", ATOM
     if op not in LEVEL:
-        raise Unreadable(expr.line, "an event stands where a value is needed")
+        raise Unreadable(expr.line, "an event is given instead of a value")
     level = LEVEL[op]
     if op == "negative" and expr.args[0].op in ("*", "/"):  # (-a)*b is the same number as -(a*b)
         return f"-{_within(expr.args[0], MULTIPLY)}", MULTIPLY
@@ -137,5 +137,5 @@ def _value(expr: Expr) -> str:
 def _within(expr: Expr, level: int) -> str:
     if expr.op in TRUTHS and level > 3:
         return _value(expr)
-    found, own = _text(expr)
-    return found if own >= level else f"({found})"
+    inner_text, inner_level = _text(expr)
+    return inner_text if inner_level >= level else f"({inner_text})"

@@ -1,8 +1,8 @@
-"""Power ports on no connection: whether their flow or their effort is 0.
+"""Power ports without a connection: determination whether their flow or their effort is 0.
 
-A bond of 20-sim without a partner has the causality of its submodel: a port that takes an effort, such as that of a mass,
-has effort 0, one that takes a flow has flow 0. It is found here by a maximum matching of equations and unknowns, in which
-states are known and one equation of each free port determines its flow, or else its effort.
+A bond of 20-sim without a partner has the causality of its submodel: a port that receives an effort, such as a mass, has
+effort 0, one that receives a flow has flow 0. The causality follows from a maximum matching of equations and unknowns, in
+which states are known and one equation of each free port determines its flow, or else its effort.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def with_free_effort(components: list[tuple[str, Component]], blocks: list[tuple
     if not free:
         return []
     rows: Rows = []
-    for path, made in components:
-        rows += _of_component(f"{path}." if path else "", made)
+    for path, component in components:
+        rows += _of_component(f"{path}." if path else "", component)
     for path, block in blocks:
         rows += _of_block(f"{path}." if path else "", block)
     ports = [f"{path}.{end}" if path else end for path, _, _, end in free]
@@ -46,7 +46,7 @@ def with_free_effort(components: list[tuple[str, Component]], blocks: list[tuple
 
 
 def _gives_flow(block: Block, end: str) -> bool:
-    """Whether the equations of a port state its flow: they may read its effort too, and yet not determine it."""
+    """True if the equations of a port state its flow: they may contain its effort too without determining it."""
     name, _, port = end.partition(".")
     what = next(p.what for p in block.parts.values() if p.name == name)
     if isinstance(what, Component):
@@ -57,7 +57,7 @@ def _gives_flow(block: Block, end: str) -> bool:
 
 
 def _rates(expr: Expr) -> Iterator[str]:
-    """The names of which an expression holds the rate."""
+    """The names whose rates occur in an expression."""
     if expr.op == "call" and expr.name == "der":
         yield from names(expr)
     for e in expr.args:
@@ -71,29 +71,29 @@ def _of_component(prefix: str, made: Component) -> Rows:
     kinds = {name: item.kind for name, item in made.items.items()}
 
     def unknown(name: str) -> bool:
-        own = name.partition(".")[0]
-        return name not in states and kinds.get(own) in ("variable", "out", "in", "bond") and own not in made.shared
+        base = name.partition(".")[0]
+        return name not in states and kinds.get(base) in ("variable", "out", "in", "bond") and base not in made.shared
 
-    return [{prefix + n for e in pair for n in names(e) if unknown(n)} | {f"{prefix}der {n}" for n in own}
-            for pair, own in zip(sides, rates, strict=True)]
+    return [{prefix + n for e in pair for n in names(e) if unknown(n)} | {f"{prefix}der {n}" for n in base}
+            for pair, base in zip(sides, rates, strict=True)]
 
 
 def _of_block(prefix: str, block: Block) -> Rows:
     rows: Rows = []
     for ends in block.nodes.values():
-        own = [prefix + end for end in ends]
-        if len(own) > 1 and block.is_bond(ends[0]):
-            rows += [{f"{own[0]}.e", f"{end}.e"} for end in own[1:]]
-            rows.append({f"{end}.f" for end in own})
+        own_ends = [prefix + end for end in ends]
+        if len(own_ends) > 1 and block.is_bond(ends[0]):
+            rows += [{f"{own_ends[0]}.e", f"{end}.e"} for end in own_ends[1:]]
+            rows.append({f"{end}.f" for end in own_ends})
         elif not block.is_bond(ends[0]):
-            rows += [{own[0], end} for end in own[1:]]
+            rows += [{own_ends[0], end} for end in own_ends[1:]]
     for sides in block.equations:
         rows.append({prefix + n for side in sides for n in re.findall(r"[A-Za-z_][\w.]*", side)})
     return rows + [{f"{prefix}{part.name}.{name}"} for part in block.parts.values() for name in part.inputs]
 
 
 def _matched(rows: Rows) -> int:
-    """How many equations determine an unknown of their own."""
+    """Number of matched equations."""
     numbers: dict[str, int] = {}
     pairs = [(i, numbers.setdefault(n, len(numbers))) for i, row in enumerate(rows) for n in sorted(row)]
     if not pairs:

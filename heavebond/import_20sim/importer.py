@@ -34,11 +34,11 @@ from heavebond.import_20sim.write import (
     scalar,
 )
 
-NO_VALUE = "no value in the 20-sim file"  # in a description
+NO_VALUE = "no value in the 20-sim file"  # characters of a description
 ASSUMED_SAMPLE_TIME = 0.1  # s
-USUAL_DURATION = 10.0  # s, of a run of 20-sim whose file states none
+USUAL_DURATION = 10.0  # duration in s, for a run of 20-sim whose file gives none
 EFFORTS, FLOWS = ({pair[side] for pair in MEMBERS.values()} for side in (0, 1))
-READ = 2000  # characters of a component file that hold its summary
+READ = 2000  # characters at the beginning of a component file that contain its summary
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Untranslated:
 
 @dataclass
 class Imported:
-    """The files of an import by their name, the diagram first, and what is not translated."""
+    """The files of an import by their name, the diagram first, and the list of untranslated constructs."""
 
     name: str
     model: str  # the name of the file of 20-sim, without its ending
@@ -61,14 +61,14 @@ class Imported:
     warnings: list[Problem] = field(default_factory=list)
 
     def left_over(self, folder: Path) -> list[Path]:
-        """Components that an earlier import of the same model wrote into a folder and this one does not."""
+        """Components in a folder from an earlier import of the same model that this import does not write."""
         told = f"of the 20-sim model {self.model}."
-        found = sorted((folder / "components").glob("*.yaml")) if (folder / "components").is_dir() else []
-        return [path for path in found if f"components/{path.name}" not in self.files
+        component_files = sorted((folder / "components").glob("*.yaml")) if (folder / "components").is_dir() else []
+        return [path for path in component_files if f"components/{path.name}" not in self.files
                 and told in path.read_text(encoding="utf-8", errors="replace")[:READ]]
 
     def write(self, folder: Path) -> list[Path]:
-        """Write all files below a folder, which is made where it is missing."""
+        """Write all files below a folder, which is created if it does not exist."""
         (folder / "components").mkdir(parents=True, exist_ok=True)
         for name, text in self.files.items():
             write_text(folder / name, text)
@@ -76,7 +76,7 @@ class Imported:
 
 
 def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
-    """Translate a file; `library` holds the names of components that the result must not take. Raises ModelError."""
+    """Translate a file; `library` contains the component names that the result must not use. Raises ModelError."""
     emx = read_emx(path)
     root = parse_sidops(emx.sidops, path.name, emx.first_line)
     if root.ports or root.equations is not None:  # the whole model is a part
@@ -104,24 +104,24 @@ class _Writer:
         self.emx, self.translator, self.top, self.library = emx, translator, top, library
         self.result = Imported(identifier(file_stem(emx.path.stem)), emx.path.stem)
         self.names: dict[int, str] = {}
-        self.texts: dict[tuple[str, str], str] = {}  # wanted name and what is common to all parts of a kind: the name
-        self.defaults: dict[int, Component] = {}  # of each component: the one whose values its file has
-        self.kinds: dict[str, Component] = {}  # of each file: the first component of its kind
+        self.texts: dict[tuple[str, str], str] = {}  # wanted name and common text of all parts of a kind: the name
+        self.defaults: dict[int, Component] = {}  # for each component: the one whose values are in its file
+        self.kinds: dict[str, Component] = {}  # for each file: the first component of its kind
         self.taken: set[str] = set()
         self.globals: dict[str, tuple[float, str]] = {}
         self.docs: dict[str, str] = {}  # of global parameters
         self.set: list[tuple[str, str]] = []
-        self.matches: dict[int, Match] = {}  # of components that the library has, by their identity
+        self.matches: dict[int, Match] = {}  # components that the library has, by their identity
 
     def imported(self) -> Imported:
         """All files."""
         self._shared()
         everything: list[tuple[str, Component | Block]] = [*self.translator.components, *self.translator.blocks]
-        for path, made in everything:
+        for path, component in everything:
             self.result.untranslated += [Untranslated(path or self.emx.path.stem, line, why)
-                                         for line, why in made.untranslated]
-            if isinstance(made, Component):
-                self.result.untranslated += [Untranslated(path, line, why) for line, why in made.omitted]
+                                         for line, why in component.untranslated]
+            if isinstance(component, Component):
+                self.result.untranslated += [Untranslated(path, line, why) for line, why in component.omitted]
         self.result.untranslated += [Untranslated(path or self.emx.path.stem, line, why)
                                      for path, line, why in self.translator.notes]
         self._free_ends()
@@ -147,100 +147,104 @@ class _Writer:
             self.translator.components.append((f"{path}.{name}" if path else name, source))
 
     def _shared(self) -> None:
-        """Global parameters become parameters of the diagram; global variables, inputs of what reads them."""
+        """Global parameters become parameters of the diagram; global variables become inputs of the parts that read them."""
         self._sample_time()
         missing: set[str] = set()
         givers: dict[str, str] = {}
-        for path, made in self.translator.components:
-            for own, label in made.gives.items():
+        for path, component in self.translator.components:
+            for local_name, label in component.gives.items():
                 if label in givers:
                     why = f"the global quantity '{label}' is computed by '{givers[label]}' too, which is used"
-                    self.result.untranslated.append(Untranslated(path, made.line, why))
-                if givers.setdefault(label, f"{path}.{own}") == f"{path}.{own}":
-                    without_unit(made.items[own])  # it feeds inputs, which have none
+                    self.result.untranslated.append(Untranslated(path, component.line, why))
+                if givers.setdefault(label, f"{path}.{local_name}") == f"{path}.{local_name}":
+                    without_unit(component.items[local_name])  # it feeds inputs, which have none
         units: dict[str, str] = {}
-        used = {label for _, made in self.translator.components for label in made.shared.values()}
+        used = {label for _, component in self.translator.components for label in component.shared.values()}
         for label, (value, unit) in self.translator.values.items():
             if label in used and label not in givers:
                 self.globals[label], units[label] = (value, unit), unit
-        for _, made in self.translator.components:
-            for own, label in made.shared.items():
-                item = made.items[own]
+        for _, component in self.translator.components:
+            for local_name, label in component.shared.items():
+                item = component.items[local_name]
                 if item.kind == "parameter" and item.value is not None and label not in self.globals:
                     self.globals[label] = (item.value, item.unit)
                     units[label] = item.unit
-        for path, made in self.translator.components:
-            for own, label in made.shared.items():
-                item = made.items[own]
+        for path, component in self.translator.components:
+            for local_name, label in component.shared.items():
+                item = component.items[local_name]
                 if label in self.globals:
                     item.unit = units[label]
                     if item.kind != "parameter":
                         item.kind, item.value = "parameter", None
                     item.value = self.globals[label][0] if item.value is None else item.value
-                    self.set.append((f"{path}.{own}", f"={identifier(label)}"))
+                    self.set.append((f"{path}.{local_name}", f"={identifier(label)}"))
                 elif label in givers:
                     item.kind, item.value = "in", None
-                    self.set.append((f"{path}.{own}", f"={givers[label]}"))
+                    self.set.append((f"{path}.{local_name}", f"={givers[label]}"))
                 else:
                     base = re.sub(r"(_[0-9]+)+$", "", label)
                     if base not in missing:
-                        self.result.untranslated.append(Untranslated(path, made.line, f"the global quantity '{base}' has no "
+                        self.result.untranslated.append(Untranslated(path, component.line,
+                                                                     f"the global quantity '{base}' has no "
                                                                      "value; 0 is used"))
                     missing.add(base)
                     item.kind, item.value, item.doc = "parameter", 0.0, "; ".join(filter(None, (NO_VALUE, item.doc)))
 
         self._unused()
-        given = {path for path, _ in self.set}
-        for path, made in self.translator.components:
-            for item in made.of_kind("parameter"):
-                if item.value is None and f"{path}.{item.name}" not in given:
+        set_paths = {path for path, _ in self.set}
+        for path, component in self.translator.components:
+            for item in component.of_kind("parameter"):
+                if item.value is None and f"{path}.{item.name}" not in set_paths:
                     item.value, item.doc = 0.0, "; ".join(filter(None, (NO_VALUE, item.doc)))
                     why = f"the parameter '{item.name}' has no value; 0 is used"
-                    self.result.untranslated.append(Untranslated(path, made.line, why))
+                    self.result.untranslated.append(Untranslated(path, component.line, why))
 
     def _unused(self) -> None:
-        """Leave out parameters that no equation uses, such as initial values, which stand in the diagram, and submodels
-        that do nothing but declare global quantities."""
+        """Remove parameters that no equation uses, such as initial values, which are in the diagram, and submodels that
+        only declare global quantities."""
         plotted = {label.replace("\\", ".") for name in self.emx.plotted for label in labels(name)}
-        gone: set[str] = set()
-        for path, made in self.translator.components:
-            if made.untranslated:
+        unused: set[str] = set()
+        for path, component in self.translator.components:
+            if component.untranslated:
                 continue
-            text = component_text(made, "")
-            used = set(re.findall(r"\w+", text[text.index("equations: |"):] if made.equations else ""))
-            used |= set(re.findall(r"\w+", text[text.index("when:"):] if made.events else ""))
-            for item in made.of_kind("parameter"):
+            text = component_text(component, "")
+            used = set(re.findall(r"\w+", text[text.index("equations: |"):] if component.equations else ""))
+            used |= set(re.findall(r"\w+", text[text.index("when:"):] if component.events else ""))
+            for item in component.of_kind("parameter"):
                 if item.name not in used and f"{path}.{item.name}" not in plotted:
-                    if (label := made.shared.pop(item.name, "")):
+                    if (label := component.shared.pop(item.name, "")):
                         self.docs.setdefault(label, item.doc)
-                    del made.items[item.name]
-                    gone.add(f"{path}.{item.name}")
-        self.set = [(name, value) for name, value in self.set if name not in gone]
-        empty = {id(made) for _, made in self.translator.components if not made.items and not made.untranslated}
-        self.translator.components = [(path, made) for path, made in self.translator.components if id(made) not in empty]
+                    del component.items[item.name]
+                    unused.add(f"{path}.{item.name}")
+        self.set = [(name, value) for name, value in self.set if name not in unused]
+        empty = {id(component) for _, component in self.translator.components if not component.items
+                 and not component.untranslated}
+        self.translator.components = [(path, component) for path, component in self.translator.components
+                                      if id(component) not in empty]
         for _, block in self.translator.blocks:
-            left = {name: part for name, part in block.parts.items() if id(part.what) not in empty}
-            block.parts = left or block.parts
+            remaining_parts = {name: part for name, part in block.parts.items() if id(part.what) not in empty}
+            block.parts = remaining_parts or block.parts
 
     def _sample_time(self) -> None:
-        """The sample time of the discrete parts, where there are any."""
+        """The sample time of the discrete parts, if there are any."""
         stated = list(dict.fromkeys(self.emx.sample_times.values()))
-        told = False
-        for path, made in self.translator.components:
-            if made.shared.get(SAMPLE_TIME) != SAMPLE_TIME:
+        reported = False
+        for path, component in self.translator.components:
+            if component.shared.get(SAMPLE_TIME) != SAMPLE_TIME:
                 continue
-            item = made.items[SAMPLE_TIME]
-            if item.value is None and len(stated) != 1 and not told:
-                told, used = True, stated[0] if stated else ASSUMED_SAMPLE_TIME
+            item = component.items[SAMPLE_TIME]
+            if item.value is None and len(stated) != 1 and not reported:
+                reported, used = True, stated[0] if stated else ASSUMED_SAMPLE_TIME
                 self.result.untranslated.append(Untranslated(
-                    path, made.line, f"the file states no sample time{' of it' if stated else ''}; {used:g} s is used: set "
+                    path, component.line,
+                    f"the file states no sample time{' of it' if stated else ''}; {used:g} s is used: set "
                     f"`{SAMPLE_TIME}` in the diagram"))
             item.value = item.value or (stated[0] if stated else ASSUMED_SAMPLE_TIME)
             if stated and item.value != stated[0]:  # of another discrete system
-                made.shared[SAMPLE_TIME] = f"{SAMPLE_TIME}_{stated.index(item.value) + 1}"
+                component.shared[SAMPLE_TIME] = f"{SAMPLE_TIME}_{stated.index(item.value) + 1}"
 
     def _recognise(self, path: str, block: Block) -> None:
-        """Use components of the library for those parts of a block that have their law."""
+        """Replace parts of a block by library components with the same law."""
         joined = {end for ends in block.nodes.values() if len(ends) > 1 for end in ends}
         shared = dict(self.set)
         plotted = {label.replace("\\", ".") for name in self.emx.plotted for label in labels(name)}
@@ -277,65 +281,66 @@ class _Writer:
         return {id(part.what): self._values(part, path) for part in block.parts.values()}
 
     @staticmethod
-    def _tables(made: Component, names: dict[str, str]) -> list[tuple[str, str]]:
+    def _tables(component: Component, names: dict[str, str]) -> list[tuple[str, str]]:
         return [(names.get(kind, f"{name}_{kind}"), numbers(points, "s" if names.get(kind) == "t" else ""))
-                for name, table in made.tables.items()
+                for name, table in component.tables.items()
                 for kind, points in zip("xyv" if len(table) == 3 else "xv", table, strict=True)]
 
     def _values(self, part: Part, path: str) -> list[tuple[str, str]]:
-        """The values of a part that are not the defaults of its file."""
-        match, made = self.matches.get(id(part.what)), part.what
-        if not isinstance(made, Component):
+        """The values of a part that differ from the defaults of its file."""
+        match, content = self.matches.get(id(part.what)), part.what
+        if not isinstance(content, Component):
             return []
         if match is None:
-            own = f"{path}.{part.name}" if path else part.name
-            shared, usual = {name for name, _ in self.set}, self.defaults[id(made)].items
-            return self._tables(made, {}) + [
-                (item.name, quantity(item.value, item.unit)) for item in made.of_kind("parameter") if item.value is not None
-                and item.value != usual[item.name].value and f"{own}.{item.name}" not in shared]
+            part_path = f"{path}.{part.name}" if path else part.name
+            shared, usual = {name for name, _ in self.set}, self.defaults[id(content)].items
+            return self._tables(content, {}) + [
+                (item.name, quantity(item.value, item.unit)) for item in content.of_kind("parameter")
+                if item.value is not None
+                and item.value != usual[item.name].value and f"{part_path}.{item.name}" not in shared]
         if match.lists:
-            return self._tables(made, match.lists)
+            return self._tables(content, match.lists)
         if match.matrices:
             return [(name, f"[{', '.join(numbers(row, match.units[name]) for row in rows)}]")
                     for name, rows in match.matrices.items()]
-        own = f"{path}.{part.name}" if path else part.name
+        part_path = f"{path}.{part.name}" if path else part.name
         shared = {name for name, _ in self.set}
-        values = {**match.numbers, **{p: made.items[n].value or 0.0 for p, n in match.parameters.items()}}
+        values = {**match.numbers, **{p: content.items[n].value or 0.0 for p, n in match.parameters.items()}}
         return [(name, quantity(values[name], unit)) for name, unit in match.units.items()
-                if name in values and f"{own}.{name}" not in shared]
+                if name in values and f"{part_path}.{name}" not in shared]
 
-    def _place(self, made: Block) -> None:
-        """Write what a block consists of, the inner files first."""
-        for part in made.parts.values():
-            what = part.what
-            if isinstance(what, Block):
-                self._place(what)
-                parts = parts_text(what, self.names, self._given(what), *_origin(what))
-                name, new = self._kind(what, block_text(what, "", parts))
-                text = block_text(what, name, parts) if new else ""
-            elif id(what) in self.matches:
-                self.names[id(what)] = self.matches[id(what)].name
+    def _place(self, block: Block) -> None:
+        """Write the contents of a block, the inner files first."""
+        for part in block.parts.values():
+            content = part.what
+            if isinstance(content, Block):
+                self._place(content)
+                parts = parts_text(content, self.names, self._given(content), *_origin(content))
+                name, new = self._kind(content, block_text(content, "", parts))
+                text = block_text(content, name, parts) if new else ""
+            elif id(content) in self.matches:
+                self.names[id(content)] = self.matches[id(content)].name
                 continue
             else:
-                name, new = self._kind(what, component_text(what, "", defaults=False))
-                self.defaults[id(what)] = self.kinds.setdefault(name, what)
-                text = component_text(what, name) if new else ""
+                name, new = self._kind(content, component_text(content, "", defaults=False))
+                self.defaults[id(content)] = self.kinds.setdefault(name, content)
+                text = component_text(content, name) if new else ""
             if new:
                 self.result.files[f"components/{snake(name)}.yaml"] = text
 
-    def _kind(self, what: Component | Block, common: str) -> tuple[str, bool]:
-        """The name of the file for a submodel, and whether it is a new one: submodels of one type, or whose names differ by
-        a number, that have the same text but for the values of their parameters are parts of one kind."""
-        key = (re.sub(r"^Own(?=[A-Z])|(?<=[A-Za-z])[0-9]+$", "", what.name), common)
+    def _kind(self, content: Component | Block, common: str) -> tuple[str, bool]:
+        """The name of the file for a submodel, and True if it is new: submodels of one type, or with names that differ by
+        a number, and with the same text except for parameter values are parts of one kind."""
+        key = (re.sub(r"^Own(?=[A-Z])|(?<=[A-Za-z])[0-9]+$", "", content.name), common)
         new = key not in self.texts
         if new:
-            name, k = what.name, 1
+            name, k = content.name, 1
             while name.lower() in self.taken:
-                k, name = k + 1, f"{what.name}{k + 1}"
+                k, name = k + 1, f"{content.name}{k + 1}"
             self.taken.add(name.lower())
             self.texts[key] = name
-            what.summary = f"Submodel {what.name} of the 20-sim model {self.emx.path.stem}."
-        self.names[id(what)] = self.texts[key]
+            content.summary = f"Submodel {content.name} of the 20-sim model {self.emx.path.stem}."
+        self.names[id(content)] = self.texts[key]
         return self.texts[key], new
 
     def _diagram(self) -> str:
@@ -348,13 +353,13 @@ class _Writer:
         if self.set:
             lines += ["set:", *(f"  {path}: {scalar(value)}" for path, value in self.set)]
         initial: list[tuple[str, str]] = []
-        for path, made in self.translator.components:
-            if (match := self.matches.get(id(made))) is not None:
+        for path, component in self.translator.components:
+            if (match := self.matches.get(id(component))) is not None:
                 initial += [(f"{path}.{name}", quantity(first, match.units[name])) for name, first in match.initial.items()]
                 continue
-            units = {item.name: item.unit for item in made.of_kind("variable")}
+            units = {item.name: item.unit for item in component.of_kind("variable")}
             initial += [(f"{path}.{name}", quantity(fold(value, {}) or 0.0, units.get(name, "")))
-                        for name, value in made.initial.items()]
+                        for name, value in component.initial.items()]
         if initial:
             lines += ["initial:", *(f"  {path}: {value}" for path, value in initial)]
         lines += self._show()
@@ -369,25 +374,28 @@ class _Writer:
         items: dict[str, Item] = {}
         renamed: dict[str, str] = {}
         everything: list[tuple[str, Component | Block]] = [*self.translator.components, *self.translator.blocks]
-        for path, made in everything:
-            own: dict[str, Item] = made.items
-            items.update({f"{path}.{name}" if path else name: item for name, item in own.items() if item.kind != "bond"})
-            if (match := self.matches.get(id(made))) is not None:
+        for path, component in everything:
+            items_of_component: dict[str, Item] = component.items
+            items.update({f"{path}.{name}" if path else name: item for name, item in items_of_component.items()
+                          if item.kind != "bond"})
+            if (match := self.matches.get(id(component))) is not None:
                 renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in match.ports.items()})
-            elif isinstance(made, Component):
-                renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in made.shown.items()})
-        bonds = {f"{path}.{name}": item for path, made in self.translator.components for name, item in made.items.items()
+            elif isinstance(component, Component):
+                renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in component.shown.items()})
+        bonds = {f"{path}.{name}": item for path, component in self.translator.components
+                 for name, item in component.items.items()
                  if item.kind == "bond"}
         names: dict[str, str] = {}
         for plotted in self.emx.plotted:
             path = next((p for name in labels(plotted) if (p := name.replace("\\", ".")) in items), "")
             label = identifier(plotted.replace("\\", "_"))
             if path in items and label not in names:
-                item, shown = items[path], renamed.get(path, path)
+                item, name_shown = items[path], renamed.get(path, path)
                 unit = item.unit if item.kind in ("variable", "held", "parameter") else ""
-                if label in self.top.nodes and shown not in self.top.nodes[label]:  # what its signal was at the last sample
+                # the value of its signal at the last sample
+                if label in self.top.nodes and name_shown not in self.top.nodes[label]:
                     label = f"{label}_sampled"
-                names[label] = mapping([("is", scalar(shown)), ("unit", unit or "1")])
+                names[label] = mapping([("is", scalar(name_shown)), ("unit", unit or "1")])
             port, _, member = plotted.rpartition(".")
             port = ".".join(identifier(word) for word in port.split("\\"))
             if port in bonds and label not in names and member in (*EFFORTS, *FLOWS):  # of a port: p.e, p.f, p.u ...
@@ -401,5 +409,5 @@ class _Writer:
                 for u in self.result.untranslated]
 
 
-def _origin(made: Block) -> tuple[float, float]:
-    return (min((p.x for p in made.parts.values()), default=0.0), max((p.y for p in made.parts.values()), default=0.0))
+def _origin(block: Block) -> tuple[float, float]:
+    return (min((p.x for p in block.parts.values()), default=0.0), max((p.y for p in block.parts.values()), default=0.0))

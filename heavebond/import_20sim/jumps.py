@@ -1,4 +1,6 @@
-"""Values that a branch keeps where what it assigns jumps at the instant at which the branch ends: those before the jump."""
+"""Values that a branch keeps when its assignment jumps at the instant at which the branch ends: the values before the
+jump.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,8 @@ SHORT = 40  # characters of a value that is written out in each event
 
 @dataclass(frozen=True)
 class Kept:
-    """A branch that assigns `value` while `condition` holds: the held variable with its last value, the one that is 1 while
-    the branch assigns it, and the event that ends it."""
+    """A branch that assigns `value` while `condition` holds: the held variable with its last value, the variable that is
+    1 while the branch assigns it, and the event that ends it."""
 
     name: str
     flag: str
@@ -29,36 +31,38 @@ class Kept:
     value: Expr
 
 
-def keep_values_before_jumps(made: Component, branches: list[Kept]) -> None:
-    """Where an event that may end a branch also changes what the branch assigns, let the branch keep the value before: it is
-    stored by the first event of an instant, and the end of the branch at the same instant leaves it as it is."""
-    formulas = {left.name: right for left, right, _ in made.equations if left.op == "name"}
-    held = {item.name for item in made.of_kind("held")}
-    own = {label for branch in branches for label in (branch.name, branch.flag)}
+def keep_values_before_jumps(component: Component, branches: list[Kept]) -> None:
+    """If an event that may end a branch also changes the assigned value, let the branch keep the value before: the first
+    event of an instant stores it, and the end of the branch at the same instant does not change it."""
+    formulas = {left.name: right for left, right, _ in component.equations if left.op == "name"}
+    held = {item.name for item in component.of_kind("held")}
+    branch_names = {label for branch in branches for label in (branch.name, branch.flag)}
     for branch in branches:
-        changed = (_reached(names(branch.value), formulas) & held) - own
-        ending = _setting(made, (_reached(names(branch.condition), formulas) & held) - own, formulas) if changed else []
+        changed = (_reached(names(branch.value), formulas) & held) - branch_names
+        ending = _setting(component, (_reached(names(branch.condition), formulas) & held) - branch_names,
+                          formulas) if changed else []
         inputs = {n for event in ending for n in _reached(_words(event), formulas)} - held - set(formulas) - WORDS
-        jumps = [e for e in made.events.values() if set(e.then) & changed and e.when != AT_START
-                 and (any(e is other for other in ending) or inputs & _reached(_words(e), formulas))]
+        jumps = [e for e in component.events.values() if set(e.then) & changed and e.when != AT_START
+                 and (any(e is end_event for end_event in ending) or inputs & _reached(_words(e), formulas))]
         if jumps:
-            _store(made, branch, jumps)
+            _store(component, branch, jumps)
 
 
-def _store(made: Component, branch: Kept, jumps: list[Event]) -> None:
+def _store(component: Component, branch: Kept, jumps: list[Event]) -> None:
     """Let the first of several events at an instant store the value of a branch."""
     value = branch.value
-    if len(f.text(value)) > SHORT and defined_everywhere(value, {item.name for item in made.of_kind("parameter")}):
-        name = made.fresh(f"{branch.name.removesuffix('_kept')}_value")
-        made.items[name] = Item(name, "variable", "", f"what the branch assigns that {branch.name} keeps")
-        made.equations = [(left, _replaced(right, value, f.name(name)), said) for left, right, said in made.equations]
-        made.equations.append((f.name(name), value, ""))
+    if len(f.text(value)) > SHORT and defined_everywhere(value, {item.name for item in component.of_kind("parameter")}):
+        name = component.fresh(f"{branch.name.removesuffix('_kept')}_value")
+        component.items[name] = Item(name, "variable", "", f"the value of the branch that {branch.name} keeps")
+        component.equations = [(left, _replaced(right, value, f.name(name)), said)
+                               for left, right, said in component.equations]
+        component.equations.append((f.name(name), value, ""))
         value = f.name(name)
     instant = f"{branch.name}_at"
-    if instant not in made.items:
-        made.hold(instant, "", f"when an event stored {branch.name}", f.number(0))  # nothing is stored at the start
+    if instant not in component.items:
+        component.hold(instant, "", f"when an event stored {branch.name}", f.number(0))  # nothing is stored at the start
     later = Expr(">", (f.name("time"), f.name(instant)))
-    end = made.events[branch.event].then
+    end = component.events[branch.event].then
     end[branch.name] = Expr("if", (later, value, f.name(branch.name)))
     for event in jumps:
         assigned = Expr("and", (later, Expr("==", (f.name(branch.flag), f.number(1)))))
@@ -71,29 +75,29 @@ def _replaced(expr: Expr, old: Expr, new: Expr) -> Expr:
 
 
 def _words(event: Event) -> list[str]:
-    """The names in what lets an event happen."""
+    """The names in the condition of an event."""
     return [n for text in event.when.values() for n in re.findall(r"[A-Za-z_][A-Za-z0-9_]*", text)]
 
 
-def _setting(made: Component, wanted: set[str], formulas: dict[str, Expr]) -> list[Event]:
-    """The events that set some of these variables, or those by whose values these events happen."""
-    found: list[Event] = []
+def _setting(component: Component, wanted: set[str], formulas: dict[str, Expr]) -> list[Event]:
+    """The events that set some of these variables, or variables on which the conditions of these events depend."""
+    events: list[Event] = []
     more = True
     while more:
         more = False
-        for event in made.events.values():
-            if set(event.then) & wanted and event.when != AT_START and not any(event is e for e in found):
-                found.append(event)
+        for event in component.events.values():
+            if set(event.then) & wanted and event.when != AT_START and not any(event is e for e in events):
+                events.append(event)
                 wanted, more = wanted | _reached(_words(event), formulas), True
-    return found
+    return events
 
 
 def _reached(labels: Iterable[str], formulas: dict[str, Expr]) -> set[str]:
     """These names, and those in the equations of these variables."""
-    left, seen = list(labels), set[str]()
+    left, visited = list(labels), set[str]()
     while left:
         name = left.pop()
-        if name not in seen:
-            seen.add(name)
+        if name not in visited:
+            visited.add(name)
             left += names(formulas[name]) if name in formulas else ()
-    return seen
+    return visited

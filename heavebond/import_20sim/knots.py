@@ -14,7 +14,7 @@ from heavebond.import_20sim.sidops_tree import Assign, Do, Expr
 
 
 def collected(symbols: Symbols, call: Expr) -> list[tuple[bool, Matrix]]:
-    """The elements of `collect (p.e)` or `direct (p.e)` with whether each points out."""
+    """The elements of `collect (p.e)` or `direct (p.e)`, each with True if it points out."""
     inner = call.args[0].name
     port, _, member = inner.partition(".")
     if port not in symbols.many:
@@ -26,7 +26,7 @@ def collected(symbols: Symbols, call: Expr) -> list[tuple[bool, Matrix]]:
 
 
 def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
-    """`sum (direct (p.f))`, `first (p.e)` and sums of these, for knots; None where it is nothing of the kind."""
+    """`sum (direct (p.f))`, `first (p.e)` and sums of these, for knots; None for other expressions."""
     name = expr.name.lower() if expr.op == "call" else ""
     if name == "sum" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() in ("direct", "collect"):
         return _total(collected(symbols, expr.args[0]), expr.args[0].name.lower() == "direct", expr.line)
@@ -35,8 +35,8 @@ def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
     if name == "collect" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
         return [row for _, matrix in collected(symbols, expr) for row in matrix] or None
     if name == "first" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
-        found = collected(symbols, expr)
-        return found[0][1] if found else [[f.number(0)]]
+        ends_of_port = collected(symbols, expr)
+        return ends_of_port[0][1] if ends_of_port else [[f.number(0)]]
     if expr.op in ("+", "-") and (left := knot_value(symbols, expr.args[0])) is not None:
         right = knot_value(symbols, expr.args[1])
         if right is not None:
@@ -53,26 +53,26 @@ def _total(ends: list[tuple[bool, Matrix]], directed: bool, line: int) -> Matrix
 
 
 def _product(ends: list[Matrix], line: int) -> Matrix:
-    found: Matrix | None = None
+    factor: Matrix | None = None
     for matrix in ends:
-        found = matrix if found is None else each(f.multiply, found, matrix, line)
-    return found or [[f.number(1)]]
+        factor = matrix if factor is None else each(f.multiply, factor, matrix, line)
+    return factor or [[f.number(1)]]
 
 
 def knot_equations(symbols: Symbols, statement: Assign) -> Iterator[tuple[Matrix, Matrix]]:
-    """Both sides of each equation that a statement is for a knot; nothing where it is none."""
+    """Both sides of each equation of a statement for a knot; empty for other statements."""
     left, right = statement.left, statement.right
     if left.op == "call" and left.name.lower() == "collect":
         for _, matrix in collected(symbols, left):
             yield matrix, symbols.evaluate(right)
         return
     sides = knot_value(symbols, left) or (knot_value(symbols, right) and symbols.evaluate(left))
-    if sides and ((other := knot_value(symbols, right)) or right.op == "number"):
-        yield sides, other or symbols.evaluate(right)
+    if sides and ((second_value := knot_value(symbols, right)) or right.op == "number"):
+        yield sides, second_value or symbols.evaluate(right)
 
 
 def one_junction(symbols: Symbols) -> tuple[Ends, tuple[str, ...]] | None:
-    """The bonds of a knot whose equations are those of a 1-junction, and its outputs that are the flow; None for others."""
+    """The bonds of a knot with the equations of a 1-junction, and its outputs that are the flow; None for others."""
     if not symbols.submodel.knot or list(symbols.many) != ["p"] or symbols.source.code:
         return None
     flows, written = [], []

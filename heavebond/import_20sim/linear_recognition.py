@@ -1,4 +1,6 @@
-"""Imported submodels that are linear systems, `ddt (x) = A * x + B * u; y = C * x + D * u`, as the editor writes them."""
+"""Recognition of linear systems in imported submodels, `ddt (x) = A * x + B * u; y = C * x + D * u`, in the form of the
+editor.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +14,19 @@ from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.match import Match
 
 MATRIX = re.compile(r"[ABCD](_[0-9]+){0,2}")
-SAME = 1e-9  # of the largest value: what the coefficients must reproduce at another point
+SAME = 1e-9  # tolerance relative to the largest value, with which the coefficients must reproduce another point
 
 
-def linear_match(made: Component, joined: Collection[str]) -> Match | None:
+def linear_match(component: Component, joined: Collection[str]) -> Match | None:
     """The `LinearSystem` of the library for a component whose parameters are matrices A, B, C, D and whose rates and outputs
     are linear in its states and inputs, with its matrices. All inputs must be connected."""
-    values = {item.name: item.value for item in made.of_kind("parameter")}
-    inputs, outputs = [i.name for i in made.of_kind("in")], [i.name for i in made.of_kind("out")]
-    states = [i.name for i in made.of_kind("variable")]
-    rates = {left.args[0].name: right for left, right, _ in made.equations if left.op == "call" and left.name == "der"}
-    others = {left.name: right for left, right, _ in made.equations if left.op == "name"}
-    if made.events or made.untranslated or made.shared or made.gives or made.tables or made.of_kind("bond", "held"):
+    values = {item.name: item.value for item in component.of_kind("parameter")}
+    inputs, outputs = [i.name for i in component.of_kind("in")], [i.name for i in component.of_kind("out")]
+    states = [i.name for i in component.of_kind("variable")]
+    rates = {left.args[0].name: right for left, right, _ in component.equations if left.op == "call" and left.name == "der"}
+    others = {left.name: right for left, right, _ in component.equations if left.op == "name"}
+    if component.events or component.untranslated or component.shared or component.gives \
+            or component.tables or component.of_kind("bond", "held"):
         return None
     if not all(map(MATRIX.fullmatch, values)) or None in values.values() or not (states and inputs and outputs):
         return None
@@ -33,24 +36,24 @@ def linear_match(made: Component, joined: Collection[str]) -> Match | None:
     known = {name: value for name, value in values.items() if value is not None}
 
     def at(point: np.ndarray) -> np.ndarray | None:
-        found = [fold(e, {**known, **dict(zip(columns, map(float, point), strict=True))}) for e in rows]
-        return None if None in found else np.array(found, dtype=float)
+        folded = [fold(e, {**known, **dict(zip(columns, map(float, point), strict=True))}) for e in rows]
+        return None if None in folded else np.array(folded, dtype=float)
 
     offset, units = at(np.zeros(len(columns))), [at(p) for p in np.eye(len(columns))]
-    other = np.random.default_rng(0).uniform(-1, 1, len(columns))
-    there = at(other)
-    if offset is None or offset.any() or there is None or any(c is None for c in units):
+    second_point = np.random.default_rng(0).uniform(-1, 1, len(columns))
+    value_there = at(second_point)
+    if offset is None or offset.any() or value_there is None or any(c is None for c in units):
         return None
     whole = np.array(units).T
-    if not np.allclose(whole @ other, there, rtol=SAME, atol=SAME * np.abs(whole).max(initial=0.0)):
+    if not np.allclose(whole @ second_point, value_there, rtol=SAME, atol=SAME * np.abs(whole).max(initial=0.0)):
         return None
-    first = {name: fold(value, known) for name, value in made.initial.items()}
+    first = {name: fold(value, known) for name, value in component.initial.items()}
     if None in first.values():
         return None
     n = len(states)
     parts = {"A": whole[:n, :n], "B": whole[:n, n:], "C": whole[n:, :n], "D": whole[n:, n:]}
     matrices = {name: m.tolist() for name, m in parts.items() if name != "D" or m.any()}
-    ports = {name: f"{kind}[{k + 1}]" for kind, own in (("u", inputs), ("y", outputs)) for k, name in enumerate(own)}
+    ports = {name: f"{kind}[{k + 1}]" for kind, group in (("u", inputs), ("y", outputs)) for k, name in enumerate(group)}
     begins = {f"x[{k + 1}]": first.get(x) or 0.0 for k, x in enumerate(states)}
     return Match("LinearSystem", ports, {}, {}, {"A": "1/s", "B": "1/s", "C": "", "D": "", **dict.fromkeys(begins, "")},
                  begins, matrices=matrices)

@@ -1,4 +1,4 @@
-"""A component of the library in place of an imported one."""
+"""A library component that replaces an imported one."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Match:
-    """A component of the library in place of an imported one: its name, its ports by the imported ones, its parameters (and
-    inputs that are constant) by the imported parameters or as numbers with their units, and its states by its port."""
+    """A library component that replaces an imported one: its name, its ports by the imported ones, its parameters (and
+    constant inputs) by the imported parameters or as numbers with units, and its states by its port."""
 
     name: str
     ports: dict[str, str]
@@ -16,6 +16,6 @@ class Match:
     numbers: dict[str, float]
     units: dict[str, str]
     initial: dict[str, float] = field(default_factory=dict)
-    lists: dict[str, str] = field(default_factory=dict)  # of a table: the names of its inputs `x` and values `v`
-    matrices: dict[str, list[list[float]]] = field(default_factory=dict)  # parameters that are matrices, by rows
-    any_domain: bool = False  # its ports take the domain of what they are joined to
+    lists: dict[str, str] = field(default_factory=dict)  # for a table: the names of its inputs `x` and values `v`
+    matrices: dict[str, list[list[float]]] = field(default_factory=dict)  # matrix parameters, by rows
+    any_domain: bool = False  # its ports take the domain of the connected node

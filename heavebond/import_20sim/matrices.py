@@ -11,31 +11,30 @@ from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.sidops_tree import Expr
 
 Matrix = list[list[Expr]]
-LARGEST_INVERSE = 4  # by cofactors, whose number grows with the factorial
+LARGEST_INVERSE = 4  # largest size for cofactors, whose number grows with the factorial
 
 
 def total(elements: list[Expr]) -> Expr:
     """The sum of elements."""
-    found = f.number(0)
+    result = f.number(0)
     for e in elements:
-        found = f.add(found, e)
-    return found
+        result = f.add(result, e)
+    return result
 
 
 def multiplied(elements: list[Expr]) -> Expr:
-    """The product of elements."""
-    found = f.number(1)
+    result = f.number(1)
     for e in elements:
-        found = f.multiply(found, e)
-    return found
+        result = f.multiply(result, e)
+    return result
 
 
 def extreme(name: str, elements: list[Expr]) -> Expr:
     """The least (`min`) or largest (`max`) of elements."""
-    found = elements[0]
+    result = elements[0]
     for e in elements[1:]:
-        found = f.call(name, found, e)
-    return found
+        result = f.call(name, result, e)
+    return result
 
 
 def _inner(a: Matrix, b: Matrix) -> Matrix:
@@ -59,16 +58,16 @@ def _minor(m: Matrix, i: int, k: int) -> Matrix:
 
 
 def _determinant(m: Matrix) -> Expr:
-    """By expansion along the first row."""
+    """Expansion along the first row."""
     if not m or any(len(row) != len(m) for row in m) or len(m) > LARGEST_INVERSE:
         raise ValueError
     if len(m) == 1:
         return m[0][0]
-    found = f.number(0)
+    determinant = f.number(0)
     for k, e in enumerate(m[0]):
         term = f.multiply(e, _determinant(_minor(m, 0, k)))
-        found = f.add(found, term if k % 2 == 0 else f.negative(term))
-    return found
+        determinant = f.add(determinant, term if k % 2 == 0 else f.negative(term))
+    return determinant
 
 
 def _cofactors(m: Matrix) -> Matrix:
@@ -90,19 +89,19 @@ def _solved(a: Matrix, b: Matrix) -> Matrix:
 
 
 def product(a: Matrix, b: Matrix) -> Matrix:
-    """The product of two matrices of fitting sizes."""
+    """The product of two matrices of compatible sizes."""
     if len(a[0]) != len(b):
         raise ValueError
-    return [[total([f.multiply(e, other[k]) for e, other in zip(row, b, strict=True)]) for k in range(len(b[0]))]
+    return [[total([f.multiply(e, column[k]) for e, column in zip(row, b, strict=True)]) for k in range(len(b[0]))]
             for row in a]
 
 
 def power(m: Matrix, exponent: int) -> Matrix:
-    """A square matrix times itself, `exponent` times in all."""
-    found: Matrix = [[f.number(float(i == k)) for k in range(len(m))] for i in range(len(m))]
+    """Power of a square matrix with a whole exponent."""
+    result: Matrix = [[f.number(float(i == k)) for k in range(len(m))] for i in range(len(m))]
     for _ in range(exponent):
-        found = product(found, m)
-    return found
+        result = product(result, m)
+    return result
 
 
 def _transposed(m: Matrix) -> Matrix:
@@ -111,7 +110,7 @@ def _transposed(m: Matrix) -> Matrix:
 
 def _half(m: Matrix, sign: int) -> Matrix:
     """The symmetric (sign 1) or antisymmetric (-1) part."""
-    return [[Expr("/", (f.add(e, other if sign > 0 else f.negative(other)), f.number(2))) for e, other in
+    return [[Expr("/", (f.add(e, transposed if sign > 0 else f.negative(transposed)), f.number(2))) for e, transposed in
              zip(row, column, strict=True)] for row, column in zip(m, _transposed(m), strict=True)]
 
 
@@ -133,13 +132,13 @@ def _homogeneous_product(a: Matrix, b: Matrix) -> Matrix:
     if (len(a), len(a[0]), len(b), len(b[0])) != (4, 4, 4, 4):
         raise ValueError
     rotation = [row[:3] for row in a[:3]]
-    moved = product(rotation, [[row[3]] for row in b[:3]])
-    place = [[f.add(row[0], old[3])] for row, old in zip(moved, a[:3], strict=True)]
+    translated = product(rotation, [[row[3]] for row in b[:3]])
+    place = [[f.add(row[0], old[3])] for row, old in zip(translated, a[:3], strict=True)]
     return _homogeneous(product(rotation, [row[:3] for row in b[:3]]), place)
 
 
 def _halves(args: tuple[Matrix, ...]) -> tuple[Matrix, Matrix]:
-    """Two vectors of three elements, from themselves or from one of six."""
+    """Two vectors of three elements, given separately or as one of six."""
     rows = [[e] for m in args for row in m for e in row]
     if len(rows) != 6:
         raise ValueError
@@ -147,7 +146,7 @@ def _halves(args: tuple[Matrix, ...]) -> tuple[Matrix, Matrix]:
 
 
 def _of_transform(args: tuple[Matrix, ...]) -> Matrix:
-    """`Adjoint`: what a homogeneous transform does to a twist, [R 0; p~ R  R]."""
+    """`Adjoint`: matrix by which a homogeneous transform acts on a twist, [R 0; p~ R  R]."""
     rotation, place = ([row[:3] for row in args[0][:3]], [[row[3]] for row in args[0][:3]]) if len(args) == 1 else args
     if (len(rotation), len(rotation[0]), len(place)) != (3, 3, 3):
         raise ValueError

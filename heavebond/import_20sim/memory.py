@@ -1,8 +1,8 @@
-"""Functions of SIDOPS that remember: integrals, discrete functions, whole numbers that events follow, and events.
+"""Functions of SIDOPS with memory: integrals, discrete functions, rounding followed by events, and events.
 
-`sample`, `hold`, `previous`, `dint` and `ddif` act every sample time. What they remember is held between the samples, and
-all of it changes at once: `hold` takes the value that the discrete expressions have at the sample, in which `previous` and
-`dint` are what was remembered before it. Between samples the discrete expressions follow what they sample.
+`sample`, `hold`, `previous`, `dint` and `ddif` act every sample time. Their memory is constant between the samples and
+changes at the same instant: `hold` takes the value of the discrete expressions at the sample, in which `previous` and
+`dint` have the value before it. Between samples the discrete expressions follow the sampled signals.
 """
 
 from __future__ import annotations
@@ -20,18 +20,20 @@ from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Expr
 
 SAMPLE_TIME = "sampletime"
-SAMPLE = "sample"  # the event at every sample
-SAMPLED = "sampled"  # ending of the names of what a value was at the last sample
+SAMPLE = "sample"  # name of the event at every sample
+SAMPLED = "sampled"  # suffix of the values at the last sample
 DELAYED = "state of the delay"
-PAIRS = 3  # of states in a delay, as in the library's PadeDelay
+PAIRS = 3  # number of pairs of states in a delay, as in the library's PadeDelay
 
 
 class Memory:
-    """What one component remembers; `target` is the name of what is assigned now, for the names of what is added."""
+    """The memory of one component; `target` is the quantity that is being assigned, from which the names of additions are
+    derived.
+    """
 
-    def __init__(self, made: Component):
-        self.made, self.target = made, ""
-        self.begun: dict[str, Expr] = {}  # initial values of what is differentiated
+    def __init__(self, component: Component):
+        self.made, self.target = component, ""
+        self.begun: dict[str, Expr] = {}  # initial values of differentiated quantities
 
     def _name(self, rate: Expr, ending: str) -> str:
         label = rate.name if rate.op == "name" and "." not in rate.name else self.target or ending
@@ -47,27 +49,29 @@ class Memory:
         return f.name(name)
 
     def begins(self, state: Expr, first: Expr) -> None:
-        """Enter what `ddt (x, first)` says of x, which is an initial value if no other equation gives x."""
+        """Enter the initial value of x from `ddt (x, first)`, if no other equation assigns x."""
         if state.op == "name":
             self.begun[state.name] = first
 
     def resettable(self, args: list[Expr], line: int) -> Expr:
-        """`resint(x, new, reset, first)`: the integral of x, set to `new` where `reset` becomes true, kept while it is."""
+        """`resint(x, new, reset, first)`: the integral of x, set to `new` when `reset` becomes true, constant while it
+        is.
+        """
         if len(args) not in (3, 4):
             raise Unreadable(line, "`resint` needs a rate, a new value, a reset and a first value")
         rate, new, reset = args[:3]
         reset, new = f.truth(reset), at_event(new, None)
         between = at_event(reset, None)
-        found = self.state(simplified(Expr("if", (between, f.number(0), rate))), args[3] if len(args) > 3 else None, line,
-                           "resint")
+        integral = self.state(simplified(Expr("if", (between, f.number(0), rate))), args[3] if len(args) > 3 else None, line,
+                              "resint")
         for trigger in triggers(reset):
             for ending, when in self.instants(trigger):
-                then = simplified(Expr("if", (at_event(reset, trigger), new, found)))
-                self.made.on(f"{found.name}_reset_{ending}", when, {found.name: then})
+                then = simplified(Expr("if", (at_event(reset, trigger), new, integral)))
+                self.made.on(f"{integral.name}_reset_{ending}", when, {integral.name: then})
         if between.op != "number":
-            self.made.on(f"{found.name}_reset", {"condition": f.text(between)}, {found.name: new})
-            self.made.on("at_start", {"at": "0"}, {found.name: Expr("if", (between, new, found))})
-        return found
+            self.made.on(f"{integral.name}_reset", {"condition": f.text(between)}, {integral.name: new})
+            self.made.on("at_start", {"at": "0"}, {integral.name: Expr("if", (between, new, integral))})
+        return integral
 
     def limited(self, args: list[Expr], line: int) -> Expr:
         """`limint(x, low, high, first)`: the integral of x, which stays at a limit until x leads away from it."""
@@ -76,21 +80,21 @@ class Memory:
         rate, low, high = args[:3]
         at_limit = self.made.hold(self._name(rate, "at_limit"), "", "1 at the upper limit, -1 at the lower one", f.number(0))
         free = Expr("==", (f.name(at_limit), f.number(0)))
-        found = self.state(Expr("if", (free, rate, f.number(0))), args[3] if len(args) > 3 else None, line, "limint")
+        integral = self.state(Expr("if", (free, rate, f.number(0))), args[3] if len(args) > 3 else None, line, "limint")
         for side, sign, limit in (("high", 1, high), ("low", -1, low)):
-            there = Expr("==", (f.name(at_limit), f.number(sign)))
+            at_this_limit = Expr("==", (f.name(at_limit), f.number(sign)))
             beyond, back = (">", "<") if sign > 0 else ("<", ">")
-            # only where the rate leads outwards: it begins at the limit when it leaves it
-            outwards = Expr("and", (Expr(beyond, (found, limit)), Expr(beyond, (rate, f.number(0)))))
-            self.made.on(f"{found.name}_{side}", {"condition": f.text(Expr("and", (outwards, free)))},
-                         {at_limit: f.number(sign), found.name: limit})
-            inwards = Expr("and", (Expr(back, (rate, f.number(0))), there))
-            self.made.on(f"{found.name}_leaves_{side}", {"condition": f.text(inwards)}, {at_limit: f.number(0)})
-        return found
+            # only if the rate leads outwards: it begins at the limit when it leaves it
+            outwards = Expr("and", (Expr(beyond, (integral, limit)), Expr(beyond, (rate, f.number(0)))))
+            self.made.on(f"{integral.name}_{side}", {"condition": f.text(Expr("and", (outwards, free)))},
+                         {at_limit: f.number(sign), integral.name: limit})
+            inwards = Expr("and", (Expr(back, (rate, f.number(0))), at_this_limit))
+            self.made.on(f"{integral.name}_leaves_{side}", {"condition": f.text(inwards)}, {at_limit: f.number(0)})
+        return integral
 
     def delayed(self, args: list[Expr], line: int) -> Expr:
-        """`tdelay(x, T)`: x delayed by the approximation of Pade, in the form of PadeDelay: a ladder of `PAIRS`
-        pairs of states w and z that are 0 at the start, as if x had been 0 before."""
+        """`tdelay(x, T)`: x delayed by a Padé approximation in the form of PadeDelay: a chain of `PAIRS` pairs of states
+        w and z that are 0 at the start, as if x had been 0 before."""
         if len(args) != 2:
             raise Unreadable(line, "`tdelay` needs a value and a delay")
         value, time = at_event(args[0], None), args[1]
@@ -135,7 +139,7 @@ class Memory:
 
     def discrete(self, kind: str, args: list[Expr], final: Expr | None, line: int) -> Expr:
         """`sample`, `hold`, `previous`, `dint` or `ddif` of a value, with a first value; `final` is the variable of that
-        value, if it is one: what is remembered of it is the value that it has after all statements of the sample."""
+        value, if there is one: its stored value is the value after all statements of the sample."""
         if not args or len(args) > 2:
             raise Unreadable(line, f"`{kind}` needs a value and a first value")
         value, first = args[0], args[1] if len(args) > 1 else f.number(0)
@@ -143,31 +147,31 @@ class Memory:
         if kind == "sample":
             return value
         if kind == "dint":
-            said = "sum of the samples before times the sample time"
-            kept = f.name(self.made.hold(self._name(value, "dint"), "", said, first))
-            self.sampled({kept.name: f.add(kept, f.multiply(period, value))})
-            return kept
+            doc = "sum of the samples before times the sample time"
+            sampled_value = f.name(self.made.hold(self._name(value, "dint"), "", doc, first))
+            self.sampled({sampled_value.name: f.add(sampled_value, f.multiply(period, value))})
+            return sampled_value
         if kind == "hold":
             name = self.made.hold(self._name(value, "hold"), "", "held between the samples", first)
             self.sampled({name: value})
             return f.name(name)
-        kept = f.name(self.at_samples(value if final is None else final, first))
-        return kept if kind == "previous" else Expr("/", (Expr("-", (value, kept)), period))
+        sampled_value = f.name(self.at_samples(value if final is None else final, first))
+        return sampled_value if kind == "previous" else Expr("/", (Expr("-", (value, sampled_value)), period))
 
     def at_samples(self, value: Expr, first: Expr | None = None) -> str:
-        """A held variable that is what a value was at the last sample, with its first value."""
+        """A held variable with the value at the last sample, and its first value."""
         event = self.made.events.get(SAMPLE)
         for name, old in event.then.items() if event is not None else ():
             if old == value and name.endswith(SAMPLED) and first in (None, self.made.first[name]):
                 return name
-        said = f"{f.text(value)} at the last sample" if value.op == "name" else "value at the last sample"
-        name = self.made.hold(self._name(value, SAMPLED), "", said, f.number(0) if first is None else first)
+        doc = f"{f.text(value)} at the last sample" if value.op == "name" else "value at the last sample"
+        name = self.made.hold(self._name(value, SAMPLED), "", doc, f.number(0) if first is None else first)
         self.sampled({name: value})
         return name
 
     def keep_samples(self, quantities: Collection[str]) -> None:
-        """Let continuous equations take what quantities that change at samples only were at the last sample."""
-        made = self.made
+        """Let continuous equations use the last sampled values of quantities that change at samples only."""
+        component = self.made
 
         def kept(expr: Expr) -> Expr:
             for name in dict.fromkeys(n for n in names(expr) if n in quantities):
@@ -175,24 +179,25 @@ class Memory:
             return expr
 
         read: set[str] = set()  # by continuous equations
-        for k, (left, right, said) in enumerate(made.equations):
+        for k, (left, right, comment) in enumerate(component.equations):
             if left.op != "name" or left.name not in quantities:
-                made.equations[k] = kept(left), kept(right), said
-                read.update(n for side in made.equations[k][:2] for n in names(side))
-        for label, event in made.events.items():
+                component.equations[k] = kept(left), kept(right), comment
+                read.update(n for side in component.equations[k][:2] for n in names(side))
+        for label, event in component.events.items():
             conditions = re.findall(r"\w+", " ".join(event.when.values()))
             if label != SAMPLE and set(quantities) & set(conditions) and read & set(event.then):
-                made.omitted.append((made.line, f"the event '{label}' follows a sampled quantity between the samples"))
+                component.omitted.append((component.line,
+                                          f"the event '{label}' follows a sampled quantity between the samples"))
 
     def sampled(self, then: dict[str, Expr]) -> None:
-        """Set values at every sample, after everything else that happens at the same instant, such as a step of an input:
-        a clock counts the samples, and a count that has not been answered is a sample."""
+        """Set values at every sample, after all other events of the same instant, such as a step of an input: a clock
+        counts the samples, and an unprocessed count is a sample."""
         if SAMPLE not in self.made.events:
             self.sample_time()
-            ticks, taken = (self.made.hold(name, "", doc, f.number(0)) for name, doc in (
+            ticks, counted = (self.made.hold(name, "", doc, f.number(0)) for name, doc in (
                 ("ticks", "samples that are due"), ("samples", "samples that are taken")))
             self.made.on("tick", {"every": SAMPLE_TIME}, {ticks: f.add(f.name(ticks), f.number(1))})
-            self.made.on(SAMPLE, {"condition": f"{ticks} > {taken}"}, {taken: f.name(ticks)})
+            self.made.on(SAMPLE, {"condition": f"{ticks} > {counted}"}, {counted: f.name(ticks)})
         self.made.events[SAMPLE].then.update({name: at_event(value, None) for name, value in then.items()})
 
     # -- events ------------------------------------------------------------------------------------------------------
@@ -204,7 +209,7 @@ class Memory:
                                            "frequencyevent": "every"}[kind])
 
     def instants(self, event: Expr) -> list[tuple[str, dict[str, str]]]:
-        """Endings of names and instants of an event: two for `event`, which is met in both directions."""
+        """Suffixes of names and instants of an event: two for `event`, which occurs in both directions."""
         first = event.args[0]
         if event.name == "time" and first.op == "number" and first.value <= 0:
             return []  # at the start
@@ -222,10 +227,10 @@ class Memory:
         known = fold(value, {n: item.value for n, item in self.made.items.items() if item.value is not None})
         if known is None:
             raise Unreadable(0, "`frequencyevent` needs a period and a first time that are known")
-        own = next((n for n, item in self.made.items.items() if item.doc.startswith("of `frequencyevent`")
-                    and item.value == known), None) or self.made.fresh(name)
-        self.made.items[own] = Item(own, "parameter", "s", "of `frequencyevent`", known)
-        return own
+        parameter_name = next((n for n, item in self.made.items.items() if item.doc.startswith("of `frequencyevent`")
+                               and item.value == known), None) or self.made.fresh(name)
+        self.made.items[parameter_name] = Item(parameter_name, "parameter", "s", "of `frequencyevent`", known)
+        return parameter_name
 
     def noise(self, line: int) -> Expr:
         """Random noise is left out."""
@@ -233,7 +238,7 @@ class Memory:
         return f.number(0)
 
     def require(self, index: Expr, size: int) -> bool:
-        """Demand that an index of parameters lies in a vector; False where it depends on more than parameters."""
+        """Require that an index of parameters lies in a vector; False if it depends on more than parameters."""
         kinds = {item.kind if (item := self.made.items.get(n)) is not None else "" for n in names(index)}
         if kinds != {"parameter"}:
             return False
@@ -241,14 +246,14 @@ class Memory:
         self.made.requires += [limit for limit in limits if limit not in self.made.requires]
         return True
 
-    def note(self, line: int, what: str) -> None:
-        """List how something was read."""
-        if (line, what) not in self.made.omitted:
-            self.made.omitted.append((line, what))
+    def note(self, line: int, text: str) -> None:
+        """List the interpretation of a construct."""
+        if (line, text) not in self.made.omitted:
+            self.made.omitted.append((line, text))
 
     # -- whole numbers -----------------------------------------------------------------------------------------------
     def floor(self, value: Expr) -> Expr:
-        """The largest whole number not above a value, which events follow."""
+        """The largest whole number not above a value, followed by events."""
         label = identifier(f"{self.target or 'value'}_floor")
         name = self.made.hold(label, "", "largest whole number not above the value", f.number(0))
         held = f.name(name)
@@ -259,7 +264,7 @@ class Memory:
         return held
 
     def truncated(self, ratio: Expr) -> Expr:
-        """The whole part of a ratio, towards zero, which events follow."""
+        """The whole part of a ratio, towards zero, followed by events."""
         name = self.made.hold(identifier(f"{self.target or 'value'}_steps"), "", "whole part of a ratio", f.number(0))
         whole = Expr("if", (Expr(">=", (ratio, f.number(0))), f.call("floor", ratio),
                             f.negative(f.call("floor", f.negative(ratio)))))

@@ -1,7 +1,7 @@
 """Branches of `code` that end themselves: `hit = time >= t_hit; if hit then t_hit = time + h; x = y; end`.
 
-Their condition holds at an instant only, because it reads, through other variables, what the branch assigns. What such a
-branch sets is held and set by an event, whose condition must be written in what was before the instant.
+Their condition holds at an instant only, because it depends, through other variables, on the assignments of the branch.
+The assigned variables are held and set by an event, whose condition must be written with the values before the instant.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from heavebond.import_20sim.sidops_tree import Expr
 
 
 def with_conditions_before(values: Mapping[str, Expr]) -> dict[str, Expr]:
-    """The values that branches assign which end themselves, by variable, with their conditions written out in what the
-    variables were before. A variable on which its own condition depends through others was read before it was assigned."""
+    """The values assigned by branches that end themselves, by variable, with their conditions written with the values
+    before the instant. If the condition of a variable depends on the variable itself through others, it was read
+    before its assignment."""
     flags: dict[str, Expr] = {}
     for name, value in values.items():
         conditions = _conditions(value)
@@ -35,8 +36,8 @@ def with_conditions_before(values: Mapping[str, Expr]) -> dict[str, Expr]:
             return expr
         return Expr("if", (written_out(expr.args[0]), *map(change, expr.args[1:])), line=expr.line)
 
-    found = {name: change(value) for name, value in values.items() if name not in flags} if flags else {}
-    return {name: simplified(value) for name, value in found.items() if value != values[name]}
+    rewritten = {name: change(value) for name, value in values.items() if name not in flags} if flags else {}
+    return {name: simplified(value) for name, value in rewritten.items() if value != values[name]}
 
 
 @lru_cache(maxsize=100_000)
@@ -50,10 +51,10 @@ def _conditions(value: Expr) -> tuple[Expr, ...]:
 
 def _reached(expr: Expr, values: Mapping[str, Expr]) -> set[str]:
     """The variables on which an expression depends."""
-    found, front = set[str](), [*names(expr)]
+    visited, front = set[str](), [*names(expr)]
     while front:
         name = front.pop()
-        if name not in found:
-            found.add(name)
+        if name not in visited:
+            visited.add(name)
             front += names(values[name]) if name in values and not keeps(values[name], name) else ()
-    return found
+    return visited

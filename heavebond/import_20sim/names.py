@@ -1,4 +1,4 @@
-"""Names of a 20-sim model as names of the language: identifiers that are no keywords."""
+"""Names of a 20-sim model as names of the language: identifiers that are not keywords."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RESERVED = {*KEYWORDS, *FUNCTIONS, *keyword.kwlist, "time", "pi", "set", "start"
 
 
 def identifier(text: str) -> str:
-    """`Submodel-Equation 1` as `Submodel_Equation_1`."""
+    """Identifier for a name: `Submodel-Equation 1` becomes `Submodel_Equation_1`."""
     plain = re.sub(r"\W+", "_", ascii_text(text), flags=re.ASCII).strip("_") or "unnamed"
     if plain[0].isdigit():
         plain = f"n_{plain}"
@@ -23,33 +23,33 @@ def identifier(text: str) -> str:
 
 
 def labels(name: str) -> list[str]:
-    """The names of a quantity of a file as the translated model has it: `Part\\x_1_2` for `Part\\x[1,2]`, and for
-    `x[2,1]`, which may be an element of a vector, `x_2` too."""
+    r"""The names of a quantity of a file in the translated model: `Part\x_1_2` for `Part\x[1,2]`, and for `x[2,1]`, which
+    may be an element of a vector, `x_2` too."""
     *path, last = name.split("\\")
-    found = re.fullmatch(r"(.*)\[\s*([0-9]+)\s*(?:,\s*([0-9]+)\s*)?\](.*)", last)
-    if found is None:
-        own = [last]
+    index_match = re.fullmatch(r"(.*)\[\s*([0-9]+)\s*(?:,\s*([0-9]+)\s*)?\](.*)", last)
+    if index_match is None:
+        name_list = [last]
     else:
-        label, row, column, ending = found.groups()
-        own = [f"{label}_{row}_{column}{ending}"] * bool(column) + [f"{label}_{row}{ending}"] * (column in (None, "1"))
-    return ["\\".join(identifier(word) for word in (*path, one)) for one in own]
+        label, row, column, ending = index_match.groups()
+        name_list = [f"{label}_{row}_{column}{ending}"] * bool(column) + [f"{label}_{row}{ending}"] * (column in (None, "1"))
+    return ["\\".join(identifier(word) for word in (*path, one)) for one in name_list]
 
 
 def ascii_text(text: str) -> str:
     """Letters without accents, Greek letters by their names: `Verst\u00e4rker` as `Verstaerker`, `\u03b8_1` as `theta_1`."""
     if text.isascii():
         return text
-    found = []
+    letters = []
     for c in text:
         name = unicodedata.name(c, "")
         if c in GERMAN:
-            found.append(GERMAN[c])
+            letters.append(GERMAN[c])
         elif name.startswith("GREEK"):
             letter = name.split(" LETTER ")[-1].split()[0].lower()
-            found.append(letter.capitalize() if "CAPITAL" in name else letter)
+            letters.append(letter.capitalize() if "CAPITAL" in name else letter)
         else:
-            found.append(unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode() or "_")
-    return "".join(found)
+            letters.append(unicodedata.normalize("NFKD", c).encode("ascii", "ignore").decode() or "_")
+    return "".join(letters)
 
 
 def camel(text: str) -> str:

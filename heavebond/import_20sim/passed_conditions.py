@@ -1,4 +1,4 @@
-"""Conditions of SIDOPS as conditions of events, which pass from false to true."""
+"""Conversion of conditions of SIDOPS to conditions of events, which change from false to true."""
 
 from __future__ import annotations
 
@@ -9,42 +9,42 @@ from heavebond.import_20sim.choices import names, rebuilt, simplified, triggers
 from heavebond.import_20sim.component import Component
 from heavebond.import_20sim.sidops_tree import Expr
 
-WHOLE = 0.5  # apart, whole numbers are not equal
+WHOLE = 0.5  # tolerance for whole numbers
 COMPARISONS = {"==", "!=", "<", ">", "<=", ">="}
-CLOSE = 1e-9  # of values that change continuously and count as equal
+CLOSE = 1e-9  # tolerance for continuous values
 
 
-def moves(made: Component, expr: Expr) -> bool:
+def moves(component: Component, expr: Expr) -> bool:
     """Whether a value changes between events."""
     if expr.op == "name" and expr.name != "pi":
-        item = made.items.get(expr.name)
+        item = component.items.get(expr.name)
         return item is None or item.kind not in ("parameter", "held")
-    return any(moves(made, e) for e in expr.args)
+    return any(moves(component, e) for e in expr.args)
 
 
-def passed(made: Component, assigned: Mapping[str, Expr], expr: Expr) -> Expr:
-    """A condition of an event, where equality of what moves is nearness: of whole numbers within a half, of what changes
-    continuously within what counts as equal, such as a limit that it has reached. `assigned` are values by variable that are
-    not yet among the equations. A comparison of a number with a variable that is one of several numbers, such as that of a
-    region, becomes the conditions for these, which pass continuously."""
-    if expr.op in COMPARISONS and (chosen := _by_choice(made, assigned, expr)) is not None:
-        return passed(made, assigned, chosen)
-    if expr.op in ("==", "!=") and any(moves(made, e) for e in expr.args):
+def passed(component: Component, assigned: Mapping[str, Expr], expr: Expr) -> Expr:
+    """A condition of an event in which equality of moving values becomes a tolerance: 0.5 for whole numbers, and for
+    continuous values the tolerance of equality, for example of a limit that has been reached. `assigned` are values by
+    variable that are not yet among the equations. A comparison of a number with a variable that takes one of several
+    numbers, such as the number of a region, becomes the conditions for these, which change continuously."""
+    if expr.op in COMPARISONS and (chosen := _by_choice(component, assigned, expr)) is not None:
+        return passed(component, assigned, chosen)
+    if expr.op in ("==", "!=") and any(moves(component, e) for e in expr.args):
         left, right = expr.args
-        within = CLOSE if any(_continuous(made, assigned, e, ()) for e in expr.args) else WHOLE
+        within = CLOSE if any(_continuous(component, assigned, e, ()) for e in expr.args) else WHOLE
         near = Expr("<", (f.call("abs", f.add(left, f.negative(right))), f.number(within)))
         return near if expr.op == "==" else Expr("not", (near,))
-    return rebuilt(expr, lambda e: passed(made, assigned, e))
+    return rebuilt(expr, lambda e: passed(component, assigned, e))
 
 
-def _by_choice(made: Component, assigned: Mapping[str, Expr], expr: Expr) -> Expr | None:
+def _by_choice(component: Component, assigned: Mapping[str, Expr], expr: Expr) -> Expr | None:
     """A comparison of a number with a variable that is chosen among numbers, as a condition of the choice."""
     left, right = expr.args
     variable, number = (left, right) if right.op == "number" else (right, left)
-    item = made.items.get(variable.name) if variable.op == "name" else None
+    item = component.items.get(variable.name) if variable.op == "name" else None
     if number.op != "number" or item is None or item.kind not in ("variable", "out"):
         return None
-    value = assigned.get(variable.name) or next((b for a, b, _ in made.equations if a == variable), variable)
+    value = assigned.get(variable.name) or next((b for a, b, _ in component.equations if a == variable), variable)
     if value.op != "if" or not _all_numbers(value) or triggers(value) or variable.name in names(value):
         return None
 
@@ -54,8 +54,8 @@ def _by_choice(made: Component, assigned: Mapping[str, Expr], expr: Expr) -> Exp
         first, then, otherwise = e.args[0], condition(e.args[1]), condition(e.args[2])
         return Expr("or", (Expr("and", (first, then)), Expr("and", (Expr("not", (first,)), otherwise))))
 
-    found = simplified(condition(value))
-    return None if found.op == "number" else found
+    choice_condition = simplified(condition(value))
+    return None if choice_condition.op == "number" else choice_condition
 
 
 def _all_numbers(expr: Expr) -> bool:
@@ -63,7 +63,9 @@ def _all_numbers(expr: Expr) -> bool:
 
 
 def _continuous(made: Component, assigned: Mapping[str, Expr], expr: Expr, seen: tuple[str, ...]) -> bool:
-    """Whether a value follows the time, a state or a port other than through conditions; inputs are taken for whole."""
+    """True if a value follows the time, a state or a port other than through conditions; inputs are assumed to be whole
+    numbers.
+    """
     if expr.op in f.TRUTHS:
         return False
     if expr.op in ("name", "prev"):

@@ -1,10 +1,10 @@
-"""Imported submodels that are components of the library: recognised by their equations, not by their names.
+"""Recognition of library components in imported submodels, by their equations instead of their names.
 
-The equations of both sides are linear in the quantities of the ports and in the internal variables, with coefficients that
-parameters, inputs and the time give: A(s) z + b = 0, where s stands for the derivative. Both are the same law where, at
+The equations of both sides are linear in the quantities of the ports and in the internal variables, with coefficients
+from parameters, inputs and the time: A(s) z + b = 0, where s represents the derivative. Both are the same law if, at
 random values of s, of the parameters and of the inputs, the same port quantities solve them, and all branches of their
-choices are met there. Port quantities, inputs and
-parameters are assigned to each other in every order; a parameter of the library that has no counterpart gets a number.
+choices occur there. Port quantities, inputs and parameters are assigned to each other in every order; a parameter of the
+library without a counterpart gets a number.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ Array = NDArray[np.complex128]
 Taken = set[tuple[int, object]]
 MOST_PARAMETERS, MOST_SIGNALS, MOST_BONDS = 3, 4, 2
 TRIALS = 4  # random points at which both must agree
-TRIALS_OF_CHOICES = 60  # of laws with branches, each of which must be met at one of them
-SAME = 1e-9  # relative size of what counts as zero between matrices whose entries are about 1
-FOR_FILES = {"Record"}  # it passes a column of a file on
-NUMBERS = (1.0, -1.0)  # that a parameter without a counterpart may have, beside its default
+TRIALS_OF_CHOICES = 60  # points for laws with branches, each of which must occur at one of them
+SAME = 1e-9  # relative size that counts as zero for matrices with entries of about 1
+FOR_FILES = {"Record"}  # it forwards a column of a file
+NUMBERS = (1.0, -1.0)  # values to try for a parameter without a counterpart, in addition to its default
 
 
 # -- equations as matrices -------------------------------------------------------------------------------------------------
@@ -59,8 +59,8 @@ class Law:
 
     @property
     def differentiated(self) -> list[syntax.Expr]:
-        """What stands under `der`."""
-        return [found for e in self.equations for side in (e.left, e.right) for found in _differentiated(side)]
+        """Arguments of `der`."""
+        return [argument for e in self.equations for side in (e.left, e.right) for argument in _differentiated(side)]
 
     @property
     def choices(self) -> int:
@@ -69,7 +69,7 @@ class Law:
 
     @property
     def states(self) -> set[str]:
-        """The names of what stands under `der`."""
+        """The names in the arguments of `der`."""
         return {_plain(expr) for expr in self.differentiated}
 
 
@@ -81,8 +81,8 @@ def _differentiated(expr: syntax.Expr) -> Iterator[syntax.Expr]:
 
 
 def _choices(expr: syntax.Expr) -> int:
-    own = isinstance(expr, syntax.Compare) or (isinstance(expr, syntax.Call) and expr.function in CHOOSING)
-    return own + sum(map(_choices, syntax.children(expr)))
+    is_choice = isinstance(expr, syntax.Compare) or (isinstance(expr, syntax.Call) and expr.function in CHOOSING)
+    return is_choice + sum(map(_choices, syntax.children(expr)))
 
 
 def _plain(expr: syntax.Expr) -> str:
@@ -112,8 +112,8 @@ def _real(value: complex) -> float:
 
 @dataclass(frozen=True)
 class Point:
-    """Where a law is evaluated: its quantities and the value of s. `taken` collects the ways that its choices went there:
-    the expression of a condition, or of a function that chooses, by its identity, with the outcome."""
+    """Point of evaluation of a law: its quantities and the value of s. `taken` records the branches of its choices: the
+    expression of a condition, or of a function that chooses, by its identity, with the outcome."""
 
     at: Mapping[str, complex]
     s: complex = 0j
@@ -137,10 +137,10 @@ def _value(expr: syntax.Expr, point: Point) -> complex:
         values = [_value(e, point) for e in expr.args]
         if expr.function in REAL:
             real = [_real(v) for v in values]
-            found = REAL[expr.function](*real)
+            value = REAL[expr.function](*real)
             if expr.function in CHOOSING:
-                point.taken.add((id(expr), real.index(found) if len(real) > 1 else real[0] > 0))
-            return found
+                point.taken.add((id(expr), real.index(value) if len(real) > 1 else real[0] > 0))
+            return value
         return ANALYTIC[expr.function](*values)
     raise ValueError
 
@@ -151,39 +151,41 @@ def _true(expr: syntax.Expr, point: Point) -> bool:
     if isinstance(expr, syntax.Logic):
         return (all if expr.op == "and" else any)(_true(e, point) for e in (expr.left, expr.right))
     if isinstance(expr, syntax.Compare):
-        found = COMPARED[expr.op](_real(_value(expr.left, point)), _real(_value(expr.right, point)))
-        point.taken.add((id(expr), found))
-        return found
+        outcome = COMPARED[expr.op](_real(_value(expr.left, point)), _real(_value(expr.right, point)))
+        point.taken.add((id(expr), outcome))
+        return outcome
     raise ValueError
 
 
 def _computed(law: Law, known: Mapping[str, complex],
-              taken: Taken) -> tuple[dict[str, complex], list[syntax.Equation], list[str]]:
-    """The inner variables that the known quantities give outright, the other equations, and the other inner variables."""
-    values, rest, inner = dict(known), list(law.equations), list(law.inner)
-    found = True
-    while found:
-        found = False
-        for equation in rest:
+              branches: Taken) -> tuple[dict[str, complex], list[syntax.Equation], list[str]]:
+    """The inner variables that follow explicitly from the known quantities, the other equations, and the other inner
+    variables.
+    """
+    values, remaining, inner = dict(known), list(law.equations), list(law.inner)
+    changed = True
+    while changed:
+        changed = False
+        for equation in remaining:
             if not isinstance(equation.left, syntax.Name) or equation.left.text not in inner:
                 continue
             try:
-                values[equation.left.text] = _value(equation.right, Point(values, taken=taken))
+                values[equation.left.text] = _value(equation.right, Point(values, taken=branches))
             except (ValueError, KeyError):
                 continue
             if equation.left.text in law.states:
                 del values[equation.left.text]
                 continue
             inner.remove(equation.left.text)
-            rest.remove(equation)
-            found = True
+            remaining.remove(equation)
+            changed = True
             break
-    return values, rest, inner
+    return values, remaining, inner
 
 
 def _matrix(law: Law, where: Point, chosen: Sequence[syntax.Equation] | None = None) -> Array:
-    """Rows [A b] over the port quantities, the inner variables and 1, for all equations (without the inner variables that
-    are computed outright) or for some; raises ValueError where they are not linear."""
+    """Rows [A b] over the port quantities, the inner variables and 1, for all equations (without the explicit inner
+    variables) or for some; raises ValueError if they are not linear."""
     inner: Sequence[str] = law.inner
     known = where.at
     if chosen is None:
@@ -198,26 +200,26 @@ def _matrix(law: Law, where: Point, chosen: Sequence[syntax.Equation] | None = N
 
     zero = residual([0j] * len(unknown))
     columns = [residual([1 + 0j if i == k else 0j for i in range(len(unknown))]) - zero for k in range(len(unknown))]
-    found = np.array([*columns, zero], complex).T.reshape(len(chosen), len(unknown) + 1)
-    if not np.all(np.isfinite(found)) or np.abs(found @ np.array([*point, 1]) - residual(point)).max(initial=0) > \
-            SAME * max(1.0, np.abs(found).max(initial=0)):
+    matrix = np.array([*columns, zero], complex).T.reshape(len(chosen), len(unknown) + 1)
+    if not np.all(np.isfinite(matrix)) or np.abs(matrix @ np.array([*point, 1]) - residual(point)).max(initial=0) > \
+            SAME * max(1.0, np.abs(matrix).max(initial=0)):
         raise ValueError
-    return found
+    return matrix
 
 
 def _ports_only(matrix: Array, ports: int) -> Array:
-    """The rows that hold between the port quantities and 1 alone, the inner variables eliminated."""
+    """The rows between the port quantities and 1 only, after elimination of the inner variables."""
     inner = matrix[:, ports:-1]
     rest = np.delete(matrix, np.s_[ports:matrix.shape[1] - 1], axis=1)
     if inner.shape[1]:
         left, sizes, _ = np.linalg.svd(inner)
         rank = int((sizes > SAME * max(1.0, sizes.max(initial=0))).sum())
         if rank < inner.shape[1]:
-            raise ValueError  # an inner variable that nothing decides
+            raise ValueError  # an undetermined inner variable
         rest = left[:, rank:].conj().T @ rest
     size = np.linalg.norm(rest, axis=1)
-    found: Array = rest[size > SAME] / size[size > SAME][:, None]
-    return found
+    rows: Array = rest[size > SAME] / size[size > SAME][:, None]
+    return rows
 
 
 def _rank(matrix: Array) -> int:
@@ -225,24 +227,26 @@ def _rank(matrix: Array) -> int:
 
 
 # -- both sides ------------------------------------------------------------------------------------------------------------
-def _imported(made: Component, joined: set[str]) -> Law | None:
-    """The law of an imported component, in which outputs that nothing takes are inner variables; None where it has more
-    than a law has: events, held variables, or what was not translated."""
-    if made.events or made.untranslated or made.omitted or made.gives or made.of_kind("held") or not made.equations:
+def _imported(component: Component, joined: set[str]) -> Law | None:
+    """The law of an imported component, in which unconnected outputs are inner variables; None if it has more than a law:
+    events, held variables, or untranslated constructs."""
+    if component.events or component.untranslated or component.omitted or component.gives or component.of_kind("held") \
+            or not component.equations:
         return None
-    outputs = [i.name for i in made.of_kind("out")]
-    bonds = tuple(i.name for i in made.of_kind("bond"))
+    outputs = [i.name for i in component.of_kind("out")]
+    bonds = tuple(i.name for i in component.of_kind("bond"))
     taken = tuple(n for n in outputs if n in joined or not (bonds or joined & set(outputs)))
-    inner = (*(n for n in outputs if n not in taken), *(i.name for i in made.of_kind("variable")))
-    used = {n for left, right, _ in made.equations for n in (*names(left), *names(right))}
-    parameters = tuple(i.name for i in made.of_kind("parameter") if i.name in used)  # others are initial values
-    inputs = tuple(i.name for i in made.of_kind("in"))
+    inner = (*(n for n in outputs if n not in taken), *(i.name for i in component.of_kind("variable")))
+    used = {n for left, right, _ in component.equations for n in (*names(left), *names(right))}
+    parameters = tuple(i.name for i in component.of_kind("parameter") if i.name in used)  # others are initial values
+    inputs = tuple(i.name for i in component.of_kind("in"))
     if len(parameters) > MOST_PARAMETERS or len(inputs) + len(taken) > MOST_SIGNALS or len(bonds) > MOST_BONDS:
         return None
     if not (taken or bonds):
         return None
     try:
-        equations = tuple(parse_equation(f"{f.text(left)} = {f.value_text(right)}") for left, right, _ in made.equations)
+        equations = tuple(parse_equation(f"{f.text(left)} = {f.value_text(right)}")
+                          for left, right, _ in component.equations)
     except ValueError:
         return None
     return Law(equations, bonds, inputs, taken, parameters, inner)
@@ -250,31 +254,32 @@ def _imported(made: Component, joined: set[str]) -> Law | None:
 
 @lru_cache(maxsize=1)
 def _candidates() -> tuple[tuple[definition.Component, Law], ...]:
-    """The components of the library with ports of any domain and signals of any unit, and with nothing but a law."""
-    found = []
+    """The components of the library with ports of any domain and signals of any unit that consist of a law only."""
+    candidates = []
     for name in sorted(set(library().names()) - FOR_FILES):
         try:
-            own = library().component(name)
+            component = library().component(name)
         except HeavebondError:
             continue
-        counts = [*(p.count for p in own.ports.values()), *(p.count for p in own.parameters.values()),
-                  *(v.count for v in own.variables.values())]
-        if own.when or own.body.instances or own.foreign or own.placeholder or not own.equations or \
-                any(count is not None for count in counts) or any(e.each for e in own.equations) or \
-                any(p.domain not in ("bond", "$D") for p in own.ports.values()) or \
-                any(p.integer or p.neutral is not None or p.width for p in own.parameters.values()) or \
-                len(own.parameters) > MOST_PARAMETERS + 1 or len(own.signals) > MOST_SIGNALS:
+        counts = [*(p.count for p in component.ports.values()), *(p.count for p in component.parameters.values()),
+                  *(v.count for v in component.variables.values())]
+        if component.when or component.body.instances or component.foreign or component.placeholder or \
+                not component.equations or any(count is not None for count in counts) or \
+                any(e.each for e in component.equations) or \
+                any(p.domain not in ("bond", "$D") for p in component.ports.values()) or \
+                any(p.integer or p.neutral is not None or p.width for p in component.parameters.values()) or \
+                len(component.parameters) > MOST_PARAMETERS + 1 or len(component.signals) > MOST_SIGNALS:
             continue
-        law = Law(tuple(e.tree for e in own.equations), tuple(own.ports),
-                  tuple(n for n, p in own.signals.items() if p.direction == "in"),
-                  tuple(n for n, p in own.signals.items() if p.direction == "out"), tuple(own.parameters),
-                  tuple(own.variables))
-        found.append((own, law))
-    return tuple(found)
+        law = Law(tuple(e.tree for e in component.equations), tuple(component.ports),
+                  tuple(n for n, p in component.signals.items() if p.direction == "in"),
+                  tuple(n for n, p in component.signals.items() if p.direction == "out"), tuple(component.parameters),
+                  tuple(component.variables))
+        candidates.append((component, law))
+    return tuple(candidates)
 
 
 def _unit(text: str) -> str:
-    """The unit of a number in a model whose signals have none, with effort W and flow 1 of bonds: `$Y/($U*s)` is 1/s."""
+    """The unit of a number in a model whose signals have no units, with effort W and flow 1 of bonds: `$Y/($U*s)` is 1/s."""
     plain = re.sub(r"\$[A-Z]\.effort", "W", re.sub(r"\$[A-Z](\.flow)?(?![.\w])", "1", text))
     plain = re.sub(r"\(1\*(\w+)\)", r"\1", plain)
     while plain != (shorter := re.sub(r"(?<![\w.])1\*|[*/]1(?![\w.*])", "", plain)):
@@ -293,38 +298,40 @@ def recognised(made: Component, joined: set[str]) -> Match | None:
         return None
     simplest = sorted(_candidates(), key=lambda pair: (pair[0].effect is not None, len(pair[1].inputs),
                                                        len(pair[1].parameters), len(pair[0].name), pair[0].name))
-    for own, other in simplest:
-        if len(own.ports) != len(law.bonds) or len(other.outputs) != len(law.outputs) or \
-                len(other.states) != len(law.states) or \
-                len(other.inputs) < len(law.inputs) or (not law.bonds and len(other.inputs) > len(law.inputs)) or \
-                len(other.inputs) - len(law.inputs) + len(other.parameters) < len(law.parameters):
+    for component, library_law in simplest:
+        if len(component.ports) != len(law.bonds) or len(library_law.outputs) != len(law.outputs) or \
+                len(library_law.states) != len(law.states) or \
+                len(library_law.inputs) < len(law.inputs) or (not law.bonds
+                                                              and len(library_law.inputs) > len(law.inputs)) or \
+                len(library_law.inputs) - len(law.inputs) + len(library_law.parameters) < len(law.parameters):
             continue
-        for match in _assignments(made, law, own, other):
-            if _within_bounds(made, own, match) and _agree(law, other, match) and \
-                    (complete := _with_states(made, law, own, other, match)) is not None:
+        for match in _assignments(made, law, component, library_law):
+            if _within_bounds(made, component, match) and _agree(law, library_law, match) and \
+                    (complete := _with_states(made, law, component, library_law, match)) is not None:
                 return complete
     return _without_ones(made, law, joined)
 
 
-def _without_ones(made: Component, law: Law, joined: set[str]) -> Match | None:
-    """The component of the library for a law whose gains are 1, as numbers in place of parameters: 1/(tau*s + 1)."""
-    ones = [n for n in law.parameters if made.items[n].value == 1 and not made.items[n].unit and n not in made.shared]
+def _without_ones(component: Component, law: Law, joined: set[str]) -> Match | None:
+    """The library component for a law with gains of 1, as numbers in place of parameters: 1/(tau*s + 1)."""
+    ones = [n for n in law.parameters if component.items[n].value == 1 and not component.items[n].unit
+            and n not in component.shared]
     if not ones or len(ones) == len(law.parameters):
         return None
-    equations = made.equations
+    equations = component.equations
     for name in ones:
         equations = [(left, renamed(right, name, f.number(1)), said) for left, right, said in equations]
-    items = {n: item for n, item in made.items.items() if n not in ones}
-    return recognised(replace(made, equations=equations, items=items), joined)
+    items = {n: item for n, item in component.items.items() if n not in ones}
+    return recognised(replace(component, equations=equations, items=items), joined)
 
 
-def _junction(made: Component, joined: set[str]) -> Match | None:
+def _junction(component: Component, joined: set[str]) -> Match | None:
     """A 1-junction of bonds or multi-bonds whose flow no signal takes."""
-    if made.junction is None or made.untranslated:
+    if component.junction is None or component.untranslated:
         return None
-    bonds, flows = made.junction
+    bonds, flows = component.junction
     width, count = len(bonds[0][0]), {"a": 0, "b": 0}
-    outputs = [name for flow in flows for name in made.elements[flow]]
+    outputs = [name for flow in flows for name in component.elements[flow]]
     if set(outputs) & joined:
         return None
     ports = dict(zip(outputs, ["f"] if width == 1 else [f"f[{k + 1}]" for k in range(width)], strict=False))
@@ -338,67 +345,70 @@ def _junction(made: Component, joined: set[str]) -> Match | None:
     return Match("Junction1" if width == 1 else "Junction1Field", ports, {}, numbers, dict.fromkeys(numbers, ""))
 
 
-def _delay(made: Component) -> Match | None:
-    """A component that is nothing but a delay of its input by a parameter."""
-    if made.delay is None or made.untranslated or made.events or made.gives:
+def _delay(component: Component) -> Match | None:
+    """A component that only delays its input by a parameter."""
+    if component.delay is None or component.untranslated or component.events or component.gives:
         return None
-    result, value, time = made.delay
-    output = next((left.name for left, right, _ in made.equations if right == result and left.op == "name"), "")
-    known = {item.name: item.kind for item in made.items.values() if item.doc != DELAYED}
+    result, value, time = component.delay
+    output = next((left.name for left, right, _ in component.equations if right == result and left.op == "name"), "")
+    known = {item.name: item.kind for item in component.items.values() if item.doc != DELAYED}
     if known != {output: "out", value: "in", time: "parameter"}:
         return None
     return Match("Delay", {output: "y", value: "u"}, {"T": time}, {}, {"T": "s"})
 
 
-def _assignments(made: Component, law: Law, own: definition.Component, other: Law) -> Iterator[Match]:
+def _assignments(component: Component, law: Law, library_component: definition.Component,
+                 library_law: Law) -> Iterator[Match]:
     """Every way to assign the quantities of both to each other."""
-    for bonds in itertools.permutations(other.bonds):
-        for outputs in itertools.permutations(other.outputs):
-            for inputs in itertools.permutations(other.inputs, len(law.inputs)):
-                if any(_unit(own.signals[n].unit.text) for n in (*outputs, *inputs)):
+    for bonds in itertools.permutations(library_law.bonds):
+        for outputs in itertools.permutations(library_law.outputs):
+            for inputs in itertools.permutations(library_law.inputs, len(law.inputs)):
+                if any(_unit(library_component.signals[n].unit.text) for n in (*outputs, *inputs)):
                     continue  # the signals of an imported model have no units
-                places = [n for n in (*other.inputs, *other.parameters) if n not in inputs]
+                places = [n for n in (*library_law.inputs, *library_law.parameters) if n not in inputs]
                 ports = dict(zip((*law.bonds, *law.outputs, *law.inputs), (*bonds, *outputs, *inputs), strict=True))
                 for chosen in itertools.permutations(places, len(law.parameters)):
-                    rest = [n for n in places if n not in chosen]
-                    for numbers in itertools.product(*(_numbers(own, n) for n in rest)):
-                        units = {n: _unit((own.parameters[n] if n in own.parameters else own.signals[n]).unit.text)
+                    remaining = [n for n in places if n not in chosen]
+                    for numbers in itertools.product(*(_numbers(library_component, n) for n in remaining)):
+                        units = {n: _unit((library_component.parameters[n] if n in library_component.parameters
+                                           else library_component.signals[n]).unit.text)
                                  for n in places}
-                        yield Match(own.name, ports, dict(zip(chosen, law.parameters, strict=True)),
-                                    dict(zip(rest, numbers, strict=True)), units,
-                                    any_domain=any(p.domain == "$D" for p in own.ports.values()))
+                        yield Match(library_component.name, ports, dict(zip(chosen, law.parameters, strict=True)),
+                                    dict(zip(remaining, numbers, strict=True)), units,
+                                    any_domain=any(p.domain == "$D" for p in library_component.ports.values()))
 
 
-def _numbers(own: definition.Component, name: str) -> tuple[float, ...]:
-    default = own.parameters[name].default if name in own.parameters else None
+def _numbers(library_component: definition.Component, name: str) -> tuple[float, ...]:
+    default = library_component.parameters[name].default if name in library_component.parameters else None
     known = (float(default),) if isinstance(default, (int, float)) else ()
     return (*known, *(n for n in NUMBERS if n not in known))
 
 
-def _within_bounds(made: Component, own: definition.Component, match: Match) -> bool:
-    """Whether the parameters of the library accept the values, and what it requires of them."""
-    values: dict[str, complex] = {**match.numbers, **{n: made.items[p].value or 0.0 for n, p in match.parameters.items()}}
-    for name, parameter in own.parameters.items():
+def _within_bounds(component: Component, library_component: definition.Component, match: Match) -> bool:
+    """True if the library's bounds and requirements permit the values."""
+    values: dict[str, complex] = {**match.numbers,
+                                  **{n: component.items[p].value or 0.0 for n, p in match.parameters.items()}}
+    for name, parameter in library_component.parameters.items():
         value = values[name].real
         if (parameter.low is not None and value < parameter.low) or (parameter.high is not None and value > parameter.high):
             return False
         if parameter.low == 0 and value == 0:  # the library may divide by it
             return False
     try:
-        return all(_true(r.tree, Point(values)) for r in own.requires)
+        return all(_true(r.tree, Point(values)) for r in library_component.requires)
     except (ValueError, KeyError, ZeroDivisionError):
         return False
 
 
-def _agree(law: Law, other: Law, match: Match) -> bool:
-    """Whether the same port quantities solve both, at random values of everything else."""
+def _agree(law: Law, library_law: Law, match: Match) -> bool:
+    """True if the same port quantities solve both, at random values of everything else."""
     draw = random.Random(7)
     ports = 2 * len(law.bonds) + len(law.outputs)
     order = [q for p in law.bonds for q in (f"{match.ports[p]}.e", f"{match.ports[p]}.f")] + \
         [match.ports[n] for n in law.outputs]
-    theirs = [*(f"{p}.{q}" for p in other.bonds for q in "ef"), *other.outputs]
+    theirs = [*(f"{p}.{q}" for p in library_law.bonds for q in "ef"), *library_law.outputs]
     columns = [theirs.index(n) for n in order]
-    choices = (law.choices, other.choices)
+    choices = (law.choices, library_law.choices)
     met: tuple[Taken, Taken] = (set(), set())
     for _ in range(TRIALS_OF_CHOICES if any(choices) else TRIALS):
         known: dict[str, complex] = {n: draw.choice((-1, 1)) * draw.uniform(0.3, 3) for n in (*law.inputs, "time")}
@@ -408,33 +418,34 @@ def _agree(law: Law, other: Law, match: Match) -> bool:
         s = complex(draw.uniform(0.3, 2), draw.uniform(0.3, 2))
         try:
             mine = _ports_only(_matrix(law, Point(known, s, met[0])), ports)
-            yours = _ports_only(_matrix(other, Point(mapped, s, met[1])), ports)
+            yours = _ports_only(_matrix(library_law, Point(mapped, s, met[1])), ports)
         except (ValueError, KeyError, ZeroDivisionError, OverflowError, TypeError):
             return False
         yours = yours[:, [*columns, ports]]
         rank = _rank(mine)
         if rank != _rank(yours) or rank != _rank(np.concatenate([mine, yours])):
             return False
-    # a limit of 1000, or a choice at 100 s, is met at no point: what lies beyond has not been compared
+    # a limit of 1000, or a choice at 100 s, is reached at no point: the range beyond it has not been compared
     return all(len(outcomes) == 2 * count for outcomes, count in zip(met, choices, strict=True))
 
 
-def _with_states(made: Component, law: Law, own: definition.Component, other: Law, match: Match) -> Match | None:
-    """The match with the initial values of the states of the library, which must be port quantities: at the start the
-    imported equations without derivatives give them from the imported states."""
-    if not other.states:
+def _with_states(component: Component, law: Law, library_component: definition.Component, library_law: Law,
+                 match: Match) -> Match | None:
+    """The match with the initial values of the states of the library, which must be port quantities: at the start they
+    follow from the imported states by the imported equations without derivatives."""
+    if not library_law.states:
         return match if not law.states else None
-    known: dict[str, complex] = {"time": 0.0, **{n: made.items[n].value or 0.0 for n in law.parameters}}
-    at_once = [e for e in law.equations if not _dynamic(e) and not _has(e, law.inputs)]  # whatever the inputs are
+    known: dict[str, complex] = {"time": 0.0, **{n: component.items[n].value or 0.0 for n in law.parameters}}
+    at_once = [e for e in law.equations if not _dynamic(e) and not _has(e, law.inputs)]  # for all values of the inputs
     columns = [*(f"{p}.{q}" for p in law.bonds for q in "ef"), *law.outputs, *law.inner]
     rows = _matrix(law, Point({**known, **dict.fromkeys(law.inputs, 0.0)}, 1j), at_once)
-    for state, first in made.initial.items():
+    for state, first in component.initial.items():
         row = np.zeros(len(columns) + 1, complex)
         row[columns.index(state)], row[-1] = 1, -first.value
         rows = np.vstack([rows, row])
     back = {match.ports[p]: p for p in (*law.bonds, *law.outputs)}
-    found: dict[str, float] = {}
-    for state in sorted(other.states):
+    initial_values: dict[str, float] = {}
+    for state in sorted(library_law.states):
         port, _, quantity = state.partition(".")
         if port not in back:
             return None
@@ -444,9 +455,9 @@ def _with_states(made: Component, law: Law, own: definition.Component, other: La
         weights, *_ = np.linalg.lstsq(rows[:, :-1].T, unit.astype(complex), rcond=None)
         if np.abs(rows[:, :-1].T @ weights - unit).max() > SAME:
             return None
-        found[state] = float(f"{-(weights @ rows[:, -1]).real:.13g}") + 0.0  # as precise as the combination is
-    units = match.units | {state: "W" if state.endswith(".e") else "" for state in found}
-    return replace(match, units=units, initial=found)
+        initial_values[state] = float(f"{-(weights @ rows[:, -1]).real:.13g}") + 0.0  # with the precision of the combination
+    units = match.units | {state: "W" if state.endswith(".e") else "" for state in initial_values}
+    return replace(match, units=units, initial=initial_values)
 
 
 def _dynamic(equation: syntax.Equation) -> bool:

@@ -1,9 +1,9 @@
-"""Which submodels of a 20-sim model are discrete, and which of their signals enter continuous parts.
+"""Classification of the submodels of a 20-sim model as discrete or continuous, and of the signals between them.
 
-Discrete equations act at the samples only. A submodel is discrete where it calls `sample`, `previous`, `next`, `dint` or
-`ddif`, or computes from discrete signals alone. Between the samples its signals keep their values: a continuous submodel
-that takes one takes what it was at the last sample, with or without a `hold`. Discrete submodels that signals connect are
-one discrete system, with one sample time, which the experiment states beside one of its quantities.
+Discrete equations act at the samples only. A submodel is discrete if it calls `sample`, `previous`, `next`, `dint` or
+`ddif`, or computes from discrete signals only. Between the samples its signals are constant: a continuous submodel reads
+their values at the last sample, with or without a `hold`. Discrete submodels that are connected by signals form one
+discrete system, with one sample time, which the experiment gives for one of its quantities.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ End = tuple[int, str]  # a submodel by its identity, and its port
 
 @dataclass
 class Sampling:
-    """The discrete submodels by their identity, of continuous ones the inputs that are held between samples, and the sample
-    times in s of submodels whose discrete system has one. `sampled` are the quantities that change at samples only in
-    submodels with continuous parts too, such as the count of an encoder that integrates a speed."""
+    """The discrete submodels by their identity, for continuous ones the inputs that are held between samples, and the
+    sample times in s of submodels in a discrete system with a known one. `sampled` are the quantities that change at
+    samples only in submodels with continuous parts too, such as the count of an encoder that integrates a speed."""
 
     discrete: set[int] = field(default_factory=set)
     held: dict[int, list[str]] = field(default_factory=dict)
@@ -50,7 +50,7 @@ def _expressions(statements: Iterable[Statement]) -> Iterator[Expr]:
 
 
 class _Graph:
-    """Submodels of equations, and where the signals of their inputs come from."""
+    """Submodels of equations, and the sources of their inputs."""
 
     def __init__(self, root: Submodel):
         self.leaves: dict[int, Submodel] = {}
@@ -83,43 +83,43 @@ class _Graph:
         """The outputs of submodels of equations that feed an end."""
         if end in seen:
             return []
-        found = []
+        sources = []
         for start in self.feeds.get(end, ()):
-            found += [start] if start[0] in self.leaves else self.sources(start, seen | {end})
-        return found
+            sources += [start] if start[0] in self.leaves else self.sources(start, seen | {end})
+        return sources
 
     def inputs(self, leaf: int) -> dict[str, list[End]]:
         """The connected inputs of a submodel of equations, with their sources."""
         named = {p.name: self.sources((leaf, p.name)) for p in self.leaves[leaf].ports
                  if p.domain == "signal" and p.direction != "out"}
-        return {name: found for name, found in named.items() if found}
+        return {name: sources for name, sources in named.items() if sources}
 
     def continuous(self, leaf: int) -> bool:
-        """Whether a submodel has states, events or bonds."""
+        """True if a submodel has states, events or bonds."""
         return bool(self.calls[leaf] & CONTINUOUS) or any(p.domain != "signal" for p in self.leaves[leaf].ports)
 
     def sampled(self, leaf: int) -> set[str]:
-        """The quantities of a submodel with continuous parts that follow from its samples alone."""
+        """The quantities of a submodel with continuous parts that depend on its samples only."""
         equations = self.leaves[leaf].equations
         assert equations is not None
         statements = (*equations.equations, *equations.code)
         known = {d.name for d in (*equations.constants, *equations.parameters, *self.leaves[leaf].parameters)} | {"pi"}
-        given: dict[str, list[tuple[set[str], set[str]]]] = {}
+        assignments: dict[str, list[tuple[set[str], set[str]]]] = {}
         for statement in statements:
             called = {name.lower() for e in _expressions([statement]) for name in calls(e)}
             for label in assigned(statement):
-                given.setdefault(label, []).append((called, mentioned(statement) - set(assigned(statement)) - known))
-        found: set[str] = set()
+                assignments.setdefault(label, []).append((called, mentioned(statement) - set(assigned(statement)) - known))
+        sampled_names: set[str] = set()
         size = -1
-        while size != len(found):
-            size = len(found)
-            found |= {label for label, ways in given.items() if all(
-                not called & (CONTINUOUS | {"hold"}) and (called & DISCRETE or (read and read <= found))
-                for called, read in ways)}
-        return found
+        while size != len(sampled_names):
+            size = len(sampled_names)
+            sampled_names |= {label for label, dependencies in assignments.items() if all(
+                not called & (CONTINUOUS | {"hold"}) and (called & DISCRETE or (read and read <= sampled_names))
+                for called, read in dependencies)}
+        return sampled_names
 
     def holds(self, end: End) -> bool:
-        """Whether an output is that of a `hold`."""
+        """True if an output is the result of a `hold`."""
         equations = self.leaves[end[0]].equations
         assert equations is not None
         written = [s.right for s in (*equations.equations, *equations.code) if isinstance(s, Assign)
@@ -128,13 +128,13 @@ class _Graph:
 
 
 def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
-    """What is discrete in a model, with the sample times in s of its discrete systems, each by the name of a quantity."""
+    """The discrete parts of a model, with the sample times in s of its discrete systems, each by the name of a quantity."""
     graph, found = _Graph(root), Sampling()
     inputs = {leaf: graph.inputs(leaf) for leaf in graph.leaves}
     found.discrete = {leaf for leaf, called in graph.calls.items() if called & DISCRETE and not graph.continuous(leaf)}
-    found.sampled = {leaf: own for leaf, called in graph.calls.items()
-                     if called & DISCRETE and graph.continuous(leaf) and (own := graph.sampled(leaf))}
-    mixed: set[int] = set()  # algebraic, of discrete and continuous signals
+    found.sampled = {leaf: sampled_names for leaf, called in graph.calls.items()
+                     if called & DISCRETE and graph.continuous(leaf) and (sampled_names := graph.sampled(leaf))}
+    mixed: set[int] = set()  # algebraic, with discrete and continuous signals
 
     def discrete(source: End) -> bool:
         leaf, port = source
@@ -146,11 +146,11 @@ def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
     while size != len(found.discrete) + len(mixed):
         size = len(found.discrete) + len(mixed)
         for leaf in plain:
-            ways = [discrete(source) for sources in inputs[leaf].values() for source in sources]
-            if ways and all(ways):
+            source_kinds = [discrete(source) for sources in inputs[leaf].values() for source in sources]
+            if source_kinds and all(source_kinds):
                 found.discrete.add(leaf)
                 mixed.discard(leaf)
-            elif any(ways) and leaf not in found.discrete and _ends_in(graph, inputs, leaf, found.discrete):
+            elif any(source_kinds) and leaf not in found.discrete and _ends_in(graph, inputs, leaf, found.discrete):
                 mixed.add(leaf)
     for leaf in graph.leaves:
         if leaf not in found.discrete and leaf not in mixed and "hold" not in graph.calls[leaf]:
@@ -161,10 +161,10 @@ def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
     return found
 
 
-def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], found: Sampling, stated: Mapping[str, float]
+def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], result: Sampling, stated: Mapping[str, float]
            ) -> dict[int, float]:
-    """The sample times that reach a submodel from a stated one through the signals of a discrete system."""
-    acts = {leaf for leaf, called in graph.calls.items() if leaf in found.discrete or called & (DISCRETE | {"hold"})}
+    """The sample times that reach a submodel from a given one through the signals of a discrete system."""
+    acts = {leaf for leaf, called in graph.calls.items() if leaf in result.discrete or called & (DISCRETE | {"hold"})}
     beside: dict[int, set[int]] = {leaf: set() for leaf in graph.leaves}
     for leaf, named in inputs.items():
         for sources in named.values():
@@ -178,24 +178,24 @@ def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], found: 
         front = [] if first is None or first in times else [first]
         while front:
             times[now := front.pop()] = time
-            front += [other for other in beside[now] if other not in times]
-    for leaf, held in found.held.items():  # continuous ones that take its signals
-        own = [times[source] for name in held for source, _ in inputs[leaf][name] if source in times]
-        times.update({leaf: own[0]} if own and leaf not in times else {})
+            front += [neighbour for neighbour in beside[now] if neighbour not in times]
+    for leaf, held in result.held.items():  # continuous ones that take its signals
+        known_times = [times[source] for name in held for source, _ in inputs[leaf][name] if source in times]
+        times.update({leaf: known_times[0]} if known_times and leaf not in times else {})
     return times
 
 
 def _ends_in(graph: _Graph, inputs: dict[int, dict[str, list[End]]], leaf: int, discrete: set[int]) -> bool:
-    """Whether the outputs of an algebraic submodel reach a discrete one, or a `hold`, through algebraic ones."""
-    seen, front = {leaf}, [leaf]
+    """True if the outputs of an algebraic submodel reach a discrete one, or a `hold`, through algebraic ones."""
+    visited, front = {leaf}, [leaf]
     while front:
-        own = front.pop()
-        for other, named in inputs.items():
-            if other in seen or not any(s[0] == own for sources in named.values() for s in sources):
+        reached = front.pop()
+        for consumer, named in inputs.items():
+            if consumer in visited or not any(s[0] == reached for sources in named.values() for s in sources):
                 continue
-            if other in discrete or "hold" in graph.calls[other]:
+            if consumer in discrete or "hold" in graph.calls[consumer]:
                 return True
-            if not graph.continuous(other):
-                seen.add(other)
-                front.append(other)
+            if not graph.continuous(consumer):
+                visited.add(consumer)
+                front.append(consumer)
     return False

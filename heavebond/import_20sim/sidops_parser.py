@@ -17,8 +17,8 @@ PORT_WORDS = {"knot", "duplicatable", "psi", "boolean", "integer", "real", "inte
 
 
 def parse_sidops(text: str, file: str, first_line: int = 1) -> Submodel:
-    """The main model of a SIDOPS text, or the submodel that a file of a library holds as the only part of a main model;
-    raises ModelError where its structure cannot be read."""
+    """The main model of a SIDOPS text, or the submodel that a library file contains as the only part of a main model;
+    raises ModelError if its structure cannot be read."""
     reader = Reader(tokenise(text, file, first_line), file)
     try:
         name, following = reader.now, reader.tokens[min(1, len(reader.tokens) - 1)]
@@ -33,67 +33,67 @@ def parse_sidops(text: str, file: str, first_line: int = 1) -> Submodel:
 
 
 def _numbers(reader: Reader) -> list[float]:
-    found = []
+    numbers = []
     while reader.now.kind == "number" or reader.now.text == "-":
         sign = -1.0 if reader.skip("-") else 1.0
         if reader.now.kind == "number":
-            found.append(sign * float(reader.take().text))
-    return found
+            numbers.append(sign * float(reader.take().text))
+    return numbers
 
 
 def _submodel(reader: Reader, name: str) -> Submodel:
-    """What follows the name of a submodel."""
+    """Parse the text after the name of a submodel."""
     reader.deeper()
-    found = Submodel(name, reader.now.line)
+    submodel = Submodel(name, reader.now.line)
     place = _numbers(reader)
-    found.x, found.y = (*place, 0.0, 0.0)[:2]
+    submodel.x, submodel.y = (*place, 0.0, 0.0)[:2]
     if reader.skip("specifications"):
-        _specifications(reader, found)
+        _specifications(reader, submodel)
     else:
-        _body(reader, found)
+        _body(reader, submodel)
     reader.depth -= 1
-    return found
+    return submodel
 
 
-def _specifications(reader: Reader, found: Submodel) -> None:
+def _specifications(reader: Reader, submodel: Submodel) -> None:
     """One of several implementations: the active one is kept."""
     reader.need("active")
     active = reader.take().text
     while reader.skip("specification"):
         chosen = reader.take().text == active
-        inner = Submodel(found.name, reader.now.line, found.x, found.y)
+        inner = Submodel(submodel.name, reader.now.line, submodel.x, submodel.y)
         _placement(reader)
         _body(reader, inner)
         _placement(reader)
         reader.need("specification_end")
         reader.skip(";")
         if chosen:
-            found.__dict__.update(inner.__dict__)
+            submodel.__dict__.update(inner.__dict__)
     reader.need("end")
     reader.skip(";")
 
 
 def _placement(reader: Reader) -> None:
-    """Skip what a specification may have after its implementation: texts and the place and size of its icon."""
+    """Skip optional parts of a specification after its implementation: texts, and the place and size of its icon."""
     while reader.now.kind in ("string", "number") or reader.now.text in ("-", ";"):
         reader.take()
 
 
-def _body(reader: Reader, found: Submodel) -> None:
-    _description(reader, found)
-    found.knot = reader.now.word == "knot"
+def _body(reader: Reader, submodel: Submodel) -> None:
+    _description(reader, submodel)
+    submodel.knot = reader.now.word == "knot"
     if not reader.skip("type", "knot"):
         raise Unreadable(reader.now.line, f"'type' is missing before '{reader.now.text[:30]}'")
-    found.type = reader.take().text.strip("'")
+    submodel.type = reader.take().text.strip("'")
     while reader.now.kind != "end" and not reader.skip("end"):
         if reader.skip("ports"):
             while reader.now.kind == "name" and reader.now.word not in ("end", "parameters", "restrictions", "variables",
                                                                         "description"):
-                found.ports.append(_port(reader))
+                submodel.ports.append(_port(reader))
         elif reader.skip("parameters"):
-            found.parameters += reader.declarations(found.problems)
+            submodel.parameters += reader.declarations(submodel.problems)
         elif reader.skip("variables", "constants"):
-            found.variables += reader.declarations(found.problems)
+            submodel.variables += reader.declarations(submodel.problems)
         elif reader.skip("restrictions"):
             while reader.now.word in ("causality", "fixed", "constraint"):
                 reader.to_semicolon()
@@ -104,27 +104,27 @@ def _body(reader: Reader, found: Submodel) -> None:
         if reader.now.word == "icon":
             _drawing(reader)
         else:
-            _description(reader, found)
+            _description(reader, submodel)
     if not reader.skip("implementation"):
         return
     kind = reader.take().word
     if kind == "bg":
-        _graph(reader, found)
+        _graph(reader, submodel)
     elif kind == "eq":
-        found.equations = _equations(reader)
+        submodel.equations = _equations(reader)
     else:
-        found.problems.append((reader.now.line, f"an implementation `{kind}` is not translated"))
+        submodel.problems.append((reader.now.line, f"an implementation `{kind}` is not translated"))
         while reader.now.kind != "end" and reader.now.word != "implementation_end":
             reader.take()
     reader.need("implementation_end")
     reader.skip(";")
-    # some elements of the library have their last equations behind `implementation_end`
-    while found.equations and reader.now.kind == "name" and reader.tokens[reader.at + 1].text in ("=", "["):
-        found.equations.equations += reader.statements("specification", "end")
+    # some elements of the library have their last equations after `implementation_end`
+    while submodel.equations and reader.now.kind == "name" and reader.tokens[reader.at + 1].text in ("=", "["):
+        submodel.equations.equations += reader.statements("specification", "end")
 
 
-def _description(reader: Reader, found: Submodel) -> None:
-    """Skip descriptions, but for the global relations in them."""
+def _description(reader: Reader, submodel: Submodel) -> None:
+    """Skip descriptions, except for the global relations in them."""
     while reader.skip("description", "help"):
         while reader.now.kind == "string":
             token = reader.take()
@@ -132,8 +132,8 @@ def _description(reader: Reader, found: Submodel) -> None:
                 line = token.line + token.text.count("\n", 0, relations.start(1))
                 text = html.unescape(relations.group(1))
                 inner = Reader(tokenise(text, reader.file, line), reader.file)
-                found.comments.update(inner.comments)
-                found.relations = _equations(inner)
+                submodel.comments.update(inner.comments)
+                submodel.relations = _equations(inner)
         reader.skip(";")
 
 
@@ -185,34 +185,34 @@ def _port(reader: Reader) -> Port:
 
 
 def _equations(reader: Reader) -> Equations:
-    found = Equations()
-    declared = {"constants": found.constants, "parameters": found.parameters, "variables": found.variables,
-                "externals": found.externals}
-    written = {"initialequations": found.initial, "equations": found.equations, "code": found.code,
-               "dynamic": found.equations, "finalequations": []}  # the last ones act after the run
+    equations = Equations()
+    declared = {"constants": equations.constants, "parameters": equations.parameters, "variables": equations.variables,
+                "externals": equations.externals}
+    written = {"initialequations": equations.initial, "equations": equations.equations, "code": equations.code,
+               "dynamic": equations.equations, "finalequations": []}  # the last ones act after the run
     while reader.now.kind != "end" and reader.now.word != "implementation_end":
         token = reader.take()
         if token.word in declared:
-            declared[token.word] += reader.declarations(found.problems)
+            declared[token.word] += reader.declarations(equations.problems)
         elif token.word in written:
             written[token.word] += reader.statements()
         elif token.text not in ("", ";") and token.kind != "string":
-            found.problems.append((token.line, f"'{token.text[:30]}' is not translated"))
+            equations.problems.append((token.line, f"'{token.text[:30]}' is not translated"))
             while reader.now.kind != "end" and reader.now.word not in (*declared, *written, "implementation_end"):
                 reader.take()
-    return found
+    return equations
 
 
-def _graph(reader: Reader, found: Submodel) -> None:
+def _graph(reader: Reader, submodel: Submodel) -> None:
     while reader.now.kind != "end" and reader.now.word != "implementation_end":
         if reader.skip("submodels"):
             while reader.now.kind in ("name", "string") and reader.now.word != "end":
-                _part(reader, found)
+                _part(reader, submodel)
             reader.need("end")
             reader.skip(";")
         elif reader.skip("connections"):
             while reader.now.kind in ("name", "string") and reader.now.word != "end":
-                found.connections.append(_connection(reader))
+                submodel.connections.append(_connection(reader))
             reader.need("end")
             reader.skip(";")
         elif reader.now.word in ("figures", "variables", "parameters"):
@@ -222,20 +222,20 @@ def _graph(reader: Reader, found: Submodel) -> None:
             reader.take()
 
 
-def _part(reader: Reader, found: Submodel) -> None:
+def _part(reader: Reader, submodel: Submodel) -> None:
     token = reader.take()
     if token.word == "plug" and reader.now.kind == "name":
         reader.to_semicolon()
         return
-    found.submodels.append(_submodel(reader, token.text.strip("'")))
+    submodel.submodels.append(_submodel(reader, token.text.strip("'")))
 
 
 def _end(reader: Reader) -> str:
-    """One end of a connection: names, in quotes where they hold spaces, with `\\` between them."""
-    found = reader.take().text.strip("'")
-    while reader.now.text == "\\" or (reader.now.kind in ("name", "string") and found.endswith("\\")):
-        found += reader.take().text.strip("'")
-    return found
+    r"""One end of a connection: names, in quotes if they contain spaces, with `\` between them."""
+    path = reader.take().text.strip("'")
+    while reader.now.text == "\\" or (reader.now.kind in ("name", "string") and path.endswith("\\")):
+        path += reader.take().text.strip("'")
+    return path
 
 
 def _connection(reader: Reader) -> Connection:
@@ -248,4 +248,4 @@ def _connection(reader: Reader) -> Connection:
         return Connection(start, stop, sign == "=>", line)
     if sign in ("<-", "<="):
         return Connection(stop, start, sign == "<=", line)
-    raise Unreadable(line, f"'{sign}' is no connection")
+    raise Unreadable(line, f"'{sign}' is not a connection")

@@ -10,8 +10,8 @@ from hashlib import blake2b
 class Expr:
     """A node of an expression. `op` is number, name, text, call, index, matrix, range, if, or the sign of an operation.
 
-    Nodes are equal where they say the same, wherever they stand. Branches share their parts, so a node keeps a digest of
-    what it says (BLAKE2, 128 bits), and nodes are compared by it: to walk through them would visit a part as often as it
+    Nodes with the same content are equal, regardless of their places. Branches share their parts, so a node stores a
+    digest of its content (BLAKE2, 128 bits), by which nodes are compared: a traversal would visit a part as often as it
     is used, which doubles with each choice.
     """
 
@@ -20,13 +20,14 @@ class Expr:
     name: str = ""
     value: float = 0.0
     line: int = 0
-    columns: int = 0  # of a matrix: how many elements a row has
+    columns: int = 0  # number of elements in a row of a matrix
     key: bytes = field(init=False, repr=False)
-    size: int = field(init=False, repr=False)  # how many nodes it has when it is written out
+    size: int = field(init=False, repr=False)  # number of nodes without sharing
 
     def __post_init__(self) -> None:
-        own = f"{self.op}\0{self.name}\0{self.value + 0.0!r}\0{self.columns}\0{len(self.args)}\0".encode("utf-8", "replace")
-        object.__setattr__(self, "key", blake2b(own + b"".join(e.key for e in self.args), digest_size=16).digest())
+        content = f"{self.op}\0{self.name}\0{self.value + 0.0!r}\0{self.columns}\0{len(self.args)}\0".encode("utf-8",
+                                                                                                             "replace")
+        object.__setattr__(self, "key", blake2b(content + b"".join(e.key for e in self.args), digest_size=16).digest())
         object.__setattr__(self, "size", 1 + sum(e.size for e in self.args))
 
     def __hash__(self) -> int:
@@ -79,7 +80,7 @@ class While:
 
 @dataclass(frozen=True)
 class Do:
-    """A call for its effect (`stopsimulation ('...')`), or a statement that cannot be read (`error` says why)."""
+    """A call for its effect (`stopsimulation ('...')`), or a statement that cannot be read (`error` gives the reason)."""
 
     call: Expr
     line: int
@@ -101,7 +102,7 @@ class Declared:
     value: Expr | None = None
     unit: str = ""
     doc: str = ""
-    before: str = ""  # comments on lines of their own before it
+    before: str = ""  # comments on separate lines before it
 
     @property
     def is_global(self) -> bool:
@@ -116,7 +117,7 @@ class Port:
     domain: str
     direction: str
     line: int
-    many: bool = False  # of a knot: one port for each connection
+    many: bool = False  # for a knot: one port for each connection
     size: tuple[Expr, ...] = ()
     unit: str = ""
     terminals: bool = False  # two terminals, `p_high` and `p_low`, of an element of a circuit

@@ -1,5 +1,5 @@
-"""Variables for parts of expressions: of those that are longer or nested more deeply than the formula language accepts, and
-of those that say the same choice several times."""
+"""Variables for parts of expressions: parts that exceed the length or nesting of the formula language, and repeated
+choices."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ from heavebond.import_20sim.sidops_tree import Expr
 LARGEST, PART = 1500, 40  # nodes of an expression, and of a part of a larger one; products of many matrices repeat parts
 
 
-REPEATED = 12  # nodes of an expression that is worth a variable where it stands twice
+REPEATED = 12  # nodes of a repeated expression from which on a variable is worthwhile
 
 
-def share_repeated(made: Component) -> None:
-    """Give choices and calls that stand in several places a variable, the largest first."""
-    while (expr := _repeated(made)) is not None:
-        at = next(k for k, (_, right, _) in enumerate(made.equations) if _holds(right, expr))
-        target = made.equations[at][0]
-        name = made.fresh(f"{f.text(target.args[0] if target.args else target).replace('.', '_')}_part")
-        made.items[name] = Item(name, "variable", "", f"part of {f.text(target)}")
+def share_repeated(component: Component) -> None:
+    """Introduce variables for repeated choices and calls, the largest first."""
+    while (expr := _repeated(component)) is not None:
+        at = next(k for k, (_, right, _) in enumerate(component.equations) if _holds(right, expr))
+        target = component.equations[at][0]
+        name = component.fresh(f"{f.text(target.args[0] if target.args else target).replace('.', '_')}_part")
+        component.items[name] = Item(name, "variable", "", f"part of {f.text(target)}")
         long, short = f.text(expr), f.name(name)
-        made.equations = [(left, _exchanged(right, expr, short), said) for left, right, said in made.equations]
-        made.equations.insert(at, (short, expr, ""))
-        for event in made.events.values():
+        component.equations = [(left, _exchanged(right, expr, short), said) for left, right, said in component.equations]
+        component.equations.insert(at, (short, expr, ""))
+        for event in component.events.values():
             event.then = {own: _exchanged(value, expr, short) for own, value in event.then.items()}
             event.when = {key: text.replace(long, name) for key, text in event.when.items()}  # a call, in its brackets
 
 
-def read_held(made: Component) -> None:
-    """Let equations and events read a held variable by its own name and not by that of the output that shows it, which
-    counts as one that moves."""
-    for shown, right, _ in list(made.equations):
-        if shown.op != "name" or right.op != "name" or right.name not in made.items or made.items[right.name].kind != "held":
+def read_held(component: Component) -> None:
+    """Let equations and events read a held variable directly and not by the output that shows it, which counts as moving."""
+    for shown, right, _ in list(component.equations):
+        if shown.op != "name" or right.op != "name" or right.name not in component.items \
+                or component.items[right.name].kind != "held":
             continue
-        made.equations = [(left, value if left == shown else renamed(value, shown.name, right), said)
-                          for left, value, said in made.equations]
+        component.equations = [(left, value if left == shown else renamed(value, shown.name, right), said)
+                               for left, value, said in component.equations]
         word = re.compile(rf"(?<![\w.]){re.escape(shown.name)}(?![\w.])")
-        for event in made.events.values():
-            event.then = {own: renamed(value, shown.name, right) for own, value in event.then.items()}
+        for event in component.events.values():
+            event.then = {target: renamed(value, shown.name, right) for target, value in event.then.items()}
             event.when = {key: word.sub(right.name, text) for key, text in event.when.items()}
 
 
-def _repeated(made: Component) -> Expr | None:
-    """The largest choice or call in the equations that stands twice in the component."""
+def _repeated(component: Component) -> Expr | None:
+    """The largest choice or call in the equations that occurs twice in the component."""
     seen: set[Expr] = set()
     twice: list[Expr] = []
 
@@ -61,10 +61,10 @@ def _repeated(made: Component) -> Expr | None:
         for e in expr.args:
             visit(e)
 
-    for _, right, _ in made.equations:
+    for _, right, _ in component.equations:
         visit(right)
-    found = [e for e in dict.fromkeys(twice) if not former(e) and not triggers(e)]
-    return max(found, key=lambda e: e.size, default=None)
+    repeated = [e for e in dict.fromkeys(twice) if not former(e) and not triggers(e)]
+    return max(repeated, key=lambda e: e.size, default=None)
 
 
 def _holds(expr: Expr, part: Expr) -> bool:
@@ -77,14 +77,14 @@ def _exchanged(expr: Expr, old: Expr, new: Expr) -> Expr:
     return rebuilt(expr, lambda e: _exchanged(e, old, new)) if expr.size > old.size else expr
 
 
-def split_deep(made: Component) -> None:
-    """Give the inner parts of too large expressions of a component variables of their own."""
-    given, made.equations = made.equations, []
-    whole = [(left, _shallow(made, left.name if left.op == "name" else "sum", right), comment)
-             for left, right, comment in given]
-    made.equations += whole
-    for event in made.events.values():
-        event.then = {name: _shallow(made, name, value) for name, value in event.then.items()}
+def split_deep(component: Component) -> None:
+    """Introduce variables for the inner parts of too large expressions of a component."""
+    former_equations, component.equations = component.equations, []
+    whole = [(left, _shallow(component, left.name if left.op == "name" else "sum", right), comment)
+             for left, right, comment in former_equations]
+    component.equations += whole
+    for event in component.events.values():
+        event.then = {name: _shallow(component, name, value) for name, value in event.then.items()}
 
 
 def _shallow(made: Component, target: str, expr: Expr) -> Expr:
@@ -95,27 +95,28 @@ def _shallow(made: Component, target: str, expr: Expr) -> Expr:
     return rebuilt(expr, lambda e: _part(made, target, inner(made, target, e), large))
 
 
-def _small(made: Component, target: str, expr: Expr) -> Expr:
+def _small(component: Component, target: str, expr: Expr) -> Expr:
     """An expression whose parts of some size are variables."""
-    return rebuilt(expr, lambda e: _part(made, target, _small(made, target, e), True)) if expr.size > PART else expr
+    return rebuilt(expr,
+                   lambda e: _part(component, target, _small(component, target, e), True)) if expr.size > PART else expr
 
 
-def _part(made: Component, target: str, expr: Expr, large: bool) -> Expr:
-    """A variable for an expression that is large, or half as deep as is possible."""
+def _part(component: Component, target: str, expr: Expr, large: bool) -> Expr:
+    """A variable for an expression that is large, or half as deep as permitted."""
     if expr.op in f.TRUTHS or (expr.size <= PART if large else _brackets(expr) < BRACKETS // 2 and
                                _depth(expr) < OPERATIONS // 4):
         return expr
-    known = next((left for left, right, _ in made.equations if right == expr and left.op == "name"), None)
+    known = next((left for left, right, _ in component.equations if right == expr and left.op == "name"), None)
     if known is not None:
         return known
-    name = made.fresh(f"{target.replace('.', '_')}_part")
-    made.items[name] = Item(name, "variable", "", f"part of {target}")
-    made.equations.append((f.name(name), expr, ""))
+    name = component.fresh(f"{target.replace('.', '_')}_part")
+    component.items[name] = Item(name, "variable", "", f"part of {target}")
+    component.equations.append((f.name(name), expr, ""))
     return f.name(name)
 
 
 def _brackets(expr: Expr) -> int:
-    """How deep the brackets of a text are nested."""
+    """Nesting depth of the brackets in a text."""
     depth = most = 0
     for c in f.text(expr):
         depth += (c == "(") - (c == ")")

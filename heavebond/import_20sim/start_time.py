@@ -10,41 +10,42 @@ from heavebond.import_20sim.choices import OPPOSITE, rebuilt
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.sidops_tree import Assign, Do, Equations, Expr, For, If, Statement, Submodel, While
 
-INSTANT = {"timeevent": 0, "step": 0, "ramp": 0, "impulse": 0, "frequencyevent": 1}  # the argument that is a time
+INSTANT = {"timeevent": 0, "step": 0, "ramp": 0, "impulse": 0, "frequencyevent": 1}  # index of the argument that is a time
 
 
 def shift_time(submodel: Submodel, start: float) -> None:
-    """Write the equations of a submodel and of those within it in the time since a start in s. Instants, such as those with
-    which the time is compared, come earlier by the start; everywhere else, `time` is that time plus the start."""
-    for own in (submodel.equations, submodel.relations):
-        if own is not None:
-            _shift(own, start)
+    """Rewrite the equations of a submodel and of those within it in the time since the start, which is given in s.
+    Instants that are compared with the time are reduced by the start; elsewhere, `time` is replaced by that time plus
+    the start."""
+    for section in (submodel.equations, submodel.relations):
+        if section is not None:
+            _shift(section, start)
     for part in submodel.submodels:
         shift_time(part, start)
 
 
-def _shift(own: Equations, start: float) -> None:
-    declared = {d.name.lower() for d in (*own.constants, *own.parameters, *own.variables)}
+def _shift(equations: Equations, start: float) -> None:
+    declared = {d.name.lower() for d in (*equations.constants, *equations.parameters, *equations.variables)}
     if "time" not in declared:
-        for section in (own.initial, own.equations, own.code):
+        for section in (equations.initial, equations.equations, equations.code):
             section[:] = _statements(section, start)
 
 
 def _statements(statements: Iterable[Statement], start: float) -> tuple[Statement, ...]:
-    found: list[Statement] = []
+    shifted_statements: list[Statement] = []
     for s in statements:
         if isinstance(s, Assign):
-            found.append(replace(s, left=_shifted(s.left, start), right=_shifted(s.right, start)))
+            shifted_statements.append(replace(s, left=_shifted(s.left, start), right=_shifted(s.right, start)))
         elif isinstance(s, If):
-            found.append(replace(s, condition=_shifted(s.condition, start), then=_statements(s.then, start),
-                                 otherwise=_statements(s.otherwise, start)))
+            shifted_statements.append(replace(s, condition=_shifted(s.condition, start), then=_statements(s.then, start),
+                                              otherwise=_statements(s.otherwise, start)))
         elif isinstance(s, Do):
-            found.append(replace(s, call=_shifted(s.call, start)))
+            shifted_statements.append(replace(s, call=_shifted(s.call, start)))
         elif isinstance(s, While):
-            found.append(replace(s, condition=_shifted(s.condition, start), body=_statements(s.body, start)))
+            shifted_statements.append(replace(s, condition=_shifted(s.condition, start), body=_statements(s.body, start)))
         elif isinstance(s, For):
-            found.append(replace(s, body=_statements(s.body, start)))
-    return tuple(found)
+            shifted_statements.append(replace(s, body=_statements(s.body, start)))
+    return tuple(shifted_statements)
 
 
 def _shifted(expr: Expr, start: float) -> Expr:
@@ -54,12 +55,12 @@ def _shifted(expr: Expr, start: float) -> Expr:
         return f.number(start)
     if expr.op in OPPOSITE and any(map(_is_time, expr.args)):
         return rebuilt(expr, lambda e: e if _is_time(e) else _earlier(_shifted(e, start), start))
-    found = rebuilt(expr, lambda e: _shifted(e, start))
+    shifted = rebuilt(expr, lambda e: _shifted(e, start))
     at = INSTANT.get(expr.name.lower()) if expr.op == "call" else None
-    if at is None or len(found.args) <= at:
-        return found
-    args = (*found.args[:at], _earlier(found.args[at], start), *found.args[at + 1:])
-    return Expr(found.op, args, found.name, line=found.line)
+    if at is None or len(shifted.args) <= at:
+        return shifted
+    args = (*shifted.args[:at], _earlier(shifted.args[at], start), *shifted.args[at + 1:])
+    return Expr(shifted.op, args, shifted.name, line=shifted.line)
 
 
 def _is_time(expr: Expr) -> bool:

@@ -9,14 +9,15 @@ from heavebond.core.units import Dimension, UnitProblem, declared_unit, dimensio
 
 SPELLINGS = {"sec": "s", "Nm": "N*m", "Nms": "N*m*s", "Ns": "N*s", "Ohm": "ohm", "kOhm": "kohm", "MOhm": "Mohm", "Ah": "A*h",
              "mAh": "mA*h", "Ws": "W*s", "Wh": "W*h", "cc": "cm**3", "kmh": "km/h", "mph": "mile/h"}
-NAMED = ("m", "s", "kg", "K", "A", "mol", "N", "Pa", "W", "V", "ohm", "F", "H", "C", "T", "Wb")  # bases of one token
+# base units of single tokens
+NAMED = ("m", "s", "kg", "K", "A", "mol", "N", "Pa", "W", "V", "ohm", "F", "H", "C", "T", "Wb")
 TURNS = {"deg": "rad", "rev": "rad", "rad": "rad", "rpm": "rad/s"}
 
 
 @dataclass(frozen=True)
 class ReadUnit:
-    """A unit with the base unit for a declaration; a value x of it is `factor * x + offset` in the base. `doc` is the text
-    of a unit that is not known, whose values are left as they are."""
+    """A unit with the base unit for a declaration; a value x of it is `factor * x + offset` in the base. `doc` is the
+    text of an unknown unit, whose values are unchanged."""
 
     base: str = ""
     factor: float = 1.0
@@ -30,7 +31,7 @@ class ReadUnit:
 
 
 def unit_of(text: str) -> ReadUnit:
-    """A unit as 20-sim writes it: `kg.m2`, `N.s/m`, `m.s-1`, `length, mm`; 20-sim computes in SI units, and so do we."""
+    """A unit in the notation of 20-sim: `kg.m2`, `N.s/m`, `m.s-1`, `length, mm`; both programs compute in SI units."""
     text = text.rpartition(",")[2].strip()
     spelt = re.sub(r"[A-Za-z]+", lambda m: SPELLINGS.get(m.group(), m.group()), text)
     plain = re.sub(r"(?<=[A-Za-z])(-?[0-9]+)", r"**\1", spelt.replace(".", "*").replace("^", "**").replace(" ", "*"))
@@ -38,29 +39,30 @@ def unit_of(text: str) -> ReadUnit:
     if plain in ("", "1", "none", "-"):
         return ReadUnit()
     try:
-        found = read_unit(plain)
-        base = plain if found.scale == 1 and not found.offset else _base(plain, found.dimension)
+        unit_read = read_unit(plain)
+        base = plain if unit_read.scale == 1 and not unit_read.offset else _base(plain, unit_read.dimension)
         declared_unit(base)
     except (UnitProblem, ValueError, OverflowError):
         return ReadUnit(doc=f"[{text}]")
-    return ReadUnit("" if base == "1" else base, found.scale, found.offset)
+    return ReadUnit("" if base == "1" else base, unit_read.scale, unit_read.offset)
 
 
 def _base(plain: str, dimension: Dimension) -> str:
-    """The unit of scale 1 for `mm`, `km/h`, `uF` ...: each of its tokens in its base where that is the same quantity."""
+    """The unit of scale 1 for `mm`, `km/h`, `uF` ...: each token in its base unit if that is the same quantity."""
     def token(match: re.Match[str]) -> str:
         word = match.group()
         if word in TURNS:
             return f"({TURNS[word]})" if "/" in TURNS[word] else TURNS[word]
-        own = read_unit(word).dimension
-        return next((name for name in NAMED if read_unit(name).dimension == own), f"({dimension_text(own)})")
+        measured = read_unit(word).dimension
+        return next((name for name in NAMED if read_unit(name).dimension == measured),
+                    f"({dimension_text(measured)})")
 
     try:
-        found = re.sub(r"[A-Za-z]+", token, plain)
-        found = found[1:-1] if found.startswith("(") and found.endswith(")") and found.count("(") == 1 else found
-        read = read_unit(found)
+        base = re.sub(r"[A-Za-z]+", token, plain)
+        base = base[1:-1] if base.startswith("(") and base.endswith(")") and base.count("(") == 1 else base
+        read = read_unit(base)
         if read.scale == 1 and not read.offset and read.dimension == dimension:
-            return found
+            return base
     except (UnitProblem, ValueError, OverflowError):
         pass
     return dimension_text(dimension)

@@ -1,4 +1,4 @@
-"""Diagrams, blocks and components of an imported model as YAML that is good to read."""
+"""Diagrams, blocks and components of an imported model as readable YAML."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from heavebond.import_20sim.block import Block, Part
 from heavebond.import_20sim.choices import names
 from heavebond.import_20sim.component import Component, Event, Item
 
-WIDTH = 125  # of a line
+WIDTH = 125  # characters of a line
 
 
 def scalar(text: str) -> str:
-    """A plain scalar of YAML, in quotes where it needs them; control characters become spaces."""
+    """A plain scalar of YAML, in quotes if necessary; control characters become spaces."""
     plain = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     if re.fullmatch(r"[A-Za-z0-9_(=.-][\w ().*/+=-]*", plain, re.ASCII) and not plain.endswith(" ") and " #" not in plain:
         return plain
@@ -43,11 +43,11 @@ def _ports(items: Iterable[Item]) -> list[str]:
     return ["ports:", *lines] if lines else []
 
 
-def _declared(made: Component, defaults: bool) -> list[str]:
+def _declared(component: Component, defaults: bool) -> list[str]:
     lines = []
     for title, kinds in (("parameters", ("parameter",)), ("variables", ("variable", "held"))):
-        items = made.of_kind(*kinds)
-        tables = made.tables if title == "parameters" else {}
+        items = component.of_kind(*kinds)
+        tables = component.tables if title == "parameters" else {}
         if items or tables:
             lines.append(f"{title}:")
         for name, table in tables.items():
@@ -74,35 +74,35 @@ def _declared(made: Component, defaults: bool) -> list[str]:
     return lines
 
 
-def component_text(made: Component, name: str, defaults: bool = True) -> str:
-    """The file of a component made of equations; without `defaults`, what all parts of its kind have in common."""
-    lines = [f"component: {name}", f"summary: {scalar(made.summary)}"]
-    if made.untranslated:
-        lines.append(f"placeholder: {scalar('; '.join(f'line {k}: {w}' for k, w in made.untranslated))}")
-    if made.omitted:
-        lines.append(f"restrictions: {scalar('; '.join(w for _, w in made.omitted))}")
-    lines += ["units: unchecked", *_ports(made.items.values()), *_declared(made, defaults)]
-    if required := [r for r in made.requires if set(names(r)) <= set(made.items)]:
+def component_text(component: Component, name: str, defaults: bool = True) -> str:
+    """The file of a component made of equations; without `defaults`, the common text of all parts of its kind."""
+    lines = [f"component: {name}", f"summary: {scalar(component.summary)}"]
+    if component.untranslated:
+        lines.append(f"placeholder: {scalar('; '.join(f'line {k}: {w}' for k, w in component.untranslated))}")
+    if component.omitted:
+        lines.append(f"restrictions: {scalar('; '.join(w for _, w in component.omitted))}")
+    lines += ["units: unchecked", *_ports(component.items.values()), *_declared(component, defaults)]
+    if required := [r for r in component.requires if set(names(r)) <= set(component.items)]:
         lines.append(f"requires: [{', '.join(scalar_formula(f.text(r)) for r in required)}]")
-    if made.equations:
+    if component.equations:
         lines.append("equations: |")
-        width = max((len(f.text(left)) for left, *_ in made.equations if len(f.text(left)) < 16), default=0)
-        for left, right, comment in made.equations:
+        width = max((len(f.text(left)) for left, *_ in component.equations if len(f.text(left)) < 16), default=0)
+        for left, right, comment in component.equations:
             *before, beside = comment.split("\n")
             lines += [f"  # {remark(text)}" for text in before]
             said = f"   # {remark(beside)}" if beside else ""
             lines.append(f"  {f.text(left):<{width}} = {_side(right)}{said}")
-    if made.events:
+    if component.events:
         lines.append("when:")
-        for name_of, event in made.events.items():
+        for name_of, event in component.events.items():
             lines += _event(name_of, event)
-    if any(item.kind == "bond" for item in made.items.values()):
+    if any(item.kind == "bond" for item in component.items.values()):
         lines.append('power: "controlled, imported equations whose power balance is not checked"')
     return "\n".join(lines) + "\n"
 
 
 def _event(name: str, event: Event) -> list[str]:
-    """An event on one line, or on several where it is long."""
+    """An event on one line, or on several if it is long."""
     instant = [(key, scalar_formula(formula)) for key, formula in event.when.items()]
     values = [(n, scalar_formula(f.value_text(v))) for n, v in event.then.items()]
     line = f"  {name}: {mapping([*instant, ('then', mapping(values))])}"
@@ -138,27 +138,27 @@ def _place(pixels: float) -> str:
     return f"{round(pixels / 40, 1) + 0.0:g}"
 
 
-def parts_text(made: Block, names: Mapping[int, str], values: Mapping[int, Iterable[tuple[str, str]]], x: float, y: float
+def parts_text(block: Block, names: Mapping[int, str], values: Mapping[int, Iterable[tuple[str, str]]], x: float, y: float
                ) -> list[str]:
     """`components:` and `nodes:` of a block or diagram."""
     lines = ["components:"]
-    width = max((len(p.name) for p in made.parts.values()), default=0) + 1
-    for part in made.parts.values():
+    width = max((len(p.name) for p in block.parts.values()), default=0) + 1
+    for part in block.parts.values():
         entries = [("is", names[id(part.what)]), *values.get(id(part.what), ()),
                    *((n, v) for n, v in part.inputs.items()),
                    ("at", f"[{_place(part.x - x)}, {_place(y - part.y)}]")]
         lines.append(f"  {part.name + ':':<{width}} {mapping(entries)}")
-    if made.nodes:
+    if block.nodes:
         lines.append("nodes:")
-        lines += [f"  {name}: [{', '.join(scalar(end) for end in ends)}]" for name, ends in made.nodes.items()]
+        lines += [f"  {name}: [{', '.join(scalar(end) for end in ends)}]" for name, ends in block.nodes.items()]
     return lines
 
 
-def block_text(made: Block, name: str, parts: list[str]) -> str:
+def block_text(block: Block, name: str, parts: list[str]) -> str:
     """The file of a block."""
-    lines = [f"component: {name}", f"summary: {scalar(made.summary)}", *_ports(made.items.values()), *parts]
-    if made.equations:
-        lines += ["equations: |", *(f"  {left} = {right}" for left, right in made.equations)]
+    lines = [f"component: {name}", f"summary: {scalar(block.summary)}", *_ports(block.items.values()), *parts]
+    if block.equations:
+        lines += ["equations: |", *(f"  {left} = {right}" for left, right in block.equations)]
     return "\n".join(lines) + "\n"
 
 

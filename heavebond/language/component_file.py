@@ -27,6 +27,7 @@ from heavebond.language.definition import (
 from heavebond.language.effects import EffectReader, read_meaning, read_search_range, read_typical
 from heavebond.language.equation_lines import equation_lines
 from heavebond.language.extension import extension
+from heavebond.language.state_chart import read_states, written_out
 from heavebond.language.when import resets, when_entries
 from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
@@ -34,14 +35,14 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
-    "travel_time", "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect", "domain",
-    "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation")
+    "travel_time", "opens", "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect",
+    "domain", "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states")
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
 
 def parse_component(source: Source, domains: Dictionary[str, Domain], base: Component | None = None) -> Component:
-    """A component file as a value, `base` the component that it extends; ModelError with all problems of form (the three
-    laws are checked apart)."""
+    """Convert a component file to a value, where `base` is the component that it extends; ModelError with all problems of
+    form (the three laws are checked separately)."""
     problems = Problems()
     component = _Parser(source, domains, problems).component() if base is None else extension(source, base, problems)
     problems.raise_as(ModelError)
@@ -56,11 +57,11 @@ class _Parser:
 
     def component(self) -> Component:
         root, problems = self.source.root, self.problems
-        what = f"component '{reading.text(root.items.get('component'), 'component', problems)}'"
-        reading.known_keys(root, COMPONENT_KEYS, what, problems, required=("component", "summary"))
+        subject = f"component '{reading.text(root.items.get('component'), 'component', problems)}'"
+        reading.known_keys(root, COMPONENT_KEYS, subject, problems, required=("component", "summary"))
         for key in ("extends", "set"):
             if key in root.items:
-                problems.add("extends-missing", "`extends:` is no name of a component" if key == "extends" else
+                problems.add("extends-missing", "`extends:` is not the name of a component" if key == "extends" else
                              "`set:` gives values to a component that this one extends; `extends:` is missing",
                              root.keys[key].place, hint="Write `extends: Fluid`, or give each parameter its `default:`.")
         name = root.items.get("component")
@@ -72,6 +73,12 @@ class _Parser:
         variables = reading.declarations(root.items.get("variables"), "variables", self._variable, problems)
         parameters = reading.declarations(root.items.get("parameters"), "parameters",
                                           lambda key, entry: self._parameter(key, entry, variables), problems)
+        equations, events = self._equations(root.items.get("equations")), when_entries(root.items.get("when"), problems)
+        states = read_states(root.items.get("states"), problems)
+        if states:
+            chart = written_out(states, signals, parameters, {**ports, **variables}, problems)
+            variables = {**variables, **{n: v for n, v in chart.variables.items() if n not in variables}}
+            equations, events = (*equations, *chart.equations), (*events, *chart.events)
         effects = EffectReader(ports, signals, parameters, variables, problems)
         effects.dormant()
         return Component(
@@ -79,11 +86,11 @@ class _Parser:
             summary=reading.text(root.items.get("summary"), "summary", problems),
             place=place, path=self.source.path, ports=ports, signals=signals,
             parameters=parameters, variables=variables,
-            equations=self._equations(root.items.get("equations")),
+            equations=equations,
             initial=resets("initial", root.items.get("initial"), "Write `initial: {z: u}`.", problems),
-            when=when_entries(root.items.get("when"), problems),
+            when=events,
             body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
-            travel_time=self._formula(root, "travel_time"),
+            travel_time=self._formula(root, "travel_time"), opens=self._formula(root, "opens"),
             stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
             unbalanced=unbalanced, unbalanced_why=why,
             power=self._power(root.items.get("power")),
@@ -96,6 +103,7 @@ class _Parser:
             placeholder=reading.text(root.items.get("placeholder"), "placeholder", problems),
             units_checked=self._units_checked(root.items.get("units")),
             approximation=self._approximation(root.items.get("approximation"), parameters),
+            states=states,
         )
 
     def _approximation(self, node: Node | None, parameters: Dictionary[str, Parameter]) -> Approximation | None:
@@ -105,7 +113,7 @@ class _Parser:
         reading.known_keys(entry, ("is", "order"), "approximation", self.problems, ("is", "order"))
         kind, order = (reading.text(entry.items.get(key), key, self.problems) for key in ("is", "order"))
         if order and not (order in parameters and parameters[order].integer):
-            self.problems.add("approximation-order", f"`order: {order}` is no whole number of this component",
+            self.problems.add("approximation-order", f"`order: {order}` is not a whole number of this component",
                               entry.items["order"].place, hint="Declare it: `m: {integer, min: 0, default: 0}`.")
         return Approximation(kind, order, entry.place)
 
@@ -115,45 +123,46 @@ class _Parser:
         if entry is None:
             return None
         reading.known_keys(entry, ("of", "by"), f"delay of '{key.text}'", self.problems, ("of", "by"))
-        for other in ("held", "start", "physical", "count"):
-            if other in node.items:
-                self.problems.add("delayed-twice", f"'{key.text}' has `delayed:` and `{other}:`", node.keys[other].place,
-                                  hint="A delayed variable is one number that its source decides; leave the other key out.")
+        for other_key in ("held", "start", "physical", "count"):
+            if other_key in node.items:
+                self.problems.add("delayed-twice", f"'{key.text}' has `delayed:` and `{other_key}:`",
+                                  node.keys[other_key].place,
+                                  hint="A delayed variable is one number that its source determines; remove the other key.")
         of, by = reading.text(entry.items.get("of"), "of", self.problems), self._formula(entry, "by")
         return None if by is None else Delayed(of, by, entry.place)
 
     def _units_checked(self, node: Node | None) -> bool:
-        said = reading.text(node, "units", self.problems)
-        if node is not None and said != "unchecked":
-            self.problems.add("units-unknown", f"`units: {said}` has no meaning", node.place,
+        word = reading.text(node, "units", self.problems)
+        if node is not None and word != "unchecked":
+            self.problems.add("units-unknown", f"`units: {word}` has no meaning", node.place,
                               hint="Write `units: unchecked`, or leave the key out: units are checked then.")
         return node is None
 
     def _sliding(self, node: Node | None, parameters: Dictionary[str, Parameter], variables: Dictionary[str, Variable]
                  ) -> dict[str, float]:
-        """What is set where the dry friction of a component is linearised as it slides, in SI."""
+        """Values that are set when the dry friction of a component is linearised in sliding, in SI."""
         entries = reading.mapping(node, "sliding", self.problems, "Write `sliding: {F_c: 0 N}`.")
-        found: dict[str, float] = {}
+        values: dict[str, float] = {}
         held = {name: variable for name, variable in variables.items() if variable.held is not None}
-        own: dict[str, Parameter | Variable] = {**parameters, **held}
+        declared: dict[str, Parameter | Variable] = {**parameters, **held}
         for name, item in (entries.items if entries else {}).items():
-            if name not in own:
-                self.problems.add("sliding-unknown", f"`sliding`: '{name}' is no parameter and no held variable of this "
-                                  "component", item.place, hint=suggest(name, own))
+            if name not in declared:
+                self.problems.add("sliding-unknown", f"`sliding`: '{name}' is neither a parameter nor a held variable of "
+                                                     "this component", item.place, hint=suggest(name, declared))
                 continue
             assert entries is not None
-            number = self._bound(entries, name, own[name].unit, entries.keys[name])
+            number = self._bound(entries, name, declared[name].unit, entries.keys[name])
             if number is not None:
-                found[name] = number
-        return found
+                values[name] = number
+        return values
 
     def _power(self, node: Node | None) -> str:
-        said = reading.text(node, "power", self.problems)
-        if node is not None and said != "source" and not re.match(r"controlled, \w", said):
-            self.problems.add("power-unknown", f"`power: {said}` has no meaning", node.place,
-                              hint="Write `power: source`, or `power: controlled,` and why; leave it out where power "
-                              "is balanced.")
-        return said
+        word = reading.text(node, "power", self.problems)
+        if node is not None and word != "source" and not re.match(r"controlled, \w", word):
+            self.problems.add("power-unknown", f"`power: {word}` has no meaning", node.place,
+                              hint="Write `power: source`, or `power: controlled,` and the reason; remove it if power is "
+                                   "balanced.")
+        return word
 
     def _ports(self, node: Node | None) -> tuple[dict[str, Port], dict[str, SignalPort]]:
         ports: dict[str, Port] = {}
@@ -189,13 +198,13 @@ class _Parser:
             doc = reading.text(entry.items.get("doc"), "doc", self.problems)
             count, columns = self._shape(entry)
             if columns is not None:
-                self.problems.add("count-bad", f"port '{key.text}' has one number, how many ports it is",
+                self.problems.add("count-bad", f"port '{key.text}' has one number, its number of ports",
                                   entry.items["count"].place,
                                   hint="Write `count: n`; a matrix is a parameter, a variable or a signal.")
         ports[key.text] = Port(key.text, domain, key.place, doc, count)
 
     def _shape(self, node: Mapping) -> tuple[Expr | None, Expr | None]:
-        """How many it is a list of, or the rows and columns of a matrix, by whole numbers."""
+        """Length of a list, or rows and columns of a matrix, as expressions of whole numbers."""
         count, columns = (*reading.sizes(node, self.problems), None, None)[:2]
         return count, columns
 
@@ -203,7 +212,7 @@ class _Parser:
         reading.known_keys(node, ("signal", "unit", "doc", "count"), f"signal '{key.text}'", self.problems, ("unit",))
         direction = reading.text(node.items.get("signal"), "signal", self.problems)
         if direction not in ("in", "out"):
-            self.problems.add("signal-direction", f"'{direction}' is no direction of a signal",
+            self.problems.add("signal-direction", f"'{direction}' is not a direction of a signal",
                               node.items["signal"].place, hint="Write `signal: in` or `signal: out`.")
         unit = reading.unit(node.items.get("unit"), self.problems) or DIMENSIONLESS
         return SignalPort(key.text, direction, unit, key.place,
@@ -244,16 +253,16 @@ class _Parser:
         if bounds["physical"] is not None and not beyond:
             self.problems.add("beyond-missing", f"'{key.text}' has a physical limit, but no text for a run that passes it",
                               node.keys["physical"].place,
-                              hint="Add `beyond:`, what happens there and which component models it.")
+                              hint="Add `beyond:` with a description of that state and the component that models it.")
         if "physical" in node.items and "held" in node.items:
             self.problems.add("held-physical", f"'{key.text}' has `physical:` and `held:`", node.keys["physical"].place,
                               hint="Only variables that equations determine have a physical limit.")
         if bounds["nominal"] is not None and not bounds["nominal"] > 0:
-            self.problems.add("nominal-not-positive", f"'nominal' of '{key.text}' is a size: it must be above 0",
-                              node.items["nominal"].place, hint="Write the size that the variable commonly has.")
+            self.problems.add("nominal-not-positive", f"'nominal' of '{key.text}' is not above 0, as a size must be",
+                              node.items["nominal"].place, hint="Write the usual size of the variable.")
         if "start" in node.items and "held" in node.items:
             self.problems.add("held-start", f"'{key.text}' has `start:` and `held:`", node.keys["start"].place,
-                              hint="`held:` is the value that it starts at; leave `start:` out.")
+                              hint="`held:` is its initial value; remove `start:`.")
         count, columns = self._shape(node)
         return Variable(key.text, unit or DIMENSIONLESS, key.place,
                         reading.text(node.items.get("doc"), "doc", self.problems), bounds["min"], bounds["max"],
@@ -261,32 +270,32 @@ class _Parser:
                         self._delayed(node, key))
 
     def _bound(self, node: Mapping, name: str, unit: Unit | None, key: Scalar) -> float | None:
-        """A bound or default in SI; its unit may be left out where the declared one is dimensionless or it is 0.
+        """A bound or default in SI; the unit may be omitted if the declared one is dimensionless or the value is 0.
 
-        `unit` is None where the declared one could not be read, which is said already.
+        `unit` is None if the declared unit could not be read, which is reported already.
         """
         item = node.items.get(name)
-        found = reading.value(item, f"{name} of {key.text}", self.problems) if item is not None else None
-        if found is None:
+        quantity = reading.value(item, f"{name} of {key.text}", self.problems) if item is not None else None
+        if quantity is None:
             return None
-        number = constant(found.expr)
+        number = constant(quantity.expr)
         if number is None:
-            self.problems.add("not-a-quantity", f"{name} of {key.text} must be a plain quantity", found.place,
+            self.problems.add("not-a-quantity", f"{name} of {key.text} must be a plain quantity", quantity.place,
                               hint="Write a number with its unit.")
             return None
-        given = found.expr.unit if isinstance(found.expr, Number) else None
-        if unit is None or (is_generic(unit.dimension) and given is None):
+        unit_given = quantity.expr.unit if isinstance(quantity.expr, Number) else None
+        if unit is None or (is_generic(unit.dimension) and unit_given is None):
             return number
         try:
-            if unit.dimension != ONE or given is not None:
-                check_unit(given, unit, number, found.text)
+            if unit.dimension != ONE or unit_given is not None:
+                check_unit(unit_given, unit, number, quantity.text)
         except UnitProblem as problem:
-            self.problems.add(problem.code, f"{name} of {key.text}: {problem.message}", found.place, hint=problem.hint)
+            self.problems.add(problem.code, f"{name} of {key.text}: {problem.message}", quantity.place, hint=problem.hint)
         return number
 
     def _equations(self, node: Node | None) -> tuple[EquationLine, ...]:
-        found = (self._equation(*line) for line in equation_lines(node, self.problems))
-        return tuple(equation for equation in found if equation is not None)
+        equation_list = (self._equation(*line) for line in equation_lines(node, self.problems))
+        return tuple(equation for equation in equation_list if equation is not None)
 
     def _equation(self, content: str, label: str, place: Place) -> EquationLine | None:
         each = None
@@ -302,7 +311,7 @@ class _Parser:
         tree = reading.parsed(parse_equation, content, begin, self.problems)
         if tree is None:
             return None
-        # the place is where the tree's columns count from; it covers the whole equation
+        # columns of the tree count from this place; it covers the whole equation
         return EquationLine(tree, content, label, begin.moved(0, len(content)), each)
 
     def _formula(self, root: Mapping, key: str) -> Formula | None:
@@ -319,12 +328,12 @@ class _Parser:
         return self._formula(entry, "power"), reading.text(entry.items.get("why"), "why", self.problems)
 
     def _requires(self, node: Node | None) -> tuple[Formula, ...]:
-        found = [self._requirement(word) for word in reading.words(node, "requires", self.problems)]
-        return tuple(f for f in found if f is not None)
+        requirements = [self._requirement(word) for word in reading.words(node, "requires", self.problems)]
+        return tuple(f for f in requirements if f is not None)
 
     def _requirement(self, word: Scalar) -> Formula | None:
-        """A comparison; `x[i] < x[i + 1] for i in 1..n - 1` holds where the number of those that do not is 0."""
-        body, loop, rest = word.text.partition(" for ")
-        counted = f"sum(if_else({body}, 0, 1) for {rest}) == 0"
+        """A comparison; `x[i] < x[i + 1] for i in 1..n - 1` is true if no i violates it."""
+        body, loop, ranges = word.text.partition(" for ")
+        counted = f"sum(if_else({body}, 0, 1) for {ranges}) == 0"
         read = reading.formula_of(replace(word, text=counted) if loop else word, "requires", self.problems)
         return read if read is None else replace(read, text=word.text)

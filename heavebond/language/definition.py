@@ -12,15 +12,14 @@ from heavebond.core.errors import Place
 from heavebond.core.units import Range, Unit
 from heavebond.text.expression import Call, Compare, Equation, Expr, FunctionCall, Name, children, inside
 
-REGULARISED = ("smooth_sign", "signed_sqrt")  # functions whose second argument is the width over which they turn
+REGULARISED = ("smooth_sign", "signed_sqrt")  # functions whose second argument is the width of their transition
 
 
 @dataclass(frozen=True)
 class Member:
-    """One variable of a port: its unit, the size that it commonly has (for scaling; `sized` tells whether the domain
-    declares one), what it never falls below, and the guess where a start is searched and nothing else is known. Below
-    `physical` its laws mean nothing; `beyond` says what that is and what to do. No machine has a value larger than
-    `largest`. `noun` is what it is called in a sentence."""
+    """One variable of a port: its unit, its usual size (for scaling; `sized` is True if the domain declares one), its
+    lower limit, and its guess in the search for a start. Below `physical` its laws are not valid; `beyond` describes
+    the state there and the remedy. No machine has a value larger than `largest`. `noun` is its name in a sentence."""
 
     name: str
     unit: Unit
@@ -37,14 +36,14 @@ class Member:
 
 @dataclass(frozen=True)
 class Domain:
-    """What a wire of one kind carries: `across` is shared at a node, `through` sums to zero. Power is the sum of effort
-    times flow over the pairs of `efforts` and `flows` (a machine in a plane has three), or the one variable `power`; in
-    mechanics the flows are the rates of the `positions`. `effort`, `flow` and `position` are those of a domain with one
-    pair, else None. `reference` is the component that stands for the surroundings: the ground, a tank; `medium` the one
-    that sets what flows in a circuit; `fills` the component, with its settings, that a node without storage is given where
-    a run stops without. Where the effort is `relative`, a voltage, only its differences mean something: its zero is
-    wherever ground was put. Lines are drawn in `colour`, areas in `pale`. What is `determined_by` fixes the shared variable
-    of a node; a `compliance` ends a rigid loop."""
+    """The kind of a wire: `across` variables are shared at a node, `through` variables sum to zero. Power is the sum of
+    effort times flow over the pairs of `efforts` and `flows` (three in planar mechanics), or the one variable `power`;
+    in mechanics the flows are the rates of the `positions`. `effort`, `flow` and `position` are the variables of a
+    domain with one pair, else None. `reference` is the component that represents the surroundings: the ground, a tank.
+    `medium` is the component that sets the fluid of a circuit; `fills` is the component, with its settings, that is
+    added to a node without storage if a run fails without it. If the effort is `relative`, as a voltage, only its
+    differences have a meaning, and its zero is at the ground. Lines are drawn in `colour`, areas in `pale`. Components
+    in `determined_by` fix the shared variable of a node; a `compliance` removes a rigid loop."""
 
     name: str
     members: dict[str, Member]
@@ -65,17 +64,14 @@ class Domain:
 
     @property
     def effort(self) -> str | None:
-        """The effort of a domain with one pair."""
         return self.efforts[0] if len(self.efforts) == 1 else None
 
     @property
     def flow(self) -> str | None:
-        """The flow of a domain with one pair."""
         return self.flows[0] if len(self.flows) == 1 else None
 
     @property
     def position(self) -> str | None:
-        """The position of a domain with one pair."""
         return self.positions[0] if len(self.positions) == 1 else None
 
     @property
@@ -88,14 +84,14 @@ class Domain:
         return self.flows[self.positions.index(position)]
 
     def role(self, member: str) -> str:
-        """The member's own name for `effort` and `flow` as generic ports write them."""
+        """Name of the domain's member for `effort` or `flow` of a generic port."""
         generic = {"effort": self.effort, "flow": self.flow, "position": self.position}
         return generic.get(member) or member
 
 
 @dataclass(frozen=True)
 class Port:
-    """A power port; `domain` may be `$D` (taken from what it is wired to), `count` makes it an array."""
+    """A power port. `domain` may be `$D` (taken from the connected node); `count` makes it an array."""
 
     name: str
     domain: str
@@ -119,8 +115,8 @@ class SignalPort:
 
 @dataclass(frozen=True)
 class Value:
-    """A number with its unit or a formula, as written in a diagram; `si`: a plain Python number in SI; `file`: the one in
-    whose column it stands."""
+    """A number with its unit or a formula, as written in a diagram. `si`: a plain Python number in SI; `file`: the file
+    whose column contains the value."""
 
     expr: Expr
     text: str
@@ -134,10 +130,10 @@ class Value:
 class FileInput:
     """A signal given by a column of a measured file; `interpolation` is spline, linear or hold.
 
-    `file` is `Path()` where the experiment's record is meant. `bridge`: gaps may be gone across. `zero` is the file and its
-    column of times from whose first row times of a clock count, where that is another one's. `noise` is the standard
-    deviation of its white noise, in `unit` (0: none is known); `seed` that of a realisation of this noise to be added to
-    the readings; `smooth` the frequency in Hz above which a smoothing spline takes away more than half.
+    `file` is `Path()` for the record of the experiment. `bridge`: interpolate across gaps. `zero` is the file, with its
+    time column, whose first row is the zero of clock times, if it is another file. `noise` is the standard deviation of
+    its white noise, in `unit` (0: unknown); `seed` selects a realisation of this noise that is added to the readings;
+    `smooth` is the frequency in Hz above which a smoothing spline attenuates by more than half.
     """
 
     file: Path
@@ -156,9 +152,9 @@ class FileInput:
 
 @dataclass(frozen=True)
 class SearchRange:
-    """Where a number of an effect is sought: within a range, or within that in which the component's own variable
-    `seen` moves while a record is simulated; or it is not sought but `held` at the middle of that motion, at half its span
-    or at its peak (see HELD)."""
+    """Range in which a number of an effect is sought: a given range, or the range of the component's variable `seen`
+    while a record is simulated. A `held` number is not sought: it is fixed at the middle of that motion, at half its
+    span or at its peak (see HELD)."""
 
     range: Range | None
     seen: str
@@ -171,8 +167,8 @@ HELD = ("middle", "half", "peak")
 
 @dataclass(frozen=True)
 class Meaning:
-    """A sentence of physics about an effect: `texts` with a field between each two of them. A field is a name (`part`,
-    `place`, a port or a parameter) or a formula of the component's parameters."""
+    """A sentence of physics about an effect: `texts` with a field between each pair. A field is a name (`part`, `place`,
+    a port or a parameter) or a formula of the component's parameters."""
 
     texts: tuple[str, ...]
     fields: tuple[str | Expr, ...]
@@ -181,8 +177,8 @@ class Meaning:
 
 @dataclass(frozen=True)
 class Typical:
-    """Between which values a parameter commonly lies, and who says so; without a range, `source` is what an engineer
-    compares its value with."""
+    """Usual range of a parameter, with its source; without a range, `source` is the quantity to which an engineer
+    compares the value."""
 
     range: Range | None
     source: str
@@ -190,17 +186,17 @@ class Typical:
 
 @dataclass(frozen=True)
 class Effect:
-    """What a component would be if it were missing from a diagram: an entry of the catalogue.
+    """A component as a candidate for a missing effect: an entry of the catalogue.
 
-    kind: what a finding is called, the same for all laws of a kind; attaches: where it may stand (see ATTACHES);
-    amplitude: parameters that are zero where the effect is absent (None), or that have no such value and are sought
-    within a range; shapes: the other parameters that are sought; also: further ports and the domain on whose nodes they
-    are tried; replaces: the components whose place it takes, `start` giving its parameters by those of the `old` one: an
-    amplitude under `start` is absent at that value instead of zero; settled: variables (`v`) and rates (`der(v)`) that are
-    zero at the start of a record, as far as that is open: a machine that runs already; meaning: what the effect does, with
-    its values, in a sentence; requires: kinds of components of which one must stand on the node of a port, or that a
-    variable REVERSES in the records; acts: a quantity that is above zero while the effect acts; varies_with: of the
-    factor of a parameter, what its input is (see VARIES_WITH).
+    kind: class of the effect, equal for all its laws; attaches: permitted places (see ATTACHES); amplitude: parameters
+    that are zero if the effect is absent (None), or that have no such value and are sought within a range; shapes: the
+    other parameters that are sought; also: further ports and the domain on whose nodes they are tried; replaces: the
+    components that it replaces, with `start` giving its parameters as formulas of the `old` one: an amplitude under
+    `start` is absent at that value instead of zero; settled: variables (`v`) and rates (`der(v)`) that are zero at the
+    start of a record if the record leaves them open, because the machine runs already; meaning: a sentence on the effect
+    with its values; requires: kinds of components of which one must be connected to the node of a port, or that a
+    variable REVERSES in the records; acts: a quantity that is above zero while the effect acts; varies_with: for the
+    factor of a parameter, the kind of its input (see VARIES_WITH).
     """
 
     kind: str
@@ -219,12 +215,12 @@ class Effect:
     varies_with: tuple[str, ...] = ()
 
 
-REVERSES = "reverses"  # what `requires:` asks of a variable: that it does not move in one direction only
+REVERSES = "reverses"  # `requires:` of a variable: that it moves in both directions
 
 # between two nodes; on a node; between a port and its node; before a signal input; behind a measured output; as the factor
 # of a part's parameter
 ATTACHES = ("across", "at", "in series", "input", "channel", "parameter")
-# what a parameter may vary with: a variable of its part that changes its sign, any variable of its part, the time, a time
+# inputs of a factor: a variable of its part that changes its sign, any variable of its part, the time, a time
 VARIES_WITH = ("rate", "variable", "time", "instant")
 FACTOR = "factor"  # the variable of a component that is the factor of a parameter
 
@@ -233,12 +229,12 @@ FACTOR = "factor"  # the variable of a component that is the factor of a paramet
 class Parameter:
     """A constant of a component, or with `count` a list of them, with `columns` a matrix; bounds and default in SI.
 
-    `neutral` is the value at which an effect is absent: such a parameter is a dormant effect, called `kind`, `sought`
-    within a range when it wakes and with it those it `wakes_with`; `meaning` describes the effect with its value.
-    `medium` names the parameter of the circuit's medium whose value it takes where it is not given.
-    An `instant` is a time at which something begins or changes: the beginning of a record does not tell it.
-    A `width` is that of a transition which makes a law smooth: results should not depend on it. One in the unit of a speed
-    is that of dry friction around rest.
+    `neutral` is the value at which an effect is absent. Such a parameter is a dormant effect of the class `kind`; when it
+    is active it is `sought` within a range, together with the parameters that it `wakes_with`; `meaning` describes the
+    effect with its value. `medium` names the parameter of the circuit's medium that is the default. An `instant` is a
+    time at which something begins or changes; it is independent of the beginning of a record. A `width` is the width of a
+    transition that makes a law smooth: results should not depend on it. A width in the unit of a speed belongs to dry
+    friction near rest.
     """
 
     name: str
@@ -264,18 +260,18 @@ class Parameter:
 
 def rate_of(text: str) -> str | None:
     """The variable of which `der(v)` is the rate; None for any other text."""
-    found = re.fullmatch(r"der\((.+)\)", text)
-    return found[1] if found is not None else None
+    rate_match = re.fullmatch(r"der\((.+)\)", text)
+    return rate_match[1] if rate_match is not None else None
 
 
 @dataclass(frozen=True)
 class Variable:
-    """An inner unknown of a component, or with `count` a list or matrix of them; `start` is the guess where nothing else is
-    known, `nominal` its typical size where that is not the usual one of its unit. A run ends where it falls below its
-    `physical` limit; `beyond` says what happens there and what models it.
+    """An inner unknown of a component, or with `count` a list or matrix of them. `start` is its guess without other
+    information, `nominal` its typical size if it differs from the usual size of its unit. A run ends if it falls below
+    its `physical` limit; `beyond` describes the state there and a component that models it.
 
-    With `held`, the value that it starts at, it is no unknown: it is constant between events, which alone change it. With
-    `delayed` no equation of the component decides it: it is another variable at an earlier time.
+    With `held`, its initial value, it is not an unknown: it is constant between events, and only events change it. With
+    `delayed` source and delay, if it is another variable at an earlier time, and no equation of the component determines it.
     """
 
     name: str
@@ -306,8 +302,8 @@ class Delayed:
 
 @dataclass(frozen=True)
 class Approximation:
-    """The component `kind` without history that takes the place of one with delayed variables: where the whole number
-    `order` is above 0, and in computations that keep no history."""
+    """The component `kind` without history that replaces one with delayed variables, if the whole number `order` is above
+    0 and in computations that keep no history."""
 
     kind: str
     order: str
@@ -316,7 +312,7 @@ class Approximation:
 
 @dataclass(frozen=True)
 class EquationLine:
-    """One equation with its name (the `#` comment) and where it stands; `each` is (index, low, high) or None."""
+    """One equation with its name (the `#` comment) and its place in the file; `each` is (index, low, high) or None."""
 
     tree: Equation
     text: str
@@ -327,7 +323,7 @@ class EquationLine:
 
 @dataclass(frozen=True)
 class Formula:
-    """An expression of a component that is no equation (stores, dissipates, a requirement)."""
+    """An expression of a component other than an equation (stores, dissipates, a requirement)."""
 
     tree: Expr
     text: str
@@ -336,7 +332,7 @@ class Formula:
 
 @dataclass(frozen=True)
 class Reset:
-    """What an event sets: a held variable or a state, `target` with its place in the file, to a new value."""
+    """Assignment of an event: a held variable or a state, `target` with its place in the file, and its new value."""
 
     target: Formula
     value: Formula
@@ -344,10 +340,11 @@ class Reset:
 
 @dataclass(frozen=True)
 class EventDefinition:
-    """An event of a component: it happens as `condition` becomes true, at the instant `at`, or `every` so often from
-    `first` on (None: from 0). `key` is the one of these words that it is written with. `impulse` is the held variable by
-    whose impulse the one of its targets changes that is not held (empty: it is set). With `moves`, the name of a speed, it
-    is the breakaway of a contact, and happens only if that speed changes by it; else `otherwise` is set."""
+    """An event of a component: it occurs when `condition` becomes true, at the instant `at`, or periodically with the
+    period `every` from `first` on (None: from 0). `key` is the keyword of these in the file. `impulse` is the held
+    variable whose impulse changes the target that is not held (empty: the target is set). With `moves`, the name of a
+    speed, it is the breakaway of a contact, and occurs only if that speed changes by it; else `otherwise` is set. It does
+    not occur at an instant at which an event occurs that it `yields_to`."""
 
     name: str
     key: str
@@ -358,12 +355,50 @@ class EventDefinition:
     impulse: str = ""
     moves: str = ""
     otherwise: tuple[Reset, ...] = ()
+    yields_to: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Transition:
+    """A transition between two states: it happens if the source has been active for the time `after` and `when` holds."""
+
+    source: str
+    target: str
+    when: Formula | None
+    after: Formula | None
+    place: Place
+
+    @property
+    def event(self) -> str:
+        """The name of its event."""
+        return f"{self.source}_to_{self.target}"
+
+    @property
+    def text(self) -> str:
+        """`button > 0.5 after T`."""
+        words = [self.when.text] if self.when is not None else []
+        return " ".join([*words, *([f"after {self.after.text}"] if self.after is not None else [])])
+
+
+@dataclass(frozen=True)
+class ChartState:
+    """A named state of a component: what it sets on entry, and the transitions that leave it, the first one first."""
+
+    name: str
+    place: Place
+    doc: str = ""
+    entry: tuple[Reset, ...] = ()
+    transitions: tuple[Transition, ...] = ()
+
+    def entry_of(self, name: str) -> Reset | None:
+        """What it sets an output or a held variable to on entry."""
+        return next((reset for reset in self.entry if reset.target.text == name), None)
 
 
 @dataclass(frozen=True)
 class Instance:
-    """A component standing in a diagram or a block: its kind, what was set on it, and the parts beside it, with their
-    places, from which it takes the parameters that are not."""
+    """A component in a diagram or a block: its kind, its settings, and the other parts, with their places, from which it
+    takes missing parameters."""
 
     name: str
     kind: str
@@ -394,8 +429,7 @@ class Wire:
 
 @dataclass(frozen=True)
 class Body:
-    """Instances and the wires between them; `inside` are parts of blocks by their paths (`ahc.pump`) whose place others
-    take."""
+    """Instances and the wires between them; `inside` are parts of blocks by their paths (`ahc.pump`) that are replaced."""
 
     instances: dict[str, Instance] = field(default_factory=dict)
     wires: dict[str, Wire] = field(default_factory=dict)
@@ -404,7 +438,7 @@ class Body:
 
 @dataclass(frozen=True)
 class ForeignVariable:
-    """A variable of an FMU by its `name` in the component: its own name, type and value reference; in SI it is
+    """A variable of an FMU: its `name` in the component, its name in the FMU, type and value reference. The SI value is
     scale * value + offset."""
 
     name: str
@@ -417,7 +451,7 @@ class ForeignVariable:
 
 @dataclass(frozen=True)
 class Foreign:
-    """The FMU behind a component: its file, and what it is given and gives."""
+    """The FMU behind a component: its file, inputs and outputs."""
 
     path: Path
     identifier: str
@@ -431,12 +465,13 @@ _FIRST_WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")  # of a name in a formula
 
 @dataclass(frozen=True)
 class Component:
-    """A component file: ports, parameters, variables, equations and, for a block, what it is composed of.
+    """A component file: ports, parameters, variables, equations and, for a block, its parts.
 
-    `sliding` is what is set where dry friction is linearised as it slides, for laws whose slope at rest is no width.
-    `symbol` names the picture that stands for it in drawings; without one it is drawn as a box. `foreign` is the FMU
-    that sets its held variables. `extends` names the components whose laws it has, with other values: the nearest first;
-    `values` are those of the elements of its lists.
+    `sliding` are values for linearisation while dry friction slides, for laws whose slope at rest is not a width.
+    `symbol` names its picture in drawings; without one it is drawn as a box. `foreign` is the FMU that sets its held
+    variables. `states` are those of its state machine; `variables`, `equations` and `when` contain them written out.
+    `extends` names the components whose laws it has, with other values, the nearest first; `values` are the values of the
+    elements of its lists.
     """
 
     name: str
@@ -448,8 +483,9 @@ class Component:
     parameters: dict[str, Parameter] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
     equations: tuple[EquationLine, ...] = ()
-    initial: tuple[Reset, ...] = ()  # states at the start, where the diagram does not give them
-    travel_time: Formula | None = None  # that of a wave through a segment of a line
+    initial: tuple[Reset, ...] = ()  # states at the start, if the diagram does not give them
+    travel_time: Formula | None = None  # travel time of a wave through a segment of a line
+    opens: Formula | None = None  # positive while a valve passes from the first to the second port in it
     when: tuple[EventDefinition, ...] = ()
     body: Body = field(default_factory=Body)
     stores: Formula | None = None
@@ -463,12 +499,13 @@ class Component:
     symbol: str = ""
     effects: tuple[Effect, ...] = ()
     sliding: dict[str, float] = field(default_factory=dict)
-    placeholder: str = ""  # why its law is missing: it stands for something that was not translated
-    units_checked: bool = True  # False: the equations are between numbers in SI, as in an imported component
+    placeholder: str = ""  # reason of a missing law: a placeholder for something that was not translated
+    units_checked: bool = True  # False: the equations relate numbers in SI, as in an imported component
     foreign: Foreign | None = None
     extends: tuple[str, ...] = ()
     values: dict[str, Value] = field(default_factory=dict)
     approximation: Approximation | None = None
+    states: tuple[ChartState, ...] = ()
 
     @property
     def effect(self) -> Effect | None:
@@ -476,37 +513,36 @@ class Component:
         return self.effects[0] if self.effects else None
 
     def effect_of(self, attaches: str, old: str = "") -> Effect | None:
-        """Its effect that attaches in a way, or that takes the place of the component `old`; None without one."""
+        """Its effect with this way of attaching, or that replaces the component `old`; None without one."""
         return next((e for e in self.effects if attaches in e.attaches or old in e.replaces), None)
 
     def is_a(self, kind: str) -> bool:
-        """Whether it is the component of that name, or extends it."""
+        """True if it is the component of that name, or extends it."""
         return kind == self.name or kind in self.extends
 
     def in_diagram(self, formula: Formula, path: str) -> str:
-        """A formula of the component in the names of the diagram, where the component is the part `path`."""
+        """Rewrite a formula of the component in the names of the diagram, for the part `path`."""
         names = (*self.parameters, *self.variables, *self.signals, *self.ports, *self.body.instances)
         known = {name.partition("[")[0] for name in names}
         return _FIRST_WORD.sub(lambda m: f"{path}.{m[0]}" if m[0] in known else m[0], formula.text)
 
     def signal(self, name: str) -> SignalPort | None:
-        """The signal of that name, of a vector (`u`, `u[2]`) the whole one or its first element."""
+        """The signal of that name; for a vector (`u`, `u[2]`) the whole one or its first element."""
         base = name.partition("[")[0]
         return next((self.signals[n] for n in (name, base, f"{base}[1]", f"{base}[1][1]") if n in self.signals), None)
 
     @property
     def signal_names(self) -> tuple[str, ...]:
-        """The names of its signals, a vector by one name."""
+        """Names of its signals; a vector has one name."""
         return tuple(dict.fromkeys(name.partition("[")[0] for name in self.signals))
 
     @property
     def unknowns(self) -> dict[str, Variable]:
-        """The variables that its equations decide."""
+        """The variables that its equations determine."""
         return {name: variable for name, variable in self.variables.items() if variable.held is None}
 
     @property
     def delayed(self) -> dict[str, Delayed]:
-        """The variables that are delayed ones."""
         return {name: variable.delayed for name, variable in self.variables.items() if variable.delayed is not None}
 
     @property
@@ -516,24 +552,23 @@ class Component:
 
     @property
     def orders(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of parameters of which the first must not be below the second (`requires: [x_max > x_min]`)."""
-        found = []
+        """Pairs of parameters whose first must not be below the second (`requires: [x_max > x_min]`)."""
+        pairs = []
         for formula in self.requires:
             tree = formula.tree
             if isinstance(tree, Compare) and isinstance(tree.left, Name) and isinstance(tree.right, Name):
                 ends = (tree.left.text, tree.right.text)
-                found.append(ends if tree.op in (">", ">=") else ends[::-1])
-        return tuple(found)
+                pairs.append(ends if tree.op in (">", ">=") else ends[::-1])
+        return tuple(pairs)
 
     @cached_property
     def widths(self) -> frozenset[str]:
-        """The parameters that are widths of regularised laws: that over which `smooth_sign` and `signed_sqrt` turn."""
+        """The parameters that are widths of regularised laws: second arguments of `smooth_sign` and `signed_sqrt`."""
         return frozenset(width for line in self.equations for side in (line.tree.left, line.tree.right)
                          for width in _widths(side))
 
     @property
     def composite(self) -> bool:
-        """Whether it is made of other components."""
         return bool(self.body.instances)
 
 

@@ -26,7 +26,7 @@ _UNWRITTEN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ud800-\udfff]")
 
 @dataclass(frozen=True)
 class Part:
-    """A component that is added: its kind, the values set on it as written."""
+    """A component that is added: its kind and its settings, as written."""
 
     kind: str
     values: dict[str, str] = field(default_factory=dict)
@@ -34,10 +34,10 @@ class Part:
 
 @dataclass(frozen=True)
 class Change:
-    """What is added to a diagram: components by name, ends of nodes with their signs, values, initial values, the factors of
-    parameters that `vary`; and to the experiment on it: `channels` maps outputs to the formulas that they equal now, `moved`
-    inputs to where their record goes now, parameters that have a value of their own for `each` record to their ranges, and
-    `of_records` records to such values, as they are written."""
+    """Additions to a diagram: components by name, ends of nodes with their signs, values, initial values, factors of
+    parameters that `vary`. Additions to the experiment: `channels` maps outputs to the formulas that they equal now,
+    `moved` maps inputs to their new destination, `each` maps parameters with one value for each record to their
+    ranges, and `of_records` maps records to such values, as written."""
 
     components: dict[str, Part] = field(default_factory=dict)
     nodes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -50,7 +50,7 @@ class Change:
     of_records: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def with_values(self, values: Mapping[str, str]) -> Change:
-        """The same with other values of parameters, by full name, as they are written."""
+        """A copy with other parameter values, by full name, as written."""
         parts, settings, initial = dict(self.components), dict(self.settings), dict(self.initial)
         for name, text in values.items():
             owner, _, parameter = name.rpartition(".")
@@ -63,12 +63,12 @@ class Change:
         return replace(self, components=parts, settings=settings, initial=initial)
 
     def value(self, name: str) -> str:
-        """What is written for a parameter that `with_values` has set, by its full name; KeyError where nothing is."""
+        """The text of a parameter value that `with_values` has set, by its full name; KeyError if it is not set."""
         owner, _, parameter = name.rpartition(".")
         return str(self.components[owner].values[parameter] if owner in self.components else self.settings[name])
 
     def joined(self, other: Change) -> Change:
-        """Both changes at once; nodes that both name get the ends of both."""
+        """Both changes combined; nodes in both get the ends of both."""
         nodes = dict(self.nodes)
         for name, ends in other.nodes.items():
             nodes[name] = (*nodes.get(name, ()), *ends)
@@ -81,7 +81,7 @@ class Change:
                       {**self.moved, **other.moved}, {**self.each, **other.each}, of_records)
 
     def diagram(self, name: str, summary: str, extends: str) -> str:
-        """The text of the diagram that extends the one before."""
+        """The text of a diagram that extends the former one."""
         lines = [f"model: {quoted(name)}", f"summary: {quoted(summary)}", f"extends: {quoted(extends)}"]
         lines += block("components", {k: _part(p) for k, p in self.components.items()})
         lines += block("nodes", {k: f"[{', '.join(ends)}]" for k, ends in self.nodes.items()})
@@ -91,14 +91,14 @@ class Change:
         return "\n".join(lines) + "\n"
 
     def on_model(self, model: Model, name: str = "", summary: str = "", path: Path | None = None) -> Model:
-        """The changed diagram; `path` is the file that it would be."""
+        """Apply the change to a model; `path` is the path that the file would have."""
         path = path or model.path.with_name(f"{file_stem(name or model.name)}.yaml")
         text = self.diagram(name or model.name, summary or model.summary or model.name, model.path.name)
         return extended(model, parse(text, path, path.name, trusted=True))
 
 
 def quoted(text: str) -> str:
-    """A text as a YAML scalar: bare where that is safe, else in double quotes."""
+    """A text as a YAML scalar: plain if that is safe, else in double quotes."""
     if _PLAIN.fullmatch(text) and "  " not in text and text.lower() not in ("yes", "no", "on", "off", "true", "false",
                                                                          "null", "~"):
         return text
@@ -112,7 +112,7 @@ def _part(part: Part) -> str:
 
 
 def block(name: str, entries: Mapping[str, str], notes: Mapping[str, str] | None = None) -> list[str]:
-    """`name:` and its entries, one a line, with notes behind them; nothing where there are none."""
+    """`name:` and its entries, one per line, with notes at their ends; nothing without entries."""
     if not entries:
         return []
     lines = {key: f"  {key}: {text}" for key, text in entries.items()}
@@ -123,7 +123,9 @@ def block(name: str, entries: Mapping[str, str], notes: Mapping[str, str] | None
 
 
 def extended_from(path: Path, model: Path) -> str:
-    """How a file at `path` names the diagram at `model`: a bundled one by its name, so that the file can move."""
+    """The `extends:` value for a file at `path` and a diagram at `model`: the name of a bundled one, so that the file can
+    be moved.
+    """
     inside = bundled("models").resolve()
     if model.resolve().is_relative_to(inside) and not path.resolve().is_relative_to(inside):
         return model.resolve().relative_to(inside).as_posix()
@@ -131,14 +133,14 @@ def extended_from(path: Path, model: Path) -> str:
 
 
 def write(path: Path, text: str) -> None:
-    """Write a new file; UsageError where it exists already or cannot be written, so that nothing is lost."""
+    """Write a new file; UsageError if it exists already or cannot be written."""
     if path.suffix not in (".yaml", ".yml"):
-        raise UsageError(f"'{path.name}' is no name of a diagram", hint=f"Write {path.with_suffix('.yaml').name}.")
+        raise UsageError(f"'{path.name}' is not a name of a diagram", hint=f"Write {path.with_suffix('.yaml').name}.")
     write_new(path, text)
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a text to a file that does not exist; UsageError where it does, or cannot be written."""
+    """Write a text to a file that does not exist; UsageError if it exists or cannot be written."""
     try:
         write_text(path, text, exclusive=True)
     except FileExistsError:

@@ -36,35 +36,36 @@ KEYS = ("class", "description", "attaches", "amplitude", "search_range", "also",
         "meaning", "requires", "acts", "varies_with")
 
 
-def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], what: str, problems: Problems
+def read_search_range(node: Node | None, unit: Unit, variables: Dictionary[str, Variable], subject: str, problems: Problems
                       ) -> SearchRange | None:
-    """`1 .. 200 mm/s`, or `seen s`: the range in which the component's own variable s moves in the records; or `middle s`,
-    `half s`, `peak s`: held at what that motion says."""
-    said = reading.text(node, what, problems)
-    if node is None or not said:
+    """Read `1 .. 200 mm/s`, or `seen s`: the range of the component's variable s in the records; or `middle s`, `half s`,
+    `peak s`: a fixed value computed from that motion."""
+    content = reading.text(node, subject, problems)
+    if node is None or not content:
         return None
-    first, _, name = said.partition(" ")
+    first, _, name = content.partition(" ")
     if first in ("seen", *HELD):
         if name not in variables:
-            problems.add("effect-seen-unknown", f"{what} is sought where '{name}' moves, which is no variable of this "
-                         "component", node.place, hint=suggest(name, variables) or f"Variables: {listing(variables)}.")
+            problems.add("effect-seen-unknown", f"{subject} is sought over the motion of '{name}', which is not a variable "
+                         "of this component", node.place,
+                         hint=suggest(name, variables) or f"Variables: {listing(variables)}.")
             return None
         if variables[name].unit.dimension != unit.dimension:
-            problems.add("unit-wrong", f"{what} is in {unit.text}, '{name}' in {variables[name].unit.text}", node.place,
-                         hint=f"Name a variable in {unit.text}, or give a range: `{what}: low .. high {unit.text}`.")
+            problems.add("unit-wrong", f"{subject} is in {unit.text}, '{name}' in {variables[name].unit.text}", node.place,
+                         hint=f"Name a variable in {unit.text}, or give a range: `{subject}: low .. high {unit.text}`.")
             return None
         return SearchRange(None, name, node.place, first if first in HELD else "")
     try:
-        found = parse_range(said)
-        _check_ends(found, unit, said)
+        range_read = parse_range(content)
+        _check_ends(range_read, unit, content)
     except UnitProblem as problem:
-        problems.add(problem.code, f"{what}: {problem.message}", node.place,
+        problems.add(problem.code, f"{subject}: {problem.message}", node.place,
                      hint=problem.hint or "Write `1 .. 200 mm/s`, or `seen s` with a variable s of the component.")
         return None
-    return SearchRange(found, "", node.place)
+    return SearchRange(range_read, "", node.place)
 
 
-WORDS = ("part", "place")  # fields of `meaning:` beside the ports: the name of the part, and the place in words
+WORDS = ("part", "place")  # fields of `meaning:` besides the ports: the name of the part, and the place in words
 
 
 def read_meaning(node: Node | None, problems: Problems) -> Meaning | None:
@@ -86,32 +87,32 @@ def read_meaning(node: Node | None, problems: Problems) -> Meaning | None:
     return Meaning(tuple(pieces[::2]), tuple(fields), node.place)
 
 
-def read_typical(node: Node | None, unit: Unit, what: str, problems: Problems) -> Typical | None:
-    """`{range: 2 .. 25 W/(m**2*K), source: who says so}`."""
-    entry = reading.mapping(node, "typical", problems, "Write `typical: {range: 2 .. 25 mm, source: who says so}`.")
+def read_typical(node: Node | None, unit: Unit, subject: str, problems: Problems) -> Typical | None:
+    """`{range: 2 .. 25 W/(m**2*K), source: VDI Heat Atlas}`."""
+    entry = reading.mapping(node, "typical", problems, "Write `typical: {range: 2 .. 25 mm, source: VDI Heat Atlas}`.")
     if entry is None:
         return None
-    reading.known_keys(entry, ("range", "source"), f"typical values of {what}", problems, ("source",))
-    found: Range | None = None
-    said = reading.text(entry.items.get("range"), "range", problems)
+    reading.known_keys(entry, ("range", "source"), f"typical values of {subject}", problems, ("source",))
+    range_read: Range | None = None
+    content = reading.text(entry.items.get("range"), "range", problems)
     try:
-        if said:
-            found = parse_range(said)
-            _check_ends(found, unit, said)
+        if content:
+            range_read = parse_range(content)
+            _check_ends(range_read, unit, content)
     except UnitProblem as problem:
-        problems.add(problem.code, f"{what}: {problem.message}", entry.items["range"].place, hint=problem.hint)
-        found = None
-    return Typical(found, reading.text(entry.items.get("source"), "source", problems))
+        problems.add(problem.code, f"{subject}: {problem.message}", entry.items["range"].place, hint=problem.hint)
+        range_read = None
+    return Typical(range_read, reading.text(entry.items.get("source"), "source", problems))
 
 
-def _check_ends(found: Range, unit: Unit, said: str) -> None:
+def _check_ends(limits: Range, unit: Unit, text: str) -> None:
     if not is_generic(unit.dimension):
-        check_unit(found.unit, unit, found.low, said)
+        check_unit(limits.unit, unit, limits.low, text)
 
 
 @dataclass(frozen=True)
 class EffectReader:
-    """The parts of a component that its effect speaks of."""
+    """Reader of a component's effects, with the parts of the component that they refer to."""
 
     ports: Dictionary[str, Port]
     signals: Dictionary[str, SignalPort]
@@ -120,7 +121,7 @@ class EffectReader:
     problems: Problems
 
     def effects(self, node: Node | None) -> tuple[Effect, ...]:
-        """The `effect:` entry, or a list of them; problems are noted with their places."""
+        """Read the `effect:` entry, or a list of them; problems are noted with their places."""
         entries = node.items if isinstance(node, Sequence) else [node]
         return tuple(effect for entry in entries if (effect := self._effect(entry)) is not None)
 
@@ -131,7 +132,7 @@ class EffectReader:
         reading.known_keys(entry, KEYS, "effect", self.problems, ("class", "description"))
         also = self._also(entry.items.get("also"))
         attaches = self._attaches(entry, also)
-        found = Effect(
+        effect = Effect(
             reading.text(entry.items.get("class"), "class", self.problems),
             reading.text(entry.items.get("description"), "description", self.problems), attaches,
             self._amplitude(entry), self._shapes(entry.items.get("search_range"), "search_range"), also,
@@ -141,15 +142,15 @@ class EffectReader:
             self._requires(entry.items.get("requires")), self._acts(entry.items.get("acts")),
             self._varies_with(entry.items.get("varies_with"), attaches))
         self._check(entry)
-        self._check_meaning(found.meaning, () if found.replaces else tuple(self.ports))
-        return found
+        self._check_meaning(effect.meaning, () if effect.replaces else tuple(self.ports))
+        return effect
 
     def _attaches(self, entry: Mapping, also: Dictionary[str, str]) -> tuple[str, ...]:
-        found = []
+        attachments = []
         node = entry.items.get("attaches")
-        # a list has one word an item; a plain text may have a space in it (`in series`)
-        said = [node] if isinstance(node, Scalar) else reading.words(node, "attaches", self.problems)
-        for word in said:
+        # items of a list are single words; a plain text may contain a space (`in series`)
+        entries = [node] if isinstance(node, Scalar) else reading.words(node, "attaches", self.problems)
+        for word in entries:
             if word.text not in ATTACHES:
                 self.problems.add("effect-attaches", f"an effect cannot attach '{word.text}'", word.place,
                                   hint=suggest(word.text, ATTACHES) or f"Write {either(ATTACHES, 'or')}.")
@@ -157,11 +158,11 @@ class EffectReader:
                 self.problems.add("effect-ports", f"an effect that attaches '{word.text}' needs {why}", word.place,
                                   hint=f"This one has {self._has()}.")
             else:
-                found.append(word.text)
-        return tuple(found)
+                attachments.append(word.text)
+        return tuple(attachments)
 
     def _unsuited(self, word: str, also: Dictionary[str, str]) -> str:
-        """What the ports lack for a way of attaching; empty where they suit. Ports under `also:` do not count."""
+        """The ports that are missing for a way of attaching; empty if they suit. Ports under `also:` do not count."""
         power = [p for p in self.ports.values() if p.name not in also]
         inputs = [s for s in self.signals.values() if s.direction == "in"]
         outputs = [s for s in self.signals.values() if s.direction == "out"]
@@ -177,15 +178,15 @@ class EffectReader:
         return "" if fits else "one signal in and one signal out of the same unit, and no power port"
 
     def _varies_with(self, node: Node | None, attaches: tuple[str, ...]) -> tuple[str, ...]:
-        found = []
+        varied = []
         for word in reading.words(node, "varies_with", self.problems):
             if word.text in VARIES_WITH and "parameter" in attaches:
-                found.append(word.text)
+                varied.append(word.text)
             else:
                 self.problems.add("effect-varies", f"an effect cannot vary with '{word.text}'" if "parameter" in attaches
                                   else "only an effect that attaches 'parameter' varies with something", word.place,
                                   hint=f"Write `attaches: parameter` and {either(VARIES_WITH, 'or')}.")
-        return tuple(found)
+        return tuple(varied)
 
     def _has(self) -> str:
         """The ports in words: `a (translational), b (translational), u (signal in)`."""
@@ -193,76 +194,77 @@ class EffectReader:
         signals = [f"{s.name} (signal {s.direction}, {s.unit.text})" for s in self.signals.values()]
         return listing([*ports, *signals]) or "no ports"
 
-    def _entries(self, node: Node | None, what: str) -> list[tuple[Scalar, Node]]:
-        entries = reading.mapping(node, what, self.problems)
+    def _entries(self, node: Node | None, subject: str) -> list[tuple[Scalar, Node]]:
+        entries = reading.mapping(node, subject, self.problems)
         return [(entries.keys[name], item) for name, item in entries.items.items()] if entries else []
 
     def _parameter(self, name: str, place: Place) -> Parameter | None:
-        found = self.parameters.get(name)
-        if found is None:
-            self.problems.add("effect-parameter", f"'{name}' is no parameter of this component", place,
+        parameter = self.parameters.get(name)
+        if parameter is None:
+            self.problems.add("effect-parameter", f"'{name}' is not a parameter of this component", place,
                               hint=suggest(name, self.parameters) or f"Parameters: {listing(self.parameters)}.")
-        return found
+        return parameter
 
     def _amplitude(self, entry: Mapping) -> dict[str, SearchRange | None]:
         node, starts = entry.items.get("amplitude"), _named(entry.items.get("start"))
         if isinstance(node, Mapping):
             return dict(self._shapes(node, "amplitude"))
-        found: dict[str, SearchRange | None] = {}
+        amplitudes: dict[str, SearchRange | None] = {}
         for word in reading.words(node, "amplitude", self.problems):
             parameter = self._parameter(word.text, word.place)
             if parameter is not None and word.text not in starts and ((parameter.low or 0) > 0 or (parameter.high or 0) < 0):
-                start = f" Or where it is absent: `start: {{{word.text}: old.{word.text}}}`." * ("replaces" in entry.items)
-                self.problems.add("effect-amplitude", f"'{word.text}' cannot be 0, which is where the effect is absent",
+                start = ("replaces" in entry.items) * (
+                    f" Or give its value without the effect: `start: {{{word.text}: old.{word.text}}}`.")
+                self.problems.add("effect-amplitude", f"'{word.text}' cannot be 0, the value of an absent effect",
                                   word.place, hint=f"Give its range: `amplitude: {{{word.text}: low .. high}}`.{start}")
             elif parameter is not None:
-                found[word.text] = None
-        return found
+                amplitudes[word.text] = None
+        return amplitudes
 
-    def _shapes(self, node: Node | None, what: str) -> dict[str, SearchRange]:
-        found = {}
-        for key, item in self._entries(node, what):
+    def _shapes(self, node: Node | None, subject: str) -> dict[str, SearchRange]:
+        shapes = {}
+        for key, item in self._entries(node, subject):
             parameter = self._parameter(key.text, key.place)
             if parameter is not None:
-                given = read_search_range(item, parameter.unit, self.variables, key.text, self.problems)
-                if given is not None:
-                    found[key.text] = given
-        return found
+                search_range = read_search_range(item, parameter.unit, self.variables, key.text, self.problems)
+                if search_range is not None:
+                    shapes[key.text] = search_range
+        return shapes
 
     def _also(self, node: Node | None) -> dict[str, str]:
-        found = {}
+        domains_of_ports = {}
         for key, item in self._entries(node, "also"):
             if key.text not in self.ports:
-                self.problems.add("effect-also", f"'{key.text}' is no power port of this component", key.place,
+                self.problems.add("effect-also", f"'{key.text}' is not a power port of this component", key.place,
                                   hint=suggest(key.text, self.ports) or f"Ports: {listing(self.ports)}.")
             elif (domain := reading.text(item, key.text, self.problems)) != self.ports[key.text].domain:
                 self.problems.add("effect-also", f"port '{key.text}' is {self.ports[key.text].domain}", item.place,
                                   hint=f"Write `also: {{{key.text}: {self.ports[key.text].domain}}}`.")
             else:
-                found[key.text] = domain
-        return found
+                domains_of_ports[key.text] = domain
+        return domains_of_ports
 
     def _start(self, node: Node | None) -> dict[str, Formula]:
-        found = {}
+        start_formulas = {}
         for key, item in self._entries(node, "start"):
             formula = reading.formula_of(item, key.text, self.problems)
             if self._parameter(key.text, key.place) is not None and formula is not None:
-                found[key.text] = formula
-        return found
+                start_formulas[key.text] = formula
+        return start_formulas
 
     def _settled(self, node: Node | None) -> tuple[str, ...]:
-        found = []
+        settled_names = []
         for word in reading.words(node, "settled", self.problems):
             name = rate_of(word.text) or word.text
             if name in self.variables:
-                found.append(word.text)
+                settled_names.append(word.text)
             else:
-                self.problems.add("effect-settled", f"'{name}' is no variable of this component", word.place,
+                self.problems.add("effect-settled", f"'{name}' is not a variable of this component", word.place,
                                   hint=suggest(name, self.variables) or f"Variables: {listing(self.variables)}.")
-        return tuple(found)
+        return tuple(settled_names)
 
     def _check_meaning(self, meaning: Meaning | None, ports: tuple[str, ...]) -> None:
-        """Each field is a word, one of the `ports`, or a formula of parameters with a unit."""
+        """Check that each field is a word, one of the `ports`, or a formula of parameters with a unit."""
         if meaning is None:
             return
         for field in meaning.fields:
@@ -270,7 +272,7 @@ class EffectReader:
             unknown = [name for name in ([field] if isinstance(field, str) else [n.text for n in names(field)])
                        if name not in (known if isinstance(field, str) else self.parameters)]
             for name in unknown:
-                self.problems.add("meaning-unknown", f"'{name}' in the meaning is no parameter of this component",
+                self.problems.add("meaning-unknown", f"'{name}' in the meaning is not a parameter of this component",
                                   meaning.place, hint=suggest(name, known) or f"Fields: {listing(known)}.")
             if unknown or isinstance(field, str):
                 continue
@@ -281,18 +283,18 @@ class EffectReader:
 
     def _requires(self, node: Node | None) -> dict[str, tuple[str, ...]]:
         """Kinds of components on the node of a port, or `reverses` of a variable."""
-        found = {}
+        requirements = {}
         for key, item in self._entries(node, "requires"):
             kinds = tuple(word.text for word in reading.words(item, key.text, self.problems))
             if key.text not in {**self.ports, **self.variables}:
-                self.problems.add("effect-requires", f"'{key.text}' is no port or variable of this component", key.place,
+                self.problems.add("effect-requires", f"'{key.text}' is not a port or variable of this component", key.place,
                                   hint=suggest(key.text, {**self.ports, **self.variables}) or self._has())
             elif key.text in self.variables and kinds != (REVERSES,):
-                self.problems.add("effect-requires", f"of a variable an effect may require that it `{REVERSES}`", item.place,
+                self.problems.add("effect-requires", f"for a variable, `requires:` may only be `{REVERSES}`", item.place,
                                   hint=f"Write `requires: {{{key.text}: {REVERSES}}}`.")
             else:
-                found[key.text] = kinds
-        return found
+                requirements[key.text] = kinds
+        return requirements
 
     def _acts(self, node: Node | None) -> Formula | None:
         """A formula of the component's own parameters, variables and signals."""
@@ -300,39 +302,39 @@ class EffectReader:
         known = {**self.parameters, **self.variables, **self.signals}
         for name in names(formula.tree) if formula is not None else ():
             if name.text not in known and name.text.partition(".")[0] not in self.ports:
-                self.problems.add("effect-acts", f"'{name.text}' is no variable of this component",
+                self.problems.add("effect-acts", f"'{name.text}' is not a variable of this component",
                                   formula.place if formula is not None else None,
                                   hint=suggest(name.text, known) or f"Variables: {listing(known)}.")
         return formula
 
     def _check(self, entry: Mapping) -> None:
-        """What is left out; an entry that is there but wrong has been told already."""
+        """Report missing entries; wrong entries have been reported already."""
         problems, place = self.problems, entry.place
         if not {"attaches", "replaces"} & entry.items.keys():
-            problems.add("effect-nowhere", "the effect does not say where it may stand", place,
+            problems.add("effect-nowhere", "the effect has no place: `attaches:` or `replaces:` is missing", place,
                          hint=f"Write `attaches:` with {either(ATTACHES, 'or')}, or `replaces: Component`.")
         if "attaches" in entry.items and "amplitude" not in entry.items:
-            problems.add("effect-amplitude", "the effect does not say which parameters make it", place,
-                         hint="Write `amplitude: [...]` with those that are 0 where it is absent.")
-        said = {word for key in ("amplitude", "search_range", "start") for word in _named(entry.items.get(key))}
+            problems.add("effect-amplitude", "`amplitude:` is missing in the effect", place,
+                         hint="Write `amplitude: [...]` with the parameters that are 0 if the effect is absent.")
+        listed_names = {word for key in ("amplitude", "search_range", "start") for word in _named(entry.items.get(key))}
         for parameter in self.parameters.values():
-            if parameter.name not in said and parameter.default is None and parameter.neutral is None \
+            if parameter.name not in listed_names and parameter.default is None and parameter.neutral is None \
                     and not parameter.medium:
-                problems.add("effect-parameter", f"the effect says nothing of '{parameter.name}', which has no default",
+                problems.add("effect-parameter", f"the effect does not list '{parameter.name}', which has no default",
                              place, hint="List it under `search_range:` with a range, or give it a default.")
 
     def dormant(self) -> None:
-        """Notes what parameters say of effects that could wake, where that is not so."""
+        """Report inconsistent declarations of dormant effects at parameters."""
         for parameter in self.parameters.values():
             needed = (("class", parameter.kind), ("wakes_with", parameter.wakes_with), ("meaning", parameter.meaning))
             self._check_meaning(parameter.meaning, ())
-            for key in [key for key, given in needed if given and parameter.neutral is None]:
+            for key in [key for key, is_declared in needed if is_declared and parameter.neutral is None]:
                 self.problems.add("effect-neutral", f"'{parameter.name}' has `{key}:` but no value at which the effect is "
                                   "absent", parameter.place, hint="Add `neutral: 0`, or the value at which it is absent.")
             for name in parameter.wakes_with:
                 if self._parameter(name, parameter.place) is not None and self.parameters[name].sought is None:
-                    self.problems.add("effect-parameter", f"'{name}' wakes with '{parameter.name}', but no range says "
-                                      "where it is sought", self.parameters[name].place,
+                    self.problems.add("effect-parameter", f"'{name}' wakes with '{parameter.name}', but has no "
+                                                          "`search_range:`", self.parameters[name].place,
                                       hint=f"Add `search_range: low .. high` to '{name}'.")
 
 
@@ -344,7 +346,7 @@ def _named(node: Node | None) -> list[str]:
 
 
 def check_required(component: Component, effect: Effect, kinds: Container[str]) -> None:
-    """ModelError where an effect requires a kind of component that there is not."""
+    """Raise ModelError if an effect requires a kind of component that does not exist."""
     for port, required in effect.requires.items():
         for kind in required if port in component.ports else ():
             if kind not in kinds:
@@ -352,8 +354,8 @@ def check_required(component: Component, effect: Effect, kinds: Container[str]) 
 
 
 def check_replacing(component: Component, effect: Effect, old: Component) -> None:
-    """ModelError where a component cannot take the place of the one that its effect names: other ports, or formulas under
-    `start:` that speak of anything but the old one's parameters."""
+    """Raise ModelError if a component cannot replace the one that its effect names: other ports, or formulas under
+    `start:` with names other than the parameters of the old one."""
     problems = Problems()
     if {*component.ports, *component.signals} != {*old.ports, *old.signals}:
         problems.add("effect-ports", f"{component.name} cannot take the place of {old.name}: their ports have other names",
@@ -362,6 +364,6 @@ def check_replacing(component: Component, effect: Effect, old: Component) -> Non
     for formula in effect.start.values():
         for name in names(formula.tree):
             if name.text not in (*known, "pi"):
-                problems.add("effect-start", f"'{name.text}' is no parameter of {old.name}", formula.place,
+                problems.add("effect-start", f"'{name.text}' is not a parameter of {old.name}", formula.place,
                              hint=suggest(name.text, known) or f"Write a formula of {listing(known)}.")
     problems.raise_as(ModelError)

@@ -1,4 +1,4 @@
-"""Lines of `equations:`, of a component or a function: continued where a bracket is open, each with its label."""
+"""Lines of `equations:`, of a component or a function: continued while a bracket is open, each with its label."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def equation_lines(node: Node | None, problems: Problems) -> Iterator[tuple[str,
 
 
 def _joined(lines: list[Scalar]) -> list[Scalar]:
-    """Lines with an open parenthesis or bracket are continued by the next one, unless that is an equation of its own."""
+    """Join a line with an open parenthesis or bracket to the next one, unless that is a separate equation."""
     joined: list[Scalar] = []
     for line in lines:
         previous = joined[-1] if joined else None

@@ -1,4 +1,4 @@
-"""Component files that extend another component: its laws with other values, such as those of a data sheet.
+"""Component files that extend another component: the same laws with other values, for example from a data sheet.
 
     component: Nitrogen
     extends: Gas
@@ -24,7 +24,7 @@ EXTENDING_KEYS = ("component", "extends", "summary", "restrictions", "source", "
 
 
 def extension(source: Source, base: Component, problems: Problems) -> Component:
-    """The component that a file describes which extends `base`; what is wrong is added to the problems."""
+    """Read a component file that extends `base`; mistakes are added to the problems."""
     root = source.root
     head = root.items["component"]
     name, place = reading.text(head, "component", problems), head.place
@@ -32,20 +32,22 @@ def extension(source: Source, base: Component, problems: Problems) -> Component:
         reading.identifier(head, "a component", problems)
     reading.known_keys(root, EXTENDING_KEYS, f"'{name}', which extends {base.name},", problems, ("component", "summary"))
     values = _values(root.items.get("set"), base, source, problems)
-    own = {key: reading.text(root.items.get(key), key, problems) for key in EXTENDING_KEYS if key != "set"}
+    texts = {key: reading.text(root.items.get(key), key, problems) for key in EXTENDING_KEYS if key != "set"}
     parameters = {key: replace(p, default=values.get(key, p.default)) for key, p in base.parameters.items()}
-    # a variation of a law is no law of its own: a diagnosis tries the one that it extends
+    # a variation is not a separate law: a diagnosis tries the extended component
     return replace(base, name=name, place=place, path=source.path, parameters=parameters, effects=(),
                    extends=(base.name, *base.extends),
                    values={**base.values, **{key: value for key, value in values.items() if "[" in key}},
-                   summary=own["summary"], restrictions=own["restrictions"] or base.restrictions,
-                   source=own["source"] or base.source, symbol=own["symbol"] or base.symbol)
+                   summary=texts["summary"], restrictions=texts["restrictions"] or base.restrictions,
+                   source=texts["source"] or base.source, symbol=texts["symbol"] or base.symbol)
 
 
 def _values(node: Node | None, base: Component, source: Source, problems: Problems) -> dict[str, Value]:
-    """What `set:` gives to parameters, elements of lists under their own names, checked as far as the file tells."""
+    """The values under `set:` for parameters, with elements of lists by their names, checked with the information in the
+    file.
+    """
     entries = reading.mapping(node, "set", problems, "Write `set: {R: 296.8 J/(kg*K)}`.")
-    found: dict[str, Value] = {}
+    values: dict[str, Value] = {}
     for key, item in (entries.items if entries else {}).items():
         parameter = base.parameters.get(key)
         if parameter is None:
@@ -53,21 +55,21 @@ def _values(node: Node | None, base: Component, source: Source, problems: Proble
             problems.add("parameter-unknown", f"{base.name} has no parameter '{key}'", entries.keys[key].place,
                          hint=suggest(key, base.parameters) or f"It has: {listing(base.parameters)}.")
         elif parameter.count is None:
-            if (given := reading.value(item, key, problems)) is not None:
-                found[key] = given
-                _check(key, parameter, given, base.parameters, problems)
+            if (value := reading.value(item, key, problems)) is not None:
+                values[key] = value
+                _check(key, parameter, value, base.parameters, problems)
         elif isinstance(item, Sequence):
-            found.update(reading.elements(item, key, key, problems))
+            values.update(reading.elements(item, key, key, problems))
         elif isinstance(item, Mapping):
-            found.update(reading.column_values(item, key, source, problems))
+            values.update(reading.column_values(item, key, source, problems))
         else:
             problems.add("list-number", f"'{key}' of {base.name} is a list", item.place,
                          hint=f"Write `{key}: [..., ...]`, each value with its unit.")
-    return found
+    return values
 
 
 def _check(name: str, parameter: Parameter, value: Value, known: Dictionary[str, Parameter], problems: Problems) -> None:
-    """Unit and bounds of a value; in a formula also the names, which are those of the component's own parameters."""
+    """Check unit and bounds of a value; in a formula also the names, which must be parameters of the component."""
     if parameter.integer or is_generic(parameter.unit.dimension):
         return
     before = len(problems.found)

@@ -1,8 +1,8 @@
 """Import of an FMU for co-simulation: its description is converted to a component file. None of its code is run.
 
-A component of an FMU has the inputs and outputs of it as signals and its parameters with their start values. Its outputs are
-held and set once a `step`. Modelica Association, Functional Mock-up Interface Specification 2.0.4 and 3.0.1,
-https://fmi-standard.org.
+The component of an FMU has its inputs and outputs as signals and its parameters with their start values. Its outputs are
+held variables that are set once in each `step`. Modelica Association, Functional Mock-up Interface Specification 2.0.4
+and 3.0.1, https://fmi-standard.org.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ WHOLE = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 1
 NUMBERS = (*REAL, *WHOLE, "Boolean")
 TAKEN = {*KEYWORDS, "time", "pi", "is", "at", "repeat", "step"}
 LONGEST_DOC = 200
-EXCHANGE = "exchange"  # the event in which signals are handed over
-LAST = "last_"  # what an output is held in
+EXCHANGE = "exchange"  # the event that exchanges the signals
+LAST = "last_"  # prefix of the held variable of an output
 
 
 def described(path: Path) -> tuple[str, Foreign]:
-    """The component file that an FMU amounts to, and what its names are in the FMU; ModelError with what cannot be used."""
+    """Convert an FMU to the text of a component file and its names in the FMU; ModelError for unsupported features."""
     description = _read(path)
     if description.fmiVersion[:1] not in "23":
         raise _unusable(path, f"is written in FMI {description.fmiVersion}", "FMI 2.0 and 3.0 are read.")
@@ -40,11 +40,11 @@ def described(path: Path) -> tuple[str, Foreign]:
                  if v.causality in ("input", "output", "parameter") and v.type in NUMBERS]
     if len(variables) > FMU_VARIABLES:
         raise _unusable(path, f"has {len(variables)} inputs, outputs and parameters; up to {FMU_VARIABLES} are read",
-                        "Export it with those that are needed.")
+                        "Export it with fewer of them.")
     arrays = [v.name for v in variables if v.dimensions and v.causality != "parameter"]
-    other = [v.name for v in description.modelVariables if v.causality == "input" and v.type not in NUMBERS]
-    if arrays or other:
-        raise _unusable(path, f"has signals that are no single numbers: {listing(arrays + other, 4)}",
+    unsupported = [v.name for v in description.modelVariables if v.causality == "input" and v.type not in NUMBERS]
+    if arrays or unsupported:
+        raise _unusable(path, f"has signals that are not single numbers: {listing(arrays + unsupported, 4)}",
                         "Export them as scalars.")
     reader = _Units({u.name: u.baseUnit for u in description.unitDefinitions})
     names = _Names()
@@ -53,12 +53,12 @@ def described(path: Path) -> tuple[str, Foreign]:
     foreign = Foreign(path, description.coSimulation.modelIdentifier,
                       *(tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter")))
     if not foreign.outputs:
-        raise _unusable(path, "has no outputs that are numbers", "It could do nothing in a diagram.")
+        raise _unusable(path, "has no outputs that are numbers", "It has no effect in a diagram.")
     return _text(path, description, known), foreign
 
 
-def _unusable(path: Path, what: str, hint: str) -> ModelError:
-    return ModelError([Problem("fmu-unusable", f"{path.name} {what}", None, hint)])
+def _unusable(path: Path, defect: str, hint: str) -> ModelError:
+    return ModelError([Problem("fmu-unusable", f"{path.name} {defect}", None, hint)])
 
 
 def _read(path: Path) -> Any:
@@ -69,15 +69,15 @@ def _read(path: Path) -> Any:
                                   "pip install 'heavebond[fmu]'")]) from None
     try:
         return read_model_description(str(path), validate=False)
-    except Exception as error:  # of broken archives and descriptions FMPy complains in many ways
-        said = (str(error).splitlines() or [""])[0]
+    except Exception as error:  # FMPy reports broken archives and descriptions by many kinds of exceptions
+        reason = (str(error).splitlines() or [""])[0]
         raise ModelError([Problem("fmu-unreadable", f"{path.name} is not an FMU that can be read", None,
                                   "Export it again; it is a ZIP file with a modelDescription.xml.",
-                                  (said,) if said else ())]) from error
+                                  (reason,) if reason else ())]) from error
 
 
 class _Names:
-    """Names of an FMU's variables as the language takes them, none twice."""
+    """Unique names for the variables of an FMU, in the form of the language."""
 
     def __init__(self) -> None:
         self.given: set[str] = set()
@@ -93,7 +93,7 @@ class _Names:
 
 
 class _Units:
-    """The units of an FMU as base units of the language with factor and offset; `$name` where none is given."""
+    """The units of an FMU as base units of the language with factor and offset; `$name` without a unit."""
 
     def __init__(self, definitions: dict[str, Any]):
         self.definitions = definitions
@@ -124,15 +124,15 @@ def _variable(v: Any, names: _Names, units: _Units) -> tuple[ForeignVariable, st
     return ForeignVariable(names(v.name), v.name, v.type, int(v.valueReference), scale, offset), unit, v
 
 
-def _number(v: Any, found: ForeignVariable) -> float:
+def _number(v: Any, variable: ForeignVariable) -> float:
     """The start value in SI."""
     text = str(v.start if v.start is not None else 0).strip().lower()
     try:
         start = number({"true": "1", "false": "0"}.get(text, text.split()[0] if text else "0"))
     except ValueError:
-        raise ModelError([Problem("fmu-unusable", f"the start value of {found.own}, '{text[:30]}', is not a number", None,
+        raise ModelError([Problem("fmu-unusable", f"the start value of {variable.own}, '{text[:30]}', is not a number", None,
                                   "Export it again, with decimal points.")]) from None
-    return start * found.scale + found.offset
+    return start * variable.scale + variable.offset
 
 
 def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVariable, str | None, Any]]]) -> str:
@@ -141,21 +141,22 @@ def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVaria
     step = description.defaultExperiment.stepSize if description.defaultExperiment is not None else None
     lines = [f"component: {_Names()(path.stem)}",
              f"summary: {_quoted(description.description or f'The FMU {description.modelName}.')}",
-             "restrictions: Its outputs are held between two communications, and answer what it was given one step before.",
+             "restrictions: Its outputs are held between two communications, and depend on the inputs of the previous step.",
              f"source: {_quoted(f'{path.name}, FMI {description.fmiVersion}{tool}')}", "ports:"]
     for kind, direction in (("input", "in"), ("output", "out")):
-        lines += [f"  {found.name}: {{signal: {direction}, unit: {unit or f'$U_{found.name}'}, doc: {_doc(v)}}}"
-                  for found, unit, v in known[kind]]
+        lines += [f"  {entry.name}: {{signal: {direction}, unit: {unit or f'$U_{entry.name}'}, doc: {_doc(v)}}}"
+                  for entry, unit, v in known[kind]]
     lines += ["parameters:", "  step: {unit: s, min: 1e-6 s, doc: time between two communications"
               + (f", default: {float(step)!r} s" if step else "") + "}"]
-    lines += [f"  {found.name}: {{unit: {unit or 1}{_bounds(v, found, unit)}, doc: {_doc(v)}, "
-              f"default: {_quantity(_number(v, found), unit)}}}" for found, unit, v in known["parameter"]]
+    lines += [f"  {entry.name}: {{unit: {unit or 1}{_bounds(v, entry, unit)}, doc: {_doc(v)}, "
+              f"default: {_quantity(_number(v, entry), unit)}}}" for entry, unit, v in known["parameter"]]
     lines.append("variables:")
-    lines += [f"  {LAST}{found.name}: {{unit: {unit or f'$U_{found.name}'}, held: {_quantity(_number(v, found), unit)}, "
-              f"doc: {_doc(v)}}}" for found, unit, v in known["output"]]
+    lines += [f"  {LAST}{entry.name}: {{unit: {unit or f'$U_{entry.name}'}, held: {_quantity(_number(v, entry), unit)}, "
+              f"doc: {_doc(v)}}}" for entry, unit, v in known["output"]]
     lines.append("equations: |")
-    lines += [f"  {found.name} = {LAST}{found.name}   # held between communications" for found, _, _ in known["output"]]
-    set_to = ", ".join(f"{LAST}{found.name}: {LAST}{found.name}" for found, _, _ in known["output"])
+    lines += [f"  {entry.name} = {LAST}{entry.name}   # held between communications"
+              for entry, _, _ in known["output"]]
+    set_to = ", ".join(f"{LAST}{entry.name}: {LAST}{entry.name}" for entry, _, _ in known["output"])
     return "\n".join([*lines, "when:", f"  {EXCHANGE}: {{every: step, then: {{{set_to}}}}}", ""])
 
 
@@ -166,26 +167,27 @@ def _quantity(number: float, unit: str | None) -> str:
     return f"{number!r} {unit}"
 
 
-def _bounds(v: Any, found: ForeignVariable, unit: str | None) -> str:
-    """The bounds of a parameter, for its declaration; those that are no numbers are left out."""
+def _bounds(v: Any, variable: ForeignVariable, unit: str | None) -> str:
+    """The bounds of a parameter for its declaration; non-numeric bounds are omitted."""
     texts = []
     for name in ("min", "max"):
-        said = getattr(v, name, None)
+        bound_value = getattr(v, name, None)
         try:
-            bound = number(str(said if said is not None else getattr(v.declaredType, name, None)).strip()) * found.scale
+            bound = number(str(bound_value if bound_value is not None
+                               else getattr(v.declaredType, name, None)).strip()) * variable.scale
         except ValueError:
             continue
-        if abs(bound + found.offset) <= LARGEST:
-            texts.append(f", {name}: {_quantity(bound + found.offset, unit)}")
+        if abs(bound + variable.offset) <= LARGEST:
+            texts.append(f", {name}: {_quantity(bound + variable.offset, unit)}")
     return "".join(texts)
 
 
 def _doc(v: Any) -> str:
-    said = v.description or ""
-    return _quoted(said if v.name == said or v.name.isidentifier() else f"{v.name}: {said}".rstrip(": "))
+    doc_text = v.description or ""
+    return _quoted(doc_text if v.name == doc_text or v.name.isidentifier() else f"{v.name}: {doc_text}".rstrip(": "))
 
 
 def _quoted(text: str) -> str:
-    """A text that YAML takes as it is."""
+    """Quote a text for YAML."""
     plain = " ".join("".join(c if c.isprintable() else " " for c in text).split())[:LONGEST_DOC]
     return "'" + plain.replace("'", "''") + "'"

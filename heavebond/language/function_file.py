@@ -1,15 +1,16 @@
-"""Reading of function files: a law that several components share, called in their equations by its name.
+"""Reading of function files: a law that several components share and call by its name in their equations.
 
     function: oil_with_air
     inputs:    {p: {unit: Pa, doc: ...}, ...}
     constants: {w: {unit: Pa, value: 10 kPa, doc: ...}}
     outputs:   {k: {unit: 1/Pa, doc: ...}}
     equations: |
-      r = ...      # a name of its own, which later lines may use
+      r = ...      # a local name for later lines
       k = ...      # an output
 
-Every line gives one name, from inputs, constants and the names of the lines above it. Units are checked as in a component.
-An input or output with `count: n` is a list, with `count: [n, m]` a matrix; the lengths are those of a call's arguments.
+Every line defines one name, from inputs, constants and the names of the lines above it. Units are checked as in a
+component. An input or output with `count: n` is a list, with `count: [n, m]` a matrix; the lengths are the lengths of a
+call's arguments.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ from heavebond.text.shapes import check_steps, whole_number
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 
 FUNCTION_KEYS = ("function", "summary", "restrictions", "source", "inputs", "outputs", "constants", "equations")
-# a function is a relation between numbers: it knows no derivative, no time and no jump that an event would have to find
-REFUSED = {"der": "a function relates values at one instant", "floor": "it jumps where no event stops the integrator"}
+# a function is a relation between numbers: it has no derivative, no time and no jump that would need an event
+REFUSED = {"der": "a function relates values at one instant", "floor": "it jumps without an event that stops the integrator"}
 ELEMENTS = ("Write a formula of whole lists (`y = x[2..n] - x[1..n - 1]`) or the elements in brackets (`y = [a, b]`,\n"
             "`K = [[a, b], [c, d]]`), or let the function give one element by its indices, and write\n"
             "`each i in 1..n: y[i] = f(i, ...)` in the component, where `y` has `count: n`.")
@@ -52,7 +53,7 @@ SNAKE_CASE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
 def parse_function(source: Source) -> Function:
-    """A function file as a value; ModelError with all that is wrong with its form, names and units."""
+    """Convert a function file to a value; ModelError with all mistakes in its form, names and units."""
     return _Parser(source).function()
 
 
@@ -73,18 +74,18 @@ class _Parser:
             reading.declarations(root.items.get(key), key, partial(self._quantity, valued=key == "constants"), problems)
             for key in ("inputs", "outputs", "constants"))
         place = head.place if isinstance(head, Scalar) else root.place
-        found = Function(name, reading.text(root.items.get("summary"), "summary", problems), place, self.source.path,
-                         inputs, outputs, constants, self._steps(root.items.get("equations")),
-                         reading.text(root.items.get("restrictions"), "restrictions", problems),
-                         reading.text(root.items.get("source"), "source", problems))
+        function_read = Function(name, reading.text(root.items.get("summary"), "summary", problems), place, self.source.path,
+                                 inputs, outputs, constants, self._steps(root.items.get("equations")),
+                                 reading.text(root.items.get("restrictions"), "restrictions", problems),
+                                 reading.text(root.items.get("source"), "source", problems))
         for key, group in (("inputs", inputs), ("outputs", outputs)):
             if key in root.items and not group:
                 problems.add("function-empty", f"function '{name}' has no {key}", root.items[key].place,
                              hint=f"Write `{key}: {{x: {{unit: ..., doc: ...}}}}`.")
         problems.raise_as(ModelError)
-        _Checker(found, problems).check()
+        _Checker(function_read, problems).check()
         problems.raise_as(ModelError)
-        return found
+        return function_read
 
     def _check_name(self, head: Scalar) -> None:
         if head.text in FUNCTIONS:
@@ -98,24 +99,24 @@ class _Parser:
         needed = ("unit", "value") if valued else ("unit",)
         reading.known_keys(entry, (*needed, "doc", *(() if valued else ("count",))), f"'{key.text}'", self.problems, needed)
         unit = reading.unit(entry.items.get("unit"), self.problems) or DIMENSIONLESS
-        found = None
+        number_read = None
         if valued and "value" in entry.items:
             value = reading.value(entry.items["value"], f"value of {key.text}", self.problems)
-            found = constant(value.expr) if value is not None else None
-            if value is not None and found is None:
+            number_read = constant(value.expr) if value is not None else None
+            if value is not None and number_read is None:
                 self.problems.add("not-a-quantity", f"value of {key.text} must be a plain quantity", value.place,
                                   hint="Write a number with its unit.")
-            if value is not None and found is not None:
+            if value is not None and number_read is not None:
                 try:
-                    check_unit(value.expr.unit if isinstance(value.expr, Number) else None, unit, found, value.text)
+                    check_unit(value.expr.unit if isinstance(value.expr, Number) else None, unit, number_read, value.text)
                 except UnitProblem as problem:
                     self.problems.add(problem.code, f"value of {key.text}: {problem.message}", value.place,
                                       hint=problem.hint)
-        return Quantity(key.text, unit, key.place, reading.text(entry.items.get("doc"), "doc", self.problems), found,
+        return Quantity(key.text, unit, key.place, reading.text(entry.items.get("doc"), "doc", self.problems), number_read,
                         tuple(e for e in reading.sizes(entry, self.problems) if e is not None))
 
     def _steps(self, node: Node | None) -> tuple[Step, ...]:
-        found = []
+        steps = []
         for content, label, place in equation_lines(node, self.problems):
             if re.match(r"each\s", content) or re.match(r"\w+\s*\[[^=]*=(?!=)", content):
                 self.problems.add("function-left", "a line of a function gives a whole list or matrix, not its elements",
@@ -128,8 +129,8 @@ class _Parser:
                 self.problems.add("function-left", "the left side of a line of a function is one name", place,
                                   hint="Write `name = formula`: a function is evaluated line by line.")
                 continue
-            found.append(Step(tree.left.text, tree.right, content, label, place))
-        return tuple(found)
+            steps.append(Step(tree.left.text, tree.right, content, label, place))
+        return tuple(steps)
 
 
 @dataclass
@@ -151,29 +152,32 @@ class _Checker:
             self._step(step)
         if not self.problems.found:
             self._check_shapes()
-        given = {step.name for step in function.steps}
+        step_names = {step.name for step in function.steps}
         for output in function.outputs.values():
-            if output.name not in given:
+            if output.name not in step_names:
                 self._add("function-output", f"no line gives the output '{output.name}'", output.place,
                           f"Add `{output.name} = ...` under `equations:`.")
         used = {name.base for step in function.steps for name in names(step.expr)}
         for step in function.steps:
             if step.name not in used and step.name not in function.outputs:
-                self._add("function-unused", f"nothing uses '{step.name}', and it is no output", step.place,
+                self._add("function-unused", f"'{step.name}' is not used and is not an output", step.place,
                           "Remove the line, or declare the name under `outputs:`.")
 
     def _check_names_once(self) -> None:
-        seen: dict[str, str] = {}
-        for what, group in (("inputs", self.function.inputs), ("constants", self.function.constants),
-                            ("outputs", self.function.outputs)):
+        declared_in: dict[str, str] = {}
+        for section, group in (("inputs", self.function.inputs), ("constants", self.function.constants),
+                               ("outputs", self.function.outputs)):
             for name, quantity in group.items():
-                if name in seen:
-                    self._add("name-twice", f"'{name}' stands under {seen[name]} and under {what}", quantity.place,
+                if name in declared_in:
+                    self._add("name-twice", f"'{name}' is declared under {declared_in[name]} and under {section}",
+                              quantity.place,
                               "Give one of them another name.")
-                seen[name] = what
+                declared_in[name] = section
 
     def _check_lengths(self) -> None:
-        """A length of an input is a name of its own or a whole number, one of an output follows from these."""
+        """Check that the length of an input is a new name or a whole number, and that the length of an output follows
+        from these.
+        """
         function, known = self.function, set(self.function.lengths)
         for quantity in (*function.inputs.values(), *function.outputs.values()):
             entry = quantity.name in function.inputs
@@ -181,8 +185,8 @@ class _Checker:
                 inside = {name.text for name in names(size)}
                 if (entry and not isinstance(size, (Name, Number))) or whole_number(size, dict.fromkeys(known, 2)) is None:
                     unknown = "" if entry else listing(sorted(inside - known))
-                    what = f"depends on {unknown}, which no input tells" if unknown else "is a name or a whole number"
-                    self._add("count-bad", f"the length of '{quantity.name}' {what}", quantity.place,
+                    cause = f"depends on {unknown}, which no input determines" if unknown else "is a name or a whole number"
+                    self._add("count-bad", f"the length of '{quantity.name}' {cause}", quantity.place,
                               f"Known: {listing(sorted(known))}." if unknown and known else "Write `count: n` or "
                               "`count: 3`.")
         for name in known & {*function.inputs, *function.outputs, *function.constants}:
@@ -190,7 +194,7 @@ class _Checker:
                       "Give one of them another name.")
 
     def _check_shapes(self) -> None:
-        """Which names are numbers, lists and matrices; whole numbers are those of each call."""
+        """Determine which names are numbers, lists and matrices; whole numbers may differ in each call."""
         for step in self.function.steps:
             for name in names(step.expr):
                 place = step.place.moved(name.column, name.length)
@@ -209,21 +213,21 @@ class _Checker:
 
     def _step(self, step: Step) -> None:
         if step.name in self.units:
-            what = "an input" if step.name in self.function.inputs else \
+            declared_as = "an input" if step.name in self.function.inputs else \
                 "a constant" if step.name in self.function.constants else "given by a line above"
-            self._add("function-given-twice", f"'{step.name}' is {what} already", step.place, "Take another name.")
+            self._add("function-given-twice", f"'{step.name}' is {declared_as} already", step.place, "Take another name.")
             return
-        found: Dimension | None = ANY
+        dimension_found: Dimension | None = ANY
         try:
             _refuse(step.expr)
-            found = number_dimension(step.expr, self._lookup(step))
+            dimension_found = number_dimension(step.expr, self._lookup(step))
         except ExpressionProblem as problem:
             reading.add_expression_problem(problem, step.place, self.problems)
         output = self.function.outputs.get(step.name)
-        if output is not None and found is not ANY and found != output.unit.dimension:
+        if output is not None and dimension_found is not ANY and dimension_found != output.unit.dimension:
             self._add("units-differ", f"output {step.name} must be in {dimension_text(output.unit.dimension)}; this is in "
-                      f"{dimension_text(found)}", step.place, "Both sides of an equation have the same unit.")
-        self.units[step.name] = output.unit.dimension if output is not None else found
+                      f"{dimension_text(dimension_found)}", step.place, "Both sides of an equation have the same unit.")
+        self.units[step.name] = output.unit.dimension if output is not None else dimension_found
 
     def _lookup(self, step: Step) -> Callable[[Name], Dimension | None]:
         def lookup(name: Name) -> Dimension | None:
@@ -241,9 +245,9 @@ class _Checker:
 
 
 def _refuse(expr: Expr) -> None:
-    """No derivative and no jump inside a function."""
+    """Refuse derivatives and jumps inside a function."""
     if isinstance(expr, Call) and expr.function in REFUSED:
-        raise ExpressionProblem("function-refused", f"{expr.function}() has no place in a function: "
+        raise ExpressionProblem("function-refused", f"{expr.function}() is not permitted in a function: "
                                 f"{REFUSED[expr.function]}", expr.column, len(expr.function),
                                 "Write it in the component, and pass its value.")
     for child in children(expr):

@@ -11,14 +11,14 @@ import casadi as ca
 
 from heavebond.language.symbols import split, stack
 
-# Kinds of occurrence. Those up to DEFINITE can be solved for explicitly.
+# Kinds of occurrence. Equations can be solved explicitly for unknowns of kinds up to DEFINITE.
 UNIT, NUMBER, PARAMETER, DEFINITE, INDEFINITE, NONLINEAR = range(6)
 Interval = tuple[float, float]
 EVERYTHING: Interval = (-inf, inf)
 
 
 class Entry(NamedTuple):
-    """Unknown `column` in an equation: its kind and, where it is linear, the coefficient d(residual)/d(unknown)."""
+    """Unknown `column` in an equation: its kind and, if it occurs linearly, the coefficient d(residual)/d(unknown)."""
 
     column: int
     kind: int
@@ -27,23 +27,24 @@ class Entry(NamedTuple):
 
 def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Mapping[int, Interval]
              ) -> list[list[Entry]]:
-    """The entries of each residual (m,) with respect to the unknowns (n,).
+    """Incidence entries of each residual (m,) with respect to the unknowns (n,).
 
-    `constants` holds the hashes of symbols that never change during a run; `bounds` the interval that a symbol
-    keeps to, by its hash. A coefficient is
+    `constants` contains the hashes of symbols that are constant during a run; `bounds` the interval of a symbol, by its
+    hash. A coefficient is
+
     UNIT +-1 | NUMBER another number | PARAMETER of constants only | DEFINITE never of both signs within the bounds |
-    INDEFINITE linear, but the coefficient may pass through zero | NONLINEAR (also where a sign or a comparison is made of
-    it, whose derivative is zero).
+    INDEFINITE linear, but the coefficient may pass through zero | NONLINEAR (also if a sign or a comparison depends on
+    the unknown, whose derivative is zero).
     """
     jacobian = ca.jacobian(residuals, unknowns)
     rows: list[list[Entry]] = [[] for _ in range(residuals.numel())]
     row_of, column_of = jacobian.sparsity().get_triplet()
-    occurring = sorted(set(column_of))  # perhaps few of many
-    own = {column: s.element_hash() for column, s in zip(occurring, split(unknowns[occurring]), strict=True)}
-    stepped = _stepped(residuals, {s: column for column, s in own.items()})
+    occurring = sorted(set(column_of))  # the equations may depend on few of many unknowns
+    hashes = {column: s.element_hash() for column, s in zip(occurring, split(unknowns[occurring]), strict=True)}
+    stepped = _stepped(residuals, {s: column for column, s in hashes.items()})
     # CasADi's stubs call the entries SXElem; they are scalar SX
     coefficients = cast(list[ca.SX], jacobian.nonzeros())
-    kinds = [NONLINEAR if (row, column) in stepped else _kind(entry, own[column], constants)
+    kinds = [NONLINEAR if (row, column) in stepped else _kind(entry, hashes[column], constants)
              for entry, row, column in zip(coefficients, row_of, column_of, strict=True)]
     signs = iter(intervals([e for e, kind in zip(coefficients, kinds, strict=True) if kind is None], bounds))
     for entry, kind, row, column in zip(coefficients, kinds, row_of, column_of, strict=True):
@@ -51,29 +52,29 @@ def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Map
     return rows
 
 
-# Operations of CasADi whose derivative is zero wherever they have one.
+# Operations of CasADi whose derivative is zero wherever it exists.
 STEPS = frozenset((ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_SIGN, ca.OP_FLOOR,
                    ca.OP_CEIL))
 
 
 def _stepped(residuals: ca.SX, column_of: Mapping[int, int]) -> set[tuple[int, int]]:
-    """The (row, column) where a comparison, a sign or a whole number is made of the unknown, whose column is given by its
-    hash: the residual is not linear in it there, whatever the derivative is (`v - if_else(v > 0, a, b)` has the constant
+    """The (row, column) for which a comparison, a sign or a whole number depends on the unknown, whose column is given by
+    its hash. The residual is not linear in it, whatever the derivative is (`v - if_else(v > 0, a, b)` has the constant
     derivative 1)."""
     symbols = ca.symvar(residuals)
     function = ca.Function("f", [stack(symbols)], [residuals])
     ids = [function.instruction_id(k) for k in range(function.n_instructions())]
     if STEPS.isdisjoint(ids):
         return set()
-    # of each place of the work vector: the unknowns in it, and those of which it holds steps
+    # for each place of the work vector: the unknowns in it, and the unknowns on which it depends by a step
     nothing: frozenset[int] = frozenset()
     work: dict[int, tuple[frozenset[int], frozenset[int]]] = {}
-    found: set[tuple[int, int]] = set()
+    stepped_entries: set[tuple[int, int]] = set()
     columns = [column_of.get(s.element_hash()) for s in symbols]
     for k, op in enumerate(ids):
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
-            found.update((outputs[1], column) for column in work[inputs[0]][1])
+            stepped_entries.update((outputs[1], column) for column in work[inputs[0]][1])
         elif op == ca.OP_INPUT:
             column = columns[inputs[1]]
             work[outputs[0]] = (nothing if column is None else frozenset((column,)), nothing)
@@ -83,11 +84,11 @@ def _stepped(residuals: ca.SX, column_of: Mapping[int, int]) -> set[tuple[int, i
             held = [work[i] for i in inputs]
             inside, steps = (nothing.union(*(h[side] for h in held)) for side in (0, 1))
             work[outputs[0]] = (inside, inside if op in STEPS else steps)
-    return found
+    return stepped_entries
 
 
 def _kind(coefficient: ca.SX, unknown: int, constants: set[int]) -> int | None:
-    """The kind of a coefficient; None where its interval decides."""
+    """The kind of a coefficient; None if its interval decides."""
     if coefficient.is_constant():
         size = abs(float(coefficient))
         return NONLINEAR if size == 0 else UNIT if size == 1 else NUMBER
@@ -97,22 +98,22 @@ def _kind(coefficient: ca.SX, unknown: int, constants: set[int]) -> int | None:
     return NONLINEAR if unknown in hashes else None
 
 
-def _sign(found: Interval) -> int:
-    low, high = found
+def _sign(interval: Interval) -> int:
+    low, high = interval
     return DEFINITE if low >= 0 or high <= 0 else INDEFINITE
 
 
-# An end at zero is taken as approached only. A truth value, and what a condition leaves out, is zero: beyond by this much.
+# An end at zero is approached only. A truth value, and the inactive branch of a condition, is zero: beyond by this much.
 REACHED = 1e-200
 
 
 def interval(expression: ca.SX, bounds: Mapping[int, Interval]) -> Interval:
-    """An interval that surely holds the scalar `expression` while its symbols keep to their `bounds`."""
+    """An interval that contains the scalar `expression` for all values of its symbols within `bounds`."""
     return intervals([expression], bounds)[0]
 
 
 def intervals(expressions: Sequence[ca.SX], bounds: Mapping[int, Interval]) -> list[Interval]:
-    """The interval of each scalar expression; what they share is visited once."""
+    """The interval of each scalar expression; shared subexpressions are visited once."""
     if not expressions:
         return []
     together = stack(expressions)
@@ -120,7 +121,7 @@ def intervals(expressions: Sequence[ca.SX], bounds: Mapping[int, Interval]) -> l
     function = ca.Function("f", [stack(symbols)], [together])
     results = [(0.0, 0.0)] * len(expressions)  # a structural zero has no instruction
     work: dict[int, Interval] = {}
-    factors: dict[int, _Factors] = {}  # of each place of the work vector
+    factors: dict[int, _Factors] = {}  # for each place of the work vector
     for k in range(function.n_instructions()):
         op, product = function.instruction_id(k), None
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
@@ -133,48 +134,48 @@ def intervals(expressions: Sequence[ca.SX], bounds: Mapping[int, Interval]) -> l
             value = function.instruction_constant(k)
             work[outputs[0]] = (value, value)
         else:
-            found = _operate(op, [work[i] for i in inputs], len(set(inputs)) < len(inputs))
+            interval_found = _operate(op, [work[i] for i in inputs], len(set(inputs)) < len(inputs))
             product = _multiplied(op, [factors[i] for i in inputs])
             if product is not None:
-                found = product.narrowed(found)
-            work[outputs[0]] = found
+                interval_found = product.narrowed(interval_found)
+            work[outputs[0]] = interval_found
         factors[outputs[0]] = product if product is not None else _Factors(1.0, {k: (work[outputs[0]], 1)})
     return results
 
 
-# products of more different factors are not looked at for squares
+# products of more different factors are not searched for squares
 MOST_FACTORS = 12
 
 
 @dataclass(frozen=True)
 class _Factors:
-    """A product: its sign, and each factor by its instruction, with its interval and how often it stands there."""
+    """A product: its sign, and each factor by its instruction, with its interval and its exponent."""
 
     sign: float
     powers: dict[int, tuple[Interval, int]]
 
     def narrowed(self, known: Interval) -> Interval:
-        """The interval of the product, where a factor that stands twice, as in x*(m*x), is a square."""
+        """The interval of the product, with a repeated factor, as in x*(m*x), treated as a square."""
         if all(power == 1 for _, power in self.powers.values()):
             return known
-        own = (self.sign, self.sign)
+        sign_interval = (self.sign, self.sign)
         for a, power in self.powers.values():
             for _ in range(power // 2):
-                own = _product(own, _square(a))
-            own = _product(own, a) if power % 2 else own
-        return max(known[0], own[0]), min(known[1], own[1])
+                sign_interval = _product(sign_interval, _square(a))
+            sign_interval = _product(sign_interval, a) if power % 2 else sign_interval
+        return max(known[0], sign_interval[0]), min(known[1], sign_interval[1])
 
 
 def _multiplied(op: int, args: Sequence[_Factors]) -> _Factors | None:
-    """The factors of a product or of a negated one; None of anything else."""
+    """The factors of a product or of a negated one; None for other operations."""
     if op == ca.OP_NEG:
         return _Factors(-args[0].sign, args[0].powers)
     if op not in (ca.OP_MUL, ca.OP_SQ):
         return None
     a, b = args[0], args[-1]
     powers = dict(a.powers)
-    for k, (own, power) in b.powers.items():
-        powers[k] = (own, power + (powers[k][1] if k in powers else 0))
+    for k, (factor_interval, power) in b.powers.items():
+        powers[k] = (factor_interval, power + (powers[k][1] if k in powers else 0))
     return _Factors(a.sign * b.sign, powers) if len(powers) <= MOST_FACTORS else None
 
 
@@ -233,7 +234,7 @@ def _product(a: Interval, b: Interval) -> Interval:
 
 
 def _inverse(a: Interval) -> Interval:
-    """1/a; an end at zero is approached, not reached (the coefficient is checked when numbers are known)."""
+    """1/a; an end at zero is approached, not reached (the coefficient is checked again with numerical values)."""
     if a[0] >= 0:
         return (0.0 if a[1] == inf else 1 / a[1] if a[1] else inf), (inf if a[0] == 0 else 1 / a[0])
     if a[1] <= 0:

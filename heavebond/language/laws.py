@@ -29,12 +29,12 @@ from heavebond.text.expression import Binary, Expr, ExpressionProblem, Name, Sli
 from heavebond.text.shapes import Lengths, Shape, elements, indexed
 
 Domains = Mapping[str, Domain]
-MOST = 10_000  # more ports or equations of a kind than this are a slip
+MOST = 10_000  # more ports or equations of a kind than this are a mistake
 CONSTANTS = {"pi": ONE, "time": SECOND}
 
 
 class Scope:
-    """What a name means inside a component's equations, as a dimension."""
+    """Dimensions of the names in a component's equations."""
 
     def __init__(self, component: Component, domains: Domains):
         self.component, self.domains = component, domains
@@ -43,9 +43,9 @@ class Scope:
             self.plain.update({name: item.unit.dimension for name, item in group.items()})
 
     def __call__(self, name: Name) -> Dimension | None:
-        """The dimension of a name; None (any) in a component whose units are not checked."""
-        found = self._dimension(name)
-        return found if self.component.units_checked else ANY
+        """The dimension of a name; None (any) in a component without checks of units."""
+        dimension_found = self._dimension(name)
+        return dimension_found if self.component.units_checked else ANY
 
     def _dimension(self, name: Name) -> Dimension:
         words = [part for part in name.parts if isinstance(part, str)]
@@ -56,7 +56,7 @@ class Scope:
             return self._member(words[0], words[1], name)
         if "." in name.text and self._reaches_inside(words):
             raise ExpressionProblem("name-inside", f"'{name.text}' lies inside a part of this block", name.column,
-                                    name.length, "A block's equations know its own ports and variables.")
+                                    name.length, "A block's equations may use its ports and variables only.")
         members = [f"{p}.{m}" for p in self.component.ports for m in self._members(p)]
         known = [*(n for n in self.plain if n not in CONSTANTS), *members, *CONSTANTS]
         hint = suggest(name.text, known) or f"Known here: {listing(known)}."
@@ -64,10 +64,10 @@ class Scope:
                                 name.column, name.length, hint)
 
     def _indexed(self, word: str, name: Name) -> None:
-        """Nothing but a list has an index."""
+        """Check that only lists have indices."""
         item = self._item(word)
         if (item is None or item.count is None) and len(name.parts) > 1:
-            raise ExpressionProblem("list-index", f"'{word}' is no list; it has no index", name.column, name.length,
+            raise ExpressionProblem("list-index", f"'{word}' is not a list; it has no index", name.column, name.length,
                                     f"Write `{word}`, or declare it with `count: n`.")
 
     def _item(self, word: str) -> Parameter | Variable | SignalPort | None:
@@ -76,7 +76,7 @@ class Scope:
         return next((group[word] for group in groups if word in group), None)
 
     def length(self, name: Name) -> Shape:
-        """The shape of what a name means, with every whole number at 3; None for a number."""
+        """The shape of a name's value, computed with every integer parameter at 3; None for a number."""
         word = name.parts[0]
         item = (self.component.ports.get(word) or self._item(word)) if isinstance(word, str) else None
         if item is None or item.count is None:
@@ -114,7 +114,7 @@ _ONE_POWER = declared_unit("m").dimension[0][1]
 
 
 def check(component: Component, domains: Domains) -> None:
-    """Laws 1 and 2 of one component; raises ModelError with all that is wrong."""
+    """Check laws 1 and 2 of one component; ModelError with all mistakes."""
     problems = Problems()
     _clashes(component, problems)
     _units(component, domains, problems)
@@ -124,23 +124,26 @@ def check(component: Component, domains: Domains) -> None:
 
 
 def _clashes(component: Component, problems: Problems) -> None:
-    seen: dict[str, str] = {"time": "the time", "pi": "a number"}
+    declared_as: dict[str, str] = {"time": "the time", "pi": "a number"}
     groups: tuple[tuple[str, Mapping[str, Port | SignalPort | Parameter | Variable | Instance]], ...] = (
         ("port", component.ports), ("signal", component.signals), ("parameter", component.parameters),
         ("variable", component.variables), ("part", component.body.instances))
-    for what, group in groups:
+    for kind, group in groups:
         for name, item in group.items():
-            if name in seen:
-                problems.add("name-twice", f"'{name}' is both {seen[name]} and a {what}", item.place,
+            if name in declared_as:
+                problems.add("name-twice", f"'{name}' is both {declared_as[name]} and a {kind}", item.place,
                              hint="Give one of them another name.")
             else:
-                seen[name] = f"a {what}"
+                declared_as[name] = f"a {kind}"
 
 
 def _units(component: Component, domains: Domains, problems: Problems) -> None:
     scope = Scope(component, domains)
+    by_state = {reset.target.text for state in component.states for reset in state.entry}  # checked with its values
     for line in component.equations:
         lookup = _with_index(scope, line)
+        if isinstance(line.tree.left, Name) and line.tree.left.text in by_state:
+            continue
         try:
             check_equation(line.tree, lookup)
             Lengths(scope.length, exact=False).equation(line.tree)
@@ -150,10 +153,11 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
     energies = ((component.stores, joule, "stores", "an energy in J"),
                 (component.dissipates, watt, "dissipates", "a power in W"),
                 (component.unbalanced, watt, "unbalanced", "a power in W"),
-                (component.travel_time, declared_unit("s").dimension, "travel_time", "a time in s"))
-    for formula, wanted, what, wanted_text in energies:
+                (component.travel_time, declared_unit("s").dimension, "travel_time", "a time in s"),
+                (component.opens, declared_unit("Pa").dimension, "opens", "a pressure in Pa"))
+    for formula, wanted, key, wanted_text in energies:
         if formula is not None:
-            _formula(formula, wanted, what, wanted_text, scope, problems)
+            _formula(formula, wanted, key, wanted_text, scope, problems)
     for requirement in component.requires:
         _formula(requirement, TRUTH, "requires", "a comparison, as in `x_max > x_min`", scope, problems)
     for name, delayed in component.delayed.items():
@@ -169,27 +173,29 @@ def _with_index(scope: Scope, line: EquationLine) -> Lookup:
     return lambda name: ONE if name.text == index else scope(name)
 
 
-def _formula(formula: Formula, wanted: Dimension, what: str, wanted_text: str, scope: Scope,
+def _formula(formula: Formula, wanted: Dimension, subject: str, wanted_text: str, scope: Scope,
              problems: Problems) -> None:
     try:
-        found = dimension(formula.tree, scope)
-        Lengths(scope.length, exact=False).number(formula.tree, f"`{what}:`")
+        dimension_found = dimension(formula.tree, scope)
+        Lengths(scope.length, exact=False).number(formula.tree, f"`{subject}:`")
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, formula.place, problems)
         return
-    generic = found is not None and any("$" in base for base, _ in found)
-    if found is not None and found != wanted and not generic:
-        here = "a comparison" if found == TRUTH else f"in {dimension_text(found)}"
-        problems.add("units-differ", f"`{what}:` must be {wanted_text}; this is {here}", formula.place,
+    generic = dimension_found is not None and any("$" in base for base, _ in dimension_found)
+    if dimension_found is not None and dimension_found != wanted and not generic:
+        actual = "a comparison" if dimension_found == TRUTH else f"in {dimension_text(dimension_found)}"
+        problems.add("units-differ", f"`{subject}:` must be {wanted_text}; this is {actual}", formula.place,
                      hint="Check the factors of the formula." if wanted != TRUTH else "Write a relation of parameters.")
 
 
 def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, problems: Problems) -> None:
-    """What is delayed is a signal or variable in the same unit, and the delay a time that follows from parameters."""
+    """Check that a delayed variable has the unit of its source, a signal or variable, and that the delay is a time that
+    depends on parameters only.
+    """
     sources: dict[str, SignalPort | Variable] = {**component.signals, **component.unknowns}
     source = sources.get(delayed.of)
     if source is None or source.count is not None or delayed.of == name:
-        problems.add("delayed-unknown", f"'{name}' is delayed from '{delayed.of}', which is no other signal or variable "
+        problems.add("delayed-unknown", f"'{name}' is delayed from '{delayed.of}', which is not another signal or variable "
                      "of this component", delayed.place,
                      hint=suggest(delayed.of, sources) or f"There are {listing(sources)}.")
     elif source.unit.dimension != component.variables[name].unit.dimension:
@@ -198,12 +204,12 @@ def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, pr
     _formula(delayed.by, SECOND, "by", "a time in s", scope, problems)
     moving = [n for n in names(delayed.by.tree) if n.text not in component.parameters and n.text != "pi"]
     if moving:
-        problems.add("delay-varies", f"the delay of '{name}' contains '{moving[0].text}', which is no parameter",
+        problems.add("delay-varies", f"the delay of '{name}' contains '{moving[0].text}', which is not a parameter",
                      delayed.by.place, hint="A delay is constant during a run: write it as a formula of parameters.")
 
 
 def _balance(component: Component, domains: Domains, problems: Problems) -> None:
-    """Law 2: as many equations as unknowns that the component itself must decide."""
+    """Law 2: as many equations as unknowns of the component."""
     unknowns = _own_unknowns(component, domains)
     lengths = Lengths(Scope(component, domains).length, exact=False)
     equations = sum(_repetitions(line, component) * elements(lengths.equation(line.tree)) for line in component.equations)
@@ -216,14 +222,15 @@ def _balance(component: Component, domains: Domains, problems: Problems) -> None
     if unused and more == "few":
         notes.append(f"in no equation: {listing(unused, 30)}")
     missing = abs(len(unknowns) - equations)
-    what = f"{missing} equation{'s' * (missing > 1)}"
-    advice = f"Add {what}" + (f", for example for {unused[0]}" if unused else "") if more == "few" else f"Remove {what}"
+    missing_text = f"{missing} equation{'s' * (missing > 1)}"
+    advice = f"Add {missing_text}" + (f", for example for {unused[0]}" if unused
+                                      else "") if more == "few" else f"Remove {missing_text}"
     if component.composite and unused:
         advice = f"Join '{unused[0].partition('.')[0]}' to a node of the block, or write an equation for {unused[0]}"
     problems.add(f"balance-too-{more}", f"{component.name} has {equations} equation{'s' * (equations != 1)} for "
                  f"{len(unknowns)} unknown{'s' * (len(unknowns) != 1)}", component.place, notes=notes,
                  hint=f"{advice}.\nA component has one equation for each through variable of its ports (a force, a flow), "
-                 "for each\nsignal output and for each variable of its own.")
+                 "for each\nsignal output and for each inner variable.")
 
 
 def _own_unknowns(component: Component, domains: Domains) -> list[str]:
@@ -232,7 +239,7 @@ def _own_unknowns(component: Component, domains: Domains) -> list[str]:
     for port in component.ports.values():
         if port.name in inner:
             continue
-        # an array counts for the smallest number that its file declares
+        # an array counts with the smallest number that its file permits
         copies = [""] if port.count is None else [f"[{k + 1}]" for k in range(_integer(port.count, component))]
         through = ("flow",) if port.domain.startswith("$") else domains[port.domain].through
         unknowns += [f"{port.name}{index}.{member}" for index in copies for member in through]
@@ -253,7 +260,7 @@ def _repetitions(line: EquationLine, component: Component) -> int:
 
 
 def _integer(expr: Expr, component: Component) -> int:
-    """An array size with every integer parameter at the value 3, enough to tell `each i in 2..n` from `1..n`."""
+    """An array size with every integer parameter at 3, which distinguishes `each i in 2..n` from `1..n`."""
     number = constant(expr)
     if number is not None:
         return int(max(-MOST, min(MOST, number)))

@@ -9,6 +9,7 @@ from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
+from stat import S_ISREG
 
 from heavebond.core.errors import ModelError, Place, Problem, Problems, either
 from heavebond.core.units import DIMENSIONLESS
@@ -30,7 +31,7 @@ _EFFECT = re.compile(r"""^["']?effect["']?[ \t]*:""", re.MULTILINE)
 
 @cache
 def bundled(folder: str) -> Path:
-    """Where `components` and `models` lie: inside an installed package, beside it in a working copy."""
+    """The folder `components` or `models`: inside an installed package, or next to it in a working copy."""
     inside = Path(__file__).parents[1] / folder
     return inside if inside.is_dir() else Path(__file__).parents[2] / folder
 
@@ -40,13 +41,13 @@ def _resolved(folder: str) -> Path:
     return bundled(folder).resolve()
 
 
-OwnFunction = tuple[str, Path, tuple[int, int]]  # name, file, its time and size
+OwnFunction = tuple[str, Path, tuple[int, int]]  # name, file, its time of change and size
 
 
 @dataclass(frozen=True, eq=False)
 class Functions(Dictionary[str, Function]):
-    """The functions of files by name, each read when it is first asked for: the user's `own`, as their files are now, and
-    those of the library; `twice`: names that two of the user's files have. Made by `_functions`."""
+    """The functions of files by name, each read at its first use: the user's, in the present state of their files, and
+    the library's. `twice`: names in two of the user's files. Created by `_functions`."""
 
     own: tuple[OwnFunction, ...]
     twice: tuple[tuple[str, tuple[Path, Path]], ...]
@@ -61,7 +62,7 @@ class Functions(Dictionary[str, Function]):
         return self is other
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Another process has the same object for the same files, too: components are kept by it."""
+        """Unpickle to the existing object for the same files: components are cached by it."""
         return _functions, (self.own, self.twice)
 
     def __iter__(self) -> Iterator[str]:
@@ -74,7 +75,7 @@ class Functions(Dictionary[str, Function]):
         return name in self.files
 
     def __getitem__(self, name: str) -> Function:
-        """The function; ModelError with what is wrong in its file, ExpressionProblem where it may not be called."""
+        """The function; ModelError with the mistakes in its file, ExpressionProblem if it cannot be called."""
         if paths := dict(self.twice).get(name):
             raise ExpressionProblem("function-twice", "two files describe a function "
                                     f"'{name}', {either(p.name for p in paths)}", 0, 1,
@@ -83,7 +84,7 @@ class Functions(Dictionary[str, Function]):
             circle = [*self._reading[self._reading.index(name):], name]
             raise ExpressionProblem("function-circle", f"'{name}' calls itself" if len(circle) == 2 else
                                     "functions call each other in a circle: " + " > ".join(circle), 0, 1,
-                                    "A function is evaluated line by line; leave one of these calls out.")
+                                    "A function is evaluated line by line; remove one of these calls.")
         if name not in self._read:
             path = self.files[name]
             self._reading.append(name)
@@ -97,22 +98,22 @@ class Functions(Dictionary[str, Function]):
 
 @dataclass(frozen=True)
 class Library:
-    """Domains and the files in which each component and each function is found; the user's own folders come first."""
+    """Domains, and the file of each component and each function; the user's folders come first."""
 
     domains: dict[str, Domain]
     files: dict[str, Path]
-    # names that two of the user's files have
+    # names in two of the user's files
     twice: dict[str, tuple[Path, Path]] = field(default_factory=dict)
     functions: Functions = field(default_factory=lambda: library_functions())
 
     def formula(self, text: str, functions: Dictionary[str, int] | None = None) -> Expr:
-        """A formula of a diagram, as `parse_formula` reads it; it may call the functions that the library knows."""
+        """Parse a formula of a diagram with `parse_formula`; it may call the functions of the library."""
         with calling(self.functions):
             return parse_formula(text, functions=functions)
 
     def names(self) -> list[str]:
-        """Every component in a file of the language, in the order of their files. FMUs are known by name, but a folder may
-        hold some that are no components."""
+        """Every component in a file of the language, in the order of the files. FMUs can be used by name, but are not
+        listed: a folder may contain FMUs that are not components."""
         return [name for name, path in self.files.items() if path.suffix != ".fmu"]
 
     def effects(self) -> list[Component]:
@@ -121,7 +122,7 @@ class Library:
         return [component for component in map(self.component, having) if component.effect is not None]
 
     def component(self, name: str, place: Place | None = None) -> Component:
-        """The component called `name`; ModelError with near names where there is none."""
+        """The component `name`; ModelError with similar names if it does not exist."""
         if name not in self.files:
             hint = near_components(name, self.files)
             raise ModelError([Problem("component-unknown", f"there is no component '{name}'", place, hint)])
@@ -134,7 +135,7 @@ class Library:
         return _load_cached(*self._state(name), self._same_base(name))
 
     def base(self, path: Path, chain: tuple[Path, ...] = ()) -> Component | None:
-        """What the component in a file extends, if anything; ModelError where there is no such component."""
+        """The component that a file extends, or None; ModelError if it does not exist."""
         head = _extends(path.absolute(), _stamp(path))
         if head is None:
             return None
@@ -142,13 +143,13 @@ class Library:
         following = self.files.get(head.text)
         if following is not None and following.resolve() in chain:
             raise ModelError([Problem("extends-circle", f"'{head.text}' extends itself" + " over others" * (len(chain) > 1),
-                                      head.place, "Extend a component that has equations of its own, or none.")])
+                                      head.place, "Extend a component that contains equations, or remove `extends:`.")])
         if following is not None and following.suffix != ".fmu":
             self.base(following, chain)
         return self.component(head.text, head.place)
 
     def checked(self, name: str, place: Place | None = None) -> Component:
-        """The same with its laws checked, once for each state of its file; ModelError with all that is wrong."""
+        """The component with its laws checked, once for each state of its file; ModelError with all mistakes."""
         component = self.component(name, place)
         if component.foreign is not None:
             laws.check(component, self.domains)
@@ -160,14 +161,14 @@ class Library:
         return None if base is None else Same(base)
 
     def _state(self, name: str) -> tuple[Path, tuple[int, int], tuple[str, ...], Functions]:
-        """What a component depends on: its file as it is now, the domains and the functions."""
+        """The state on which a component depends: its file as it is now, the domains and the functions."""
         path = self.files[name].absolute()
         return path, _stamp(path), tuple(self.domains), self.functions
 
 
 @lru_cache(maxsize=1024)
 def _extends(path: Path, stamp: tuple[int, int]) -> Scalar | None:
-    """The name of the component that the one in a file extends; None where it extends none."""
+    """The name of the component that the file extends; None if it extends none."""
     if not _EXTENDS.search(read_text(path)):
         return None
     head = read(path, shown_path(path), bundled=is_bundled(path)).root.items.get("extends")
@@ -175,7 +176,7 @@ def _extends(path: Path, stamp: tuple[int, int]) -> Scalar | None:
 
 
 def library_functions() -> Functions:
-    """Those of the library alone."""
+    """The functions of the library without the user's."""
     return _functions((), ())
 
 
@@ -191,21 +192,24 @@ def library(folders: Iterable[Path] = ()) -> Library:
                 twice[kind][name] = (files[kind][name], path)
             elif name:
                 files[kind][name] = path
-    own = tuple((name, path, _stamp(path)) for name, path in files["function"].items())
+    user_functions = tuple((name, path, _stamp(path)) for name, path in files["function"].items())
     for kind, known in _bundled_files().items():
         for name, path in known.items():
             files[kind].setdefault(name, path)
-    return Library(domains(), files["component"], twice["component"], _functions(own, tuple(twice["function"].items())))
+    return Library(domains(), files["component"], twice["component"],
+                   _functions(user_functions, tuple(twice["function"].items())))
 
 
 @lru_cache(maxsize=64)
 def _functions(own: tuple[OwnFunction, ...], twice: tuple[tuple[str, tuple[Path, Path]], ...]) -> Functions:
-    """The library's functions with the user's before them; the same object for the same files as they are now."""
+    """The library's functions with the user's before them; the same object for unchanged files."""
     return Functions(own, twice, {**_bundled_files()["function"], **{name: path for name, path, _ in own}})
 
 
 def joined_functions(folder: Path, inherited: Functions, own: Functions) -> Functions:
-    """The functions that a diagram in a folder knows which extends one of another folder: its own before the inherited."""
+    """The functions for a diagram in a folder that extends a diagram of another folder: those of its folder before the
+    inherited ones.
+    """
     local = {entry[0]: entry for entry in own.own if folder.resolve() in entry[1].resolve().parents}
     if not local:
         return inherited
@@ -219,13 +223,12 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 
 def is_bundled(path: Path) -> bool:
-    """Whether a file came with heavebond."""
     return any(path.resolve().is_relative_to(_resolved(folder)) for folder in ("components", "models"))
 
 
 def example(component: Component) -> Path | None:
-    """The smallest diagram that shows a component of the library, `models/examples/` with the name of its file; None where
-    there is none."""
+    """The smallest diagram with a component of the library, `models/examples/` with the name of its file; None without
+    one."""
     path = bundled("models") / "examples" / component.path.name
     inside = component.path.resolve().is_relative_to(bundled("components").resolve())
     return path if inside and path.is_file() else None
@@ -256,19 +259,25 @@ def _bundled_files() -> dict[str, dict[str, Path]]:
 
 def _yaml_files(top: Path) -> list[str]:
     """The YAML files in a folder and those below it."""
-    found = (os.path.join(folder, name) for folder, _, names in os.walk(top) for name in names if name.endswith(".yaml"))
-    return sorted(found, key=lambda path: path.split(os.sep))
+    paths = (os.path.join(folder, name) for folder, _, names in os.walk(top) for name in names if name.endswith(".yaml"))
+    return sorted(paths, key=lambda path: path.split(os.sep))
 
 
 def _head_of(path: Path) -> tuple[str, str]:
-    """Whether a file describes a component or a function, and its name; empty where it describes neither."""
-    if not path.is_file():  # a pipe would be waited for
-        return "", ""
+    """`component` or `function` and the name; empty for other files."""
     try:
-        found = _HEAD.search(read_text(path))
-    except ModelError:
-        return "", ""  # an unreadable neighbour is no fault of the diagram that is being loaded
-    return (found.group(1), found.group(2)) if found else ("", "")
+        status = path.stat()
+        # reading a pipe would block
+        return _head_in(path.absolute(), (status.st_mtime_ns, status.st_size)) if S_ISREG(status.st_mode) else ("", "")
+    except (OSError, ModelError):
+        return "", ""  # an unreadable file in the same folder does not make the diagram wrong
+
+
+@lru_cache(maxsize=4096)
+def _head_in(path: Path, stamp: tuple[int, int]) -> tuple[str, str]:
+    """The same for one state of a file; ModelError if it cannot be read."""
+    head_match = _HEAD.search(read_text(path))
+    return (head_match.group(1), head_match.group(2)) if head_match else ("", "")
 
 
 @lru_cache(maxsize=1)
@@ -277,13 +286,13 @@ def domains() -> dict[str, Domain]:
     path = bundled("components") / "domains.yaml"
     source = read(path, shown_path(path), bundled=True)
     problems = Problems()
-    found = {}
+    domains_by_name = {}
     for name, node in source.root.items.items():
         entry = reading.mapping(node, name, problems)
         if entry is not None and name != "signal":
-            found[name] = _domain(name, entry, problems)
+            domains_by_name[name] = _domain(name, entry, problems)
     problems.raise_as(ModelError)
-    return found
+    return domains_by_name
 
 
 KINDS = ("rate", "displacement", "acceleration", "storage", "source", "transport", "variation", "measurement")
@@ -291,20 +300,19 @@ KINDS = ("rate", "displacement", "acceleration", "storage", "source", "transport
 
 @lru_cache(maxsize=1)
 def _effect_classes() -> Dictionary[str, tuple[str, str]]:
-    """Each class of effects with the class that it is a special case of, or else its kind (see KINDS), from
-    `components/effect_classes.yaml`."""
+    """Each class of effects with its general class, or else its kind (see KINDS), from `components/effect_classes.yaml`."""
     path = bundled("components") / "effect_classes.yaml"
     source = read(path, shown_path(path), bundled=True)
     problems = Problems()
-    found = {}
+    classes = {}
     for name, node in source.root.items.items():
         entry = reading.mapping(node, name, problems)
         if entry is not None:
             reading.known_keys(entry, ("is", "kind"), f"class '{name}'", problems)
-            found[name] = (reading.text(entry.items.get("is"), "is", problems),
-                           reading.text(entry.items.get("kind"), "kind", problems))
+            classes[name] = (reading.text(entry.items.get("is"), "is", problems),
+                             reading.text(entry.items.get("kind"), "kind", problems))
     problems.raise_as(ModelError)
-    return found
+    return classes
 
 
 def effect_classes() -> Dictionary[str, str]:
@@ -319,7 +327,7 @@ def effect_kind(name: str) -> str:
 
 
 def same_class(one: str, other: str) -> bool:
-    """Whether two classes of effects are one, or one is a special case of the other."""
+    """True if two classes of effects are equal, or one is a special case of the other."""
     parents = effect_classes()
     return one == other or parents.get(one) == other or parents.get(other) == one
 
@@ -354,7 +362,7 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
 
 
 def _fills(node: Mapping, problems: Problems) -> tuple[str, tuple[tuple[str, str], ...]] | None:
-    """The component that fills a node without storage, and its settings."""
+    """The component that is added to a node without storage, and its settings."""
     entry = reading.mapping(node.items.get("fills"), "fills", problems)
     if entry is None:
         return None
@@ -364,8 +372,8 @@ def _fills(node: Mapping, problems: Problems) -> tuple[str, tuple[tuple[str, str
 
 def _figure(entry: Mapping, key: str, problems: Problems) -> float | None:
     node = entry.items.get(key)
-    found = reading.value(node, key, problems) if node is not None else None
-    return constant(found.expr) if found is not None else None
+    quantity = reading.value(node, key, problems) if node is not None else None
+    return constant(quantity.expr) if quantity is not None else None
 
 
 @lru_cache(maxsize=1024)
@@ -385,7 +393,7 @@ def _checked_cached(path: Path, stamp: tuple[int, int], names: tuple[str, ...], 
 
 
 def _foreign(path: Path, place: Place | None) -> Component:
-    """The component that an FMU amounts to."""
+    """The component of an FMU."""
     try:
         return _foreign_cached(path.resolve(), _stamp(path))
     except ModelError as error:
@@ -399,7 +407,7 @@ def _foreign_cached(path: Path, stamp: tuple[int, int]) -> Component:
 
 
 def shown_path(path: Path) -> str:
-    """A file as messages name it: `components/...` and `models/...` for what is bundled."""
+    """Path of a file for messages: `components/...` and `models/...` for bundled ones."""
     resolved = path.resolve()
     for folder in ("components", "models"):
         root = _resolved(folder)

@@ -1,4 +1,4 @@
-"""Arrays: what has `count: n` is expanded to `x[1]` ... `x[n]` once the integer parameters are known, and what has
+"""Arrays: declarations with `count: n` are expanded to `x[1]` ... `x[n]` once the integer parameters are known, and with
 `count: [n, m]` to `x[1][1]`, `x[1][2]` ... `x[n][m]`, row by row."""
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ Item = TypeVar("Item", Parameter, Variable, SignalPort)
 
 
 def has_lists(component: Component) -> bool:
-    """Whether any of its parameters, variables or signals is a list."""
+    """True if any of its parameters, variables or signals is a list."""
     return any(item.count is not None for group in (component.parameters, component.variables, component.signals)
                for item in group.values())
 
 
 def written_out(component: Component, integers: Mapping[str, int]) -> Component:
-    """The component with every list as single parameters, variables and signals; the same object for the same numbers."""
+    """Expand every list to single parameters, variables and signals; the same object for the same numbers."""
     return _written_out(Same(component), tuple(sorted(integers.items()))) if has_lists(component) else component
 
 
@@ -47,7 +47,7 @@ def _written_out(key: Same, integers: tuple[tuple[str, int], ...]) -> Component:
 
 
 def written_size(component: Component, integers: Mapping[str, int]) -> int:
-    """How many ports, parameters, variables and signals a component has when its lists are written out."""
+    """Number of ports, parameters, variables and signals of a component with expanded lists."""
     def number(expr: Expr | None) -> int:
         return 1 if expr is None else max(0, whole_number(expr, integers) or 0)
 
@@ -58,14 +58,14 @@ def written_size(component: Component, integers: Mapping[str, int]) -> int:
 
 
 def _spread(items: Mapping[str, Item], known: Mapping[str, int]) -> dict[str, Item]:
-    found: dict[str, Item] = {}
+    items_by_name: dict[str, Item] = {}
     for name, item in items.items():
         if item.count is None:
-            found[name] = item
+            items_by_name[name] = item
         else:
-            found.update({f"{name}{index}": replace(item, name=f"{name}{index}", count=None, columns=None)
+            items_by_name.update({f"{name}{index}": replace(item, name=f"{name}{index}", count=None, columns=None)
                           for index in indices(item.count, item.columns, lambda expr: whole_number(expr, known) or 0)})
-    return found
+    return items_by_name
 
 
 def indices(count: Expr, columns: Expr | None, number: Callable[[Expr], int]) -> list[str]:
@@ -75,7 +75,7 @@ def indices(count: Expr, columns: Expr | None, number: Callable[[Expr], int]) ->
 
 
 def lengths(component: Component, given: Callable[[str], bool]) -> dict[str, int]:
-    """Whole numbers that the lists which were given tell: the length of the longest that is counted by each."""
+    """Whole numbers that follow from the given lists: the length of the longest list that each of them counts."""
     found: dict[str, int] = {}
 
     def tell(expr: Expr | None, before: str, behind: str) -> None:

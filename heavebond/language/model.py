@@ -16,10 +16,12 @@ from heavebond.language import reading
 from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, shown_path
 from heavebond.language.sections import (
+    Clock,
     Condition,
     Initial,
     NamedOutput,
     Setting,
+    read_clocks,
     read_initial,
     read_nominal,
     read_plan,
@@ -35,14 +37,14 @@ if TYPE_CHECKING:
     import networkx as nx
 
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "vary", "remove", "initial",
-              "nominal", "show", "simulate", "view", "source", "notes")
+              "nominal", "clocks", "show", "simulate", "view", "source", "notes")
 LONGEST_CHAIN = 50
-BUNDLED = "bundled:"  # before the name of a machine that comes with heavebond
+BUNDLED = "bundled:"  # prefix of the name of a bundled machine
 
 
 @dataclass(frozen=True)
 class Model:
-    """A diagram: all that its file and the files that it extends declare.
+    """A diagram: all declarations of its file and of the files that it extends.
 
     `load` and `loads` read one; `with_parameters` and `with_component` return a changed one.
     """
@@ -57,12 +59,13 @@ class Model:
     vary: dict[str, Setting] = field(default_factory=dict)
     initial: Initial = field(default_factory=Initial)
     nominal: dict[str, Setting] = field(default_factory=dict)
+    clocks: dict[str, Clock] = field(default_factory=dict)
     show: dict[str, NamedOutput] = field(default_factory=dict)
     begin: Value | None = None
     until: Value | None = None
     every: Value | None = None
     solver: Scalar | None = None
-    ends: Formula | None = None  # the condition at which a run ends, else it ends at `until`
+    ends: Formula | None = None  # condition for the end of a run; without one it ends at `until`
     largest_step: Value | None = None
     view: dict[str, ViewShape] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
@@ -74,8 +77,8 @@ class Model:
 
     def graph(self, open_blocks: bool = True) -> nx.Graph[tuple[str, str]]:
         """The diagram as a networkx graph of parts, ports and nodes: see `heavebond.equations.diagram_graph`."""
-        found: nx.Graph[tuple[str, str]] = facade.call("Model.graph", self, open_blocks)
-        return found
+        graph: nx.Graph[tuple[str, str]] = facade.call("Model.graph", self, open_blocks)
+        return graph
 
     def _repr_svg_(self) -> str | None:
         """The drawing, for notebooks; None for a diagram that cannot be drawn."""
@@ -86,23 +89,23 @@ class Model:
 
     def _repr_html_(self) -> str | None:
         """The drawing and the table of parameters, for notebooks; None for a diagram that cannot be drawn."""
-        found: str | None = facade.call("Model._repr_html_", self)
-        return found
+        html: str | None = facade.call("Model._repr_html_", self)
+        return html
 
     @property
     def sources(self) -> tuple[Path, ...]:
-        """Paths of the diagram's files, those of lists of values included."""
+        """Paths of the diagram's files, including files with lists of values."""
         settings = [*(v for i in self.body.instances.values() for v in i.settings.values()),
                     *(s.value for s in self.settings.values())]
         return (*self.files, *dict.fromkeys(v.file for v in settings if isinstance(v, Value) and v.file))
 
     def with_parameters(self, values: Dictionary[str, float | str]) -> Model:
-        """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit; and with other
-        values at the start: `{"initial.crown.x": 0.02}`."""
+        """A model with other values: `{"gas.c": "40 kN/m"}`, or a plain number in the parameter's base unit; also other
+        initial values: `{"initial.crown.x": 0.02}`."""
         settings, conditions = dict(self.settings), dict(self.initial.conditions)
-        for path, given in ((reading.element_path(key), value) for key, value in values.items()):
-            place = Place("with_parameters", 1, 1, f"{path}: {given}")
-            value, name = _python_value(path, given), path.removeprefix("initial.")
+        for path, value_given in ((reading.element_path(key), value) for key, value in values.items()):
+            place = Place("with_parameters", 1, 1, f"{path}: {value_given}")
+            value, name = _python_value(path, value_given), path.removeprefix("initial.")
             if path == name:
                 settings[path] = Setting(path, _like(value, self._given(path)), place)
             else:
@@ -110,7 +113,7 @@ class Model:
         return replace(self, settings=settings, initial=replace(self.initial, conditions=conditions))
 
     def _given(self, path: str) -> Value | FileInput | None:
-        """What the diagram says of a parameter of one of its own parts."""
+        """The value that the diagram gives to a parameter of one of its parts."""
         owner, _, name = path.rpartition(".")
         if path in self.settings:
             return self.settings[path].value
@@ -118,7 +121,7 @@ class Model:
 
     def with_component(self, name: str, kind: str, wires: Dictionary[str, str],
                        settings: Dictionary[str, float | str] | None = None) -> Model:
-        """A model with one more component: `wires` maps each of its ports to the node that it joins.
+        """A model with one more component: `wires` maps each of its ports to its node.
 
         The same as a diagram that extends this one with `components:` and `nodes:`.
         """
@@ -139,15 +142,15 @@ def _python_value(path: str, given: float | str) -> Value:
     text = given if isinstance(given, str) else repr(float(given))
     place = Place(f"value of {path}", 1, 1, text)
     problems = Problems()
-    found = reading.value(Scalar(text, place), path, problems)
+    value_read = reading.value(Scalar(text, place), path, problems)
     problems.raise_as(UsageError)
-    assert found is not None
-    # a plain Python number is in the parameter's own base unit, which only the parameter knows
-    return found if isinstance(given, str) else replace(found, si=True)
+    assert value_read is not None
+    # a plain Python number is in the parameter's base unit, which only the parameter declares
+    return value_read if isinstance(given, str) else replace(value_read, si=True)
 
 
 def _like(value: Value, before: Value | FileInput | None) -> Value:
-    """A plain Python number with the unit of what it takes the place of, which may tell the units of signals."""
+    """A plain Python number with the unit of the value that it replaces, which may determine the units of signals."""
     if value.si and isinstance(value.expr, Number) and isinstance(before, Value) and isinstance(before.expr, Number):
         return replace(value, expr=replace(value.expr, unit=before.expr.unit))
     return value
@@ -159,13 +162,13 @@ ModelOrFile: TypeAlias = Model | str | Path
 def load(name: str | Path) -> Model:
     """Load a diagram: the path of a file, or the `name` of a bundled one (`cmc_ahc`, `cmc_ahc/passive`).
 
-    Raises UsageError where there is no such file, ModelError with the lines that are wrong.
+    Raises UsageError if the file does not exist, ModelError with the lines that are wrong.
     """
     return _load(find(name), ())
 
 
 def loads(text: str, folder: Path | str = ".") -> Model:
-    """Load a diagram from a `text`; files and components that it names are looked up in `folder`.
+    """Load a diagram from a `text`; files and components in it are looked up in `folder`.
 
     Raises ModelError with the lines that are wrong.
     """
@@ -173,13 +176,13 @@ def loads(text: str, folder: Path | str = ".") -> Model:
 
 
 def loaded(model: ModelOrFile) -> Model:
-    """A diagram itself, or the one that the path of its file or its bundled name means (see `load`)."""
+    """A diagram itself, or the diagram of a path or bundled name (see `load`)."""
     return model if isinstance(model, Model) else load(model)
 
 
 def find(name: str | Path, head: str = "model", records: Container[str] = ()) -> Path:
-    """The file that `name` means; UsageError with near names where there is none. Files with a suffix of `records` hold
-    what was measured, for which an experiment can be proposed."""
+    """The file of a path or bundled name; UsageError with similar names if it does not exist. Files with a suffix of
+    `records` contain measurements, for which the message proposes a new experiment."""
     if str(name).startswith(BUNDLED):
         name = str(name).removeprefix(BUNDLED)
         inside_models = bundled_file(name) if ".." not in Path(name).parts else None
@@ -201,16 +204,17 @@ def find(name: str | Path, head: str = "model", records: Container[str] = ()) ->
     elif (inside_models := bundled_file(str(name))) is not None:
         return inside_models
     if path.is_file():
-        raise UsageError([Problem("file-suffix", f"'{name}' is no {head}: that is a YAML file", None,
+        raise UsageError([Problem("file-suffix", f"'{name}' is not a YAML file", None,
                                   f"Give the {head}, whose name ends in .yaml." + (
                                       f" `heavebond new NAME.yaml --from DIAGRAM.yaml {name}` proposes one for this record."
                                       if path.suffix.lower() in records else ""))])
-    here = [p.name for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
-    raise UsageError([Problem("file-missing", f"there is no {head} '{name}'", None, _bundled_hint(str(name), head, here))])
+    files_here = [p.name for p in sorted(Path.cwd().glob("*.yaml"))[:50]]
+    raise UsageError([Problem("file-missing", f"there is no {head} '{name}'", None,
+                              _bundled_hint(str(name), head, files_here))])
 
 
 def _bundled_hint(name: str, head: str, here: Iterable[str]) -> str:
-    """The bundled names, and those `here`, that are near to a name; without one all bundled machines."""
+    """The bundled names, and those `here`, that are similar to a name; without one all bundled machines."""
     known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
              for m in sorted(bundled("models").glob("*/*.yaml"))]
     if head == "study":
@@ -229,8 +233,8 @@ def bundled_file(name: str) -> Path | None:
 
 
 def beside(folder: Path, name: str) -> Path:
-    """A file that another one names: counted from that one's folder, else from the bundled machines'; `bundled:NAME` is
-    always one of these."""
+    """Resolve a file name relative to the folder of the file that contains it, else to the bundled machines;
+    `bundled:NAME` is always a bundled machine."""
     path, inside = folder / name, bundled("models") / name
     if name.startswith(BUNDLED):
         return find(name, "diagram")
@@ -238,12 +242,12 @@ def beside(folder: Path, name: str) -> Path:
 
 
 def beside_hint(path: Path, near: list[str]) -> str:
-    """What to give where a file names another one that is not there, and none is called alike."""
+    """Advice for a missing file without similar names."""
     return f"The path counts from the folder of {path.name}" + (f"; there are {listing(near, 4)}." if near else ".")
 
 
 def load_beside(source: Source, node: Node, problems: Problems) -> Model:
-    """The diagram that an experiment or a study names; ModelError with near names where there is none."""
+    """The diagram of an experiment or a study; ModelError with similar names if it does not exist."""
     target = _named(source, node, "model", problems)
     if not target.is_file():
         near = [p.name for p in sorted(source.path.parent.glob("*.yaml"))]
@@ -253,7 +257,7 @@ def load_beside(source: Source, node: Node, problems: Problems) -> Model:
 
 
 def _named(source: Source, node: Node, key: str, problems: Problems) -> Path:
-    """The file that `extends:` or `model:` names; ModelError for an unknown bundled one."""
+    """The file after `extends:` or `model:`; ModelError for an unknown bundled one."""
     try:
         return beside(source.path.parent, reading.text(node, key, problems))
     except UsageError as error:
@@ -265,7 +269,7 @@ def _load(path: Path, chain: tuple[Path, ...]) -> Model:
 
 
 def from_source(source: Source, chain: tuple[Path, ...] = ()) -> Model:
-    """A diagram from its source; `chain` holds the files that led here through `extends`."""
+    """Read a diagram from its source; `chain` contains the files that were read before through `extends`."""
     root = source.root
     if "model" not in root.items or "experiment" in root.items:
         message, hint = _other_kind(source)
@@ -274,7 +278,7 @@ def from_source(source: Source, chain: tuple[Path, ...] = ()) -> Model:
 
 
 def extended(base: Model, source: Source) -> Model:
-    """The diagram that a source which `extends` the diagram `base` describes; ModelError with what is wrong."""
+    """Read a source that `extends` the diagram `base`; ModelError with the mistakes."""
     problems = Problems()
     reading.known_keys(source.root, MODEL_KEYS, "a diagram", problems)
     with calling(base.library.functions):
@@ -284,26 +288,27 @@ def extended(base: Model, source: Source) -> Model:
 
 
 def _other_kind(source: Source) -> tuple[str, str]:
-    """What a file that is no diagram is, and what to do."""
+    """The kind of a file that is not a diagram, and the command for it."""
     items = source.root.items
     for kind, article in (("experiment", "an"), ("study", "a"), ("component", "a"), ("function", "a")):
         if isinstance(head := items.get(kind), Scalar):
-            said = f"{source.name} is no diagram; it describes {article} {kind}, '{head.text}'"
+            description = f"{source.name} is not a diagram; it describes {article} {kind}, '{head.text}'"
             diagram = items.get("model")
             if kind == "component":
-                return said, f"A diagram uses it under `components:`, as in `part: {{is: {head.text}, ...}}`."
+                return description, f"A diagram uses it under `components:`, as in `part: {{is: {head.text}, ...}}`."
             if kind == "function":
-                return said, f"Equations call it: `{head.text}(...)`."
+                return description, f"Equations call it: `{head.text}(...)`."
             use = f" `heavebond compare {source.name}` compares it with its records." if kind == "experiment" else \
                 f" `heavebond study {source.name}` runs it."
-            return said, (f"Its diagram is {diagram.text}." if isinstance(diagram, Scalar) else "Give its diagram.") + use
-    return f"{source.name} is no diagram", suggest("model", items) or "A diagram begins with `model: name`."
+            return description, (f"Its diagram is {diagram.text}." if isinstance(diagram, Scalar)
+                                 else "Give its diagram.") + use
+    return f"{source.name} is not a diagram", suggest("model", items) or "A diagram begins with `model: name`."
 
 
 def _base(source: Source, chain: tuple[Path, ...]) -> Model:
     problems = Problems()
     node = source.root.items.get("extends")
-    here = source.path.resolve()
+    source_path = source.path.resolve()
     if node is None:
         folder = source.path.parent
         return Model("", "", source.path, library([folder]))
@@ -311,31 +316,31 @@ def _base(source: Source, chain: tuple[Path, ...]) -> Model:
     problems.raise_as(ModelError)
     if len(chain) > LONGEST_CHAIN:
         problems.add("extends-too-long", f"more than {LONGEST_CHAIN} files extend each other", node.place,
-                     hint="Write the diagram out.")
+                     hint="Write a complete diagram.")
         problems.raise_as(ModelError)
-    if target.resolve() in (*chain, here):
-        circle = [*(chain[chain.index(target.resolve()):] if target.resolve() in chain else ()), here, target]
+    if target.resolve() in (*chain, source_path):
+        circle = [*(chain[chain.index(target.resolve()):] if target.resolve() in chain else ()), source_path, target]
         problems.add("extends-circle", "these files extend each other in a circle: "
                      + " > ".join(p.name for p in circle) if len(circle) > 2 else f"{source.name} extends itself",
-                     node.place, hint="One of them must be a diagram of its own, without `extends:`.")
+                     node.place, hint="One of them must be a complete diagram, without `extends:`.")
         problems.raise_as(ModelError)
     if not target.is_file():
         near = [p.name for p in sorted(target.parent.glob("*.yaml"))] if target.parent.is_dir() else []
-        what = f"{target} is a folder, not a file" if target.is_dir() else f"there is no file {target}"
-        problems.add("file-missing", what, node.place,
+        problem_text = f"{target} is a folder, not a file" if target.is_dir() else f"there is no file {target}"
+        problems.add("file-missing", problem_text, node.place,
                      hint=suggest(target.name, near) or f"The path counts from the folder of {source.path.name}.")
         problems.raise_as(ModelError)
-    base = _load(target, (*chain, here))
+    base = _load(target, (*chain, source_path))
     if target.parent.resolve() != source.path.parent.resolve():
         base = replace(base, library=_joined_library(source.path.parent, base.library))
     return base
 
 
 def _joined_library(folder: Path, inherited: Library) -> Library:
-    own = library([folder])
-    local = {n: p for n, p in own.files.items() if folder.resolve() in p.resolve().parents}
-    return Library(inherited.domains, {**inherited.files, **local}, {**inherited.twice, **own.twice},
-                   joined_functions(folder, inherited.functions, own.functions))
+    folder_library = library([folder])
+    local = {n: p for n, p in folder_library.files.items() if folder.resolve() in p.resolve().parents}
+    return Library(inherited.domains, {**inherited.files, **local}, {**inherited.twice, **folder_library.twice},
+                   joined_functions(folder, inherited.functions, folder_library.functions))
 
 
 def _changed(base: Model, source: Source, problems: Problems) -> Model:
@@ -364,6 +369,7 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         vary={**base.vary, **read_vary(root.items.get("vary"), problems)},
         initial=read_initial(root.items.get("initial"), base.initial, problems),
         nominal={**base.nominal, **read_nominal(root.items.get("nominal"), problems)},
+        clocks={**base.clocks, **read_clocks(root.items.get("clocks"), problems)},
         show={**base.show, **read_show(root.items.get("show"), problems)},
         begin=plan.begin or base.begin, until=plan.until or base.until, every=plan.every or base.every,
         solver=plan.solver or base.solver, ends=plan.ends if plan.until or plan.ends else base.ends,
@@ -373,8 +379,8 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
 
 
 def _kept_settings(base: Model, body: Body) -> dict[str, Setting]:
-    """The settings of a diagram that its variant keeps: not those of a part whose place another kind of part takes, which
-    has no such parameter."""
+    """The settings that a variant inherits from its base diagram, without the settings of a part that is replaced by
+    another kind, which does not have these parameters."""
     def lost(path: str) -> bool:
         owner, _, parameter = path.partition("[")[0].rpartition(".")
         before, after = base.body.instances.get(owner), body.instances.get(owner) or body.inside.get(owner)
@@ -386,15 +392,15 @@ def _kept_settings(base: Model, body: Body) -> dict[str, Setting]:
     return {path: setting for path, setting in base.settings.items() if not lost(path)}
 
 
-def _values(node: Node | None, what: str, problems: Problems) -> dict[str, Value]:
-    entries = reading.mapping(node, what, problems)
-    found = {}
+def _values(node: Node | None, subject: str, problems: Problems) -> dict[str, Value]:
+    entries = reading.mapping(node, subject, problems)
+    values_by_name = {}
     for name, item in (entries.items if entries else {}).items():
         if entries and reading.identifier(entries.keys[name], "a parameter", problems):
             value = reading.value(item, name, problems)
             if value is not None:
-                found[name] = value
-    return found
+                values_by_name[name] = value
+    return values_by_name
 
 
 def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problems: Problems) -> dict[str, Wire]:
@@ -403,8 +409,8 @@ def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problem
         before = wires.get(name)
         plain = [e for e in wire.ends if e.path[:1] not in "+-"]
         if before is not None and plain:
-            problems.add("node-exists", f"node '{name}' stands in the diagram that this one extends", plain[0].place,
-                         hint=f"Write `+{plain[0].path}` to join a port to it, `-{plain[0].path}` to take one away.")
+            problems.add("node-exists", f"node '{name}' is in the diagram that this one extends already", plain[0].place,
+                         hint=f"Write `+{plain[0].path}` to join a port to it, `-{plain[0].path}` to remove one.")
             continue
         if not extends and len(plain) < len(wire.ends):
             signed = next(e for e in wire.ends if e.path[:1] in "+-")
@@ -421,13 +427,13 @@ def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problem
 
 def _change_ends(ends: list[End], end: End, node: str, problems: Problems) -> None:
     if end.path.startswith("-"):
-        kept = [e for e in ends if e.path != end.path[1:]]
-        if len(kept) == len(ends) and "." in node:  # of a block: its file has the ends
-            kept.append(end)
-        elif len(kept) == len(ends):
+        remaining_ends = [e for e in ends if e.path != end.path[1:]]
+        if len(remaining_ends) == len(ends) and "." in node:  # ends of a block are declared in its file
+            remaining_ends.append(end)
+        elif len(remaining_ends) == len(ends):
             problems.add("node-end-unknown", f"'{end.path[1:]}' is not on node '{node}'", end.place,
                          hint=suggest(end.path[1:], [e.path for e in ends]) or
                          (f"On it: {listing(e.path for e in ends)}." if ends else f"There is no node '{node}' yet."))
-        ends[:] = kept
+        ends[:] = remaining_ends
     else:
         ends.append(End(end.path.removeprefix("+"), end.place))

@@ -2,10 +2,10 @@
 
     sum over the ports of effort * flow = d(stores)/dt + dissipates + unbalanced,  dissipates >= 0
 
-for every motion that the component's own equations allow. The law is tried at random: numbers for the parameters, and
-jets (values, first and second derivatives) of all that the equations name, brought onto the equations and onto those
-of their time derivatives that the jet holds by a Gauss-Newton method that moves the guess as little as it can. What
-the equations leave free stays random, so the points cover all motions, not only those of one machine.
+for every motion that the component's equations permit. The law is checked on random motions: random parameters, and
+random jets (values, first and second derivatives) of all variables in the equations. A Gauss-Newton method projects each
+jet with the smallest change onto the equations and onto their time derivatives of the orders in the jet. Directions that
+the equations do not determine stay random, so the points cover all motions, not only those of one machine.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ from heavebond.text.expression import Call, Name, constant
 
 Array = NDArray[np.float64]
 
-# A jet meets the equations to some 1e-13 of its size and the sizes of one jet span 10**3.5, so what rounding leaves
-# is below 1e-9 of the largest power; a wrong sign or a forgotten term is of order one.
+# A jet satisfies the equations to some 1e-13 of its size, and the sizes of one jet span 10**3.5, so the rounding error is
+# below 1e-9 of the largest power; a wrong sign or a missing term is of order one.
 TOLERANCE = 1e-6
 # Where equations keep a port from taking power (a fixed point) all terms are zero but for rounding; powers below this
-# share of effort size * flow size are no powers.
+# share of effort size * flow size are treated as zero.
 APPARENT = 1e-6
-DRAWS = 200  # jets asked for in each domain; a law that fails for 2 % of them escapes once in 57 trials
-ATTEMPTS = 5  # jets begun for each one asked for
-ENOUGH = 0.3  # share of the jets asked for without which the law counts as not tried
+DRAWS = 200  # jets in each domain; a law that fails for 2 % of them escapes once in 57 trials
+ATTEMPTS = 5  # attempts for each required jet
+ENOUGH = 0.3  # share of the required jets below which the law counts as not tried
 # Newton's method: the residual is in relative changes of the values (of SMALLEST times the usual size near zero)
 MOST_STEPS = 20
 SMALLEST = 1e-6
 CONVERGED, ROUNDING = 1e-13, 1e-14
-SWEEPS = 6  # assignments that follow from each other in a component
+SWEEPS = 6  # chained assignments in a component
 
 
 @dataclass(frozen=True)
 class PowerReport:
-    """What the trial of one component gave.
+    """Result of the power check of one component.
 
-    `tried` jets; `imbalance`: the worst |power in - d(stores)/dt - dissipates - unbalanced| and `dissipation`: the
-    lowest `dissipates`, both over the largest power at that point; `exempt`: why nothing had to be tried; `notes`: the
+    `tried` jets; `imbalance`: the worst |power in - d(stores)/dt - dissipates - unbalanced| and `dissipation`: the lowest
+    `dissipates`, both relative to the largest power at that point; `exempt`: reason if no check was needed; `notes`: the
     worst point.
     """
 
@@ -65,13 +65,12 @@ class PowerReport:
 
     @property
     def holds(self) -> bool:
-        """Whether the law holds; a law that could not be tried does not."""
+        """True if the law holds; a law that could not be tried does not hold."""
         return bool(self.exempt) or (
             self.tried > 0 and self.imbalance <= TOLERANCE and self.dissipation >= -TOLERANCE)
 
     @property
     def verdict(self) -> str:
-        """The finding in a sentence."""
         if self.exempt:
             return f"{self.component}: not tried, {self.exempt}"
         if not self.tried:
@@ -85,7 +84,7 @@ class PowerReport:
 
 
 def check_power(component: Component, domains: Mapping[str, Domain], seed: int = 0) -> PowerReport:
-    """Law 3 of one component; a port of a generic domain (`$D`) is tried in each domain with an effort and a flow."""
+    """Check law 3 of one component; a port of a generic domain (`$D`) is tried in each domain with an effort and a flow."""
     exempt = _exempt(component)
     if exempt:
         return PowerReport(component.name, 0, exempt=exempt)
@@ -97,16 +96,16 @@ def check_power(component: Component, domains: Mapping[str, Domain], seed: int =
 
 
 def powers(component: Component, domains: Mapping[str, Domain]) -> tuple[tuple[str, ...], Array]:
-    """The names of the ports, and for each motion (n,) of the trial that goes worst: power in, d(stores)/dt, dissipates,
-    unbalanced, the size below which nothing is a power, and the power in at each port."""
-    found = []
+    """The names of the ports, and for each motion (n,) of the trial with the largest violation: power in, d(stores)/dt,
+    dissipates, unbalanced, the size below which powers are treated as zero, and the power in at each port."""
+    reports = []
     for bound in _bindings(component, domains):
         trial = _Trial(component, domains, bound)
         rows = np.array([np.concatenate([terms[:4], [APPARENT * terms[4]], terms[6:]]) for terms, _, _ in trial.motions()])
         lost = np.abs(rows[:, 0] - rows[:, 1:4].sum(axis=1)) + np.maximum(-rows[:, 2], 0)
         sizes = np.abs(rows[:, [1, 2, 3, *range(5, rows.shape[1])]]).max(axis=1) + rows[:, 4]
-        found.append((float((lost / np.where(sizes > 0, sizes, 1.0)).max()), tuple(trial.ports), rows))
-    _, ports, rows = max(found, key=lambda item: item[0])
+        reports.append((float((lost / np.where(sizes > 0, sizes, 1.0)).max()), tuple(trial.ports), rows))
+    _, ports, rows = max(reports, key=lambda item: item[0])
     return ports, rows
 
 
@@ -130,42 +129,53 @@ def _bindings(component: Component, domains: Mapping[str, Domain]) -> Iterator[d
 def usual_sizes(domains: Iterable[Domain]) -> dict[Dimension, float]:
     """Sizes by dimension: of the variables of ports, of their rates and integrals, and of their ratios and products.
 
-    A stiffness, for example, is of the size of a force over that of a position. Where one dimension comes about in
-    several ways (kg/s**2 is a stiffness, and a mass flow over a time), the domain that stands first decides.
+    A stiffness, for example, has the size of a force over the size of a position. If one dimension results in several
+    ways (kg/s**2 is a stiffness, and a mass flow over a time), the first domain decides.
     """
     return _sizes(tuple(tuple((m.unit.dimension, m.nominal) for m in domain.members.values()) for domain in domains))
 
 
 @lru_cache(maxsize=64)
 def _sizes(members: tuple[tuple[tuple[Dimension, float], ...], ...]) -> dict[Dimension, float]:
-    found: dict[Dimension, float] = {ONE: 1.0, SECOND: 1.0}
-    groups = [*members, tuple(m for group in members for m in group)]
+    size_by_dimension: dict[Dimension, float] = {ONE: 1.0, SECOND: 1.0}
+    groups = [_first_of_each(group).items() for group in (*members, [m for group in members for m in group])]
     for group in groups:
-        _note(found, group, (0, 1, -1, 2, -2))
-    for power in (-1, 1):  # ratios of everything before products: an area is rather N/Pa than m*m
+        _note(size_by_dimension, group, (0, 1, -1, 2, -2))
+    for power in (-1, 1):  # ratios of all quantities before products: an area is N/Pa rather than m*m
         for group in groups:
-            _note(found, [(times(a, b, power), size_a * size_b**power)
-                          for (a, size_a), (b, size_b) in product(group, group)], (0, 1, -1))
-    return found
+            _note(size_by_dimension, [(times(a, b, power), size_a * size_b**power)
+                                      for (a, size_a), (b, size_b) in product(group, group)], (0, 1, -1))
+    return size_by_dimension
 
 
-def _note(found: dict[Dimension, float], quantities: Iterable[tuple[Dimension, float]], orders: Iterable[int]) -> None:
-    """Add the quantities times powers of a second where their dimension is new."""
+def _note(size_by_dimension: dict[Dimension, float], quantities: Iterable[tuple[Dimension, float]],
+          orders: Iterable[int]) -> None:
+    """Add the quantities times powers of a second if their dimension is new."""
+    first = _first_of_each(quantities)
     for k in orders:
-        for dimension, size in quantities:
-            found.setdefault(times(dimension, SECOND, k), size)
+        for dimension, size in first.items():
+            size_by_dimension.setdefault(times(dimension, SECOND, k), size)
+
+
+def _first_of_each(quantities: Iterable[tuple[Dimension, float]]) -> dict[Dimension, float]:
+    """The first size of each dimension."""
+    first: dict[Dimension, float] = {}
+    for dimension, size in quantities:
+        first.setdefault(dimension, size)
+    return first
 
 
 class _Trial:
-    """One component with its ports in given domains."""
+    """Power check of one component with its ports in given domains."""
 
     def __init__(self, component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str], seed: int = 0):
         integers = {n: _whole(p) for n, p in component.parameters.items() if p.integer}
         component = written_out(component, integers)
         self.component, self.domains, self.bound = component, domains, bound
         self.random = np.random.default_rng(seed)
-        own = list(dict.fromkeys(bound.values()))
-        self.sizes = usual_sizes([domains[name] for name in (*own, *(n for n in domains if n not in own))])
+        bound_domains = list(dict.fromkeys(bound.values()))
+        self.sizes = usual_sizes([domains[name]
+                                  for name in (*bound_domains, *(n for n in domains if n not in bound_domains))])
         self.generic = {f"{component.ports[port].domain}.{role}": domains[name].members[member].unit.dimension
                         for port, name in bound.items() for role, member in (
                             ("effort", domains[name].effort), ("flow", domains[name].flow)) if member}
@@ -176,7 +186,7 @@ class _Trial:
         self.low, self.high = np.array([self._slot_bounds(slot) for slot in self.made.slots]).T
         self.usual = {n: self._usual(p.unit) for n, p in component.parameters.items()}
         self.system, self.terms = self._functions()
-        # arrays on which `system` is called: with matrices of CasADi the conversions take longer than the evaluation
+        # `system` is called on NumPy arrays: conversions of CasADi matrices take longer than the evaluation
         self.given = [np.zeros(self.system.nnz_in(k)) for k in range(3)]
         self.results = [np.zeros(self.system.size_out(k), order="F") for k in range(2)]
         self.buffer, self.evaluate = self.system.buffer()
@@ -186,16 +196,18 @@ class _Trial:
 
     # -- the equations and the powers ------------------------------------------------------------------------------
     def _ports(self) -> dict[str, Domain]:
-        """The domain of each port, every one of an array by itself (`p[2]`)."""
-        found: dict[str, Domain] = {}
+        """The domain of each port, with every element of an array (`p[2]`)."""
+        port_domains: dict[str, Domain] = {}
         for slot in self.made.slots:
             port, _, member = slot.rpartition(".")
             if member and port:
-                found[port] = self.domains[self.bound[port.partition("[")[0]]]
-        return found
+                port_domains[port] = self.domains[self.bound[port.partition("[")[0]]]
+        return port_domains
 
     def _matrices(self) -> list[tuple[list[int], bool]]:
-        """The elements among the parameters of each matrix that `requires:` wants positive, and whether symmetric too."""
+        """The elements of each matrix among the parameters that must be positive by `requires:`, and whether also
+        symmetric.
+        """
         wanted: dict[str, set[str]] = {}
         for formula in self.component.requires:
             if isinstance(formula.tree, Call) and isinstance(formula.tree.args[0], Name):
@@ -209,8 +221,8 @@ class _Trial:
         levels = [ca.SX.sym(f"level{k}", n) for k in range(LEVELS)]
         p, t = ca.SX.sym("p", len(self.made.given)), ca.SX.sym("t")
         y = stack(levels)
-        given = [*levels, p, t, ca.SX(1)]
-        residuals = split(self.made.residuals(*given)) if self.made.lines else []
+        arguments = [*levels, p, t, ca.SX(1)]
+        residuals = split(self.made.residuals(*arguments)) if self.made.lines else []
         orders = [max((e.column // n for e in row), default=0) for row in self.made.entries]
         place = {slot: k for k, slot in enumerate(self.made.slots)}
         for port, domain in self.ports.items():
@@ -220,28 +232,31 @@ class _Trial:
                     residuals.append(levels[1][x] - levels[0][v])
                     orders.append(1)
         rows = stack([*residuals, *self._derivatives(residuals, orders, levels, t)])
-        *energy, store = split(self.made.energy(*given))
-        own = [self._port_power(port, domain, levels[0], place) for port, domain in self.ports.items()]
-        # what is exchanged between the stores of one component may cancel, in a pendulum all of it
+        *energy, store = split(self.made.energy(*arguments))
+        port_powers = [self._port_power(port, domain, levels[0], place) for port, domain in self.ports.items()]
+        # energy exchange between the stores of one component may cancel, in a pendulum completely
         exchanged = ca.dot(ca.fabs(ca.gradient(store, stack(levels[:-1]))), ca.fabs(stack(levels[1:])))
-        apparent = sum((a for _, a in own), ca.SX(0))
+        apparent = sum((a for _, a in port_powers), ca.SX(0))
         return (ca.Function("system", [y, p, t], [ca.densify(rows), ca.densify(ca.jacobian(rows, y))]),
-                ca.Function("terms", [y, p, t], [stack([*energy, apparent, exchanged, *(power for power, _ in own)])]))
+                ca.Function("terms", [y, p, t],
+                            [stack([*energy, apparent, exchanged, *(power for power, _ in port_powers)])]))
 
     def _derivatives(self, residuals: list[ca.SX], orders: list[int], levels: list[ca.SX], t: ca.SX) -> list[ca.SX]:
-        """The time derivatives of equations that the jet holds: two of one without derivatives, one of first order."""
+        """The time derivatives of equations that the jet contains: two of an equation without derivatives, one of first
+        order.
+        """
         low, high = stack(levels[:-1]), stack(levels[1:])
-        found: list[ca.SX] = []
+        rate_residuals: list[ca.SX] = []
         rows = list(zip(residuals, orders, strict=True))
         while rows := [(r, k) for r, k in rows if k < LEVELS - 1]:
             column = stack([r for r, _ in rows])
             rates = split(ca.jtimes(column, low, high) + ca.jtimes(column, t, ca.SX(1)))
-            found += rates
+            rate_residuals += rates
             rows = [(r, k + 1) for r, (_, k) in zip(rates, rows, strict=True)]
-        return found
+        return rate_residuals
 
     def _port_power(self, port: str, domain: Domain, slots: ca.SX, place: Mapping[str, int]) -> tuple[ca.SX, ca.SX]:
-        """Power into a port, and the power that its effort and flow would have at their usual sizes."""
+        """Power into a port, and the product of the usual sizes of its effort and flow."""
         if domain.power:
             k = place[f"{port}.{domain.power}"]
             return slots[k], ca.fabs(slots[k]) + self.size[k]
@@ -285,7 +300,9 @@ class _Trial:
         return np.where(below & above, inside, np.where(below, low + number, np.where(above, high - number, signed)))
 
     def _parameter(self, name: str) -> float:
-        """Around its default; else of the usual size of its unit; now and then at the value where it does nothing."""
+        """A value around the default; else of the usual size of its unit; sometimes the value at which the parameter has
+        no effect.
+        """
         parameter = self.component.parameters[name]
         low = -inf if parameter.low is None else parameter.low
         high = inf if parameter.high is None else parameter.high
@@ -305,7 +322,9 @@ class _Trial:
         return signed if high == inf else high - number
 
     def _parameters(self) -> Array | None:
-        """Values for all parameters that meet `requires:`, None where thirty draws did not; then for what is held."""
+        """Random values of all parameters that satisfy `requires:`, followed by the held variables; None after thirty
+        failed draws.
+        """
         for _ in range(30):
             p = np.array([self._parameter(n) for n in self.made.parameters])
             for elements, symmetric in self.matrices:
@@ -323,14 +342,14 @@ class _Trial:
         """A random jet on the equations and within the bounds, or None."""
         free = np.full((LEVELS - 1) * len(self.size), inf)
         y = self._spread(np.tile(self.size, LEVELS), np.append(self.low, -free), np.append(self.high, free))
-        found = self._on_equations(self._assigned(y, p, t), p, t)
-        if found is None:
+        projected = self._on_equations(self._assigned(y, p, t), p, t)
+        if projected is None:
             return None
-        slots, slack = found[: len(self.size)], 1e-9 * self.size
-        return found if np.all((slots >= self.low - slack) & (slots <= self.high + slack)) else None
+        slots, slack = projected[: len(self.size)], 1e-9 * self.size
+        return projected if np.all((slots >= self.low - slack) & (slots <= self.high + slack)) else None
 
     def _assignments(self) -> list[tuple[int, int]]:
-        """(equation, slot) where an equation gives a slot with coefficient 1, own variables and throughs first."""
+        """(equation, slot) if an equation gives a slot with coefficient 1, inner variables and through variables first."""
         across = {f"{port}.{member}" for port, domain in self.ports.items() for member in domain.across}
         found: dict[int, int] = {}
         for i, row in enumerate(self.made.entries):
@@ -341,20 +360,20 @@ class _Trial:
         return list(found.items())
 
     def _assigned(self, y: Array, p: Array, t: float) -> Array:
-        """The guess with every assignment `F = ...` carried out a few times: Newton's method from anywhere is lost
-        among the kinks of `max` and `min`. Where that runs away the guess stays as it was."""
+        """Carry out every assignment `F = ...` a few times on the guess: from an arbitrary guess Newton's method fails at
+        the kinks of `max` and `min`. If the values diverge, the guess is unchanged."""
         rows, slots = (np.array(k, dtype=int) for k in zip(*self.assignments, strict=True)) if self.assignments \
             else (np.zeros(0, int), np.zeros(0, int))
-        found = y.copy()
+        guess = y.copy()
         for _ in range(SWEEPS):
-            residual, jacobian = self._at(found, p, t)
-            found[slots] -= residual[rows] * jacobian[rows, slots]
-        return found if np.all(np.isfinite(self._at(found, p, t)[0])) else y
+            residual, jacobian = self._at(guess, p, t)
+            guess[slots] -= residual[rows] * jacobian[rows, slots]
+        return guess if np.all(np.isfinite(self._at(guess, p, t)[0])) else y
 
     def _on_equations(self, y: Array, p: Array, t: float) -> Array | None:
         """Gauss-Newton with the smallest steps relative to the values, halved until the residual falls."""
         residual, jacobian = self._at(y, p, t)
-        # equations that may be met by other rates shall be met so, not by slower motions
+        # equations that can be satisfied by other rates should not be satisfied by slower motions
         readiness = np.repeat([1e3**k for k in range(LEVELS)], len(self.size))
         for _ in range(MOST_STEPS):
             scale = readiness * np.maximum(np.abs(y), SMALLEST * np.tile(self.size, LEVELS))
@@ -374,7 +393,7 @@ class _Trial:
                     break
                 length /= 2
             else:
-                # as small as rounding lets it be, or at a kink
+                # as small as rounding permits, or at a kink
                 return y if norm < CONVERGED * sqrt(len(residual)) else None
             y, residual, jacobian = trial, new, new_jacobian
         return None
@@ -387,7 +406,7 @@ class _Trial:
         return residual.ravel(), jacobian
 
     def motions(self) -> Iterator[tuple[Array, Array, Array]]:
-        """The terms, parameters and jets of motions, until there are enough."""
+        """The terms, parameters and jets of motions, up to the required number."""
         tried, begun = 0, 0
         with np.errstate(all="ignore"):
             while tried < DRAWS and begun < ATTEMPTS * DRAWS:
@@ -400,7 +419,7 @@ class _Trial:
                 yield np.asarray(self.terms(y, p, t)).ravel(), p, y
 
     def report(self) -> PowerReport:
-        """The worst of many motions."""
+        """The largest violation in many motions."""
         tried, worst = 0, PowerReport(self.component.name, 0)
         for terms, p, y in self.motions():
             tried += 1
@@ -424,8 +443,9 @@ class _Trial:
 
 def _bind(bind: Callable[..., None], arrays: Iterable[Array]) -> None:
     for k, values in enumerate(arrays):
-        if values.size:
-            bind(k, memoryview(values.ravel(order="K")))  # type: ignore[arg-type]  # arrays are buffers; typing knows it later
+            bind(k,
+                 memoryview(values.ravel(order="K")))  # type: ignore[arg-type]  # arrays are buffers; typing knows it later
+            bind(k, memoryview(values.ravel(order="K")))  # type: ignore[arg-type]
 
 
 def _weights(jacobian: Array) -> Array:
@@ -434,15 +454,15 @@ def _weights(jacobian: Array) -> Array:
 
 
 def _positive(rows: Array, symmetric: bool) -> Array:
-    """A random positive definite matrix of about the size of a random one (n*n,), its rows one after the other."""
+    """A random positive definite matrix of about the size of a random one (n*n,), row by row."""
     n = round(sqrt(len(rows)))
     matrix = rows.reshape(n, n)
     size = float(np.abs(matrix).max()) or 1.0
-    found = matrix @ matrix.T / size + 1e-3 * size * np.eye(n)
-    return np.ravel(found if symmetric else found + matrix - matrix.T)
+    positive = matrix @ matrix.T / size + 1e-3 * size * np.eye(n)
+    return np.ravel(positive if symmetric else positive + matrix - matrix.T)
 
 
 def _whole(parameter: Parameter) -> int:
-    """A whole-number parameter at its default, else at 3, the smallest number at which `each` differs from one line."""
+    """A whole-number parameter at its default, else at 3, the smallest number for which `each` differs from one line."""
     default = constant(parameter.default.expr) if parameter.default is not None else None
     return int(default if default is not None else max(3, parameter.low or 0))

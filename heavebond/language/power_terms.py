@@ -1,7 +1,7 @@
 """Search for the term that violates the power balance of a component: a wrong sign, or undeclared energy.
 
 The third law (see `power_law`), sum of the powers in = d(stores)/dt + dissipates + unbalanced, fails on random motions.
-Where it holds on all of them with the sign of one term changed, or of the power at some ports, that term is to blame.
+If it holds on all of them after the sign of one term, or of the power at some ports, is changed, this term is the cause.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from heavebond.language.library import Library, is_bundled
 from heavebond.language.power_law import TOLERANCE, Array, check_power, powers
 from heavebond.text.expression import Expr, Name, names
 
-MOST_PORTS = 5  # of a component whose ports are tried in all combinations; of one with more, each by itself
+MOST_PORTS = 5  # components with up to this number of ports are tried in all combinations, others port by port
 EXEMPT = "A component declares its energy by `stores:` and `dissipates:`; a source is exempt by `power: source`."
 
 
@@ -26,19 +26,19 @@ CREATED, UNDECLARED, UNTRIED = "power-created", "power-undeclared", "power-untri
 
 
 def used(library: Library, bodies: Iterable[Body]) -> list[Component]:
-    """The components of the user's own in diagrams and blocks, each once; the bundled ones are checked by tests."""
-    found: dict[str, Component] = {}
+    """The user-defined components in diagrams and blocks, each once; the bundled ones are checked by tests."""
+    components_used: dict[str, Component] = {}
     waiting = list(bodies)
     while waiting:
         for instance in waiting.pop().instances.values():
-            if instance.kind not in found:
-                found[instance.kind] = component = library.component(instance.kind, instance.kind_place)
+            if instance.kind not in components_used:
+                components_used[instance.kind] = component = library.component(instance.kind, instance.kind_place)
                 waiting.append(component.body)
-    return [component for component in found.values() if not is_bundled(component.path)]
+    return [component for component in components_used.values() if not is_bundled(component.path)]
 
 
 def power_problems(components: Iterable[Component], domains: Mapping[str, Domain]) -> Iterator[Problem]:
-    """What is wrong with the powers of components, each told once; nothing where the law holds."""
+    """Power problems of components, each reported once; nothing if the law holds."""
     for component in components:
         report = check_power(component, domains)
         if not report.holds:
@@ -48,7 +48,7 @@ def power_problems(components: Iterable[Component], domains: Mapping[str, Domain
 
 
 def power_problem(component: Component, domains: Mapping[str, Domain]) -> Problem:
-    """The term by which a component that breaks the law creates power, with its line."""
+    """The term by which a component creates power, with its line."""
     ports, rows = powers(component, domains)
     power, stored, dissipated, unbalanced, least = rows[:, :5].T
     sizes = np.abs(np.column_stack([rows[:, 5:], stored, dissipated, unbalanced])).max(axis=1) + least
@@ -67,28 +67,27 @@ def power_problem(component: Component, domains: Mapping[str, Domain]) -> Proble
         signs[list(chosen)] = -1
         if negligible(rows[:, 5:] @ signs - stored - dissipated - unbalanced):
             return _turned(component, domains, [ports[k] for k in chosen], len(chosen) == len(ports))
-    for formula, rest, key in ((component.dissipates, power - stored + dissipated, "dissipates"),
-                               (component.stores, power + stored - dissipated, "stores")):
-        if formula is not None and negligible(rest - unbalanced):
+    for formula, remainder, key in ((component.dissipates, power - stored + dissipated, "dissipates"),
+                                    (component.stores, power + stored - dissipated, "stores")):
+        if formula is not None and negligible(remainder - unbalanced):
             return _problem(f"`{key}: {formula.text}` of {component.name} has the wrong sign: with the other its power "
                             "balances", formula.place, ())
     lines = _lines_of(component, domains, ports)
     share = float((np.abs(power - stored - dissipated - unbalanced) / sizes).max())
     declared = [(key, getattr(component, key)) for key in ("stores", "dissipates")]
-    return _problem(f"{component.name} creates or loses power: up to {100 * share:.2g} % of what goes through it is neither "
-                    "stored, dissipated nor declared as unbalanced", lines[0].place if lines else component.place,
+    return _problem(f"{component.name} creates or loses power: up to {100 * share:.2g} % of the power through it is "
+                    "neither stored, dissipated nor declared as unbalanced", lines[0].place if lines else component.place,
                     [*_told(lines[1:]), *(f"line {f.place.line}: {key}: {f.text}" if f else f"it has no `{key}:`"
                                           for key, f in declared)])
 
 
 def _choices(number: int) -> Iterator[tuple[int, ...]]:
-    """Ports whose power is turned around, few before many."""
+    """Sets of ports whose power is reversed, small sets first."""
     for size in range(1, number + 1 if number <= MOST_PORTS else 2):
         yield from combinations(range(number), size)
 
 
 def _negative(component: Component, share: Array) -> Problem:
-    """A balance that holds with a dissipation below zero."""
     formula = component.dissipates
     assert formula is not None
     always = bool((share <= TOLERANCE).all())
@@ -104,26 +103,27 @@ def _negative(component: Component, share: Array) -> Problem:
 def _undeclared(component: Component, domains: Mapping[str, Domain], ports: tuple[str, ...], share: Array) -> Problem:
     lines = _lines_of(component, domains, ports)
     takes = bool((share >= -TOLERANCE).all())
-    found = Problem(UNDECLARED, f"{component.name} {'takes in' if takes else 'gives'} power and does not declare "
-                    f"{'what becomes of it' if takes else 'where it comes from'}",
-                    lines[0].place if lines else component.place,
-                    "Write `dissipates:` or `stores:` with the formula, then a wrong sign is found." if takes else
-                    "Where it shall not, turn the sign of its force law. Where it may, write `power: source`, or `stores:` "
-                    "or `dissipates:` with the formula.")
-    return replace(found, notes=tuple(_told(lines[1:])))
+    problem = Problem(UNDECLARED, f"{component.name} {'takes in' if takes else 'gives'} power and does not declare its "
+                      f"{'storage or dissipation' if takes else 'source'}",
+                      lines[0].place if lines else component.place,
+                      "Write `dissipates:` or `stores:` with the formula, then a wrong sign is found." if takes else
+                      "If it should not, reverse the sign of its force law. If it may, write `power: source`, or `stores:` "
+                      "or `dissipates:` with the formula.")
+    return replace(problem, notes=tuple(_told(lines[1:])))
 
 
 def _turned(component: Component, domains: Mapping[str, Domain], ports: list[str], every: bool) -> Problem:
     lines = _lines_of(component, domains, ports)
     where = f"{'port' if len(ports) == 1 else 'ports'} {either(ports)}"
     message = f"{component.name} creates power: the sign at {where} is wrong"
-    message += " (or that of what is stored and dissipated)" if every else ""
+    message += " (or the sign of `stores:` and `dissipates:`)" if every else ""
     if len(lines) == 1:
         message += f": `{lines[0].text}`"
-    through = {m for port in ports if (own := component.ports.get(port.partition("[")[0])) and own.domain in domains
-               for m in domains[own.domain].through}
-    what = either(sorted(through) or ["flow"])
-    rule = f"{what} {'count' if len(through) > 1 else 'counts'} into the component at every port"
+    through = {m for port in ports
+               if (declared := component.ports.get(port.partition("[")[0])) and declared.domain in domains
+               for m in domains[declared.domain].through}
+    through_text = either(sorted(through) or ["flow"])
+    rule = f"{through_text} {'count' if len(through) > 1 else 'counts'} into the component at every port"
     return _problem(message, lines[0].place if lines else component.place, [*_told(lines[1:]), f"The sign rule: {rule}."])
 
 
@@ -132,14 +132,14 @@ def _problem(message: str, place: Place | None, notes: Iterable[str]) -> Problem
 
 
 def _lines_of(component: Component, domains: Mapping[str, Domain], ports: Iterable[str]) -> list[EquationLine]:
-    """The equations that set what flows at ports: those in which a through variable stands by itself on one side first."""
+    """The equations that set the through variables of ports; equations with a through variable alone on one side first."""
     wanted = {port.partition("[")[0] for port in ports}
     shared = {member for domain in domains.values() for member in (*domain.across, *domain.positions)}
-    found = [line for line in component.equations
-             if any(name.partition("[")[0].partition(".")[0] in wanted for side in (line.tree.left, line.tree.right)
-                    if isinstance(side, Name) for name in [side.text])
+    matching_lines = [line for line in component.equations
+                      if any(name.partition("[")[0].partition(".")[0] in wanted for side in (line.tree.left, line.tree.right)
+                             if isinstance(side, Name) for name in [side.text])
              and not any(name.rpartition(".")[2] in shared for name in _names(line.tree.left) | _names(line.tree.right))]
-    return found or [line for line in component.equations if any(
+    return matching_lines or [line for line in component.equations if any(
         name.partition("[")[0].partition(".")[0] in wanted for name in _names(line.tree.left) | _names(line.tree.right))]
 
 

@@ -45,82 +45,83 @@ CAMEL_CASE = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*")
 _COMMA_IN_INDEX = re.compile(r"\s*,\s*(?=[^\[\]]*\])")
 RESERVED = {*KEYWORDS, "time", "pi"}
 SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
-FARTHEST = 100  # of a place in a drawing, which is laid out on a grid
+FARTHEST = 100  # limit of a place in a drawing, which is laid out on a grid
 TURNS = (0, 90, 180, 270)  # degrees
 INTERPOLATIONS = ("spline", "linear", "hold")
 
 
-# what a missing entry may be, where there is more to say than its name
-EXAMPLES = {"interpolation": "`interpolation: spline` (what moves smoothly), `linear`, or `hold` (what is switched)",
+# possible values of a missing entry, if its name does not suffice
+EXAMPLES = {"interpolation": "`interpolation: spline` (for smooth signals), `linear`, or `hold` (for switched signals)",
             "use": "`use: fit`, `use: validate` or `use: test`", "file": "`file: name.csv`",
             "unit": "`unit: ...` with its unit (mm, kN, bar; 1 for a plain number)",
             "column": "`column: name_in_the_file`"}
 
 
-def known_keys(node: Mapping, allowed: Iterable[str], what: str, problems: Problems,
+def known_keys(node: Mapping, allowed: Iterable[str], subject: str, problems: Problems,
                required: Iterable[str] = ()) -> None:
-    """Every key is one that `what` understands, and none of the required ones is missing."""
+    """Check that every key is known to `subject`, and that no required key is missing."""
     allowed = list(allowed)
-    meant = set()
+    missing_colon = set()
     for name, key in node.keys.items():
         if name not in allowed:
-            meant.add(nearest(name, allowed))
+            missing_colon.add(nearest(name, allowed))
             head, bracket, _ = name.partition(" {")
-            problems.add("key-unknown", f"{what} has no entry '{name}'", key.place,
+            problems.add("key-unknown", f"{subject} has no entry '{name}'", key.place,
                          hint=(f"A colon is missing: write `{head}: {{...}}`." if bracket and head in allowed else "")
                          or suggest(name, allowed) or f"Known: {', '.join(allowed)}.")
     for name in required:
-        if name not in node.items and name not in meant:
-            problems.add("key-missing", f"{what} needs the entry '{name}'", node.place,
+        if name not in node.items and name not in missing_colon:
+            problems.add("key-missing", f"{subject} needs the entry '{name}'", node.place,
                          hint=f"Add {EXAMPLES.get(name, f'`{name}: ...`')}.")
 
 
-def mapping(node: Node | None, what: str, problems: Problems, hint: str = "") -> Mapping | None:
-    """The node as a mapping; a problem and None where it is something else."""
+def mapping(node: Node | None, subject: str, problems: Problems, hint: str = "") -> Mapping | None:
+    """The node as a mapping; a problem and None if it has another form."""
     if node is None or isinstance(node, Mapping):
         return node
-    problems.add("not-a-mapping", f"{what} is {node.kind}; `key: value` entries are expected", node.place,
+    problems.add("not-a-mapping", f"{subject} is {node.kind}; `key: value` entries are expected", node.place,
                  hint=hint or "Write `{key: value, ...}`, or one `key: value` a line, indented.")
     return None
 
 
-def declarations(node: Node | None, what: str, build: Callable[[Scalar, Mapping], D], problems: Problems) -> dict[str, D]:
-    """What `build` makes of each declaration `name: {unit: ..., doc: ...}`, by name; those that are no declarations are
-    left out with a problem."""
-    entries = mapping(node, what, problems)
-    found: dict[str, D] = {}
+def declarations(node: Node | None, subject: str, build: Callable[[Scalar, Mapping], D], problems: Problems) -> dict[str, D]:
+    """Apply `build` to each declaration `name: {unit: ..., doc: ...}`, by name; malformed declarations are omitted with a
+    problem."""
+    entries = mapping(node, subject, problems)
+    built: dict[str, D] = {}
     for name, item in (entries.items if entries else {}).items():
         key = entries.keys[name] if entries else None
-        if key is None or not identifier(key, f"one of the {what}", problems):
+        if key is None or not identifier(key, f"one of the {subject}", problems):
             continue
         entry = mapping(item, f"'{name}'", problems, f"Write `{name}: {{unit: ..., doc: ...}}`.")
         if entry is not None:
-            found[name] = build(key, entry)
-    return found
+            built[name] = build(key, entry)
+    return built
 
 
-def text(node: Node | None, what: str, problems: Problems, default: str = "") -> str:
+def text(node: Node | None, subject: str, problems: Problems, default: str = "") -> str:
     """The node as plain text."""
     if node is None:
         return default
     if isinstance(node, Scalar):
         return " ".join(node.text.split())
-    problems.add("not-text", f"{what} is {node.kind}; text is expected", node.place, hint="Write a plain text.")
+    problems.add("not-text", f"{subject} is {node.kind}; text is expected", node.place, hint="Write a plain text.")
     return default
 
 
-def choice(node: Node | None, what: str, allowed: tuple[str, ...], problems: Problems) -> str:
-    """The node as one of the words allowed; empty where it is absent or, with a problem, another word."""
-    found = text(node, what, problems)
-    if node is None or not found or found in allowed:
-        return found
-    problems.add(f"{what}-unknown", f"`{what}: {found}` is not known", node.place,
-                 hint=suggest(found, allowed) or "Write " + " or ".join(f"`{what}: {word}`" for word in allowed) + ".")
+def choice(node: Node | None, subject: str, allowed: tuple[str, ...], problems: Problems) -> str:
+    """The node as one of the words allowed; empty if it is absent or, with a problem, another word."""
+    word_read = text(node, subject, problems)
+    if node is None or not word_read or word_read in allowed:
+        return word_read
+    problems.add(f"{subject}-unknown", f"`{subject}: {word_read}` is not known", node.place,
+                 hint=suggest(word_read, allowed) or "Write " + " or ".join(f"`{subject}: {word}`" for word in allowed)
+                 + ".")
     return ""
 
 
-def words(node: Node | None, what: str, problems: Problems) -> list[Scalar]:
-    """The node as a list of texts; one text alone counts as a list of one."""
+def words(node: Node | None, subject: str, problems: Problems) -> list[Scalar]:
+    """The node as a list of texts; a single text counts as a list."""
     if node is None:
         return []
     items = node.items if isinstance(node, Sequence) else (node,)
@@ -129,28 +130,28 @@ def words(node: Node | None, what: str, problems: Problems) -> list[Scalar]:
         if isinstance(item, Scalar):
             scalars.append(item)
         else:
-            problems.add("not-text", f"{what} holds {item.kind}; text is expected", item.place,
+            problems.add("not-text", f"{subject} holds {item.kind}; text is expected", item.place,
                          hint="Write a list of words: `[one, two]`.")
     return scalars
 
 
-def identifier(key: Scalar, what: str, problems: Problems) -> bool:
-    """The key is a name: letters, digits and underscores, and no word of the formulas."""
+def identifier(key: Scalar, subject: str, problems: Problems) -> bool:
+    """True if the key is a name: letters, digits and underscores, and not a keyword of formulas."""
     if not IDENTIFIER.fullmatch(key.text):
         plain = re.sub(r"\W+", "_", key.text).strip("_")
         hint = f" Write for example `{plain}`." if IDENTIFIER.fullmatch(plain) else ""
-        problems.add("name-bad", f"'{key.text}' cannot name {what}", key.place,
+        problems.add("name-bad", f"'{key.text}' cannot name {subject}", key.place,
                      hint=f"A name has letters, digits and `_`, and begins with a letter.{hint}")
         return False
     if key.text in RESERVED:
-        problems.add("name-bad", f"'{key.text}' cannot name {what}; it has a meaning in formulas", key.place,
+        problems.add("name-bad", f"'{key.text}' cannot name {subject}; it has a meaning in formulas", key.place,
                      hint="Take another name.")
         return False
     return True
 
 
 def parsed(parser: Callable[[str], T], content: str, place: Place, problems: Problems) -> T | None:
-    """Run a parser of expressions; its complaint becomes a problem with the caret at the right sign."""
+    """Run a parser of expressions; its error becomes a problem with the caret at the position."""
     try:
         return parser(content)
     except ExpressionProblem as problem:
@@ -161,15 +162,15 @@ def parsed(parser: Callable[[str], T], content: str, place: Place, problems: Pro
 
 
 def add_expression_problem(problem: ExpressionProblem, place: Place, problems: Problems) -> None:
-    """Note what is wrong with an expression that begins at `place`."""
+    """Report the error of an expression that begins at `place`."""
     problems.add(problem.code, problem.message, place.moved(problem.column, problem.length), hint=problem.hint)
 
 
-def value(node: Node, what: str, problems: Problems, declared: Declared | None = None) -> Value | None:
-    """A quantity (`42 kN/m`), arithmetic of quantities (`2 * 460 L/min`), or a formula (`=m_cart`). `declared` gives the
-    declaration of the parameter, where there is one, for a message."""
+def value(node: Node, subject: str, problems: Problems, declared: Declared | None = None) -> Value | None:
+    """Read a quantity (`42 kN/m`), arithmetic of quantities (`2 * 460 L/min`), or a formula (`=m_cart`). `declared` gives
+    the declaration of the parameter, if there is one, for a message."""
     if not isinstance(node, Scalar):
-        problems.add("not-a-value", f"{what} is {node.kind}; a quantity is expected", node.place,
+        problems.add("not-a-value", f"{subject} is {node.kind}; a quantity is expected", node.place,
                      hint="Write for example `42 kN/m`, or a formula that begins with `=`.")
         return None
     content = node.text.strip()
@@ -182,86 +183,86 @@ def value(node: Node, what: str, problems: Problems, declared: Declared | None =
         number, unit = parse_quantity(content)
         return Value(Number(number, unit, 0), content, start)
     except UnitProblem as problem:
-        return _arithmetic(content, start, what, problem, problems, declared)
+        return _arithmetic(content, start, subject, problem, problems, declared)
 
 
-def seconds(node: Node | None, what: str, problems: Problems) -> float | None:
-    """A time (`72 s`, `2 min`) in s; None where there is none."""
-    read = value(node, what, problems) if node is not None else None
+def seconds(node: Node | None, subject: str, problems: Problems) -> float | None:
+    """A time (`72 s`, `2 min`) in s; None if it is absent."""
+    read = value(node, subject, problems) if node is not None else None
     number = constant(read.expr) if read is not None else None
     if read is None or number is None:
         return None
     try:
         check_unit(getattr(read.expr, "unit", None), read_unit("s"), number, read.text)
     except UnitProblem as problem:
-        problems.add(problem.code, f"{what}: {problem.message}", read.place, hint=problem.hint)
+        problems.add(problem.code, f"{subject}: {problem.message}", read.place, hint=problem.hint)
     return number
 
 
-def _arithmetic(content: str, place: Place, what: str, problem: UnitProblem, problems: Problems,
+def _arithmetic(content: str, place: Place, subject: str, problem: UnitProblem, problems: Problems,
                 declared: Declared | None) -> Value | None:
-    """Arithmetic of quantities; where that cannot be read either, the complaint about the quantity stands."""
+    """Read arithmetic of quantities; if that fails as well, report the problem of the quantity."""
     if (several := _range_of(content)) is not None:
-        problems.add("not-a-quantity", f"{what}: '{content}' is a {several}; one value is expected", place,
+        problems.add("not-a-quantity", f"{subject}: '{content}' is a {several}; one value is expected", place,
                      hint=f"Write one value. A {several} belongs under `free:` of an experiment.")
         return None
-    code, message, hint = problem.code, f"{what}: {problem.message}", problem.hint
+    code, message, hint = problem.code, f"{subject}: {problem.message}", problem.hint
     try:
         expr = parse_formula(content)
         used = [n.text for n in names(expr) if n.text != "pi"]
         if problem.code == "not-a-quantity" and not used:
             return Value(expr, content, place)
         if problem.code == "not-a-quantity":
-            code, message, hint = _unmarked(content, what, declared() if declared is not None else None)
+            code, message, hint = _unmarked(content, subject, declared() if declared is not None else None)
     except ExpressionProblem as other:
         if problem.code == "not-a-quantity" and any(sign in content for sign in "+*/()"):
             add_expression_problem(other, place, problems)
             return None
     if hint == AS_QUANTITY:
-        hint = f"{_example(what, declared() if declared is not None else None)}, or a formula that begins with `=`."
+        hint = f"{_example(subject, declared() if declared is not None else None)}, or a formula that begins with `=`."
     problems.add(code, message, place, hint=hint)
     return None
 
 
-def _unmarked(content: str, what: str, parameter: Parameter | SignalPort | None) -> tuple[str, str, str]:
-    """A text of names in place of a quantity: a formula without its `=`, or a word without a meaning here."""
-    example = _example(what, parameter)
+def _unmarked(content: str, subject: str, parameter: Parameter | SignalPort | None) -> tuple[str, str, str]:
+    """Problem for a text of names instead of a quantity: a formula without its `=`, or an unknown word."""
+    example = _example(subject, parameter)
     if content.lower() in SWITCHES:
         switch = parameter is None or parameter.unit.text == "1"
-        return "not-a-quantity", f"{what}: '{content}' is a word, not a number", \
+        return "not-a-quantity", f"{subject}: '{content}' is a word, not a number", \
             f"Write {SWITCHES[content.lower()]}." if switch else f"{example}."
     if re.fullmatch(r"\w+", content):
-        return "formula-unmarked", f"{what}: '{content}' is not a number with a unit", \
+        return "formula-unmarked", f"{subject}: '{content}' is not a number with a unit", \
             f"{example}; if '{content}' is a parameter, write `={content}`."
-    return "formula-unmarked", f"{what}: '{content}' is neither a quantity nor a formula", \
+    return "formula-unmarked", f"{subject}: '{content}' is neither a quantity nor a formula", \
         f"A formula begins with `=`: `={content}`."
 
 
-def _example(what: str, parameter: Parameter | SignalPort | None) -> str:
+def _example(subject: str, parameter: Parameter | SignalPort | None) -> str:
     """`Write for example `m: 1 kg` (mass)`, from the declaration of a parameter."""
     if parameter is None or is_generic(parameter.unit.dimension):
         return "Write for example `42 kN/m`"
     unit = "" if parameter.unit.text == "1" else f" {parameter.unit.text}"
-    return f"Write for example `{what.rpartition('.')[2]}: 1{unit}`" + (f" ({parameter.doc})" if parameter.doc else "")
+    return f"Write for example `{subject.rpartition('.')[2]}: 1{unit}`" + (f" ({parameter.doc})" if parameter.doc else "")
 
 
 def _range_of(content: str) -> str | None:
-    """`range` or `tolerance` for a text with several values, as an experiment has them; else None."""
+    """`range` or `tolerance` for a text with several values, as in an experiment; else None."""
     try:
         return "range" if parse_range(content).nominal is None else "tolerance"
     except UnitProblem:
         return None
 
 
-def file_input(node: Mapping, source: Source, problems: Problems, what: str, *, file: bool = True) -> FileInput | None:
-    """`{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file is beside the file that names it. Without
-    `file`, of an experiment, it may have `noise`, which is left to the caller."""
+def file_input(node: Mapping, source: Source, problems: Problems, subject: str, *, file: bool = True) -> FileInput | None:
+    """Read `{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file name is relative to the folder of the
+    source. Without `file`, in an experiment, it may have `noise`, which the caller reads."""
     keys = ["file", "column", "unit", "interpolation", "time", "gaps", "smooth", *([] if file else ["noise"])]
     if node.items and not any(nearest(name, keys) for name in node.items):
         keyed = f"`{{{listing(node.items)}}}`"
-        problems.add("not-a-quantity", f"{what}: {keyed} is neither a quantity nor an input from a record", node.place,
+        problems.add("not-a-quantity", f"{subject}: {keyed} is neither a quantity nor an input from a record", node.place,
                      hint="Write a quantity, `42 kN/m`, or a record, `{file: name.csv, column: name, unit: mm, "
-                     "interpolation: spline}`. Initial values have a section of their own in the diagram: "
+                     "interpolation: spline}`. Initial values belong to a separate section of the diagram: "
                      "`initial: {NODE.x: 0 mm}`.")
         return None
     known_keys(node, keys, "an input from a record", problems,
@@ -298,7 +299,7 @@ def _bandwidth(node: Node | None, interpolation: str, problems: Problems) -> flo
         problems.add(problem.code, f"smooth: {problem.message}", read.place, hint="Write for example `smooth: 5 Hz`.")
         return None
     if number is None or not 0 < number < float("inf"):
-        problems.add("smooth-not-positive", f"smooth: '{read.text}' is no frequency above 0", read.place,
+        problems.add("smooth-not-positive", f"smooth: '{read.text}' is not a frequency above 0", read.place,
                      hint="Write for example `smooth: 5 Hz`.")
         return None
     if interpolation == "hold":
@@ -321,7 +322,7 @@ def time_axis(node: Node, problems: Problems) -> tuple[str | None, str]:
 
 
 def unit_text(node: Scalar, problems: Problems) -> str | None:
-    """A unit at the edge (any scale); None and a problem where it is unknown."""
+    """A unit of input or output (any scale); None and a problem if it is unknown."""
     try:
         read_unit(node.text)
     except UnitProblem as problem:
@@ -331,7 +332,7 @@ def unit_text(node: Scalar, problems: Problems) -> str | None:
 
 
 def unit(node: Node | None, problems: Problems) -> Unit | None:
-    """A declared unit; None, and a problem, where it cannot be read."""
+    """A declared unit; None, and a problem, if it cannot be read."""
     if not isinstance(node, Scalar):
         return None
     try:
@@ -341,10 +342,10 @@ def unit(node: Node | None, problems: Problems) -> Unit | None:
         return None
 
 
-def formula_of(node: Node, what: str, problems: Problems) -> Formula | None:
+def formula_of(node: Node, subject: str, problems: Problems) -> Formula | None:
     """An expression of a component (names and plain numbers, no units)."""
     if not isinstance(node, Scalar):
-        problems.add("not-text", f"{what} is {node.kind}; a formula is expected", node.place,
+        problems.add("not-text", f"{subject} is {node.kind}; a formula is expected", node.place,
                      hint="Write a formula such as `1/2 * c * s**2`.")
         return None
     place = node.place.moved(1 if node.quoted else 0, len(node.text))
@@ -353,21 +354,21 @@ def formula_of(node: Node, what: str, problems: Problems) -> Formula | None:
 
 
 def sizes(node: Mapping, problems: Problems) -> tuple[Expr | None, ...]:
-    """What stands under `count:`, the length of a list or rows and columns of a matrix; empty where nothing does."""
+    """The entries under `count:`, the length of a list or rows and columns of a matrix; empty without an entry."""
     counted = node.items.get("count")
     if counted is None:
         return ()
-    found = counted.items if isinstance(counted, Sequence) else [counted]
-    if len(found) > 2 or not found or not all(isinstance(size, Scalar) for size in found):
+    entries = counted.items if isinstance(counted, Sequence) else [counted]
+    if len(entries) > 2 or not entries or not all(isinstance(size, Scalar) for size in entries):
         problems.add("count-bad", "`count:` is the length of a list, or rows and columns of a matrix", counted.place,
                      hint="Write `count: n` or `count: [n, m]`.")
         return ()
     return tuple(parsed(lambda t: parse_formula(t, units=False), size.text, size.place, problems)
-                 for size in found if isinstance(size, Scalar))
+                 for size in entries if isinstance(size, Scalar))
 
 
 def body(node: Mapping, source: Source, problems: Problems, kinds: Kinds | None = None) -> Body:
-    """`components:` and `nodes:` of a diagram or a block; `kinds` gives a component by its name, for messages."""
+    """Read `components:` and `nodes:` of a diagram or a block; `kinds` gives a component by its name, for messages."""
     instances: dict[str, Instance] = {}
     inside: dict[str, Instance] = {}
     parts = mapping(node.items.get("components"), "components", problems,
@@ -390,17 +391,17 @@ def body(node: Mapping, source: Source, problems: Problems, kinds: Kinds | None 
 
 
 def _ports(name: str, node: Node, problems: Problems) -> list[Scalar]:
-    """The ports of a node; those of a text without brackets too, with a problem."""
-    found = words(node, f"node '{name}'", problems)
+    """The ports of a node; also those of a text without brackets, with a problem."""
+    port_words = words(node, f"node '{name}'", problems)
     if not isinstance(node, Scalar) or len(ports := re.split(r"[\s,;&]+(?:-[\s,;&]+)*", node.text.strip())) < 2:
-        return found
+        return port_words
     problems.add("node-not-a-list", f"node '{name}' is a text; a list of ports is expected", node.place,
                  hint=f"Write `{name}: [{', '.join(ports)}]`.")
     return [Scalar(port, node.place) for port in ports]
 
 
 def _declared(kinds: Kinds | None, kind: str, name: str) -> Parameter | SignalPort | None:
-    """The declaration of a parameter or an input of a component; None where it has none, or cannot be read."""
+    """The declaration of a parameter or an input of a component; None if it has none, or cannot be read."""
     try:
         component = kinds(kind) if kinds is not None else None
     except HeavebondError:
@@ -416,17 +417,17 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
         return None
     kind = entry.items.get("is")
     if not isinstance(kind, Scalar):
-        said = [s.text for n, s in entry.items.items() if isinstance(s, Scalar)
-                and (n in ("type", "kind", "Is", "IS") or CAMEL_CASE.fullmatch(s.text))]
-        guess = said[0] if said else "Spring"
-        problems.add("kind-missing", f"'{key.text}' does not say what it is", key.place,
+        kind_words = [s.text for n, s in entry.items.items() if isinstance(s, Scalar)
+                      and (n in ("type", "kind", "Is", "IS") or CAMEL_CASE.fullmatch(s.text))]
+        guess = kind_words[0] if kind_words else "Spring"
+        problems.add("kind-missing", f"'{key.text}' has no `is:`", key.place,
                      hint=f"Write `{key.text}: {{is: {guess}, ...}}`.")
         return None
     settings: dict[str, Value | FileInput] = {}
     at: tuple[float, ...] | None = None
     repeat = None
     data: tuple[tuple[str, Place], ...] = ()
-    for name, item in ((element_path(key), found) for key, found in entry.items.items()):
+    for name, item in ((element_path(key), entry_value) for key, entry_value in entry.items.items()):
         if name == "is":
             continue
         if name == "at":
@@ -439,7 +440,8 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
             settings.update(column_values(item, name, source, problems))
         elif isinstance(item, Mapping) and {*item.items} == {"value", "unit"}:
             size, unit = (text(item.items[word], word, problems) for word in ("value", "unit"))
-            problems.add("not-a-quantity", f"{key.text}.{name} is a mapping; a value and its unit are one text", item.place,
+            problems.add("not-a-quantity", f"{key.text}.{name} is a mapping; write a value and its unit as one "
+                         "text", item.place,
                          hint=f"Write `{name}: {size} {unit}`.")
         elif isinstance(item, Mapping):
             read = file_input(item, source, problems, f"{key.text}.{name}")
@@ -452,33 +454,33 @@ def instance(key: Scalar, node: Node, source: Source, problems: Problems, kinds:
     return Instance(key.text, kind.text, key.place, kind.place, settings, at, repeat, data)
 
 
-def elements(node: Sequence, name: str, what: str, problems: Problems) -> dict[str, Value]:
-    """A list of values under the names of its elements: `x: [0 mm, 2 mm]` is x[1] and x[2], and of a matrix, a list of its
-    rows, `K: [[1, 2], [3, 4]]` is K[1][1] to K[2][2]."""
-    found: dict[str, Value] = {}
+def elements(node: Sequence, name: str, subject: str, problems: Problems) -> dict[str, Value]:
+    """Name the values of a list by its elements: `x: [0 mm, 2 mm]` gives x[1] and x[2], and a matrix, a list of rows, `K:
+    [[1, 2], [3, 4]]` gives K[1][1] to K[2][2]."""
+    values_by_element: dict[str, Value] = {}
     rows = [len(item.items) if isinstance(item, Sequence) else 0 for item in node.items]
     if len(set(rows)) > 1:
-        problems.add("matrix-rows", f"the rows of {what} differ in length" if all(rows) else
-                     f"{what} is a list of values and of lists", node.place,
+        problems.add("matrix-rows", f"the rows of {subject} differ in length" if all(rows) else
+                     f"{subject} is a list of values and of lists", node.place,
                      hint="A matrix is a list of its rows, `[[1, 2], [3, 4]]`, all of one length.")
-        return found
+        return values_by_element
     for k, item in enumerate(node.items, 1):
         if isinstance(item, Sequence) and "[" not in name:
-            found.update(elements(item, f"{name}[{k}]", f"{what}[{k}]", problems))
-        elif (number := value(item, f"{what}[{k}]", problems)) is not None:
-            found[f"{name}[{k}]"] = number
-    return found
+            values_by_element.update(elements(item, f"{name}[{k}]", f"{subject}[{k}]", problems))
+        elif (number := value(item, f"{subject}[{k}]", problems)) is not None:
+            values_by_element[f"{name}[{k}]"] = number
+    return values_by_element
 
 
 def element_path(path: str) -> str:
-    """A path with the indices of a matrix as everything here writes them: `a.K[1, 2]` is `a.K[1][2]`."""
+    """A path with the indices of a matrix in the internal form: `a.K[1, 2]` becomes `a.K[1][2]`."""
     return _COMMA_IN_INDEX.sub("][", path)
 
 
 def column_values(node: Mapping, name: str, source: Source, problems: Problems) -> dict[str, Value]:
-    """`{file: curve.csv, values: dp, unit: bar}`: a list that stands in a column of a file; empty cells at its end are none
-    of it."""
-    from heavebond.records.measurements import column, read_table  # NumPy: only where a file is read
+    """Read `{file: curve.csv, values: dp, unit: bar}`: a list from a column of a file; empty cells at its end are
+    dropped."""
+    from heavebond.records.measurements import column, read_table  # import NumPy only if a file is read
 
     known_keys(node, ["file", "values", "unit"], "a list from a file", problems, required=["file", "values", "unit"])
     unit, wanted = node.items.get("unit"), node.items["values"]
@@ -508,11 +510,11 @@ def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
                      hint="Write for example `at: [3, 1]`.")
         return None
     if len(place) == 3 and place[2] not in TURNS:
-        problems.add("at-bad", f"a part is not turned by {numbers[2]} degrees", node.place,
+        problems.add("at-bad", f"a part cannot be rotated by {numbers[2]} degrees", node.place,
                      hint="The third number of `at:` is 0, 90, 180 or 270, clockwise.")
         return None
-    if not all(abs(n) <= FARTHEST for n in place[:2]):  # not a number too
-        problems.add("at-bad", f"`at: [{', '.join(numbers)}]` lies off any sheet", node.place,
-                     hint=f"Places in a drawing go from -{FARTHEST} to {FARTHEST}; parts stand some 2 apart.")
+    if not all(abs(n) <= FARTHEST for n in place[:2]):  # true for NaN as well
+        problems.add("at-bad", f"`at: [{', '.join(numbers)}]` is outside the sheet", node.place,
+                     hint=f"Places in a drawing range from -{FARTHEST} to {FARTHEST}; the usual distance of parts is 2.")
         return None
     return place

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field, replace
 from math import inf
 
 from heavebond.core.errors import Place, Problems, listing, suggest
-from heavebond.core.units import Dimension, declared_unit
+from heavebond.core.presentation import number, readable
+from heavebond.core.units import DIMENSIONLESS, Dimension, declared_unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput, Formula, Value
+from heavebond.language.symbols import uniform
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.dimensions import dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, parse_formula
@@ -22,7 +24,7 @@ SOLVERS = ("idas", "cvodes", "rosenbrock", "auto")
 
 @dataclass(frozen=True)
 class Condition:
-    """A value asked for at the start; a guess may move."""
+    """A required value at the start; a guess may change."""
 
     name: str
     value: Value
@@ -32,11 +34,39 @@ class Condition:
 
 @dataclass(frozen=True)
 class Initial:
-    """What is asked of the start: a mode (steady, rest or none), conditions and guesses, parameters to solve for."""
+    """Conditions on the start: a mode (steady, rest or none), conditions and guesses, parameters to solve for."""
 
     mode: str | None = None
     conditions: dict[str, Condition] = field(default_factory=dict)
     solve: dict[str, Place] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The clock of sampled parts with a jitter in s, the length of the interval in which each instant comes late, and the
+    probability that a sample is lost; both are pseudorandom, by a seed."""
+
+    name: str
+    parts: tuple[tuple[str, Place], ...]
+    jitter: float
+    lost: float
+    seed: int
+    place: Place
+
+    def late(self, k: int) -> float:
+        """How late the k-th instant comes, in s."""
+        return self.jitter * uniform(self.seed, 2 * k + 1)
+
+    def loses(self, k: int) -> bool:
+        """Whether the k-th sample is lost."""
+        return uniform(self.seed, 2 * k) < self.lost
+
+    @property
+    def text(self) -> str:
+        """`clock control (a, b): jitter 20 us, 1 % of the samples lost, seed 1`."""
+        words = [f"jitter {readable(self.jitter, 's')}"] if self.jitter else []
+        words += [f"{number(100 * self.lost)} % of the samples lost"] if self.lost else []
+        return f"clock {self.name} ({listing((path for path, _ in self.parts), 6)}): {', '.join(words)}, seed {self.seed}"
 
 
 @dataclass(frozen=True)
@@ -62,25 +92,27 @@ class Setting:
 def read_settings(node: Node | None, source: Source, problems: Problems) -> dict[str, Setting]:
     """`set:` of a diagram or a record."""
     entries = reading.mapping(node, "set", problems)
-    found = {}
+    settings = {}
     for key, item in (entries.items if entries else {}).items():
         assert entries is not None
         path, place = reading.element_path(key), entries.keys[key].place
         if isinstance(item, Mapping) and "values" in item.items:
-            found.update({k: Setting(k, v, place) for k, v in reading.column_values(item, path, source, problems).items()})
+            settings.update({k: Setting(k, v, place)
+                             for k, v in reading.column_values(item, path, source, problems).items()})
         elif isinstance(item, Mapping):
             if (record := reading.file_input(item, source, problems, path)) is not None:
-                found[path] = Setting(path, record, place)
+                settings[path] = Setting(path, record, place)
         elif isinstance(item, Sequence):
-            found.update({k: Setting(k, v, place) for k, v in reading.elements(item, path, path, problems).items()})
+            settings.update({k: Setting(k, v, place) for k, v in reading.elements(item, path, path, problems).items()})
         elif (value := reading.value(item, path, problems)) is not None:
-            found[path] = Setting(path, value, place)
-    return found
+            settings[path] = Setting(path, value, place)
+    return settings
 
 
 def read_initial(node: Node | None, base: Initial, problems: Problems) -> Initial:
-    way = node.text if isinstance(node, Scalar) else ""
-    entries = reading.mapping(node, "initial", problems, f"Write `initial: {{start: {way}}}`." if way in STARTS else "")
+    mode_text = node.text if isinstance(node, Scalar) else ""
+    entries = reading.mapping(node, "initial", problems, f"Write `initial: {{start: {mode_text}}}`." if mode_text in STARTS
+                              else "")
     if entries is None:
         return base
     mode, conditions, solve = base.mode, dict(base.conditions), dict(base.solve)
@@ -89,7 +121,7 @@ def read_initial(node: Node | None, base: Initial, problems: Problems) -> Initia
         if name == "start":
             mode = reading.text(item, "start", problems)
             if mode not in STARTS:
-                problems.add("start-unknown", f"'{mode}' is no way to start", item.place,
+                problems.add("start-unknown", f"'{mode}' is not a mode of `initial:`", item.place,
                              hint=suggest(mode, STARTS) or "Write `start: steady` or `start: rest`.")
         elif name == "solve":
             solve = {word.text: word.place for word in reading.words(item, "solve", problems)}
@@ -101,12 +133,12 @@ def read_initial(node: Node | None, base: Initial, problems: Problems) -> Initia
 def read_conditions(node: Node | None, problems: Problems) -> dict[str, Condition]:
     """`initial:` of a record: conditions and guesses only."""
     entries = reading.mapping(node, "initial", problems)
-    found = {}
+    conditions = {}
     for name, item in (entries.items if entries else {}).items():
         condition = _condition(name, item, entries.keys[name], problems) if entries else None
         if condition is not None:
-            found[condition.name] = condition
-    return found
+            conditions[condition.name] = condition
+    return conditions
 
 
 def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condition | None:
@@ -122,8 +154,8 @@ def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condit
 
 
 def read_nominal(node: Node | None, problems: Problems) -> dict[str, Setting]:
-    """`nominal:` of a diagram: the size that each of these variables commonly has, a plain quantity above 0."""
-    found: dict[str, Setting] = {}
+    """Read `nominal:` of a diagram: the usual size of variables, a plain quantity above 0 each."""
+    nominal_sizes: dict[str, Setting] = {}
     entries = reading.mapping(node, "nominal", problems, "Write `nominal: {coil.i: 1 nA}`.")
     for key, item in (entries.items if entries else {}).items():
         assert entries is not None
@@ -136,43 +168,43 @@ def read_nominal(node: Node | None, problems: Problems) -> dict[str, Setting]:
             problems.add("not-a-quantity", f"nominal {path}: '{value.text}' is not a plain quantity", value.place,
                          hint="Write for example `1 nA`; a nominal size is known before any parameter.")
         elif not 0 < number < inf:
-            problems.add("nominal-not-positive", f"nominal {path}: '{value.text}' is a size: it must be above 0",
-                         value.place, hint="Write the size that the variable commonly has, for example `1 nA`.")
+            problems.add("nominal-not-positive", f"nominal {path}: '{value.text}' is not above 0, as a size must be",
+                         value.place, hint="Write the usual size of the variable, for example `1 nA`.")
         else:
-            found[path] = Setting(path, value, place)
-    return found
+            nominal_sizes[path] = Setting(path, value, place)
+    return nominal_sizes
 
 
 def read_vary(node: Node | None, problems: Problems) -> dict[str, Setting]:
-    """`vary:` of a diagram: factors, formulas of variables and the time, by which parameters of parts vary."""
-    found: dict[str, Setting] = {}
+    """Read `vary:` of a diagram: factors, formulas of variables and the time, by which parameters of parts vary."""
+    factors: dict[str, Setting] = {}
     entries = reading.mapping(node, "vary", problems, "Write `vary: {spring.c: =1 + 0.2*spring.s/(1 m)}`.")
     for key, item in (entries.items if entries else {}).items():
         assert entries is not None
         path = reading.element_path(key)
         if (value := reading.value(item, path, problems)) is not None:
-            found[path] = Setting(path, value, entries.keys[key].place)
-    return found
+            factors[path] = Setting(path, value, entries.keys[key].place)
+    return factors
 
 
 def read_show(node: Node | None, problems: Problems) -> dict[str, NamedOutput]:
     listed = [s.text for s in node.items if isinstance(s, Scalar)] if isinstance(node, Sequence) else []
     lines = listing((f"`{re.sub(r'[^0-9A-Za-z_]+', '_', text)}: {{is: {text}, unit: ...}}`" for text in listed), 3)
     entries = reading.mapping(node, "show", problems, f"Write one output a line: {lines}." if listed else "")
-    found = {}
+    outputs = {}
     for name, item in (entries.items if entries else {}).items():
         key = entries.keys[name] if entries else None
-        shown = shown_as(name, item, key, problems) if key else None
-        if shown is not None:
-            found[name] = shown
-    return found
+        output_read = shown_as(name, item, key, problems) if key else None
+        if output_read is not None:
+            outputs[name] = output_read
+    return outputs
 
 
 def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tuple[str, ...] = ()) -> NamedOutput | None:
     """`pull: {is: spring.F, unit: kN}`; without `is` the key itself is the formula."""
-    said = item.text if isinstance(item, Scalar) else "spring.F"
+    formula_text = item.text if isinstance(item, Scalar) else "spring.F"
     entry = reading.mapping(item, f"'{name}'", problems, f"Write the formula and the unit in which it is shown: "
-                            f"`{name}: {{is: {said}, unit: ...}}`.")
+                            f"`{name}: {{is: {formula_text}, unit: ...}}`.")
     if entry is None:
         return None
     reading.known_keys(entry, ("is", "unit", *extra), f"'{name}'", problems, required=("unit",))
@@ -191,7 +223,7 @@ def shown_as(name: str, item: Node, key: Scalar, problems: Problems, extra: tupl
 
 @dataclass(frozen=True)
 class Plan:
-    """What `simulate:` says: with `ends`, a condition, `until` is the time at which a run ends in any case."""
+    """The settings of `simulate:`; with `ends`, a condition, `until` is the latest end of a run."""
 
     begin: Value | None = None
     until: Value | None = None
@@ -199,6 +231,40 @@ class Plan:
     solver: Scalar | None = None
     ends: Formula | None = None
     largest_step: Value | None = None
+
+
+def read_clocks(node: Node | None, problems: Problems) -> dict[str, Clock]:
+    """`clocks:` of a diagram: jitter and lost samples of the clocks of sampled parts."""
+    form, found = "`clocks: {control: {parts: [pid], jitter: 20 us, lost: 1 %, seed: 1}}`", dict[str, Clock]()
+    entries = reading.mapping(node, "clocks", problems, f"Write {form}.")
+    for name, item in (entries.items if entries else {}).items():
+        assert entries is not None
+        key, entry = entries.keys[name], reading.mapping(item, f"clock '{name}'", problems, f"Write {form}.")
+        if entry is None or not reading.identifier(key, "a clock", problems):
+            continue
+        reading.known_keys(entry, ("parts", "jitter", "lost", "seed"), f"clock '{name}'", problems, ("parts",))
+        numbers = {"jitter": 0.0, "lost": 0.0, "seed": 1.0}
+        for word in (word for word in numbers if word in entry.items):
+            value = reading.value(entry.items[word], word, problems)
+            given = constant(value.expr) if value is not None and not value.formula else None
+            if value is not None and given is None:
+                problems.add("not-a-quantity", f"{word}: '{value.text}' is not a plain quantity", value.place,
+                             hint=f"Write for example {form}.")
+            elif value is not None and given is not None:
+                unit = SECOND if word == "jitter" else DIMENSIONLESS
+                check_dimension(word, value, dimension(value.expr, _no_name), unit, problems)
+                high = {"jitter": inf, "lost": 1.0, "seed": 2.0**31}[word]
+                if not 0 <= given < high or (word == "seed" and given % 1):
+                    problems.add("clock-number", f"{word}: '{value.text}' is not allowed", value.place, hint={
+                        "jitter": "Write a time, for example `20 us`.", "lost": "Write a probability below 1, for example "
+                        "`1 %`.", "seed": "Write a whole number that is not negative."}[word])
+                numbers[word] = given
+        if not {"jitter", "lost"} & entry.items.keys():
+            problems.add("clock-regular", f"clock '{name}' has neither jitter nor lost samples", key.place,
+                         hint=f"Write for example {form}, or leave the clock out: without an entry a clock is regular.")
+        parts = tuple((word.text, word.place) for word in reading.words(entry.items.get("parts"), "parts", problems))
+        found[name] = Clock(name, parts, numbers["jitter"], numbers["lost"], int(numbers["seed"]), key.place)
+    return found
 
 
 def read_plan(node: Node | None, problems: Problems) -> Plan:
@@ -221,7 +287,7 @@ def read_plan(node: Node | None, problems: Problems) -> Plan:
     solver = entries.items.get("solver")
     name = reading.text(solver, "solver", problems)
     if solver is not None and name and name not in SOLVERS:
-        problems.add("solver-unknown", f"'{name}' is no solver", solver.place,
+        problems.add("solver-unknown", f"'{name}' is not a solver", solver.place,
                      hint=suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")
     return Plan(times.get("from"), times.get("until"), times.get("every"), solver if isinstance(solver, Scalar) else None,
                 ends, times.get("largest_step"))
@@ -241,12 +307,12 @@ def _ending(node: Node | None, problems: Problems) -> Formula | None:
 
 
 def _no_name(name: Name) -> Dimension:
-    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is no number", name.column, name.length)
+    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is not a number", name.column, name.length)
 
 
 def _check_time(name: str, value: Value, problems: Problems, any_sign: bool) -> None:
-    """The times of a run are known before any parameter is: plain times, all of them above 0 but `from`, and `until` with
-    `from`."""
+    """Check the times of a run, which are needed before any parameter is known: plain times, all above 0 except `from`,
+    and `until` with `from`."""
     number = constant(value.expr)
     if value.formula or number is None:
         problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain time", value.place,

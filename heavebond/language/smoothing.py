@@ -3,14 +3,14 @@
     max(a, b) -> (a + b + sqrt((a - b)**2 + w**2)) / 2,   min and abs likewise,
     a < b     -> (1 + tanh((b - a) / w)) / 2,             sign(a) -> tanh(a / w).
 
-Each corner has a width w of its own, in the unit of a - b; as w goes to zero the expressions become those that were given.
-C. Chen, O. L. Mangasarian, A class of smoothing functions for nonlinear and mixed complementarity problems, Computational
+Each corner has a separate width w, in the unit of a - b; as w tends to zero the expressions tend to the original ones. C.
+Chen, O. L. Mangasarian, A class of smoothing functions for nonlinear and mixed complementarity problems, Computational
 Optimization and Applications 5 (1996) 97-138, doi:10.1007/BF00249052.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -20,6 +20,7 @@ from heavebond.language.symbols import stack
 TURNS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS}  # continuous, with a kink
 STEPS = {ca.OP_LT, ca.OP_LE, ca.OP_SIGN}  # jump
 LOGIC = {ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}
+ROUNDING = {ca.OP_FLOOR: -0.5, ca.OP_CEIL: 0.5}  # with the mean error
 TWO = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_LT, ca.OP_LE}
 
 
@@ -34,31 +35,53 @@ class SmoothedColumn:
 
 
 def rounded(column: ca.SX, symbols: Sequence[ca.SX]) -> SmoothedColumn:
-    """The column (m,) in its symbols with every corner rounded."""
-    function = ca.Function("column", list(symbols), [column])
-    given = [ca.vec(s).nz for s in symbols]
-    work: dict[int, ca.SX] = {}
-    found = [ca.SX(0)] * column.numel()
+    """Round every corner of the column (m,) of its symbols."""
     widths: list[ca.SX] = []
     at: list[ca.SX] = []
+
+    def operate(op: int, args: Sequence[ca.SX]) -> ca.SX:
+        if op not in TURNS | STEPS or all(a.is_constant() for a in args):
+            return _operated(op, args)
+        at.append(args[0] - args[1] if op in TWO else args[0])
+        widths.append(ca.SX.sym(f"w{len(widths)}"))
+        return _turned(op, args, at[-1], widths[-1])
+
+    return SmoothedColumn(_rebuilt(column, symbols, operate), stack(widths), stack(at))
+
+
+def without_rounding(column: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
+    """The column (m,) with a rounding to whole numbers replaced by its mean, floor(a) -> a - 1/2 and ceil(a) -> a + 1/2, and
+    the rounded expressions a. That is the describing function of a quantiser for motions of many steps, a gain of 1 (A.
+    Gelb, W. E. Vander Velde, Multiple-Input Describing Functions, 1968, section 2.3)."""
+    arguments: list[ca.SX] = []
+
+    def operate(op: int, args: Sequence[ca.SX]) -> ca.SX:
+        if op in ROUNDING:
+            arguments.append(args[0])
+            return args[0] + ROUNDING[op]
+        return ca.SX.unary(op, args[0]) if len(args) == 1 else ca.SX.binary(op, *args)
+
+    return _rebuilt(column, [stack(ca.symvar(column))], operate), arguments
+
+
+def _rebuilt(column: ca.SX, symbols: Sequence[ca.SX], operate: Callable[[int, Sequence[ca.SX]], ca.SX]) -> ca.SX:
+    """A column (m,) in its symbols with every operation by `operate`."""
+    function = ca.Function("column", list(symbols), [column])
+    symbol_elements = [ca.vec(s).nz for s in symbols]
+    work: dict[int, ca.SX] = {}
+    replaced = [ca.SX(0)] * column.numel()
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
-            found[outputs[1]] = work[inputs[0]]
+            replaced[outputs[1]] = work[inputs[0]]
         elif op == ca.OP_INPUT:
-            work[outputs[0]] = ca.SX(given[inputs[0]][inputs[1]])
+            work[outputs[0]] = ca.SX(symbol_elements[inputs[0]][inputs[1]])
         elif op == ca.OP_CONST:
             work[outputs[0]] = ca.SX(function.instruction_constant(k))
         else:
-            args = [work[i] for i in inputs]
-            if op in TURNS | STEPS and not all(a.is_constant() for a in args):
-                at.append(args[0] - args[1] if op in TWO else args[0])
-                widths.append(ca.SX.sym(f"w{len(widths)}"))
-                work[outputs[0]] = _turned(op, args, at[-1], widths[-1])
-            else:
-                work[outputs[0]] = _operated(op, args)
-    return SmoothedColumn(stack(found), stack(widths), stack(at))
+            work[outputs[0]] = operate(op, [work[i] for i in inputs])
+    return stack(replaced)
 
 
 def _turned(op: int, args: Sequence[ca.SX], off: ca.SX, width: ca.SX) -> ca.SX:
@@ -73,7 +96,7 @@ def _turned(op: int, args: Sequence[ca.SX], off: ca.SX, width: ca.SX) -> ca.SX:
 
 
 def _operated(op: int, args: Sequence[ca.SX]) -> ca.SX:
-    """The same operation; truth values are shares between 0 and 1."""
+    """The same operation; truth values become shares between 0 and 1."""
     a, b = args[0], args[-1]
     if op in LOGIC:
         return 1 - a if op == ca.OP_NOT else a + b - a * b if op == ca.OP_OR else a * b

@@ -33,15 +33,15 @@ from heavebond.text.expression import (
 )
 
 NONSMOOTH = {"min", "max", "abs", "sign", "floor", "if_else"}
-# of the largest element of a matrix: what rounding leaves of a symmetric or a singular one that was computed
+# relative to the largest element of a matrix: rounding error of a computed symmetric or singular matrix
 MATRIX_ROUNDING, TINY = 1e-9, 1e-300
-# operations of CasADi that jump or turn at a point, though their second derivative is zero everywhere else
+# operations of CasADi with a jump or kink whose second derivative is zero elsewhere
 CORNERS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_SIGN, ca.OP_FLOOR,
            ca.OP_CEIL, ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_IF_ELSE_ZERO}
 
 OPPOSITE = {"<": ">=", ">": "<=", "<=": ">", ">=": "<"}
-# By its number an operation is built in a tenth of the time that Python's operators and CasADi's functions by name take,
-# which try every type that their arguments may have.
+# Building an operation by its number takes a tenth of the time of Python's operators and CasADi's functions by name, which
+# try every type of their arguments.
 _OPERATORS = {"+": ca.OP_ADD, "-": ca.OP_SUB, "*": ca.OP_MUL, "/": ca.OP_DIV, "**": ca.OP_POW, "<": ca.OP_LT, "<=": ca.OP_LE,
               "==": ca.OP_EQ, "!=": ca.OP_NE, "and": ca.OP_AND, "or": ca.OP_OR}
 _ONE_ARGUMENT = {
@@ -50,7 +50,7 @@ _ONE_ARGUMENT = {
     "floor": ca.OP_FLOOR,
 }
 _TWO_ARGUMENTS = {"min": ca.OP_FMIN, "max": ca.OP_FMAX, "atan2": ca.OP_ATAN2}
-# by the function and the hashes of its arguments: these, which keep the hashes their own, and the value of each name inside
+# by function and hashes of the arguments: the arguments, which keep the hashes valid, and the value of each local name
 Called = dict[tuple[str, tuple[int, ...]], tuple[list[ca.SX], dict[str, ca.SX]]]
 Derivative = Callable[[ca.SX], ca.SX]
 Lookup = Callable[[str, Name], ca.SX]
@@ -58,8 +58,8 @@ Lookup = Callable[[str, Name], ca.SX]
 
 @dataclass(frozen=True)
 class Context:
-    """What an expression is evaluated in: names to SX (lists to columns), d/dt of an SX, whole numbers, of how many terms
-    the sums around it already are, and what functions gave for arguments that they were called with before."""
+    """Environment of an evaluation: SX of names (columns for lists), d/dt of an SX, whole numbers, the number of terms of
+    the enclosing sums, and results of functions for earlier arguments."""
 
     lookup: Lookup
     der: Derivative
@@ -81,12 +81,12 @@ def split(column: ca.SX) -> list[ca.SX]:
 
 
 def places(column: ca.SX) -> dict[int, int]:
-    """Where each symbol of a column stands in it, by its hash."""
+    """Index of each symbol in a column, by its hash."""
     return {s.element_hash(): k for k, s in enumerate(split(column))}
 
 
 def evaluate(expr: Expr, context: Context) -> ca.SX:
-    """The value of an expression as SX; raises ExpressionProblem for a name that the context does not know."""
+    """Evaluate an expression as SX; ExpressionProblem for a name that the context does not contain."""
     if isinstance(expr, Number):
         return ca.SX(expr.value)
     if isinstance(expr, Name):
@@ -111,10 +111,11 @@ def evaluate(expr: Expr, context: Context) -> ca.SX:
 
 
 def indicator(expr: Expr, context: Context, still: Set[int] = frozenset()) -> ca.SX:
-    """A condition as a number: above zero where it is true, below where it is not, and zero where it changes.
+    """A condition as a number: above zero if it is true, below if it is false, and zero at the change.
 
-    That of `a > b` is a - b; of `and` the lesser, of `or` the greater one. The unit is that of the sides compared. What is
-    constant between events (the hashes of its symbols are in `still`) can stay equal to a bound: `n >= 2` is 1 or -1.
+    The indicator of `a > b` is a - b; of `and` the smaller, of `or` the larger one. The unit is the unit of the compared
+    sides. Values that are constant between events (the hashes of their symbols are in `still`) can stay equal to a bound:
+    `n >= 2` gives 1 or -1.
     """
     if isinstance(expr, Compare):
         left, right = evaluate(expr.left, context), evaluate(expr.right, context)
@@ -135,7 +136,7 @@ def indicator(expr: Expr, context: Context, still: Set[int] = frozenset()) -> ca
 
 
 def _opposite(expr: Expr, context: Context, still: Set[int]) -> ca.SX:
-    """The indicator of `not ...`: that of `not n < 2` is that of `n >= 2`."""
+    """The indicator of `not ...`: for `not n < 2` the indicator of `n >= 2`."""
     if isinstance(expr, Compare) and expr.op in OPPOSITE:
         return indicator(replace(expr, op=OPPOSITE[expr.op]), context, still)
     if isinstance(expr, Logic):
@@ -156,10 +157,10 @@ def _name(expr: Name, context: Context) -> ca.SX:
                                         hint="Write the lower index first, as in `x[1..3]`.")
             each = [Name((*expr.parts[:k], Number(i, None, 0), *expr.parts[k + 1:]), expr.column, expr.length)
                     for i in range(low, high + 1)]
-            found = [_name(element, context) for element in each]
+            elements = [_name(element, context) for element in each]
             # a second slice gives each row as a column
-            return ca.vertcat(*(row.T for row in found)) if any(isinstance(p, Slice) for p in expr.parts[k + 1:]) else \
-                stack(found)
+            return ca.vertcat(*(row.T for row in elements)) if any(isinstance(p, Slice) for p in expr.parts[k + 1:]) else \
+                stack(elements)
         else:
             words[-1] += f"[{_integer(part, context)}]"
     text = ".".join(words)
@@ -171,15 +172,15 @@ def _name(expr: Name, context: Context) -> ca.SX:
 
 
 def _integer(expr: Expr, context: Context) -> int:
-    found = evaluate(expr, context)
-    if not found.is_constant() or float(found) != int(float(found)):
+    number_read = evaluate(expr, context)
+    if not number_read.is_constant() or float(number_read) != int(float(number_read)):
         raise ExpressionProblem("not-an-integer", "a whole number is needed here", getattr(expr, "column", 0),
                                 hint="Write a number such as 3, or the name of an integer parameter.")
-    return int(float(found))
+    return int(float(number_read))
 
 
 def operated(op: str, left: ca.SX, right: ca.SX) -> ca.SX:
-    """Two operands by an operator of the language, element by element."""
+    """Apply an operator of the language to two operands, element by element."""
     if op in (">", ">="):
         op, left, right = "<" + op[1:], right, left
     return ca.SX.binary(_OPERATORS[op], left, right)
@@ -188,7 +189,7 @@ def operated(op: str, left: ca.SX, right: ca.SX) -> ca.SX:
 def _binary(expr: Binary, context: Context) -> ca.SX:
     left, right = evaluate(expr.left, context), evaluate(expr.right, context)
     if expr.op == "*" and not left.is_scalar() and not right.is_scalar():
-        return ca.mtimes(left, right)  # their shapes were checked: a matrix times a vector or a matrix
+        return ca.mtimes(left, right)  # shapes have been checked: a matrix times a vector or a matrix
     return operated(expr.op, left, right)
 
 
@@ -222,30 +223,31 @@ def _call(expr: Call, context: Context) -> ca.SX:
 
 
 def _matrix_property(name: str, given: ca.SX, expr: Call) -> ca.SX:
-    """Whether a square matrix (n, n), or its rows in one column (n*n,), is symmetric, or its symmetric part positive
-    (semi-)definite: the pivots of its elimination are above zero, of a semi-definite one when MATRIX_ROUNDING of its largest
-    element is added to its diagonal."""
+    """True if a square matrix (n, n), or its rows in one column (n*n,), is symmetric, or its symmetric part positive
+    (semi-)definite: the pivots of its elimination are above zero, for a semi-definite one after MATRIX_ROUNDING times
+    its largest element is added to its diagonal."""
     rows = ca.vec(given.T)
     n = isqrt(rows.numel())
     if n * n != rows.numel():
-        raise ExpressionProblem("list-length", f"{name} takes a square matrix; {rows.numel()} elements are none",
+        raise ExpressionProblem("list-length", f"{name} takes a square matrix; {rows.numel()} elements are not a square "
+                                "matrix",
                                 expr.column, hint="Declare it with `count: [n, n]`.")
     matrix = ca.reshape(rows, n, n).T
     largest = ca.mmax(ca.fabs(rows))
     if name == "symmetric":
         return ca.mmax(ca.fabs(matrix - matrix.T)) <= MATRIX_ROUNDING * largest
-    left = (matrix + matrix.T) / 2
+    symmetric_part = (matrix + matrix.T) / 2
     if name == "semidefinite":
-        left += (MATRIX_ROUNDING * largest + TINY) * ca.SX.eye(n)
+        symmetric_part += (MATRIX_ROUNDING * largest + TINY) * ca.SX.eye(n)
     truth = ca.SX(1)
     for k in range(n):
-        truth = ca.logic_and(truth, left[k, k] > 0)
-        left -= ca.mtimes(left[:, k], left[k, :]) / left[k, k]
+        truth = ca.logic_and(truth, symmetric_part[k, k] > 0)
+        symmetric_part -= ca.mtimes(symmetric_part[:, k], symmetric_part[k, :]) / symmetric_part[k, k]
     return truth
 
 
 def _function_call(expr: FunctionCall, context: Context) -> ca.SX:
-    """The output of a function, written out: what follows differentiates through it. Outputs of one call share its steps."""
+    """The output of a function, expanded, so that it can be differentiated. Outputs of one call share its steps."""
     args = [evaluate(arg, context) for arg in expr.args]
     key = (str(expr.function.path) + expr.function.name,
            tuple(e.element_hash() for arg in args for e in split(ca.vec(ca.densify(arg)))))
@@ -258,7 +260,7 @@ def stepwise(function: Function, args: Iterable[ca.SX]) -> dict[str, ca.SX]:
     """The value of every name in a function: its inputs, its constants and its steps."""
     values = dict(zip(function.inputs, args, strict=True))
     values.update({name: ca.SX(constant.value or 0.0) for name, constant in function.constants.items()})
-    # its file was checked: it calls no der, and knows every name
+    # checked when its file was read: it calls no der, and knows every name
     context = Context(lambda text, name: _element(values, text, name), lambda expression: expression,
                       _sizes(function, values))
     for step in function.steps:
@@ -267,12 +269,12 @@ def stepwise(function: Function, args: Iterable[ca.SX]) -> dict[str, ca.SX]:
 
 
 def _sizes(function: Function, values: Mapping[str, ca.SX]) -> dict[str, int]:
-    """The whole numbers that the lengths of the arguments tell."""
-    found: dict[str, int] = {}
+    """The whole numbers that follow from the lengths of the arguments."""
+    sizes: dict[str, int] = {}
     for name, quantity in function.inputs.items():
         shape = (values[name].numel(),) if len(quantity.sizes) == 1 else values[name].shape
-        found.update({size.text: n for size, n in zip(quantity.sizes, shape, strict=False) if isinstance(size, Name)})
-    return found
+        sizes.update({size.text: n for size, n in zip(quantity.sizes, shape, strict=False) if isinstance(size, Name)})
+    return sizes
 
 
 def _element(values: Mapping[str, ca.SX], text: str, name: Name) -> ca.SX:
@@ -280,12 +282,12 @@ def _element(values: Mapping[str, ca.SX], text: str, name: Name) -> ca.SX:
     base, bracket, indices = text.partition("[")
     if not bracket:
         return values[base]
-    found, places = values[base], [int(k) - 1 for k in indices[:-1].split("][")]
-    if any(not 0 <= k < n for k, n in zip(places, found.shape, strict=False)):
-        raise ExpressionProblem("list-index", f"'{text}' is no element of {base}, which has {found.shape[0]}"
-                                + f" x {found.shape[1]}" * (len(places) > 1), name.column, name.length,
+    column, places = values[base], [int(k) - 1 for k in indices[:-1].split("][")]
+    if any(not 0 <= k < n for k, n in zip(places, column.shape, strict=False)):
+        raise ExpressionProblem("list-index", f"'{text}' is not an element of {base}, which has {column.shape[0]}"
+                                + f" x {column.shape[1]}" * (len(places) > 1), name.column, name.length,
                                 "An index counts from 1.")
-    return found[places[0]] if len(places) == 1 else found[places[0], places[1]]
+    return column[places[0]] if len(places) == 1 else column[places[0], places[1]]
 
 
 def _sum_over(expr: SumOver, context: Context) -> ca.SX:
@@ -313,23 +315,23 @@ def uniform(seed: int, index: int) -> float:
 
 
 def varies(expr: Expr, constants: Callable[[str], bool]) -> bool:
-    """Whether an expression depends on more than constants."""
+    """True if an expression depends on more than constants."""
     return any(not constants(n.text) for n in names(expr))
 
 
 def nonsmooth(expr: Expr, constants: Callable[[str], bool]) -> str | None:
-    """The first function in `expr` that has a kink in something that varies (der of it is the author's own)."""
+    """The first function in `expr` with a kink in a varying argument (its der is the author's responsibility)."""
     if isinstance(expr, Call) and expr.function == "der":
         return None
     if isinstance(expr, Call) and expr.function in NONSMOOTH and varies(expr, constants):
         return expr.function
     if isinstance(expr, FunctionCall) and (inside := _kink_inside(expr, constants)):
         return inside
-    return next((found for child in children(expr) if (found := nonsmooth(child, constants))), None)
+    return next((inner for child in children(expr) if (inner := nonsmooth(child, constants))), None)
 
 
 def _kink_inside(call: FunctionCall, constants: Callable[[str], bool]) -> str | None:
-    """The first kink in something that varies, in the steps on which the output of a call depends."""
+    """The first kink in a varying argument, in the steps on which the output of a call depends."""
     function = call.function
     moving = {name for name, arg in zip(function.inputs, call.args, strict=True) if varies(arg, constants)}
 
@@ -337,15 +339,15 @@ def _kink_inside(call: FunctionCall, constants: Callable[[str], bool]) -> str | 
         return text.partition("[")[0] not in moving
 
     for step in function.needed(call.output):
-        if found := nonsmooth(step.expr, still):
-            return found
+        if inner := nonsmooth(step.expr, still):
+            return inner
         if varies(step.expr, still):
             moving.add(step.name)
     return None
 
 
 def kinked(expr: Expr, among: Container[str]) -> bool:
-    """Whether one of these names stands inside a function that has a kink."""
+    """True if one of these names occurs inside a function with a kink."""
     if isinstance(expr, Call) and expr.function in NONSMOOTH and any(n.text in among for n in names(expr)):
         return True
     if isinstance(expr, FunctionCall) and _kink_inside(expr, lambda text: text not in among):

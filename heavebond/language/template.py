@@ -1,4 +1,4 @@
-"""A component's equations as CasADi expressions in its own local symbols, made once and shared by all its instances."""
+"""A component's equations as CasADi expressions in local symbols, built once and shared by all its instances."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, name
 from heavebond.text.shapes import Lengths, Shape, indexed
 
 Result = TypeVar("Result")
-# der(der(x)) is as far as a component's own text goes; index reduction differentiates on the flat model
+# a component's text contains at most der(der(x)); index reduction differentiates on the flat model
 LEVELS = 3
 BEYOND = 1e-9
 
 
 @dataclass(frozen=True)
 class Line:
-    """One equation of a template: its name, its text, its place, and the kinked function in it, if any."""
+    """One equation of a template: name, text, place, and the function with a kink in it, if any."""
 
     label: str
     text: str
@@ -35,7 +35,7 @@ class Line:
 
 @dataclass(frozen=True)
 class EventLine:
-    """An event of a template, and the local name of what each of its resets sets."""
+    """An event of a template, and the local name of the target of each of its resets."""
 
     when: EventDefinition
     targets: tuple[str, ...]
@@ -65,13 +65,13 @@ class Template:
 
     @property
     def given(self) -> tuple[str, ...]:
-        """The names of what is constant between events."""
+        """Names of the values that are constant between events."""
         return (*self.parameters, *self.held)
 
 
 def template(component: Component, domains: Mapping[str, Domain], bound: Mapping[str, str],
              integers: Mapping[str, int]) -> Template:
-    """The template of a component; `bound` tells the domain of each of its ports."""
+    """The template of a component; `bound` maps each of its ports to its domain."""
     return _cached(_Key(component, dict(domains)), tuple(bound.items()), tuple(integers.items()))
 
 
@@ -114,17 +114,17 @@ class _Builder:
         return Context(self._lookup, self._der, {**self.integers, **index}, called=self.called)
 
     def _lists(self) -> dict[str, Shape]:
-        """The shape of each list of parameters, variables or signals: that of `x` by its last element `x[3]`."""
-        found: dict[str, Shape] = {}
+        """The shape of each list of parameters, variables or signals: the shape of `x` by its last element `x[3]`."""
+        shapes: dict[str, Shape] = {}
         for name in (*self.parameters, *self.held, *self.component.signals, *self.component.unknowns):
             base, bracket, last = name.partition("[")
             if bracket:
                 rows, _, columns = last[:-1].partition("][")
-                found[base] = (int(rows), int(columns)) if columns else int(rows)
-        return found
+                shapes[base] = (int(rows), int(columns)) if columns else int(rows)
+        return shapes
 
     def _length(self, name: Name) -> Shape:
-        """The shape of what a name means; None for a number."""
+        """The shape of a name's value; None for a number."""
         head = name.parts[0]
         shape = (self.arrays.get(head) or self.lists.get(head)) if isinstance(head, str) else None
         return None if shape is None else indexed(shape, name, self._size)
@@ -138,10 +138,10 @@ class _Builder:
         return int(float(evaluate(expr, context)))
 
     def _lookup_nothing(self, text: str, name: Name) -> ca.SX:
-        raise ExpressionProblem("not-an-integer", f"'{text}' is no whole number", name.column, name.length)
+        raise ExpressionProblem("not-an-integer", f"'{text}' is not a whole number", name.column, name.length)
 
     def _slots(self) -> list[str]:
-        """Port members, signals and own variables; a position only where the text names it."""
+        """Port members, signals and inner variables; a position only if the text names it."""
         texts = [n.text for tree in self._trees() for n in names(tree)]
         positions = {(port, member) for t in texts if "." in t
                      for port in [t.split("[")[0].split(".")[0]] for d in [self.bound.get(port)] if d
@@ -182,9 +182,9 @@ class _Builder:
             return stack(self._lookup(f"{text}[{k + 1}]", name) for k in range(shape))
         if head in self.arrays:
             return stack(self._lookup(f"{head}[{k + 1}].{member}", name) for k in range(self.arrays[head]))
-        raise ExpressionProblem("name-unknown", f"'{name.text}' is not known here", name.column, name.length,
+        raise ExpressionProblem("name-unknown", f"'{name.text}' is not a name in this component", name.column, name.length,
                               suggest(text, known := [*self.parameters, *self.held, *self.levels[0]])
-                              or f"{self.component.name} knows {listing(known)}; an index counts from 1.")
+                              or f"the names in {self.component.name} are {listing(known)}; an index counts from 1.")
 
     def _der(self, expression: ca.SX) -> ca.SX:
         """d/dt by the chain rule; the explicit dependence on time carries the factor `time_rate` (1, or 0 when the
@@ -213,20 +213,20 @@ class _Builder:
                 left = self._evaluated(equation.tree.left, equation.place)
                 right = self._evaluated(equation.tree.right, equation.place)
                 kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)
-                lines += [Line(equation.label + which, equation.text.strip(), equation.place, kink)
-                          for which in _elements(shape)]
+                lines += [Line(equation.label + suffix, equation.text.strip(), equation.place, kink)
+                          for suffix in _elements(shape)]
                 residuals.append(ca.vec(operated("-", left, right).T))  # row by row; a plain 0 is a list of zeros
         self.context = self._context({})
         return lines, residuals
 
     def _shape_of(self, equation: EquationLine) -> Shape:
-        """The shape of an equation; None for one of numbers."""
+        """The shape of an equation; None for an equation of numbers."""
         if not self.lists and not self.arrays:
             return None
         return self._shaped(lambda lengths: lengths.equation(equation.tree), equation.place)
 
     def _shaped(self, ask: Callable[[Lengths], Result], place: Place) -> Result:
-        """What the shapes of the elements tell; ModelError where they do not fit."""
+        """The result of a question about shapes; ModelError if they do not fit."""
         try:
             return ask(Lengths(self._length, exact=True))
         except ExpressionProblem as problem:
@@ -246,8 +246,8 @@ class _Builder:
     def template(self) -> Template:
         lines, residuals = self._lines()
         arguments = [stack(level.values()) for level in self.levels]
-        parameters, given = stack(self.parameters.values()), stack([*self.parameters.values(), *self.held.values()])
-        inputs = [*arguments, given, self.time, self.rate]
+        parameters, constants = stack(self.parameters.values()), stack([*self.parameters.values(), *self.held.values()])
+        inputs = [*arguments, constants, self.time, self.rate]
         stacked = stack(residuals)
         entries = classify(stacked, stack(arguments), {s.element_hash() for s in self.parameters.values()},
                            self._bounds())
@@ -318,7 +318,7 @@ class _Builder:
         return ca.SX(0) if formula is None else self._number(formula)
 
     def _number(self, formula: Formula) -> ca.SX:
-        """A formula that is one number, its vectors and matrices compared."""
+        """Evaluate a formula that is one number, with its vectors and matrices compared."""
         if self.lists or self.arrays:
             self._shaped(lambda lengths: lengths.number(formula.tree, "the formula"), formula.place)
         return self._evaluated(formula.tree, formula.place)
@@ -331,14 +331,16 @@ def _assigned(reset: Reset, lengths: Lengths) -> None:
 
 
 def _elements(shape: Shape) -> list[str]:
-    """What the label of each element of an equation ends with."""
+    """Suffix of the label of each element of an equation."""
     if isinstance(shape, tuple):
         return [f", element {i + 1}, {j + 1}" for i in range(shape[0]) for j in range(shape[1])]
     return [""] if shape is None else [f", element {k + 1}" for k in range(shape)]
 
 
 def held_interval(variable: Variable) -> Interval:
-    """Its bounds, those at zero moved a little beyond: it may well be zero, and is not divided by then."""
+    """The bounds of a held variable as an interval, with bounds at zero extended slightly beyond: a held variable may be
+    zero, so equations must not be divided by it.
+    """
     low, high = _interval(variable.low, variable.high)
     return -BEYOND if low == 0 else low, BEYOND if high == 0 else high
 

@@ -13,8 +13,8 @@ from heavebond.text.expression import ExpressionProblem, Number
 NOT_FINITE = "It is too large, divides by 0, or takes a root or logarithm of a negative number."
 
 
-def check_dimension(name: str, value: Value, found: Dimension | None, declared: Unit, problems: Problems) -> None:
-    """A quantity or formula of dimension `found` may stand where `declared` is needed (a plain Python number may)."""
+def check_dimension(name: str, value: Value, actual: Dimension | None, declared: Unit, problems: Problems) -> None:
+    """Check that a quantity or formula of dimension `actual` fits the unit `declared` (or is a plain Python number)."""
     if value.si:
         return
     if isinstance(value.expr, Number):
@@ -22,25 +22,25 @@ def check_dimension(name: str, value: Value, found: Dimension | None, declared: 
             check_unit(value.expr.unit, declared, value.expr.value, value.text)
         except UnitProblem as problem:
             problems.add(problem.code, f"{name}: {problem.message}", value.place, hint=problem.hint)
-    elif found is not None and found != declared.dimension:
+    elif actual is not None and actual != declared.dimension:
         problems.add("unit-wrong", f"{name} must be {_in_unit(declared.text)}; '{value.text.lstrip('= ')}' is "
-                     f"{_in_unit(dimension_text(found))}", value.place,
-                     hint="Check the units in the formula; a quantity in it carries its own, as in `2 * 460 L/min`.")
+                     f"{_in_unit(dimension_text(actual))}", value.place,
+                     hint="Check the units in the formula; write quantities with their units, as in `2 * 460 L/min`.")
 
 
 def check_bounds(name: str, parameter: Parameter, number: float, value: Value, problems: Problems) -> None:
-    """`number`, in SI, lies within the parameter's `min` and `max`."""
+    """Check that `number`, in SI, lies within the parameter's `min` and `max`."""
     if isfinite(number) and (parameter.low is None or number >= parameter.low) and \
             (parameter.high is None or number <= parameter.high):
         return
-    shown = value.text.lstrip("= ")
+    value_text = value.text.lstrip("= ")
     if not isinstance(value.expr, Number) or value.si:
-        shown = f"{shown}, that is {number:g} {parameter.unit.text}".removesuffix(" 1") + ","
+        value_text = f"{value_text}, that is {number:g} {parameter.unit.text}".removesuffix(" 1") + ","
     if not isfinite(number):
         problems.add("value-not-finite", f"{name} = {value.text.lstrip('= ')} has no finite value", value.place,
                      hint=NOT_FINITE)
     else:
-        problems.add("parameter-bound", f"{name} = {shown} is not allowed; it must be {bounds_text(parameter)}",
+        problems.add("parameter-bound", f"{name} = {value_text} is not allowed; it must be {bounds_text(parameter)}",
                      value.place, notes=[f"{parameter.name}: {parameter.doc}"] if parameter.doc else [],
                      hint="Give a value in that range.")
 
@@ -60,11 +60,11 @@ def _in_unit(unit: str) -> str:
 
 
 def add_formula_problem(problem: ExpressionProblem, value: Value, problems: Problems) -> None:
-    """Note what is wrong in the formula of a value, with the caret at the right sign."""
+    """Report an error in the formula of a value, with the caret at its position."""
     reading.add_expression_problem(problem, formula_place(value), problems)
 
 
 def formula_place(value: Value) -> Place:
-    """Where the columns of a value's expression count from: behind the `=` of `=a + b`."""
+    """Origin of the columns of a value's expression: after the `=` of `=a + b`."""
     skipped = len(value.text) - len(value.text.lstrip("= ")) if value.formula else 0
     return value.place.moved(skipped, value.place.length - skipped)

@@ -11,7 +11,7 @@ from heavebond.text.expression import parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence
 
 COLOURS = ("grey", "dark", "blue", "sea", "gas", "oil", "rock", "red", "green", "orange")
-# what each kind of shape needs, what it may have besides, and its colour
+# required and optional entries of each kind of shape, and its colour
 ENDS, MIDDLE = ("from", "to"), ("at", "size")
 KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
     "box": (MIDDLE, (), "grey"), "circle": (("at", "diameter"), ("turned",), "grey"), "line": (ENDS, (), "dark"),
@@ -19,14 +19,14 @@ KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...], str]] = {
     "damper": (ENDS, ("width", "length"), "dark"), "cylinder": (ENDS, ("width", "length"), "oil"),
     "ground": (("at", "width"), (), "rock"), "level": (("at",), (), "sea"), "mark": (("at",), (), "red")}
 PAIRS = ("at", "size", "from", "to")
-WIDE = ("level", "mark")  # these go across the whole picture, so that one height places them
+WIDE = ("level", "mark")  # these extend across the whole picture, so one height places them
 COMMON = ("is", "colour", "label")
 
 
 @dataclass(frozen=True)
 class ViewShape:
     """A shape: its kind, its places and sizes as formulas (pairs are x to the right and y upwards, in m; `turned` is an
-    angle), its colour and what is written at it."""
+    angle), its colour and its text."""
 
     name: str
     kind: str
@@ -37,15 +37,15 @@ class ViewShape:
 
 
 def read_view(node: Node | None, problems: Problems) -> dict[str, ViewShape]:
-    """The shapes in the order in which they are drawn, those behind first."""
+    """The shapes in drawing order, background first."""
     entries = reading.mapping(node, "view", problems)
-    found = {}
+    shapes = {}
     for name, item in (entries.items if entries else {}).items():
         if entries and reading.identifier(entries.keys[name], "a shape", problems):
-            seen = _seen(name, item, problems)
-            if seen is not None:
-                found[name] = seen
-    return found
+            shape = _seen(name, item, problems)
+            if shape is not None:
+                shapes[name] = shape
+    return shapes
 
 
 def _seen(name: str, item: Node, problems: Problems) -> ViewShape | None:

@@ -25,6 +25,8 @@ from heavebond.core.errors import Place, Problem, UsageError, listing
 from heavebond.core.presentation import readable
 from heavebond.equations.events import FlatEvent, FlatReset
 from heavebond.equations.matching import maximum_matching
+from heavebond.language.sections import Clock
+from heavebond.language.smoothing import without_rounding
 from heavebond.language.symbols import places, split, stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.event_constants import EVENTS
@@ -46,12 +48,18 @@ class HeldVariableConstants:
         openings of a condition are seen.
     grows: eigenvalue of samples that follow each other without a state between, above which they grow. Origin: rounding of
         a counter, which has 1. Doubled (in its excess over 1): nothing.
+    distances: sizes of random motions, over nominal sizes, at which a value is compared with that at the point. Origin:
+        thresholds near and far. Doubled: nothing.
+    draws: random motions of each size. Origin: half of them do not pass the threshold of a relay; 2**-20 is a millionth.
+        Doubled: nothing measurable.
     """
 
     threshold: float = 1e-9
     jump: float = 1e4
     instants: int = 400
     grows: float = 1.0 + 1e-9
+    distances: tuple[float, ...] = (1e-3, 1.0, 1e3)
+    draws: int = 20
 
 
 HELD = HeldVariableConstants()
@@ -67,7 +75,8 @@ class HeldVariable:
     whatever the motion, `in_loop` if its value acts on itself through the machine, `at_threshold` if the smallest motion
     would change it, `acts` if an equation contains it (not conditions of events alone), `varying` if it is sampled and the
     linear system is another with another value. `inputs` of the linear system act on it, and it acts on `outputs`. It is
-    `exact` if a sampled system contains its samples (see `sampled`), of the `period` in s; it is not constant there.
+    `exact` if a sampled system contains its samples (see `sampled`), of the `period` in s; it is not constant there. If they
+    are `rounded` to steps, as those of a quantiser or an encoder, the rounding has the gain 1 there.
     """
 
     name: str
@@ -87,6 +96,7 @@ class HeldVariable:
     varying: bool = False
     exact: bool = False
     period: float | None = None
+    rounded: bool = False
 
     @property
     def undecided(self) -> bool:
@@ -118,7 +128,7 @@ class HeldVariable:
     def treatment(self) -> str:
         """How the linear system treats it."""
         if self.period is not None:
-            return f"sampled every {readable(self.period, 's')}, as in a run"
+            return f"sampled every {readable(self.period, 's')}, as in a run{', rounded with a gain of 1' * self.rounded}"
         doc = f" ({self.doc})" if self.doc else ""
         return f"held constant at {readable(self.value, self.unit)}{doc}: {self.why}"
 
@@ -131,7 +141,8 @@ class HeldVariable:
         """The same for machines."""
         return {"part": self.part, "variable": self.name, "component": self.component, "file": self.place.file,
                 "line": self.place.line, "value": self.value, "unit": self.unit, "sampled": self.sampled,
-                "in_loop": self.in_loop, "at_threshold": self.at_threshold, "treatment": self.treatment}
+                "in_loop": self.in_loop, "at_threshold": self.at_threshold, "rounded": self.rounded,
+                "treatment": self.treatment}
 
 
 def held_lines(held: Sequence[HeldVariable]) -> list[str]:
@@ -151,13 +162,22 @@ def held_lines(held: Sequence[HeldVariable]) -> list[str]:
 
 
 def sampled_lines(sampled: Sequence[HeldVariable]) -> list[str]:
-    """A line that names the variables that samples set in a sampled system, with their parts and periods."""
+    """A line that names the variables that samples set in a sampled system, with their parts and periods, and one on those
+    that are rounded."""
     parts: dict[tuple[str, float | None], list[HeldVariable]] = {}
     for h in sampled:
         parts.setdefault((h.part, h.period), []).append(h)
     named = [f"{', '.join(h.name for h in group)} ({group[0].component}, {group[0].place.file}:{group[0].place.line}, "
              f"every {readable(period or 0.0, 's')})" for (_, period), group in parts.items()]
-    return [f"sampled: {listing(named, 8)}"] if named else []
+    steps = listing((h.label for h in sampled if h.rounded), 8)
+    return [f"sampled: {listing(named, 8)}"] * bool(named) + [
+        f"rounded to steps: {steps}; the linear system takes a gain of 1, for motions of many steps. A stable loop may keep "
+        "a limit cycle of a few steps, which a run shows"] * bool(steps)
+
+
+def clock_lines(clocks: Iterable[Clock]) -> list[str]:
+    """A line for each irregular clock, which the linear system takes as a regular one."""
+    return [f"{clock.text}; the linear system takes its instants as regular, with no sample lost" for clock in clocks]
 
 
 def with_held(title: str, held: Iterable[HeldVariable]) -> str:
@@ -377,12 +397,12 @@ class HeldStructure:
                 and self.events[i].period is not None]
         exact = held.sampled and not held.at_threshold and (held.in_loop or held.between) and bool(rows) \
             and all(self.events[i].period is not None for i in setters if recurring[i]) and all(smooth[row] for row in rows)
-        return replace(held, exact=exact)
+        return replace(held, exact=exact, rounded=exact and any(row in self.means for row in rows))
 
     def _smooth(self, point: Point) -> dict[int, bool]:
-        """Whether the value of each update at regular times is not rounded to steps, does not jump near the point, and
-        changes with states, held variables or inputs there, or with nothing anywhere (a derivative part with a gain of
-        zero)."""
+        """Whether the value of each update at regular times (of a quantiser its mean) is not rounded to steps, does not jump
+        near the point, and changes with states, held variables or inputs there, or with nothing anywhere (a derivative
+        part with a gain of zero)."""
         rows = [row for row, (i, _) in enumerate(self.updates) if self.events[i].period is not None]
         if not rows:
             return {}
@@ -405,12 +425,13 @@ class HeldStructure:
         """Whether the values of updates are the same at a point and at others far from it, drawn at random."""
         random, here = np.random.default_rng(0), np.array(values(*point.values())).ravel()
         same = np.ones(len(here), dtype=bool)
-        for size in (1e-3, 1.0, 1.0, 1e3):
-            p = point.p.copy()
-            p[self._held_index] += size * (1 + np.abs(p[self._held_index])) * random.uniform(-1, 1, len(self._held_index))
-            there = replace(point, x=point.x + size * self.assembly.x_nominal * random.uniform(-1, 1, self.n_x), p=p,
-                            z=point.z + size * self.assembly.z_nominal * random.uniform(-1, 1, len(point.z)),
-                            u=point.u + size * random.uniform(-1, 1, len(point.u)))
+        n_h, n_x, n_z, n_u = len(self._held_index), self.n_x, len(point.z), len(point.u)
+        for size in HELD.distances * HELD.draws:
+            p, ends = point.p.copy(), np.cumsum([n_x, n_z, n_u])
+            x, z, u, held = np.split(size * random.uniform(-1, 1, n_x + n_z + n_u + n_h), ends)
+            p[self._held_index] += held * (1 + np.abs(p[self._held_index]))
+            there = replace(point, x=point.x + x * self.assembly.x_nominal, z=point.z + z * self.assembly.z_nominal,
+                            u=point.u + u, p=p)
             same &= np.array(values(*there.values())).ravel() == here
         return same
 
@@ -419,13 +440,34 @@ class HeldStructure:
         """Each event with each of its assignments."""
         return [(i, reset) for i, event in enumerate(self.events) for reset in event.resets]
 
+    @cached_property
+    def means(self) -> dict[int, ca.SX]:
+        """The new values of quantisers by the number of the update, with a gain of 1 in the place of the rounding. A
+        quantiser rounds what other parts give: a pseudorandom number, whose generator rounds its own state, is none."""
+        held, found = {h.name: self.assembly.arguments[3][h.index] for h in self.assembly.flat.held}, dict[int, ca.SX]()
+        for row, (i, reset) in enumerate(self.updates):
+            if self.events[i].period is None:
+                continue
+            arguments = without_rounding(self.assembly.update_order.direct[row])[1]
+            part = self.events[i].name.rpartition(".")[0]
+            own = stack(symbol for name, symbol in held.items() if name.rpartition(".")[0] == part)
+            if arguments and not any(ca.depends_on(argument, own) for argument in arguments):
+                found[row] = without_rounding(self.assembly.express(reset.value))[0]
+        return found
+
+    @cached_property
+    def values(self) -> list[ca.SX]:
+        """The new value of each update, of a quantiser without its rounding."""
+        return [self.means.get(row, value) for row, value in
+                enumerate(split(self.assembly.express(stack(reset.value for _, reset in self.updates))))]
+
     def _update_slopes(self, rows: Sequence[int]) -> tuple[list[bool], ca.Function, ca.Function]:
         """Whether the new value of each of these updates is rounded to steps, the new values, and their derivatives by
         states, algebraic unknowns, held variables and inputs."""
         if self._slopes is not None:
             return self._slopes
         arguments = self.assembly.arguments
-        values = self.assembly.express(stack([self.updates[row][1].value for row in rows]))
+        values = stack([self.values[row] for row in rows])
         stepped = []
         for value in split(values):
             function = ca.Function("value", [stack(ca.symvar(value))], [value])
@@ -465,8 +507,8 @@ class HeldStructure:
     def _recursion(self) -> tuple[ca.Function, list[tuple[int, int]]]:
         """The derivatives of new values by the held variables, and the event and the held variable of each row."""
         position = {index: k for k, index in enumerate(self._held_index)}
-        rows = [(i, reset) for i, event in enumerate(self.events) for reset in event.resets if reset.held is not None]
-        values = self.assembly.express(stack([reset.value for _, reset in rows]))
+        kept = [row for row, (_, reset) in enumerate(self.updates) if reset.held is not None]
+        rows, values = [self.updates[row] for row in kept], stack([self.values[row] for row in kept])
         held = stack([self.assembly.arguments[3][index] for index in self._held_index])
         return (ca.Function("recursion", list(self.assembly.arguments), [ca.densify(ca.jacobian(values, held))]),
                 [(i, position[reset.held]) for i, reset in rows if reset.held is not None])

@@ -178,7 +178,7 @@ class StateSpace:
 
     def stability(self) -> Stability:
         """The poles, judged: stable, marginally stable (with the free modes by name) or unstable; not decided with
-        quantisers, or samples at irregular times, in a loop."""
+        sampled relays, or samples at irregular times, in a loop."""
         return replace(stability(self.a if self.delta is None else self.delta, self.sizes, self.states, self.rigid,
                                  self.period), undecided=undecided_reasons(self.held))
 

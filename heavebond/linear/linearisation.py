@@ -114,7 +114,7 @@ class Linear:
 
     def stability(self) -> Stability:
         """The eigenvalues, judged: stable, marginally stable (with the free modes by name) or unstable; not decided with
-        quantisers, or samples at irregular times, in a loop."""
+        sampled relays, or samples at irregular times, in a loop."""
         return replace(stability(self.generator, self.sizes, self.states, self.rigid, self.period),
                        undecided=undecided_reasons(self.held))
 

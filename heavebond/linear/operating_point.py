@@ -11,7 +11,7 @@ import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, StartError, UsageError, listing
 from heavebond.core.units import read_unit
-from heavebond.equations.flatten import flatten
+from heavebond.equations.flatten import Flat, flatten
 from heavebond.equations.reduce import reduce_flattened
 from heavebond.language.model import Model
 from heavebond.language.sections import Initial
@@ -19,7 +19,7 @@ from heavebond.language.symbols import stack
 from heavebond.linear.disturbance import disturbed, quiet
 from heavebond.linear.held_variables import StartEvents
 from heavebond.linear.linearisation import Linearisation, start_point
-from heavebond.numerics.dae import DELAY_ROWS, Array, Assembly, build, measured_rows
+from heavebond.numerics.dae import DELAY_ROWS, Array, Assembly, at_zero, build, measured_rows, other_states
 from heavebond.numerics.initialise import start
 from heavebond.numerics.output_times import Time, begin_of, grid, seconds
 from heavebond.numerics.result import columns
@@ -57,8 +57,10 @@ class OperatingPoints:
         self.filled = " ".join(filter(None, (self.filled, approximations(self.assembly.flat.expanded.approximated))))
 
     def _assemble(self, model: Model) -> None:
-        self.assembly = build(reduce_flattened(lambda corners: disturbed(
-            flatten(model, self._also, corners=corners), self._disturbances)))
+        def flattened(corners: Mapping[int, int]) -> Flat:
+            return disturbed(flatten(model, self._also, corners=corners), self._disturbances)
+
+        self.assembly = at_zero(build(reduce_flattened(flattened)), (), flattened)
         end = self.time if self.time != self.begin else \
             float(grid(model, None, None)[-1]) if model.until is not None else self.begin + 1.0
         self.driven = quiet(self.assembly.flat, len(self._disturbances), self.begin, end)
@@ -108,6 +110,8 @@ class OperatingPoints:
             t, x, z, p, u, _ = (values[:, -1] for values in columns(result))
             return self._with_constant_delays(Point(float(t[0]), x, z, p, u, 1.0))
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        if self.assembly.flat.zeros and assembly.flat is not self.assembly.flat:
+            raise other_states(self.assembly)
         u = self.driven.at(np.array([self.begin]))[:, 0] if self.driven.columns.size else np.zeros(0)
         delayed = np.zeros(DELAY_ROWS * len(assembly.flat.delays))
         if not self.steady:

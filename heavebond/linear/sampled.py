@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import Problem, UsageError, listing
 from heavebond.core.presentation import readable
 from heavebond.equations.events import FlatEvent
+from heavebond.language.smoothing import without_rounding
 from heavebond.language.symbols import split, stack
 from heavebond.linear.held_variables import HeldStructure, HeldVariable
 from heavebond.numerics.dae import Array
@@ -325,7 +326,8 @@ class SampledUpdates:
         later = split(assembly.arguments[3])
         for index, symbol in zip(self.indices, split(self.after), strict=True):
             later[index] = symbol
-        self.values = ca.substitute(stack([order.direct[row] for row in rows]), order.after, stack(later))
+        direct = [without_rounding(order.direct[row])[0] if row in structure.means else order.direct[row] for row in rows]
+        self.values = ca.substitute(stack(direct), order.after, stack(later))
         times = [event.first for event in self.events]
         times += [event.period for event in self.events if event.period is not None]
         self._times = ca.Function("times", [assembly.arguments[3]], [assembly.express(stack(times))])

@@ -35,6 +35,8 @@ def program() -> ctypes.CDLL | None:
     for name in ("filter", "smooth") if library is not None else ():
         function = getattr(library, name)
         function.argtypes, function.restype = [ctypes.c_void_p], None
+    if library is not None:
+        library.respond.argtypes, library.respond.restype = [ctypes.c_long] * 4 + [ctypes.c_void_p] * 5, None
     return library
 
 
@@ -62,3 +64,15 @@ def run(name: str, **arrays: Array) -> None:
     system = _System(count, places, n, m, columns - 1, "all_x" in arrays, *(
         arrays[key].ctypes.data if key in arrays else None for key in ARRAYS))
     getattr(library, name)(ctypes.byref(system))
+
+
+def responses(maps: Array, inputs: Array, means: Array, channels: int) -> Array:
+    """v (N, m, K) of inputs (N, K) and their means (N-1, K) over the steps (see `whitening.Whitening.responses`)."""
+    library = program()
+    assert library is not None
+    (count, rows, columns), width = maps.shape, inputs.shape[1]
+    given = [np.ascontiguousarray(array, float) for array in (maps, inputs, means)]
+    found, work = np.empty((count, channels, width)), np.empty((2, columns - 2, width))
+    assert given[1].shape == (count, width) and given[2].shape == (count - 1, width) and rows == channels + columns - 2
+    library.respond(count, channels, columns - 2, width, *(array.ctypes.data for array in (*given, found, work)))
+    return found

@@ -11,6 +11,7 @@ import numpy as np
 
 from heavebond.core.errors import Problem, UsageError, suggest
 from heavebond.core.presentation import brief, number, readable
+from heavebond.core.progress import Progress
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.core.units import dimension_text, read_unit
@@ -166,26 +167,32 @@ def localize(experiment: ExperimentOrFile, *, values: Fit | Mapping[str, float |
     With `besides`, names of nodes, only places that are about as likely as the best and those at just these nodes are
     estimated in full. `progress` is called with a text at each step. Raises what `compare` raises.
     """
-    experiment = with_noise(load_experiment(experiment))
     say = progress or (lambda text: None)
-    experiment = _beginning(experiment, values)
-    records = sorted(experiment.records.values(), key=lambda r: r.use != "fit")
+    experiment = beginning(with_noise(load_experiment(experiment)), values)
     with tempfile.TemporaryDirectory() as folder:
-        sides = [SourcedRecord(experiment, record, Path(folder)) for record in records]
-        if not sides[0].places:
-            raise UsageError([Problem(
-                "place-none", "the diagram has no node at which an unknown input could act", None,
-                "Unknown inputs act on nodes of one effort; a planar node has three.\n"
-                "Join a PlanarShaft, a PlanarSlider or a PlanarStrut where one may act.")])
-        p = sides[0].assembly.parameter_values
-        search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)
-        found = search.estimate({r.name: _given(values, r.name, sides[0].assembly) for r in records},
-                                lambda ranked: _in_full(ranked, besides))
+        search, found = estimated_inputs(experiment, Path(folder), values, say, besides)
     say("looking for what it follows")
     missing = found.chance < INPUT_ESTIMATION.level
     suspects = [s for k, ranked in enumerate(found.full) for s in _group(search, found, k, ranked)] if missing else []
     return Localization(experiment, missing, found.chance, misfit(found.base, search.fitted), tuple(suspects),
                         tuple(p.name for p in found.unseen), *_when(experiment, search, found), found.values, found.foreseen)
+
+
+def estimated_inputs(experiment: Experiment, folder: Path, values: Fit | Mapping[str, float | str] | None, say: Progress,
+                     besides: Collection[Set[str]] | None = None) -> tuple[Search, Estimate]:
+    """The records beside their machine, and the input estimated at each place; `folder` holds files of the runs for as long
+    as the result is used, all else as for `localize`."""
+    records = sorted(experiment.records.values(), key=lambda r: r.use != "fit")
+    sides = [SourcedRecord(experiment, record, folder) for record in records]
+    if not sides[0].places:
+        raise UsageError([Problem(
+            "place-none", "the diagram has no node at which an unknown input could act", None,
+            "Unknown inputs act on nodes of one effort; a planar node has three.\n"
+            "Join a PlanarShaft, a PlanarSlider or a PlanarStrut where one may act.")])
+    p = sides[0].assembly.parameter_values
+    search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)
+    return search, search.estimate({r.name: _given(values, r.name, sides[0].assembly) for r in records},
+                                   lambda ranked: _in_full(ranked, besides))
 
 
 def _in_full(ranked: Sequence[Ranked], besides: Collection[Set[str]] | None) -> Sequence[Ranked]:
@@ -196,7 +203,7 @@ def _in_full(ranked: Sequence[Ranked], besides: Collection[Set[str]] | None) -> 
         or any({node.name for node in place.nodes} in besides for place in group.group.places)]
 
 
-def _beginning(experiment: Experiment, values: Fit | Mapping[str, float | str] | None) -> Experiment:
+def beginning(experiment: Experiment, values: Fit | Mapping[str, float | str] | None) -> Experiment:
     """The beginning of long records, the whole of others: what is estimated grows with samples times places."""
     if sum(len(measure(experiment, r).grid) for r in experiment.records.values() if r.use == "fit") <= EXCERPTS.long:
         return experiment
@@ -218,6 +225,16 @@ def _learn(search: Search) -> list[Mask]:
 # -- where in the diagram ------------------------------------------------------------------------------------------------
 def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[PlaceEstimate]:
     """The places of one group, the one whose own variables tell best what acts there first."""
+    w, deviation, moved, around = input_at(search, found, k, ranked)
+    suspects = [_suspect(search, found, ranked, k, w, deviation, moved, around)
+                for k in range(len(ranked.group.places))]
+    # a pair of nodes says more than a node; it stands first and keeps its place unless another is clearly better
+    return sorted(suspects, key=lambda s: -round(s.curve.r2 if s.curve else 0.0, 2))
+
+
+def input_at(search: Search, found: Estimate, k: int, ranked: Ranked) -> tuple[Array, Array, Array, Regressors]:
+    """The input estimated at the first place of the k-th group: w (N,) with the parameters as they are known, its standard
+    deviation (N,), how w moves with the parameters (N, q), and the signals around it, over all records one after another."""
     mean = -search.centre(found.systems)
     side, first = search.sides[0], ranked.group.places[0]
     vector = np.array([first.weights.get(node, 0.0) for node in side.nodes])
@@ -235,10 +252,7 @@ def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[Plac
     around = Regressors(side.assembly.flat, side.nodes, {n: np.concatenate([s[n] for s in signals]) for n in signals[0]},
                         [s.time for s in search.sides])
     w, deviation = (np.concatenate(both) for both in zip(*parts, strict=True))
-    suspects = [_suspect(search, found, ranked, k, w, deviation, np.concatenate(moved), around)
-                for k in range(len(ranked.group.places))]
-    # a pair of nodes says more than a node; it stands first and keeps its place unless another is clearly better
-    return sorted(suspects, key=lambda s: -round(s.curve.r2 if s.curve else 0.0, 2))
+    return w, deviation, np.concatenate(moved), around
 
 
 def _suspect(search: Search, found: Estimate, ranked: Ranked, k: int, w: Array, deviation: Array, moved: Array,

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from heavebond.localise import compiled_kalman
 from heavebond.numerics.dae import Array
 
 
@@ -64,17 +65,21 @@ class Whitening:
             states[i] = x = step @ x + more
         return np.asarray(self.by_error @ error + self.by_state @ states)
 
-    def responses(self, inputs: Array, gamma: Array, d: Array) -> Array:
+    def responses(self, inputs: Array, gamma: Array, d: Array, means: Array | None = None) -> Array:
         """v (N, m, K) of inputs (N, K) from rest that act as u = gamma (N-1, n) times their mean over a step, and as -d
-        (N, m) on the errors: one product a sample, of [v_i; x_(i+1)] from [x_i; input_i; input_(i+1)]."""
+        (N, m) on the errors: one product a sample, of [v_i; x_(i+1)] from [x_i; input_i; mean_i]. The `means` (N-1, K) over
+        the steps are those of their ends if none are given."""
         (count, m, n), width = self.by_state.shape, inputs.shape[1]
+        means = (inputs[1:] + inputs[:-1]) / 2 if means is None else means
         maps = np.zeros((count, m + n, n + 2))
         maps[:, :m, :n], maps[:, :m, n] = self.by_state, -(self.by_error @ d[:, :, None])[:, :, 0]
-        maps[:-1, m:, :n], maps[:-1, m:, n + 1] = self.step, gamma / 2
-        maps[:-1, m:, n] = gamma / 2 - (self.gain @ d[:-1, :, None])[:, :, 0]
+        maps[:-1, m:, :n], maps[:-1, m:, n + 1] = self.step, gamma
+        maps[:-1, m:, n] = -(self.gain @ d[:-1, :, None])[:, :, 0]
+        if compiled_kalman.program() is not None:
+            return compiled_kalman.responses(maps, inputs, means, m)
         given, made, found = np.zeros((n + 2, width)), np.empty((m + n, width)), np.empty((count, m, width))
         for i in range(count):
-            given[n], given[n + 1] = inputs[i], inputs[min(i + 1, count - 1)]
+            given[n], given[n + 1] = inputs[i], means[min(i, count - 2)]
             np.matmul(maps[i], given, out=made)
             found[i], given[:n] = made[:m], made[m:]
         return found

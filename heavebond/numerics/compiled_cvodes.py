@@ -42,7 +42,7 @@ from heavebond.core.cancellation import check
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.numerics import machine_code
-from heavebond.numerics.dae import Array
+from heavebond.numerics.dae import Array, Assembly, from_begin
 from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.machine_code import COMPILING, LISTED, MACHINE_CODE, compiler, loaded, worthwhile
 
@@ -97,7 +97,8 @@ class _Pattern(ctypes.Structure):
 
 
 class _Problem(ctypes.Structure):
-    _fields_ = [("sundials", _Pointer), ("right", _Tape), ("full", _Tape), ("signals", _Tape), ("slopes", _Pattern),
+    _fields_ = [("sundials", _Pointer), ("right", _Tape), ("full", _Tape), ("signals", _Tape), ("looked", _Tape),
+                ("slopes", _Pattern),
                 ("signal_slopes", _Pattern),
                 *((name, ctypes.c_long) for name in ("n", "n_z", "m", "total", "n_moving", "n_p", "n_u", "n_signals",
                                                      "n_pieces", "restart", "n_kinks")),
@@ -107,14 +108,16 @@ class _Problem(ctypes.Structure):
                                                 "by_x", "loop_pivots", "memory", "x", "newton")),
                 ("factored", ctypes.c_double), ("stages", _Pointer),
                 *((name, ctypes.c_long) for name in ("one_step", "most_steps", "most_evaluations")),
-                *((name, ctypes.c_double) for name in ("rtol", "atol", "longest", "step"))]
+                *((name, ctypes.c_double) for name in ("rtol", "atol", "longest", "step")), ("sampled", _Pointer)]
 
 
 class Equations:
     """x' = f, 0 = g and signals s of (t, x, z, p, u) as lists of operations, with their derivatives by x, z and the
-    parameters `moving` (indices). What depends on p alone is computed once a run. Raises NotCompiled."""
+    parameters `moving` (indices), and further values `looked` without derivatives. What depends on p alone, other than its
+    elements `changing`, is computed once a run. Raises NotCompiled."""
 
-    def __init__(self, given: Sequence[ca.SX], ode: ca.SX, alg: ca.SX, signals: ca.SX, moving: Sequence[int]):
+    def __init__(self, given: Sequence[ca.SX], ode: ca.SX, alg: ca.SX, signals: ca.SX, moving: Sequence[int],
+                 looked: ca.SX | None = None, changing: Sequence[int] = ()):
         _, x, z, p, _ = given
         self.n, self.n_z, self.n_signals = x.numel(), z.numel(), signals.numel()
         if not 0 < self.n <= MOST_STATES or self.n_z > MOST_STATES:
@@ -122,17 +125,18 @@ class Equations:
         self.moving = list(moving)
         both, by = stack([ode, alg]), stack([x, z, p[self.moving]])
         slopes, signal_slopes = ca.jacobian(both, by), ca.jacobian(signals, by)
-        parts = [both, ca.vec(slopes.nz[:]), signals, ca.vec(signal_slopes.nz[:])]
+        parts = [both, ca.vec(slopes.nz[:]), signals, ca.vec(signal_slopes.nz[:]), ca.SX(0, 1) if looked is None else looked]
         ends = np.cumsum([part.numel() for part in parts])
         stacked, = ca.cse([stack(parts)])
-        constants, parametric = p, ca.SX(0, 1)
-        if p.numel():
-            stacked, symbols, expressions = ca.extract_parametric(stacked, p)
+        constants, parametric, fixed = p, ca.SX(0, 1), sorted({*range(p.numel())} - {*changing})
+        if fixed:
+            stacked, symbols, expressions = ca.extract_parametric(stacked, p[fixed])
             constants, parametric = stack([p, *symbols]), stack(expressions)
         self.hoist = Buffered(ca.Function("hoist", [p], [stack([p, parametric])]))
         self.n_p = constants.numel()
         arguments = [*given[:3], constants, given[4]]
-        self.expressions = stack(arguments), (stacked[:self.n], stacked[:ends[1]], stacked[ends[1]:])
+        self.expressions = stack(arguments), (stacked[:self.n], stacked[:ends[1]], stacked[ends[1]:ends[3]],
+                                                stacked[ends[3]:])
         self.functions: tuple[_Listed | _Machine, ...] = tuple(_tape(arguments, wanted) for wanted in self.expressions[1])
         self.seconds = 0.0  # that compiled code would have saved
         self.compilation: _Compilation | None = None
@@ -154,7 +158,7 @@ class Equations:
     def spent(self, evaluations: int, derivatives: bool) -> None:
         """Note the evaluations of a run, of f alone or with `derivatives`; once there were enough, the functions are
         compiled: when these evaluations, compiled, would have saved as much time as compiling takes."""
-        right, full, _ = self.functions
+        right, full, *_ = self.functions
         with self._turn:
             self.seconds += COMPILING.seconds_saved * evaluations * (full if derivatives else right).length
             if self.compilation is None:
@@ -166,6 +170,31 @@ class Equations:
 
 class NotCompiled(Exception):
     """The program in C does not have an operation of the equations, or they are too many for a dense Jacobian."""
+
+
+def scaled_equations(assembly: Assembly, signals: ca.SX, moving: Sequence[int], begin: float,
+                     quadratures: ca.SX | None = None, factors: ca.SX | None = None, looked: ca.SX | None = None,
+                     flags: ca.SX | None = None) -> Equations | None:
+    """The equations of an assembly in scaled unknowns, with integrals behind the states, and factors in these and then the
+    `flags` of events behind the parameters, all with the time counted from `begin`; None where the program in C cannot
+    evaluate them. Held variables and flags may change in a run."""
+    t, x, z, p, u, rate = assembly.arguments
+    x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
+    x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
+    rates = assembly.ode / x_nominal
+    if quadratures is not None:
+        rates = stack([rates, quadratures])
+    given = [rates, assembly.alg, signals, ca.SX(0, 1) if looked is None else looked]
+    ode, alg, signals, looked = ca.substitute(from_begin(given, t, begin), [x, z, rate],
+                                              [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
+    integrals = ca.SX.sym("integral", ode.numel() - x_s.numel())
+    parameters = stack([p, *(more for more in (factors, flags) if more is not None)])
+    changing = () if flags is None else (*(h.index for h in assembly.flat.held),
+                                         *range(parameters.numel() - flags.numel(), parameters.numel()))
+    try:
+        return Equations((t, stack([x_s, integrals]), z_s, parameters, u), ode, alg, signals, moving, looked, changing)
+    except NotCompiled:
+        return None
 
 
 @dataclass(frozen=True)
@@ -222,7 +251,7 @@ class CompiledCvodes:
             ctypes.cast(compiled.sundials, _Pointer), *equations.structures(slots), *equations.jacobians(), n, n_z, m,
             self._total, len(equations.moving), equations.n_p, n_u, equations.n_signals, len(columns[1]), driving.restarts,
             len(driving.kinks), *map(_address, columns), _address(self._directions), 0, 0, (0, 0, 0),
-            *map(_address, work), None, None, None, 0.0, _address(stages), 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+            *map(_address, work), None, None, None, 0.0, _address(stages), 0, 0, 0, 0.0, 0.0, 0.0, 0.0, None)
         answer = compiled.library.prepare(
             ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
         # before what it points to is collected
@@ -301,7 +330,7 @@ class CompiledCvodes:
             return
         self._functions, slots = self.equations.functions, self.equations.slots()
         self._kept += [*slots, self._functions]
-        for name, structure in zip(("right", "full", "signals"), self.equations.structures(slots), strict=True):
+        for name, structure in zip(("right", "full", "signals", "looked"), self.equations.structures(slots), strict=True):
             setattr(self._problem, name, structure)
 
     def stats(self) -> dict[str, Any]:
@@ -452,6 +481,8 @@ class _Program:
         library.begin.argtypes = [_Pointer, number, *[_Pointer] * 6]
         library.advance.argtypes = [_Pointer, whole, _Pointer, whole, *[_Pointer] * 5]
         library.limit.argtypes = [_Pointer, number]
+        library.place.argtypes, library.place.restype = [_Pointer] * 5, None
+        library.sample.argtypes = [_Pointer, number, whole, *[_Pointer] * 13]
         library.finish.argtypes = [_Pointer]
         library.finish.restype = None
 

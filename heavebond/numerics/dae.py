@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import isfinite
 from typing import Any, TypeVar, cast
 
@@ -17,7 +17,7 @@ from heavebond.core.errors import NAMES_LISTED, ModelError, Problem, Problems, U
 from heavebond.core.gc_paused import put_off
 from heavebond.core.presentation import brief, count
 from heavebond.core.units import UnitProblem, check_unit, interval_text, parse_quantity
-from heavebond.equations.flatten import Flat, flatten
+from heavebond.equations.flatten import Flat, flatten, without_zeros
 from heavebond.equations.reduce import Reduced, reduce_flattened
 from heavebond.equations.resolver import Resolver
 from heavebond.language.model import Model, ModelOrFile, loaded
@@ -40,6 +40,9 @@ DELAY_TERMS = 8
 DELAY_ROWS = 3 + DELAY_TERMS
 LARGE = 100  # smallest number of unknowns of a system that is factorised by CSparse
 SMALLEST_PIVOT = 1e-12  # of sparse QR, the default of CasADi: a smaller pivot is zero
+# Gradient of a residual of a loop (per size of an unknown) from which on, or below the reciprocal of which, the residual is
+# scaled: the linear solver does not scale rows, and loses the smaller ones of a matrix to rounding.
+FAR_GRADIENT = 1e12
 LOST_GRADIENT = 1e-9  # of the gradient of a loop at the beginning: below it, the loop no longer determines its unknown
 
 
@@ -75,7 +78,7 @@ class Assembly:
         TypeError for an assembly whose equations are no longer those of the diagram."""
         if self.flat.options is None:
             raise TypeError("an assembly with equations that its diagram does not have cannot be pickled")
-        return _assembled_again, (self.model, *self.flat.options, self.reduced.states, self.p, dict(self.sizes))
+        return _assembled_again, (self.model, self.flat.options, self.reduced.states, self.p, dict(self.sizes))
 
     def once(self, key: object, make: Callable[[], T]) -> T:
         """What is made of the equations alone, whatever the values of the parameters, and asked for at every run."""
@@ -124,13 +127,15 @@ class Assembly:
         return dict(zip(self.parameter_names, self.p.tolist(), strict=True))
 
     def with_parameters(self, values: Mapping[str, float | str]) -> Assembly:
-        """The same equations with other numbers (other equations only where a delay becomes zero, or is zero no more);
-        UsageError for a name that is no independent parameter, ModelError for a value that its component does not allow."""
+        """The same equations with other numbers; other equations only where a delay becomes zero or is zero no more, or a
+        parameter of `zeros` gets a value (see `at_zero`). UsageError for a name that is no independent parameter, ModelError
+        for a value that its component does not allow."""
         p = self.p.copy()
         for (name, given), k in zip(values.items(), self.parameter_indices(values), strict=True):
             p[k] = self._number(name, given, k)
         self.flat.limits.check(p, values)
-        if self.flat.other_delays(p):  # a variable that equals its source has other equations than one that is delayed
+        if self.flat.other_delays(p) or any(p[k] != 0 for k in self.parameter_indices(self.flat.zeros)):
+            # a variable that equals its source has other equations than one that is delayed
             known = dict(zip(self.parameter_names, p.tolist(), strict=True))
             changed: dict[str, float | str] = {name: value for name, value in known.items() if name in values}
             positions = [u.name for u in self.flat.unknowns if u.role == "position"]
@@ -257,10 +262,95 @@ def assemble(model: ModelOrFile | Assembly, also: Iterable[str] = (), widths: fl
         return made
 
 
-def _assembled_again(model: Model, also: tuple[str, ...], widths: float, states: tuple[tuple[int, int], ...], p: Array,
-                     sizes: Mapping[str, float]) -> Assembly:
+def at_zero(assembly: Assembly, free: Iterable[str] = (), flattened: Callable[[Mapping[int, int]], Flat] | None = None
+            ) -> Assembly:
+    """The assembly with the equations that hold where parameters are 0: terms that these multiply are left out, as if their
+    component did not have them.
+
+    An assembly divides by coefficients such as a mass. Where parameters of value 0 make one of these vanish, the model has
+    fewer states or another index: a body without mass on a spring and a damper has no speed of its own, a lag of 0 s passes
+    its input. It is then `flattened` (by default from its diagram) and reduced again without these parameters. The assembly
+    itself is returned where no coefficient vanishes, where the equations without them are singular, and where a `free`
+    parameter, whose value may change, is among them. Their values remain parameters with the value 0; a sensitivity by them
+    does not exist.
+    """
+    if flattened is None:
+        if assembly.flat.options is None:  # equations that the diagram does not have
+            return assembly
+        flattened = partial(_flattened, assembly.model, assembly.flat.options)
+    kept, zeros, known = set(free), list[str](), assembly.parameter_values
+    made = assembly
+    while found := _vanishing(made):
+        zeros += found
+        if not kept.isdisjoint(found):
+            return assembly
+        try:
+            with put_off():
+                made = build(reduce_flattened(partial(_left_out, flattened, tuple(zeros))))
+        except ModelError:
+            check()
+            return assembly
+        made = replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
+    return made
+
+
+def other_states(assembly: Assembly) -> UsageError:
+    """The error for a value of a parameter that is 0 in the diagram, in computations whose equations are those of 0."""
+    zeros = listing(assembly.flat.zeros)
+    return UsageError([Problem("zero-left", f"{zeros} = 0 in the diagram is to have another value, with which the model has "
+                               "other states", None, "Give a value other than 0 in the diagram.")])
+
+
+def _flattened(model: Model, options: tuple[tuple[str, ...], float, tuple[str, ...]], corners: Mapping[int, int]) -> Flat:
+    """The flat model of a diagram with the options of another one."""
+    also, widths, zeros = options
+    flat = _checked(flatten(model, also, widths, corners))
+    return without_zeros(flat, zeros) if zeros else flat
+
+
+def _left_out(flattened: Callable[[Mapping[int, int]], Flat], zeros: tuple[str, ...], corners: Mapping[int, int]) -> Flat:
+    return without_zeros(flattened(corners), zeros)
+
+
+def _vanishing(assembly: Assembly) -> list[str]:
+    """The parameters of value 0 without which a coefficient that is divided by is zero, or the algebraic equations have no
+    solution, whatever the other numbers are."""
+    flat, (_, _, z, *_) = assembly.flat, assembly.arguments
+    symbols_of_p = split(flat.p)
+    zero = {symbols_of_p[k].element_hash(): k for k in np.flatnonzero(assembly.p == 0).tolist()}
+    for h in flat.held:
+        zero.pop(symbols_of_p[h.index].element_hash(), None)
+    if not zero:
+        return []
+
+    def own(expression: ca.SX) -> list[ca.SX]:
+        return [s for s in ca.symvar(expression) if s.element_hash() in zero]
+
+    def without(expression: ca.SX, symbols: Sequence[ca.SX]) -> ca.SX:
+        return ca.sparsify(ca.substitute(expression, stack(symbols), ca.SX.zeros(len(symbols))))
+
+    found = dict[int, None]()
+    for pivot in assembly.reduced.pivots:
+        if not pivot.derived and (symbols := own(pivot.coefficient)) and without(pivot.coefficient, symbols).nnz() == 0:
+            found |= dict.fromkeys(zero[s.element_hash()] for s in symbols)
+    slopes = assembly.once("algebraic slopes", lambda: ca.jacobian(assembly.alg, z))
+    if symbols := own(slopes):
+        def rank(left_out: Sequence[ca.SX]) -> int:
+            return ca.sprank(without(slopes, left_out).sparsity())
+
+        lost, needed = rank(symbols), symbols
+        if lost < ca.sprank(slopes.sparsity()):
+            for symbol in symbols:  # those that make no difference remain
+                fewer = [s for s in needed if s is not symbol]
+                needed = fewer if fewer and rank(fewer) == lost else needed
+            found |= dict.fromkeys(zero[s.element_hash()] for s in needed)
+    return [assembly.parameter_names[k] for k in found]
+
+
+def _assembled_again(model: Model, options: tuple[tuple[str, ...], float, tuple[str, ...]],
+                     states: tuple[tuple[int, int], ...], p: Array, sizes: Mapping[str, float]) -> Assembly:
     """The assembly of a diagram in the states and with the numbers of another one."""
-    assembly = assemble(model, also, widths)
+    assembly = build(reduce_flattened(partial(_flattened, model, options)))
     if assembly.reduced.states != states:
         assembly = build(assembly.reduced.choices.solve(list(states)))
     return replace(assembly.with_sizes(sizes) if sizes else assembly, p=p)
@@ -409,15 +499,30 @@ def smallest_pivot(assembly: Assembly) -> float:
     The gradients are those at equal pressures, where the regularised laws are steepest. A loop without gradient there, as
     at an open contact, has no size.
     """
+    rows = _row_sizes(assembly) * _row_scales(assembly)
+    return min(SMALLEST_PIVOT, LOST_GRADIENT * float(np.min(rows, where=np.isfinite(rows) & (rows > 0.0), initial=np.inf)))
+
+
+def _row_scales(assembly: Assembly) -> Array:
+    """Factors (n_z,) of the residuals of loops: powers of two that bring gradients far from 1 to it, else 1. These gradients
+    are far from 1 both where all unknowns are zero, as a temperature never is, and where they have their sizes."""
+    rows = np.stack([_row_sizes(assembly, share) for share in (0.0, 1.0)])
+    near = np.exp2(np.floor(np.log2(np.where(np.isfinite(rows) & (rows > 0.0), rows, 1.0))))
+    steep, flat = near.min(axis=0), near.max(axis=0)
+    return np.where(steep > FAR_GRADIENT, 1 / steep, np.where(flat < 1 / FAR_GRADIENT, 1 / flat, 1.0))
+
+
+def _row_sizes(assembly: Assembly, share: float = 0.0) -> Array:
+    """The largest gradient in each residual of a loop, per size of an unknown, where the unknowns have this share of their
+    sizes; 0 in large systems."""
     n_z = assembly.alg.numel()
     if not 0 < n_z < LARGE:
-        return SMALLEST_PIVOT
+        return np.zeros(n_z)
     slopes = assembly.once("slopes of loops", lambda: ca.Function(
         "slopes", list(assembly.arguments), [ca.jacobian(assembly.alg, assembly.arguments[2])]))
-    _, x, z, _, u, _ = (np.zeros(a.shape) for a in assembly.arguments)
-    found = slopes(assembly.begin, x, z, assembly.p, u, 1.0)
-    rows = np.abs(np.array(found) * assembly.z_nominal).max(axis=1)
-    return min(SMALLEST_PIVOT, LOST_GRADIENT * float(np.min(rows, where=np.isfinite(rows) & (rows > 0.0), initial=np.inf)))
+    u = np.zeros(assembly.arguments[4].shape)
+    found = slopes(assembly.begin, share * assembly.x_nominal, share * assembly.z_nominal, assembly.p, u, 1.0)
+    return np.asarray(np.abs(np.array(found) * assembly.z_nominal).max(axis=1))
 
 
 def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float) -> list[ca.SX]:
@@ -489,7 +594,9 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
     t, x, z, p, u, rate = assembly.arguments
     x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
     x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
-    right = from_begin([assembly.ode / x_nominal, assembly.alg, *([quadratures] if quadratures is not None else [])],
+    scales = _row_scales(assembly)
+    alg = assembly.alg if np.all(scales == 1.0) else ca.SX(ca.DM(scales)) * assembly.alg
+    right = from_begin([assembly.ode / x_nominal, alg, *([quadratures] if quadratures is not None else [])],
                        t, begin)
     replaced = ca.substitute(right, [x, z, rate], [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
     rows = list(moving) if directions else []

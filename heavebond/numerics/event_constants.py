@@ -45,6 +45,11 @@ class EventConstants:
         below. Doubled: the error comes later.
     sliding_within: share of the run for `sliding_events`. Origin: as there. Doubled: half of that rate of events is
         refused.
+    dense_events: events of the conditions of one part within `dense_within` of the run that the verdict reports. Origin: a
+        hundred thousand in the whole run, minutes of computation. Doubled: twice that rate is silent.
+    dense_within: share of the run for `dense_events`. Origin: one output interval. Doubled: half of that rate is reported.
+    many_events: events of the conditions of one part in the run that the verdict reports. Origin: they take longer than
+        the motion of most machines between them. Doubled: twice as many are silent.
     max_crawls: halvings of a stretch without an event before a run that crawls is given up. Origin: a piston that has
         passed its stop empties its chamber. Doubled: such a run ends later.
     steps_in_chart: steps of the integrator between two points where other states may be chosen. Origin: a bound on the
@@ -102,6 +107,9 @@ class EventConstants:
     chattering_within: float = 1e-8
     sliding_events: int = 500
     sliding_within: float = 1e-4
+    dense_events: int = 100
+    dense_within: float = 1e-3
+    many_events: int = 10_000
     max_crawls: int = 5
     steps_in_chart: int = 5000
     steps_ahead: int = 3000

@@ -28,9 +28,10 @@ from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.jumps import PointSensitivity
 from heavebond.numerics.looks import LookAhead, Looks
+from heavebond.numerics.sampled_integration import SAMPLED_RUNS, Make, Passed, SampledIntegration, Schedule, Targets
 from heavebond.numerics.solvers import Integrator, other
 from heavebond.numerics.start_equations import Point
-from heavebond.numerics.time_events import same_instant, timetable
+from heavebond.numerics.time_events import Timetable, same_instant, timetable
 from heavebond.numerics.trace import Driven, EventState, Frame, Instant, Record, SolverChange, StateChange, Trace
 from heavebond.numerics.zero_crossings import crossing, suspects
 
@@ -78,13 +79,14 @@ class EventIntegration:
     `inputs` gives at times the integrator's inputs, the first `n_u` of them those of the assembly, the others factors of the
     integrals; `build` makes an integrator by its name that stops at times, `solver` is the name of the first. With `changes`
     the other solver goes on where one stops (see `other`). With `dense` points between the stops are kept. At the `kinks` of
-    functions of time, which are among the stops, the integrator begins anew.
+    functions of time, which are among the stops, the integrator begins anew. `sampled` makes the compiled program for runs
+    of many samples.
     """
 
     def __init__(self, charts: StateChoices, framed: Callable[[StateChoice], Frame], integrals: int, stops: Array,
                  inputs: Callable[[Array], Array], build: Build, solver: str, changes: bool = False, dense: bool = False,
-                 kinks: Array | None = None, delays: Delays | None = None):
-        self.delays = delays
+                 kinks: Array | None = None, delays: Delays | None = None, sampled: Make | None = None):
+        self.delays, self._make_sampled = delays, sampled
         self.first_solver, self.solver, self.changes, self.failed_at = solver, solver, changes, -np.inf
         self.dense = dense
         self.failures = Failures(0)
@@ -102,6 +104,7 @@ class EventIntegration:
                                EVENTS.mean_steps if delays is None else DELAYS.mean_steps)
         self.kinks: Array = np.zeros(0) if kinks is None else kinks
         self.last: IntegratorCall | None = None
+        self.sampled: SampledIntegration | None = None
         self.reached = 0.0  # by the integrator in its own time where it failed
 
     # -- the run ---------------------------------------------------------------------------------------------------
@@ -128,15 +131,93 @@ class EventIntegration:
         return replace(trace, between=partial(record.between, self.integrals, self._driven)) if self.dense else trace
 
     def _to_the_end(self, now: EventState, record: Record) -> None:
-        equations, begin = self.home.equations, now.t
-        instants = equations.instants(now.p, now.dp)
-        for time, events, delays in timetable(equations.events, instants, now.t, float(self.stops[-1])):
-            if record.true_at_start is None and time > begin + self.same:  # those at the start may set it
+        equations, begin, end = self.home.equations, now.t, float(self.stops[-1])
+        coming = timetable(equations.events, equations.instants(now.p, now.dp), now.t, end)
+        through = self._through_samples(coming)
+        k, n = 0, len(coming.times)
+        while True:
+            if record.true_at_start is None and (k == n or coming.times[k] > begin + self.same):  # the first may set it
                 record.true_at_start = self._true_at_start(now)
+            if through is not None and record.true_at_start is not None:
+                now, k = through(now, k, record)
+            if k == n:
+                break
+            time, events, delays = coming.at(k)
             now = self._happen(self._over_kinks(now, self._stop(time), record), events, delays, record)
-        if record.true_at_start is None:
-            record.true_at_start = self._true_at_start(now)
-        self._over_kinks(now, float(self.stops[-1]), record)
+            k += 1
+        self._over_kinks(now, end, record)
+
+    def _through_samples(self, coming: Timetable) -> Callable[[EventState, int, Record], tuple[EventState, int]] | None:
+        """Go on by the compiled program from a state before an instant of a number, as far as it gets: to a state, and the
+        next instant. None for a run of few instants, and where the program does not serve."""
+        if len(coming.times) < SAMPLED_RUNS.least or self._make_sampled is None or self.charts.needed \
+                or self.delays is not None or self.home.equations.partners.parts or coming.moved.any():
+            return None
+        if self.sampled is None and (made := self._make_sampled()) is not None:
+            self.sampled = made
+        if (program := self.sampled) is None:
+            return None
+        program.begin_run()
+        schedule = Schedule(coming, self.stops, self.kinks, self.same)
+        misses = waiting = 0
+
+        def through(now: EventState, k: int, record: Record) -> tuple[EventState, int]:
+            nonlocal misses, waiting
+            waiting -= 1
+            while waiting <= 0 and now.frame is self.home and now.t < self.stops[-1] - self.same \
+                    and (k == len(coming.times) or schedule.instants[k] > now.t + self.same):
+                targets = schedule.targets(now.t, k, lambda times: self.inputs(times)[:self.n_u])
+                found = program.go_on(now, targets)
+                if len(found.y):
+                    now = self._passed_samples(now, targets, found, coming, record)
+                    k = int(np.searchsorted(schedule.instants, now.t + self.same, side="right"))
+                misses = 0 if len(found.y) > 1 or found.complete else min(max(2 * misses, 1), SAMPLED_RUNS.most_misses)
+                waiting = misses
+                if not found.complete:
+                    break
+            return now, k
+
+        return through
+
+    def _passed_samples(self, now: EventState, targets: Targets, found: Passed, coming: Timetable, record: Record
+                        ) -> EventState:
+        """Record what the compiled program passed; the state at its last target."""
+        n, assembly, equations = len(found.y), now.frame.assembly, now.frame.equations
+        times, m = targets.times[:n], now.blocks - 1
+        counts = np.diff(targets.ends[:n], prepend=0)
+        at = np.flatnonzero(counts)
+        # in the order of time: the points before each target, what is there before its events, and after them
+        p_before = np.concatenate([now.p[None], found.p[:-1]])
+        dp_before = np.concatenate([now.dp[None], found.dp[:-1]])
+        between = found.target
+        parts = [(found.times, found.point_y, found.point_z, p_before[between], dp_before[between], between, 0),
+                 (times[at], found.y_before[at], found.z_before[at], p_before[at], dp_before[at], at, 1),
+                 (times, found.y, found.z, found.p, found.dp, np.arange(n), 2)]
+        order = np.lexsort((np.concatenate([np.arange(len(part[0])) for part in parts]),
+                            np.repeat([part[-1] for part in parts], [len(part[0]) for part in parts]),
+                            np.concatenate([part[5] for part in parts])))
+        t, y, z, p, dp = (np.concatenate([part[k] for part in parts])[order] for k in range(5))
+        record.keep_many(now.frame, t, y.T, z.T, p.T, np.moveaxis(dp, 0, -1))
+        record.steps, record.compiled = record.steps + found.steps, record.compiled + n
+        n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+        sizes, z_sizes = assembly.x_nominal, assembly.z_nominal
+        u = np.ascontiguousarray(targets.at[:, :n].T)
+        x_first, x_then = (values[:, :n_x] * sizes for values in (found.y_before, found.y))
+        z_first, z_then = (values[:, :n_z] * z_sizes for values in (found.z_before, found.z))
+        names: dict[tuple[int, ...], tuple[str, ...]] = {}
+        for k in at.tolist():
+            end = int(targets.ends[k])
+            events = tuple(targets.events[end - int(counts[k]):end].tolist())
+            if events not in names:
+                names[events] = tuple(equations.events[i].name for i in events)
+            time = float(times[k])
+            before = Point(time, x_first[k], z_first[k], p_before[k], u[k], 1.0)
+            after = Point(time, x_then[k], z_then[k], found.p[k], u[k], 1.0)
+            equations.check_continuous(before, after, events)
+            record.instants.append(Instant(time, names[events], before, after, assembly, np.zeros((len(events), m))))
+        check()
+        return replace(now, t=float(times[-1]), y=found.y[-1], z=found.z[-1], p=found.p[-1], dp=found.dp[-1],
+                       given=now.frame.hoist(found.p[-1], found.dp[-1])["o0"], true=found.true)
 
     def _driven(self, times: Array) -> Driven:
         """The inputs at times, and their sensitivities."""
@@ -594,7 +675,8 @@ class EventIntegration:
             point, events = (loosened, broken) if not events else (point, events)
             delays = [first] * len(events)
         else:
-            raise self._chattering(now.t, events, "set off each other without end")
+            again = [i for i in dict.fromkeys(happened) if happened.count(i) > 1]
+            raise self._chattering(now.t, again or events, "set off each other without end")
         if not happened:  # contacts at their limits only: no speed and no force jumps
             self._write(begun, record)
             return begun if self.delays is None else self._cut(begun, first)
@@ -632,8 +714,12 @@ class EventIntegration:
     def _chattering(self, time: float, events: Sequence[int], what: str) -> SimulationError:
         found = [self.home.equations.events[i] for i in events]
         names = " and ".join(f"'{event.name}'" for event in found)
+        leaves = self.home.assembly.flat.expanded.leaves
+        chart = any((leaf := leaves.get(e.name.rpartition(".")[0])) and leaf.component.states for e in found)
         return SimulationError([Problem(
             "event-chatter", f"{names} {what}, at t = {time:.6g} s", found[0].place,
+            "Give one of these transitions the time that its state lasts, `{when: ..., after: T}`, or let their conditions "
+            "exclude each other." if chart else
             "Let what it sets lead away from its condition for a while: a band between switching on and off, or a speed "
             "below which a body rests.", tuple(event.text for event in found))])
 

@@ -31,6 +31,7 @@ from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import Partners
 from heavebond.numerics.dae import Array, Assembly, solved_loops
 from heavebond.numerics.event_constants import EVENTS
+from heavebond.numerics.pointwise import evaluated
 from heavebond.numerics.start_equations import Point
 from heavebond.numerics.update_order import Updates
 
@@ -66,7 +67,7 @@ class EventEquations:
         self.has_loops = bool(z.numel())
         self.partners = Partners(assembly, self.rows)
         self._indicators = ca.Function("indicators", arguments, [indicators])
-        self._looked = _looked(assembly, indicators)
+        self._looked = assembly.once("indicators and their rates", lambda: _looked(assembly, indicators))
         self._rates = ca.Function("rates", [*arguments, factors], [assembly.ode, quadratures])
         self._alg = ca.Function("alg", arguments, [assembly.alg])
         self._by_z = ca.Function("by_z", arguments, [ca.densify(ca.jacobian(assembly.alg, z))])
@@ -109,7 +110,7 @@ class EventEquations:
         (n_p,) is the same at all of them."""
         n = len(t)
         columns = (t[None, :], x, z, np.tile(p[:, None], (1, n)), u, np.ones((1, n)))
-        values, rising = (np.array(a).reshape(-1, n) for a in self._looked(*columns))
+        values, rising = evaluated(self.assembly, self._looked, columns)
         if not self.has_loops or np.isfinite(rising).all():
             return values, rising
         rates = np.array(self.assembly.rates(*columns)[0]).reshape(len(x), n)
@@ -289,7 +290,10 @@ class EventEquations:
         contact sticks. A contact that does not move remains at its limit, and the others carry the rest of the load. If
         one moves against its force, the load has turned since that reached its limit: all of them stick again and share the
         load anew. This is the plastic limit analysis of W. Prager, P. G. Hodge, Theory of Perfectly Plastic Solids, 1951.
+        Of several transitions of a state, the first in its list remains.
         """
+        names = {self.events[i].name for i in fired}
+        fired = [i for i in fired if names.isdisjoint(self.events[i].yields_to)]
         if len(self._limits) <= 1:
             return point, list(fired)
         p = point.p.copy()

@@ -109,7 +109,7 @@ class LookAhead:
             self.points = 2 ** (int(reached).bit_length() - 1)
         else:
             self.points = min(self.points, EVENTS.first_checks)
-            self.interval = (float(looks.times[-1]) - begin) / looks.even / EVENTS.growth
+            self.interval = max((float(looks.times[-1]) - begin) / looks.even / EVENTS.growth, self.same)
 
     def accept(self, begin: float, looks: Looks, steps: int) -> None:
         """Adjust the intervals of the next call to the steps of one that went through, or else double their number."""
@@ -119,7 +119,7 @@ class LookAhead:
         mean = max(steps - EVENTS.steps_at_begin, 0) / looks.even
         grown = min(self.mean_steps / max(2 * mean, 1e-9), EVENTS.growth)
         if self.dense and mean > self.mean_steps:
-            self.interval = interval / 2
+            self.interval = max(interval / 2, self.same)  # shorter ones are rounded to none
         elif self.dense and self.interval < np.inf and grown >= 2:
             self.interval = grown * interval if grown * interval < self.widest else np.inf
         else:

@@ -14,16 +14,17 @@ from heavebond.numerics.dae import Assembly
 AT_ONCE = 50  # points a call: a map over thousands takes longer to make than to evaluate
 
 
-def evaluated(assembly: Assembly, function: ca.Function, columns: Sequence[Array]) -> Array:
-    """The only output (m, 1) of a function of an assembly as (m, N), from the values of its inputs, each (k, N)."""
+def evaluated(assembly: Assembly, function: ca.Function, columns: Sequence[Array]) -> list[Array]:
+    """Each output (m, 1) of a function of an assembly as (m, N), from the values of its inputs, each (k, N)."""
     n = columns[0].shape[1]
     size = min(n, AT_ONCE)
     many = assembly.once((function.__hash__(), size), lambda: Buffered(function.map(size)))
-    found = np.empty((function.numel_out(0), n))
+    found = [np.empty((function.numel_out(k), n)) for k in range(function.n_out())]
     for begin in range(0, n, size):
-        at = np.minimum(np.arange(begin, begin + size), n - 1)  # the last call is filled up with the last point
-        values, = many(*(c[:, at] for c in columns)).values()
-        found[:, begin:begin + size] = values.reshape((-1, size), order="F")[:, :n - begin]
+        at = slice(begin, begin + size) if begin + size <= n else \
+            np.minimum(np.arange(begin, begin + size), n - 1)  # the last call is filled up with the last point
+        for output, values in zip(found, many(*(c[:, at] for c in columns)).values(), strict=True):
+            output[:, begin:begin + size] = values.reshape((-1, size), order="F")[:, :n - begin]
     return found
 
 
@@ -45,7 +46,7 @@ def undetermined(assembly: Assembly, expression: ca.SX, columns: Sequence[Array]
     if not pairs:
         return np.zeros(len(values), bool)
     function = ca.Function("quotients", list(assembly.arguments), [ca.densify(ca.vertcat(*(e for p in pairs for e in p)))])
-    found = evaluated(assembly, function, columns)
+    found, = evaluated(assembly, function, columns)
     return np.asarray(no_number & ((found[::2] == 0) & (found[1::2] == 0)).any(axis=0))
 
 

@@ -85,7 +85,7 @@ def _turnover(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence
     gradient = ca.jacobian(assembly.express(stack(e.energy for e in parts)), stack([t, x]))
     terms = ca.sum2(ca.fabs(ca.mtimes(gradient, ca.diag(stack([rate, assembly.ode])))))
     function = ca.Function("turnover", list(assembly.arguments), [ca.densify(terms)])
-    return _size(evaluated(assembly, function, columns))
+    return _size(*evaluated(assembly, function, columns))
 
 
 def _size(values: Array) -> float:
@@ -121,7 +121,7 @@ def _energies(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence
         return ca.Function("energies", list(assembly.arguments), [ca.densify(stack(wanted))]), bool(by_z.nnz())
 
     function, loops = assembly.once(("energies", *(e.element_hash() for e in more)), made)
-    found = evaluated(assembly, function, columns)
+    found, = evaluated(assembly, function, columns)
     size = 3 * m + len(more)
     begin, n_z = size + m, z.numel()
     rates = found[size:begin]

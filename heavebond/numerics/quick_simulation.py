@@ -27,10 +27,17 @@ import numpy as np
 from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.buffered import Buffered
-from heavebond.language.symbols import stack
 from heavebond.numerics import compiled_cvodes, idas
-from heavebond.numerics.compiled_cvodes import CVODES, CompiledCvodes, Driving, Equations, Integrated, NotCompiled, Watch
-from heavebond.numerics.dae import Array, Assembly, from_begin
+from heavebond.numerics.compiled_cvodes import (
+    CVODES,
+    CompiledCvodes,
+    Driving,
+    Equations,
+    Integrated,
+    Watch,
+    scaled_equations,
+)
+from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import in_unit_of_time, time_unit
 from heavebond.numerics.initialise import Start, Tangent
 from heavebond.numerics.physical_limits import check_limits, limited
@@ -121,7 +128,8 @@ class Unexplained(Simulator):
         # each set has a list of its own: over a kink the roundings of another order of operations would be seen, and what
         # a candidate gets would depend on what was made before
         key = ("compiled", self.probe.names if self.probe is not None else (), moving, self.begin)
-        return assembly.once(key, lambda: _equations(assembly, self.probe, moving, self.begin))
+        return assembly.once(key, lambda: scaled_equations(
+            assembly, ca.SX(0, 1) if self.probe is None else self.probe.signals, moving, self.begin))
 
     def _differentiated(self, assembly: Assembly) -> list[int]:
         """The parameters (indices) by which the compiled program's list has derivatives."""
@@ -273,27 +281,6 @@ class Unexplained(Simulator):
         return SimulationError([Problem("integration-failed", "the integration stopped")])
 
 
-def _equations(assembly: Assembly, probe: Probe | None, moving: Sequence[int], begin: float,
-               quadratures: ca.SX | None = None, factors: ca.SX | None = None) -> Equations | None:
-    """The equations in scaled unknowns, with the signals of a probe, integrals behind the states and factors in these behind
-    the parameters, all with the time counted from `begin`; None where the program in C cannot evaluate them."""
-    t, x, z, p, u, rate = assembly.arguments
-    x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
-    x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
-    signals = ca.SX(0, 1) if probe is None else probe.signals
-    rates = assembly.ode / x_nominal
-    if quadratures is not None:
-        rates = stack([rates, quadratures])
-    ode, alg, signals = ca.substitute(from_begin([rates, assembly.alg, signals], t, begin), [x, z, rate],
-                                      [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
-    integrals = ca.SX.sym("integral", ode.numel() - x_s.numel())
-    try:
-        return Equations((t, stack([x_s, integrals]), z_s, stack([p] if factors is None else [p, factors]), u), ode, alg,
-                         signals, moving)
-    except NotCompiled:
-        return None
-
-
 class CaseSimulator(Unexplained):
     """A `Simulator` for the cases of a sweep, which have the same equations with other parameters, with integrals along the
     run; without sensitivities. What one run gives does not depend on those before it. `compiled` tells whether it serves."""
@@ -313,8 +300,8 @@ class CaseSimulator(Unexplained):
         if assembly.flat.events or assembly.flat.delays or self.charts.needed or self.sensitivities \
                 or compiled_cvodes.program() is None:
             return None
-        return _equations(assembly, None, (), self.begin, self.quadratures,
-                          None if self.factors is None else self.factors.symbols)
+        return scaled_equations(assembly, ca.SX(0, 1), (), self.begin, self.quadratures,
+                                None if self.factors is None else self.factors.symbols)
 
     def _take_sizes(self, sizes: Mapping[str, float]) -> None:
         super()._take_sizes(sizes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
@@ -20,10 +21,11 @@ from heavebond.equations.buffered import Buffered
 from heavebond.equations.structural_messages import joined_ports
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.extremes import SignalFigures, signal_figures
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.pointwise import undetermined
-from heavebond.numerics.run_verdict import NOT_BECOME, Finding, Verdict
+from heavebond.numerics.run_verdict import DENSE, NOT_BECOME, Finding, Verdict
 from heavebond.numerics.start_stability import unstable_start
 from heavebond.numerics.validity import RunSection, judged, without_value
 from heavebond.records.saved_runs import SavedRun, Signals, check_si, write_run
@@ -38,6 +40,9 @@ if TYPE_CHECKING:
 
 
 FORMULA_LENGTH = 80  # of a function of time in a finding
+
+
+_PRESSURE = re.compile(r"\b[A-Za-z_]\w*\.\w+\b")
 
 
 @dataclass(frozen=True)
@@ -105,8 +110,9 @@ class Result:
     def verdict(self) -> Verdict:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
-        findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._unfit(), *self._unstable_start(),
-                    *self._time_formulas(), *([self.ended] if self.ended else [])]
+        findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._filled(),
+                    *self._unfit(), *self._unstable_start(), *self._time_formulas(), *self._dense_events(),
+                    *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
     @cached_property
@@ -158,6 +164,24 @@ class Result:
         finding = unstable_start(self.assembly, self.start, np.asarray(u).ravel(), float(self.time[-1] - self.time[0]))
         return [finding] if finding is not None else []
 
+    def _dense_events(self) -> list[Finding]:
+        """Parts whose conditions make so many events, in the run or in a short while, that they decide on its time."""
+        conditions = {e.name for e in self.assembly.flat.events if e.indicator is not None and not e.by_clock}
+        instants: dict[str, list[float]] = {}
+        for instant in self.instants:
+            for part in dict.fromkeys(name.rpartition(".")[0] for name in instant.names if name in conditions):
+                instants.setdefault(part, []).append(instant.time)
+        found, span = list[Finding](), float(self.time[-1] - self.time[0])
+        for part, times in instants.items():
+            most = min(EVENTS.dense_events, len(times))
+            lengths = np.asarray(times)[most - 1:] - np.asarray(times)[:len(times) - most + 1]
+            k = int(lengths.argmin())
+            dense = most == EVENTS.dense_events and lengths[k] < EVENTS.dense_within * span
+            if dense or len(times) >= EVENTS.many_events:
+                rate = (most - 1) / max(float(lengths[k]), EVENTS.same_instant * span)
+                found.append(Finding("dense-events", part, part, times[k], rate, float(len(times)), "1/s", DENSE))
+        return found
+
     def _placeholders(self) -> list[Finding]:
         """Parts that stand for something that was not translated."""
         leaves = self.assembly.flat.expanded.leaves
@@ -171,6 +195,42 @@ class Result:
         joined = {path: node for path in flat.expanded.leaves if (node := joined_ports(flat, path)) is not None}
         return [Finding("joined", path, node, time, 0.0, None, "", "it does nothing there. Put one port on another node, or "
                         "remove the part") for path, node in joined.items()]
+
+    def _reversed(self) -> list[Finding]:
+        """Valves that open in one direction (`opens:` of the component) and cannot have opened in the run, not even with an
+        outlet at its lowest physical pressure, while they would have in the other direction. A valve of which another passes
+        in the opposite direction between the same nodes, as in a cross-over relief, is none of these."""
+        flat, resolver, found = self.assembly.flat, self.assembly.resolver(), list[Finding]()
+        components = {path: leaf.component for path, leaf in flat.expanded.leaves.items()}
+        opening = {path: (component.in_diagram(component.opens, path), _ports_of(component.opens.text))
+                   for path, component in components.items() if component.opens is not None}
+        ways = {path: tuple(flat.names.get(f"{path}.{port}") for port in ports) for path, (_, ports) in opening.items()}
+        for path, (formula, ports) in opening.items():
+            inlet, outlet = ways[path]
+            if inlet is None or outlet is None or inlet == outlet or (outlet, inlet) in ways.values():
+                continue
+            opens = resolver.evaluate(self.assembly.model.library.formula(formula))
+            a, b = flat.levels[0][inlet], flat.levels[0][outlet]
+            possible = ca.substitute(opens, b, flat.unknowns[outlet].plausible.least)
+            either, backwards = self.evaluate(stack([possible, ca.substitute(opens, stack([a, b]), stack([b, a]))]))
+            if either.max() > 0 or not backwards.max() > 0:
+                continue
+            k, high = int(np.argmax(backwards > 0)), flat.unknowns[outlet].name
+            first, last = (port.rpartition(".")[0] for port in ports)
+            found.append(Finding(
+                "reversed", path, path, float(self.time[k]), float(backwards.max()), None, flat.unknowns[outlet].unit.text,
+                f"it opens from {first} to {last} only. If it is to limit {high}, exchange its ports {first} and {last}"))
+        return found
+
+    def _filled(self) -> list[Finding]:
+        """Nodes without a capacity of their own at which the run was restarted with a small volume."""
+        fills = self.statistics.get("fills")
+        if not isinstance(fills, dict):
+            return []
+        volumes = self.assembly.parameter_values
+        advice = f"Without it, {fills['why']}. Add a Volume or a Receiver of the real size"
+        return [Finding("filled", node, node, float(self.time[0]), volumes[f"{part}.V"], None, "m**3", advice)
+                for node, part in zip(fills["nodes"], fills["components"], strict=True)]
 
     def _unfit(self) -> list[Finding]:
         """Unknowns that stay far below the sizes of their absolute tolerances, with which the run could not be repeated."""
@@ -422,6 +482,11 @@ class _Course:
             self._many = (n, Buffered(self._function.map(n)))
         found, = self._many[1](given).values()
         return np.ascontiguousarray(found.reshape((-1, n), order="F"))
+
+
+def _ports_of(opens: str) -> list[str]:
+    """The inlet and the outlet of a valve, `a.p` and `b.p`, in the formula by which it opens."""
+    return list(dict.fromkeys(_PRESSURE.findall(opens)))[:2]
 
 
 def columns(result: Result, at: NDArray[np.intp] | None = None) -> tuple[Array, ...]:

@@ -16,12 +16,15 @@ from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 
 from heavebond.core.errors import Problem, RunWarning, SimulationError, listing
-from heavebond.core.presentation import count, readable
+from heavebond.core.presentation import count, number, readable
 
 MOST_NAMED = 3
 PACKAGE = __name__.partition(".")[0]
 NOT_BECOME = ("`{}` acts as it becomes true. State what holds at the start, `initial: {{switch.on: 1}}`, or begin the run "
               "before it is true")
+DENSE = ("each one stops the integrator. If a switch drives itself back, widen its band (of a Relay, `u_on` and `u_off`) or "
+         "give what it drives an inertia or a lag. Sample the counts of a quantiser or encoder (`Encoder`, `Quantiser`) "
+         "instead of an event for each edge. If the events are those of the machine, shorten the run")
 RUNAWAY = 1e6  # typical sizes from which on a value is no result: a machine of metres does not go a thousand kilometres
 
 
@@ -60,6 +63,9 @@ class Finding:
             return f"{self.name} grows exponentially, to {value} at the end"
         if self.kind == "true-at-start":
             return f"the condition of {self.name} is true at the start, which lets nothing happen"
+        if self.kind == "dense-events":
+            many = number(self.limit or 0.0, 6)
+            return f"{self.name} has {number(self.value, 3)} events per second at {t} and {many} in the run"
         if self.kind == "unstable-start":
             return f"{self.name} starts at an unstable equilibrium, {value}"
         if self.kind == "scale":
@@ -72,6 +78,11 @@ class Finding:
             return f"{self.name} has no law: it is a placeholder"
         if self.kind == "joined":
             return f"{self.name} has both ports on the same node, '{self.part}'"
+        if self.kind == "filled":
+            return f"{self.name} has no capacity of its own: the run was restarted with a volume of {value} there"
+        if self.kind == "reversed":
+            return f"{self.name} cannot open: from {t} on the pressure at its outlet is above that at its inlet, by up to " \
+                f"{value} more than would open it in reverse"
         if self.kind == "front":
             travel = readable(self.limit or 0.0, "s")
             return f"{self.name} passes a front of {value} at {t}, and a wave takes {travel} through each of its segments"
@@ -90,7 +101,8 @@ class Finding:
 # whether a run with such a finding is worthless
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
          "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
-         "placeholder": False, "joined": False, "front": False, "time-formula": False}
+         "placeholder": False, "joined": False, "reversed": False, "filled": False, "front": False, "time-formula": False,
+         "dense-events": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

@@ -31,7 +31,7 @@ from heavebond.language.definition import Value
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.language.sections import Condition
 from heavebond.language.symbols import split, stack
-from heavebond.numerics.dae import Assembly, assemble
+from heavebond.numerics.dae import Assembly, assemble, at_zero
 from heavebond.numerics.idas import Tolerances
 from heavebond.numerics.initialise import Start, start
 from heavebond.numerics.output_times import Time, with_begin
@@ -74,6 +74,8 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     if begin is not None:
         model = _with_begin(model, begin, also)
     assembly = assemble(model, also)
+    sensitivities = tuple(sensitivities)
+    assembly, parameters = with_equations_at_zero(assembly, parameters, sensitivities)
     written = assembly.model.solver
     asked = solver or (written.text if written else "auto")
     simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
@@ -94,6 +96,14 @@ def _with_begin(model: ModelOrFile | Assembly, begin: Time, also: Iterable[str])
     if not isinstance(model, Assembly):
         return with_begin(loaded(model), begin)
     return replace(assemble(with_begin(model.model, begin), also), p=model.p)
+
+
+def with_equations_at_zero(assembly: Assembly, parameters: Mapping[str, float | str] | None, free: Iterable[str] = ()
+                           ) -> tuple[Assembly, Mapping[str, float | str] | None]:
+    """An assembly and the parameters of a run of it; where a parameter of value 0 leaves other equations (see `at_zero`),
+    their assembly, which has the parameters."""
+    zeroed = at_zero(assembly.with_parameters(parameters) if parameters else assembly, free)
+    return (zeroed, None) if zeroed.flat.zeros else (assembly, parameters)
 
 
 def _run_as_asked(simulator: Simulator, parameters: Mapping[str, float | str] | None) -> Result:
@@ -172,10 +182,8 @@ def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | N
 
 
 def changes_of(result: Result, states: bool = True) -> list[str]:
-    """What a run changed on its way, in sentences: its equations, its solver, its `states`."""
-    said, fills = [], result.statistics.get("fills")
-    if isinstance(fills, dict):
-        said.append(f"begun anew {fills_told(fills['nodes'], fills['why'])}")
+    """What a run changed on its way, in sentences: its tolerances, solver and `states`; its verdict names filled nodes."""
+    said = []
     sizes = result.statistics.get("sizes")
     if isinstance(sizes, dict):
         units = {u.name: u.unit.text for u in result.assembly.flat.unknowns}
@@ -192,10 +200,12 @@ def changes_of(result: Result, states: bool = True) -> list[str]:
     return said
 
 
-def with_filled_nodes(make: Callable[[Assembly], T], assembly: Assembly, run_of: Callable[[T], Result | None]
-                      ) -> tuple[T, str]:
-    """What `make` gives for an assembly; where a run ends at nodes that store nothing, for the assembly with these filled,
-    as in a run by `auto`, and what is to be said of it. `run_of` gives one of the runs that it is of, if any."""
+def with_filled_nodes(make: Callable[[Assembly], T], assembly: Assembly, run_of: Callable[[T], Result | None],
+                      free: Iterable[str] = ()) -> tuple[T, str]:
+    """What `make`, which varies the parameters `free`, gives for an assembly, `at_zero` where others are 0.
+    Where a run ends at nodes that store nothing, it is for the assembly with these filled, as in a run by `auto`, and with
+    what is to be said of it. `run_of` gives one of the runs that it is of, if any."""
+    assembly = at_zero(assembly, free)
     try:
         return make(assembly), ""
     except (StartError, SimulationError) as error:
@@ -241,7 +251,7 @@ def _passes_zero(result: Result) -> bool:
     varying = result.assembly.once("varying pivots", lambda: _varying_pivots(result.assembly))
     if varying is None or not own.any():
         return False
-    values = evaluated(result.assembly, varying, columns(result, np.flatnonzero(own)))
+    values, = evaluated(result.assembly, varying, columns(result, np.flatnonzero(own)))
     return bool(((values.min(axis=1) < 0) & (values.max(axis=1) > 0)).any())
 
 

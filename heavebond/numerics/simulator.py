@@ -18,7 +18,17 @@ from heavebond.core.limits import RATE
 from heavebond.equations.buffered import Buffered
 from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
-from heavebond.numerics.dae import Array, Assembly, Factors, Integrand, integrand, newton_loops, substitute_inputs, summed
+from heavebond.numerics.dae import (
+    Array,
+    Assembly,
+    Factors,
+    Integrand,
+    integrand,
+    newton_loops,
+    other_states,
+    substitute_inputs,
+    summed,
+)
 from heavebond.numerics.delays import Delays
 from heavebond.numerics.dynamic_state_selection import StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
@@ -34,8 +44,19 @@ from heavebond.numerics.looks import Looks
 from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, largest_step_of, refined
 from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
+from heavebond.numerics.sampled_integration import SampledIntegration, sampled_integration
 from heavebond.numerics.sizes import SIZES, far_below, fitting_sizes
-from heavebond.numerics.solvers import DEFAULT, RETYPE, Choice, Explicit, Integrator, algebraic_left, chosen, integrator
+from heavebond.numerics.solvers import (
+    AUTO,
+    DEFAULT,
+    RETYPE,
+    Choice,
+    Explicit,
+    Integrator,
+    algebraic_left,
+    chosen,
+    integrator,
+)
 from heavebond.numerics.start_equations import Point, StartEquations
 from heavebond.numerics.time_events import clocks_at, same_instant
 from heavebond.numerics.time_search import rounding
@@ -82,6 +103,7 @@ class Simulator:
         self.charts = charts = StateChoices(assembly)
         self.dense = dense and self._may_be_dense
         self.solver: Choice = chosen(solver, assembly, charts.needed)
+        self.asked = solver not in (None, AUTO)  # for a solver by its name
         self._felt, self.longest, self.kinks, self.unknown_forcing = None, 0.0, np.zeros(0), ()
         self._place_stops()
         self._limit_steps(assembly.p)
@@ -184,8 +206,14 @@ class Simulator:
                 else EVENTS.steps_ahead if len(looks.times) > 1 else EVENTS.steps_between
             return integrator(name, made, looks.grid, tolerances, most)
 
+        def sampled() -> SampledIntegration | None:
+            return sampled_integration(
+                self.assembly, len(self.sensitivities), self._moving(self.assembly), self.quadratures, self.factors,
+                self.begin, tolerances, EVENTS.steps_between, self.integrand.longest, self.dense,
+                same_instant(float(self.stops[0]), float(self.stops[-1])))
+
         return EventIntegration(charts, self._framed, self.integrals, self.stops, self.inputs, build, self.solver.name,
-                                changes, self.dense, self.kinks, delays)
+                                changes, self.dense, self.kinks, delays, None if self.asked else sampled)
 
     @cached_property
     def integrand(self) -> Integrand:
@@ -260,7 +288,8 @@ class Simulator:
         """
         check()
         began = clock.perf_counter()
-        if parameters and (self.assembly.flat.delays or self.assembly.flat.passed_through) and \
+        flat = self.assembly.flat
+        if parameters and (flat.delays or flat.passed_through or flat.zeros) and \
                 (assembly := self.assembly.with_parameters(parameters)).flat is not self.assembly.flat:
             return type(self)(assembly, times=self.time, tolerances=self.tolerances, quadratures=self.quadratures,
                               factors=self.factors, sensitivities=self.parameters, driven=self.pieces if
@@ -277,6 +306,8 @@ class Simulator:
     def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
         """The equations with these parameters, their start, and how it moves along the sensitivities."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
+        if assembly.flat is not self.assembly.flat and self.assembly.flat.zeros:
+            raise other_states(self.assembly)
         if assembly.flat is not self.assembly.flat:
             delay = (*self.assembly.flat.delays, *self.assembly.flat.passed_through)[0]
             raise UsageError([Problem("delay-zero", "a delay becomes zero within a search, or is zero no more, and the "

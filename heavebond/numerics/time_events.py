@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.errors import Problem, SimulationError
 from heavebond.equations.events import FlatEvent
@@ -32,39 +34,62 @@ def clocks_at(assembly: Assembly, t: float, p: Array) -> Array:
     return changed
 
 
+@dataclass(frozen=True)
+class Timetable:
+    """The instants (n,) of a run in order. The events at instant k are `owners[ends[k]:ends[k + 1]]`, and they
+    move with m directions by `moved` (., m)."""
+
+    times: Array
+    ends: NDArray[np.int64]
+    owners: NDArray[np.int32]
+    moved: Array
+
+    def at(self, k: int) -> tuple[float, list[int], list[Array]]:
+        """The k-th instant with its events, and how it moves for each of them (m,)."""
+        chosen = slice(self.ends[k], self.ends[k + 1])
+        return float(self.times[k]), self.owners[chosen].tolist(), [*self.moved[chosen]]
+
+
 def timetable(events: Sequence[FlatEvent], instants: tuple[Array, Array, Array, Array], begin: float, end: float
-              ) -> Iterator[tuple[float, list[int], list[Array]]]:
-    """Each instant of a run with the events at it and how it moves with m directions for each of them (m,).
+              ) -> Timetable:
+    """The instants of a run.
 
     `instants` are the first instant and the period (n,) of every event with their derivatives (n, m). What happens once, and
     was to happen before the run begins, happens as it begins; of what is repeated the instants before are passed over.
-    SimulationError for a period that is none.
+    The instants of an irregular clock are late or left out (see `Clock`). SimulationError for a period that is none.
     """
     first, period, by_first, by_period = instants
     same = same_instant(begin, end)
-    coming: dict[int, tuple[float, Array]] = {}
-
-    def put(i: int, k: int) -> None:
-        coming[i] = float(first[i] + k * period[i]), by_first[i] + k * by_period[i]
-
-    count = dict.fromkeys((i for i, event in enumerate(events) if event.period is not None), 0)
+    times, owners, moved = [np.zeros(0)], [np.zeros(0, np.int32)], [np.zeros((0, by_first.shape[1]))]
+    clocks: dict[str, tuple[FlatEvent, float, float]] = {}
     for i, event in enumerate(events):
-        if i in count:
+        if event.period is not None:
             _check(event, float(period[i]), end - begin)
+            _check_clock(event, float(period[i]), float(first[i]), clocks)
             passed = int(np.ceil((begin - same - first[i]) / period[i]))
             # without `from:` it is repeated from the start of the run
-            count[i] = passed if event.first.is_zero() else max(0, passed)
-            put(i, count[i])
-        elif event.indicator is None:
-            coming[i] = (float(first[i]), by_first[i]) if first[i] >= begin - same else (begin, np.zeros_like(by_first[i]))
-    while coming and (time := min(at for at, _ in coming.values())) <= end + same:
-        now = sorted(i for i, (at, _) in coming.items() if at <= time + same)
-        yield time, now, [coming[i][1] for i in now]
-        for i in now:
-            del coming[i]
-            if i in count:
-                count[i] += 1
-                put(i, count[i])
+            k = np.arange(passed if event.first.is_zero() else max(0, passed), int((end + same - first[i]) / period[i]) + 2)
+            if event.clock is not None and event.clock.lost:
+                k = np.array([j for j in k if not event.clock.loses(int(j))], dtype=k.dtype)
+            at = first[i] + k * period[i]
+            if event.clock is not None and event.clock.jitter:
+                at = at + np.array([event.clock.late(int(j)) for j in k])
+            times.append(at[at <= end + same])
+            moved.append((by_first[i] + k[:, None] * by_period[i])[at <= end + same])
+        elif event.indicator is None and max(first[i], begin) <= end + same:
+            late = first[i] >= begin - same
+            times.append(np.array([first[i] if late else begin]))
+            moved.append(by_first[i:i + 1] if late else np.zeros_like(by_first[i:i + 1]))
+        else:
+            continue
+        owners.append(np.full(len(times[-1]), i, np.int32))
+    at, owner, along = np.concatenate(times), np.concatenate(owners), np.concatenate(moved)
+    order = np.lexsort((owner, at))
+    groups = np.cumsum(np.diff(at[order], prepend=at[order][:1]) > same)
+    order = order[np.lexsort((owner[order], groups))]
+    ends = np.append(np.searchsorted(groups, np.arange(groups[-1] + 1)), len(groups)) if len(groups) else np.zeros(1, int)
+    starts = np.minimum.reduceat(at[order], ends[:-1]) if len(groups) else np.zeros(0)
+    return Timetable(starts, ends, owner[order], along[order])
 
 
 def _check(event: FlatEvent, period: float, span: float) -> None:
@@ -74,3 +99,19 @@ def _check(event: FlatEvent, period: float, span: float) -> None:
     if span / period > EVENTS.max_time_events:
         raise SimulationError([Problem("too-many-events", f"'{event.name}' would happen {span / period:.3g} times",
                                        event.place, "Give a longer time, or run for a shorter one.")])
+
+
+def _check_clock(event: FlatEvent, period: float, first: float, clocks: dict[str, tuple[FlatEvent, float, float]]) -> None:
+    """SimulationError if the parts of a clock have different instants, or if its jitter reaches the next instant; `clocks`
+    are those that are known."""
+    if (clock := event.clock) is None:
+        return
+    other, other_period, other_first = clocks.setdefault(clock.name, (event, period, first))
+    if (period, first) != (other_period, other_first):
+        raise SimulationError([Problem(
+            "clock-periods", f"'{event.name}' and '{other.name}' have the clock '{clock.name}', and different periods "
+            f"({period:g} s, {other_period:g} s) or first instants", clock.place, "Give each rate a clock of its own.")])
+    if clock.jitter >= period:
+        raise SimulationError([Problem(
+            "clock-jitter", f"the jitter of clock '{clock.name}', {clock.jitter:g} s, is not below the period of "
+            f"'{event.name}', {period:g} s", clock.place, "Write a jitter below one period.")])

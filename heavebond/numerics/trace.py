@@ -179,7 +179,9 @@ class Record:
     def __init__(self, first: EventState, stops: Array, same: float, dense: bool = False):
         """With `dense` the points between the stops and before events are kept as well."""
         n = len(stops)
-        self.points: list[tuple[EventState, Array, Array, Array]] | None = [] if dense else None
+        # frame, times, y and z, then p and dp of the first point and those of the held variables at all of them
+        self.points: list[tuple[Frame, Array, Array, Array, Array, Array, Array, Array]] | None = [] if dense else None
+        self.first, self.held = first, [h.index for h in first.frame.assembly.flat.held]
         self.stops, self.same, self.home = stops, same, first.frame
         self.y, self.p, self.dp = np.zeros((len(first.y), n)), np.zeros((len(first.p), n)), np.zeros((*first.dp.shape, n))
         self.frames: list[Frame] = [first.frame]
@@ -192,6 +194,7 @@ class Record:
         self.true_at_start: list[str] | None = None  # conditions that trigger no event there; None before they are known
         self.steps = 0
         self.ended = False  # by a condition
+        self.compiled = 0  # intervals that the compiled program passed
 
     def write(self, now: EventState, times: Array, y: Array, z: Array) -> None:
         """Record the points at times (n,), with y and z (., n), that are stops."""
@@ -213,7 +216,21 @@ class Record:
     def keep(self, now: EventState, times: Array, y: Array, z: Array) -> None:
         """Keep points between the stops, where these are asked for."""
         if self.points is not None:
-            self.points.append((now, times, y, z))
+            self.points.append((now.frame, times, y, z, now.p, now.dp, now.p[self.held, None], now.dp[self.held, :, None]))
+
+    def keep_many(self, frame: Frame, times: Array, y: Array, z: Array, p: Array, dp: Array) -> None:
+        """Record points at times (n,), those among them that are stops and, where these are asked for, those between; y, z,
+        p and dp (., n) at each."""
+        if self.points is not None:
+            self.points.append((frame, times, y, z, p[:, 0].copy(), dp[:, :, 0].copy(), p[self.held], dp[self.held]))
+        stop = np.searchsorted(self.stops, times - self.same)
+        which = np.flatnonzero(np.abs(self.stops.take(stop, mode="clip") - times) <= self.same)
+        # of several at one time the last is that after its events
+        which = which[np.append(np.diff(stop[which]) > 0, True)] if len(which) else which
+        at, number = stop[which], self._number(frame)
+        self.frame[at] = number
+        self.y[:, at], self.z[number][:, at] = y[:, which], z[:, which]
+        self.p[:, at], self.dp[:, :, at] = p[:, which], dp[:, :, which]
 
     def write_stops(self, now: EventState, times: Array, y: Array, z: Array) -> None:
         """Record the points at times (n,), with y and z (., n), that are stops; none of them is kept as a point between."""
@@ -239,14 +256,14 @@ class Record:
     def between(self, integrals: int, inputs: Callable[[Array], Driven]) -> Points:
         """The times of all points that were kept, and the run at these."""
         assert self.points is not None
-        times = np.concatenate([at for _, at, _, _ in self.points])
-        whole, begin = Record(self.points[0][0], times, self.same), 0
-        whole.home, whole.frames, whole.z = self.home, [self.home], [np.zeros((len(self.z[0]), len(times)))]
-        for now, at, y, z in self.points:
+        times = np.concatenate([at for _, at, *_ in self.points])
+        whole, begin = Record(self.first, times, self.same), 0
+        for frame, at, y, z, p, dp, held, held_along in self.points:
             chosen, begin = slice(begin, begin + len(at)), begin + len(at)
-            number = whole._number(now.frame)
+            number = whole._number(frame)
             whole.frame[chosen], whole.y[:, chosen], whole.z[number][:, chosen] = number, y, z
-            whole.p[:, chosen], whole.dp[:, :, chosen] = now.p[:, None], now.dp[:, :, None]
+            whole.p[:, chosen], whole.dp[:, :, chosen] = p[:, None], dp[:, :, None]
+            whole.p[self.held, chosen], whole.dp[self.held, :, chosen] = held, held_along
         whole.instants, whole.steps = self.instants, self.steps
         return times, whole.trace(integrals, inputs(times)), None
 
@@ -260,10 +277,12 @@ class Record:
             if not stay.at.any():  # entered and left between two stops
                 continue
             x[:, stay.at], z[:, stay.at] = self._at_home(number, stay, u)
-        held = [h.index for h in self.home.assembly.flat.held]
+        held = self.held
         statistics: dict[str, object] = {"nsteps": self.steps}
         if self.changes:
             statistics["state_changes"] = [vars(change) for change in self.changes]
+        if self.compiled:
+            statistics["compiled_intervals"] = self.compiled
         if self.solver_changes:
             statistics["solver_changes"] = [vars(change) for change in self.solver_changes]
         if self.true_at_start:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import ModelError, Problem, either, listing
+from heavebond.core.presentation import readable
 from heavebond.equations.flatten import EquationRole
 from heavebond.equations.matching import block_lower_triangular
 from heavebond.equations.reduce import Reduced
@@ -30,6 +31,7 @@ LARGEST_RATIO = 1_000_000  # of two periods that have common multiples
 SAME_RATIO = 1e-11  # relative difference of two ratios of periods that counts as rounding
 HINT = ("Insert a UnitDelay where a value of the instant before is meant, or let one of them sample later by its parameter "
         "`t_0`.")
+ALONE = "Insert a UnitDelay between its output and its input if the value of the instant before is meant."
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,35 @@ class Updates:
     ranks: tuple[tuple[int, ...], ...]
     apart: frozenset[tuple[int, int]]
     sequence: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class RateTransition:
+    """The sampled part `reader`, with a period in s, reads the value of the part `source` of another period or other
+    instants."""
+
+    reader: str
+    source: str
+    period: float
+    source_period: float
+
+    @property
+    def text(self) -> str:
+        """The transition, and the block that would state it."""
+        fast, slow = sorted((self.period, self.source_period))
+        ratio, own, other = slow / fast, readable(self.period, "s"), readable(self.source_period, "s")
+        begin = f"{self.reader} (every {own}) reads {self.source} (every {other})"
+        if abs(ratio - round(ratio)) > SAME_RATIO * LARGEST_RATIO * ratio:
+            return f"{begin}: neither period is a multiple of the other, so that the age of the value changes from sample " \
+                "to sample. Choose multiples, or state the hold by a SampleHold at the period of the reader"
+        if round(ratio) == 1:
+            return f"{begin} at other instants, so that the value is late by a part of the period. State it by a " \
+                "SampleHold with the T_s and t_0 of the reader, or give both one t_0"
+        if self.period < self.source_period:
+            return f"{begin} and holds it, without a computing time of the slower part. If that takes its period, add a " \
+                f"UnitDelay with T_s: {other} behind {self.source}"
+        return f"{begin}, one value of {round(ratio)}: what is faster than {readable(0.5 / self.period, 'Hz')} folds. Add " \
+            f"a DiscreteLowPass at {other} and a SampleHold with T_s: {own} between them"
 
 
 class UpdateOrder:
@@ -74,9 +105,19 @@ class UpdateOrder:
             self._made[key] = self._graph.updates([k for k, none in zip(self.zeros, zero.tolist(), strict=True) if none], p)
         return self._made[key]
 
+    @property
+    def direct(self) -> list[ca.SX]:
+        """The new value of each reset as a formula of the arguments of the assembly, with the held variables that its
+        component reads itself, and of those that it reads along signals, which are symbols of their own."""
+        return self._graph.direct
+
     def instants(self, p: Array) -> tuple[Array, Array]:
         """First instant and period (n_e,) of every event, 0 for what has none."""
         return self._graph.instants(p)
+
+    def transitions(self, p: Array) -> list[RateTransition]:
+        """The transitions between rates that no block states: a hold that takes the value as it is, or a unit delay."""
+        return self._graph.transitions(p)
 
     def problem(self, rows: Sequence[int]) -> Problem:
         """The problem of updates that read each other at one instant."""
@@ -99,7 +140,7 @@ class _Graph:
                 self.setters.setdefault(held, []).append(row)
         self.p, self.after = flat.p, ca.SX.sym("after", flat.p.numel())
         raw = [reset.value for reset in resets]
-        if len(timed) > 1:
+        if timed:
             for row, value in zip(timed, self._along_signals([raw[row] for row in timed], timed), strict=True):
                 raw[row] = value
         column, later = stack(raw), places(self.after)
@@ -125,12 +166,7 @@ class _Graph:
                 found[n] = value
         column = _substituted(stack(found), signals)
         column = ca.substitute(column, held, stack(self.after[k] for k in self.setters))
-        found = split(ca.substitute(column, before, held))
-        for n, row in enumerate(rows):  # an update reads the variable that it assigns as it was
-            k = self.held[row]
-            if k is not None:
-                found[n] = ca.substitute(found[n], self.after[k], flat.p[k])
-        return found
+        return split(ca.substitute(column, before, held))
 
     def _part(self, row: int) -> str:
         """The path of the component whose `when:` has a reset; empty for a comparison of the time in an equation."""
@@ -148,9 +184,10 @@ class _Graph:
 
     @staticmethod
     def loops(needs: Sequence[Set[int]]) -> list[list[int]]:
-        """The loops of rows that read each other."""
+        """The loops of rows that read each other, or themselves."""
         rows = [[row, *sorted(read)] for row, read in enumerate(needs)]
-        return [block for block in block_lower_triangular(rows, list(range(len(rows)))) if len(block) > 1]
+        return [block for block in block_lower_triangular(rows, list(range(len(rows))))
+                if len(block) > 1 or block[0] in needs[block[0]]]
 
     def updates(self, zeros: Sequence[int], p: Array) -> Updates:
         """The updates with the parameters `zeros` at 0."""
@@ -178,6 +215,28 @@ class _Graph:
         first, period = (np.array(v).ravel() for v in found)
         return first, period
 
+    def transitions(self, p: Array) -> list[RateTransition]:
+        """The transitions between rates that no block states."""
+        first, period = self.instants(p)
+        found: dict[tuple[str, str], RateTransition] = {}
+        needs = self.needs(())
+        for row, read in enumerate(needs):
+            for other in sorted(read):
+                a, b = self.owner[row], self.owner[other]
+                if any(self.events[e].period is None for e in (a, b)):
+                    continue
+                near = SAME_RATIO * LARGEST_RATIO * max(period[a], period[b])
+                same = abs(period[a] - period[b]) <= near and abs(first[a] - first[b]) <= near
+                # a hold: its new value is a multiple of the value that it reads
+                held = self.held[other]
+                taken = held is not None and ca.substitute(self.direct[row], self.after[held], ca.SX(0)).is_zero()
+                # a delay: its new value is one that it holds itself
+                delayed = self.direct[other].is_symbolic() and period[b] > period[a] and not needs[other]
+                if not (same or taken or delayed):
+                    parts = self._part(row), self._part(other)
+                    found.setdefault(parts, RateTransition(*parts, float(period[a]), float(period[b])))
+        return list(found.values())
+
     def _written_out(self, read: Sequence[Set[int]], apart: frozenset[tuple[int, int]]) -> Updates:
         """The updates in ranks, and each with those that it reads written into it."""
         fired, direct, place = ca.SX.sym("fired", len(self.events)), list(self.direct), places(self.after)
@@ -196,9 +255,19 @@ class _Graph:
                 values[row] = value
                 if (k := self.held[row]) in now:
                     now[k] = ca.if_else(fired[self.owner[row]], value, now[k])
+        self._give_precedence(values, fired)
         last = {self.owner[row]: k for k, rank in enumerate(ranks) for row in rank}
         sequence = tuple(sorted(last, key=last.__getitem__))
         return Updates(fired, stack(values), self.after, stack(direct), ranks, apart, sequence)
+
+    def _give_precedence(self, values: list[ca.SX], fired: ca.SX) -> None:
+        """Let an event that happens together with one that it yields to set nothing of its own."""
+        number, own = {event.name: e for e, event in enumerate(self.events)}, list(values)
+        for row, (e, held) in enumerate(zip(self.owner, self.held, strict=True)):
+            for name in reversed(self.events[e].yields_to):
+                first = [r for r, owner in enumerate(self.owner) if owner == number[name] and self.held[r] == held]
+                kept = own[first[0]] if first else values[row] if held is None else self.p[held]
+                values[row] = ca.if_else(fired[number[name]], kept, values[row])
 
     def problem(self, loop: Sequence[int]) -> Problem:
         """The problem of a loop of updates (rows)."""
@@ -206,8 +275,10 @@ class _Graph:
         parts = list(dict.fromkeys(self.events[self.owner[row]].name.rpartition(".")[0] for row in loop))
         names = listing([reset.name for event in flat.events for reset in event.resets
                          if event.name.rpartition(".")[0] in parts], 6)
-        return Problem("sampled-loop", f"the sampled parts {either(parts)} form an algebraic loop: at one instant each "
-                       "reads the value that another assigns", flat.expanded.leaves[parts[0]].place, HINT,
+        words = f"the sampled parts {either(parts)} form an algebraic loop: at one instant each reads the value that " \
+            "another assigns" if len(parts) > 1 else f"the sampled part '{parts[0]}' forms an algebraic loop with itself: " \
+            "its input depends at once on the value that it assigns"
+        return Problem("sampled-loop", words, flat.expanded.leaves[parts[0]].place, HINT if len(parts) > 1 else ALONE,
                        (f"held variables: {names}",))
 
 

@@ -186,7 +186,7 @@ def _values_of(s: RunSection, unknowns: Sequence[int], at: Points) -> Array:
     arguments = list(s.assembly.arguments)
     made = s.assembly.once(("some", *unknowns), lambda: ca.Function("some", arguments, [
         ca.densify(s.assembly.values(*arguments)[list(unknowns)])]))
-    return evaluated(s.assembly, made, s.columns(at))
+    return evaluated(s.assembly, made, s.columns(at))[0]
 
 
 def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) -> Iterator[Finding]:
@@ -197,7 +197,7 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) ->
     yield from _outside([flat.unknowns[j] for j in states], s.x[list(states.values())], s.time, duration)
     chosen = _spread(n, VALIDITY.samples)
     columns = s.columns(chosen)
-    values = evaluated(s.assembly, s.assembly.values, columns)
+    values, = evaluated(s.assembly, s.assembly.values, columns)
     undecided = missing(s.assembly, range(len(flat.unknowns)), columns, values)
     for j in np.flatnonzero(undecided.any(axis=1)).tolist():
         yield finding_of("undetermined", flat.unknowns[j], float(s.time[chosen][np.argmax(undecided[j])]), math.nan, None,
@@ -227,7 +227,7 @@ def _closely(s: RunSection, looked_at: Sequence[int], at: Points, duration: floa
                           missing(s.assembly, looked_at, s.columns(at), values)):
         if found.kind == "not-finite":
             k = int(np.argmin(np.abs(s.time - found.time)))
-            there = evaluated(s.assembly, s.assembly.values, s.columns(np.array([k])))[:, 0]
+            there = evaluated(s.assembly, s.assembly.values, s.columns(np.array([k])))[0][:, 0]
             found = replace(found, advice=_culprit(flat, there))
         yield found
 
@@ -254,7 +254,7 @@ def _fronts(s: RunSection) -> Iterator[Finding]:
             continue
         rows = [states[j] for j in own]
         made = s.assembly.once(("fronts", series), partial(_rates_and_travel, s.assembly, rows, list(own.values())))
-        values = evaluated(s.assembly, made, s.columns(chosen))
+        values, = evaluated(s.assembly, made, s.columns(chosen))
         rates, times = values[:len(rows)], values[len(rows):]
         x = s.x[rows]
         steepest = np.maximum(np.abs(rates).max(axis=1), np.abs(np.diff(x) / np.diff(s.time)).max(axis=1, initial=0.0))

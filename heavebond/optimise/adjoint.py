@@ -4,13 +4,13 @@ With x' = f(t, x, z, p), 0 = g(t, x, z, p), integrals q' = r(t, x, z, p) and a c
 
     dJ = s^T d(q(t_2) - q(t_1)) + e_x dx(t_2) + e_z dz(t_2) + e_p dp,
 
-the adjoint states l and the multipliers m run from t_2 back to the start at t_0 (s is left out before t_1):
+the adjoint states l and the multipliers m run from t_2 back to the start at t_0 (s is zero before t_1):
 
     -l' = f_x^T l + g_x^T m + r_x^T s,   0 = f_z^T l + g_z^T m + r_z^T s,   l(t_2) = e_x - g_x^T g_z^-T e_z,
     dJ/dp = int (f_p^T l + g_p^T m + r_p^T s) dt + e_p - g_p^T g_z^-T e_z + (dx(t_0)/dp)^T l(t_0).
 
-IDAS keeps every step forward and interpolates in them on its way back. Y. Cao, S. Li, L. Petzold and R. Serban, Adjoint
-sensitivity analysis for differential-algebraic equations, 2003, doi:10.1137/S1064827501380630.
+IDAS stores every forward step and interpolates in them during the backward integration. Y. Cao, S. Li, L. Petzold and R.
+Serban, Adjoint sensitivity analysis for differential-algebraic equations, 2003, doi:10.1137/S1064827501380630.
 """
 
 from __future__ import annotations
@@ -34,26 +34,26 @@ from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import DEFAULT
 from heavebond.optimise.cost_evaluation import CostSlopes, Evaluator
 
-CHARTS = "adjoint-charts"  # the code of the problem where states change
+CHARTS = "adjoint-charts"  # code of the problem if the states change
 
 
 @dataclass(frozen=True)
 class AdjointConstants:
     """The constants of adjoint runs (gradients by IDAS backwards).
 
-    multiplier_unit: unit in which multipliers are counted, so that the error control leaves them out. Origin: they jump
-        with s and with the inputs. Doubled: nothing.
-    restart: value added to an adjoint state at a stop, which restarts IDAS and moves nothing. Origin: far below any
-        state. Doubled: nothing.
-    checkpoint_room: multiple of the steps of the first run for which there is room between checkpoints. Origin: forward
-        again takes about as many. Doubled: memory.
-    max_numbers: kept steps times unknowns. Origin: 1 GB. Doubled: twice the memory.
+    multiplier_unit: unit of the multipliers, chosen so that the error control ignores them. Origin: they jump with s and
+    with the inputs. Doubled: nothing.
+    restart: value added to an adjoint state at a stop, which restarts IDAS without effect on the result. Origin: far below
+    any state. Doubled: nothing.
+    checkpoint_room: memory between checkpoints as a multiple of the steps of the first run. Origin: the repeated forward
+    integration takes about as many. Doubled: memory.
+    max_numbers: stored steps times unknowns. Origin: 1 GB. Doubled: twice the memory.
     tolerance_factor: factor on the weight of adjoint states in the error control. Origin: contributions to an integral
-        cancel and magnify errors. Doubled: more steps.
-    max_separate: integrals that are gone back for one by one. Origin: each costs a fifth of a run, and saves the run
-        before. Doubled: more time.
-    signed_share: share of the |integrand| that a signed integral is taken to be at least. Origin: one over whole
-        periods may be zero and still has a gradient. Doubled: looser errors of such gradients.
+    cancel and magnify errors. Doubled: more steps.
+    max_separate: integrals with a separate backward integration each. Origin: each costs a fifth of a run, and saves the run
+    before. Doubled: more time.
+    signed_share: share of the |integrand| that is the least assumed size of a signed integral. Origin: an integral over
+    whole periods may be zero and still has a gradient. Doubled: looser errors of such gradients.
     """
 
     multiplier_unit: float = 1e10
@@ -70,7 +70,7 @@ ADJOINT = AdjointConstants()
 
 @dataclass(frozen=True)
 class _Ends:
-    """What a cost pulls at at the end: states (n_x,), parameters (n_p,)."""
+    """Gradient of a cost by its last values: states (n_x,), parameters (n_p,)."""
 
     x: Array
     p: Array
@@ -78,7 +78,7 @@ class _Ends:
 
 @dataclass(frozen=True)
 class _BuiltIntegrator:
-    """An integrator, the numbers in it and the steps that it can keep."""
+    """An integrator, its numerical parameters and the largest number of steps that it can store."""
 
     fixed: Array
     room: int
@@ -89,11 +89,11 @@ class _BuiltIntegrator:
 class Adjoint:
     """Costs and their gradients at runs of a simulator that integrates the quadratures of the evaluator.
 
-    `names` are the parameters that are differentiated; those under `solve:` follow the start, all others are taken into
-    the equations as numbers, so that the gradient is cheap. Each cost is scaled so that its adjoint states count in the
-    error control by four times `tolerances.along`. UsageError for a name that is no independent parameter, where the
-    diagram has events and where the simulator is not one by IDAS. A run during which the states
-    are exchanged (`dynamic_state_selection`) has no adjoint: SimulationError.
+    `names` are the parameters that are differentiated; those under `solve:` follow the start, all others are constants in
+    the equations, so that the gradient is cheap. Each cost is scaled so that its adjoint states count in the error
+    control by four times `tolerances.along`. UsageError for a dependent parameter, for a diagram with events and for
+    another simulator than IDAS. A run during which the states are exchanged (`dynamic_state_selection`) has no adjoint:
+    SimulationError.
     """
 
     def __init__(self, simulator: Simulator, evaluator: Evaluator, names: Sequence[str]):
@@ -101,8 +101,8 @@ class Adjoint:
         assembly = self._assembly = simulator.assembly
         assembly.parameter_indices(names)  # UsageError for a name that cannot be set
         if assembly.flat.events or assembly.flat.delays:
-            what = "events" if assembly.flat.events else "delayed variables"
-            raise UsageError([Problem("adjoint-events", f"a run backwards does not go through {what}", None,
+            feature = "events" if assembly.flat.events else "delayed variables"
+            raise UsageError([Problem("adjoint-events", f"a run backwards does not go through {feature}", None,
                                       "Take forward sensitivities: simulate(..., sensitivities=[...]).")])
         if simulator.solver.name != DEFAULT:
             raise UsageError([Problem("adjoint-solver", f"a run backwards is one of {DEFAULT}, and this simulator was made "
@@ -119,16 +119,16 @@ class Adjoint:
         depends = np.array(ca.which_depends(hoisted, p[moving], 1, True)) if moving else np.zeros(0, dtype=bool)
         self._kept = np.flatnonzero(depends)
         sides = (assembly.ode / ca.SX(ca.DM(assembly.x_nominal)), assembly.alg, evaluator.quadratures)
-        given = [*assembly.arguments, evaluator.factors.symbols]
-        self._by_z = ca.Function("by_z", given, [ca.jacobian(side, z) for side in sides])
-        self._rates = ca.Function("rates", given, [evaluator.quadratures])
+        arguments = [*assembly.arguments, evaluator.factors.symbols]
+        self._by_z = ca.Function("by_z", arguments, [ca.jacobian(side, z) for side in sides])
+        self._rates = ca.Function("rates", arguments, [evaluator.quadratures])
         self._ends = self._end_function() if any(f.kind == "final" for f in evaluator.functionals) else None
 
     def costs(self, run: Result, references: Array) -> list[tuple[float, Array]]:
         """Each cost of a run of the simulator and its gradient (m,).
 
-        `references` are the functionals of the reference run. SimulationError where the run backward breaks down, or where
-        the states change on the way.
+        `references` are the functionals of the reference run. SimulationError if the backward run fails, or if the states
+        change during the run.
         """
         if run.statistics.get("state_changes"):
             raise _other_states(run)
@@ -141,10 +141,10 @@ class Adjoint:
                 for k, (slope, end) in enumerate(zip(slopes, ends, strict=True))]
 
     def at(self, parameters: Mapping[str, float | str], references: Array) -> list[tuple[float, Array]]:
-        """As `costs`, at parameters where no run is known.
+        """As `costs`, at parameters without a known run.
 
-        Where costs are made of few integrals, and nothing jumps at the end that only a run could tell, one call integrates
-        forward and then back for every integral, whatever the costs make of them. Raises as a run does.
+        If costs consist of few integrals, without end values that need a run, one call integrates forward and then
+        backward for every integral, whatever the costs are. Raises the errors of a run.
         """
         self._follow_sizes()
         n_q = len(self.evaluator.integrated)
@@ -156,28 +156,28 @@ class Adjoint:
         first = start(assembly, float(simulator.time[0]), self._first_inputs(), simulator.start_equations)
         weights = ADJOINT.tolerance_factor * simulator.tolerances.along / \
             np.maximum(self._last_sizes, simulator.tolerances.atol)
-        made = self._integrator(self._steps, first.p, n_q)
-        n_all = made.integrator.size1_in("x0")
+        integrator = self._integrator(self._steps, first.p, n_q)
+        n_all = integrator.integrator.size1_in("x0")
         pulls = np.zeros((len(simulator.stops) - 1, n_q, n_all))
         self._pull(pulls, np.hstack([np.zeros((n_q, n_all - n_q)), np.diag(weights)]))
-        by_x, by_p, found = self._called(made, first, pulls, np.zeros((0, pulls.shape[0] * n_q)))
-        self._steps = max(self._steps, _steps(made.integrator.stats()))
-        run = self._result(assembly, first, np.array(found["xf"]).reshape(n_all, -1))
+        by_x, by_p, outcome = self._called(integrator, first, pulls, np.zeros((0, pulls.shape[0] * n_q)))
+        self._steps = max(self._steps, _steps(integrator.integrator.stats()))
+        run = self._result(assembly, first, np.array(outcome["xf"]).reshape(n_all, -1))
         check_limits(run)
-        self._last_sizes, moved = self._sizes(run), self._moved(first)
-        along = (moved.x.T @ by_x + moved.p.T @ by_p) / weights
-        return [(slope.value, along @ slope.by_integral + moved.p.T @ slope.by_p)
+        self._last_sizes, start_slopes = self._sizes(run), self._moved(first)
+        along = (start_slopes.x.T @ by_x + start_slopes.p.T @ by_p) / weights
+        return [(slope.value, along @ slope.by_integral + start_slopes.p.T @ slope.by_p)
                 for slope in self.evaluator.cost_slopes(run, references)]
 
     def _follow_sizes(self) -> None:
-        """Take the nominal sizes that the simulator has taken since (see `numerics.sizes`)."""
+        """Use the nominal sizes that the simulator has adopted since (see `numerics.sizes`)."""
         if self._assembly is not self.simulator.assembly:
             steps = self._steps
             Adjoint.__init__(self, self.simulator, self.evaluator, self._names)
             self._steps = steps
 
     def _result(self, assembly: Assembly, first: Start, after: Array) -> Result:
-        """The run that an integrator without algebraic unknowns made on its way: states and integrals (n_all, stops)."""
+        """The run of an integrator without algebraic unknowns: states and integrals (n_all, stops)."""
         simulator, n_x = self.simulator, len(first.x)
         x = np.column_stack([np.zeros(len(after)), after])
         x[:n_x, 0] = first.x / assembly.x_nominal
@@ -192,44 +192,45 @@ class Adjoint:
         directions = np.eye(len(first.p))[:, self._chosen]
         return tangent(self.simulator.start_equations, first, self._first_inputs(), directions)
 
-    # -- the run back ----------------------------------------------------------------------------------------------
+    # -- backward run ------------------------------------------------------------------------------------------------
     def _backward(self, run: Result, slopes: list[CostSlopes], ends: list[_Ends]) -> tuple[Array, Array]:
         """d cost / d x(t_0) (n_x, k) with parameters held, d cost / dp (n_p, k) with x(t_0) held and without `ends`."""
         self._steps = _steps(run.statistics)
-        made = self._integrator(self._steps, run.p, len(slopes))
-        pulls, jumps, weights = self._seeds(run, slopes, ends, made.integrator.size1_in("x0"))
+        integrator = self._integrator(self._steps, run.p, len(slopes))
+        pulls, jumps, weights = self._seeds(run, slopes, ends, integrator.integrator.size1_in("x0"))
         if not weights.any():
             return np.zeros((len(run.x), len(slopes))), np.zeros((len(run.p), len(slopes)))
-        by_x, by_p, _ = self._called(made, run.start, pulls, jumps)
+        by_x, by_p, _ = self._called(integrator, run.start, pulls, jumps)
         back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
         return by_x * back, by_p * back
 
-    def _called(self, made: _BuiltIntegrator, first: Start, pulls: Array, jumps: Array
+    def _called(self, integrator: _BuiltIntegrator, first: Start, pulls: Array, jumps: Array
                 ) -> tuple[Array, Array, dict[str, Array]]:
-        """Forward and back from a start with what is added to the adjoint states (stops, k, n_all) and to the multipliers
-        (n_z, stops * k): the adjoint states at the start in SI (n_x, k), by p (n_p, k), and what the call gave."""
+        """Forward and backward integration from a start, with additions to the adjoint states (stops, k, n_all) and to
+        the multipliers (n_z, stops * k): the adjoint states at the start in SI (n_x, k), by p (n_p, k), and the
+        results of the call."""
         simulator, assembly = self.simulator, self.simulator.assembly
         n_x, n_all = len(assembly.x_nominal), pulls.shape[2]
         x0 = np.append(first.x / assembly.x_nominal, np.zeros(n_all - n_x))
         middle = (simulator.stops[:-1] + simulator.stops[1:]) / 2
         with caught_errors() as heard:
             try:
-                found = made.integrator(x0=x0, z0=first.z / assembly.z_nominal, p=self._hoisted(first.p)[self._kept],
-                                        u=simulator.inputs(middle), adj_xf=pulls.reshape(-1, n_all).T, adj_zf=jumps)
-                by_x, by_p = np.array(found["adj_x0"]), np.array(made.hoist_transposed(first.p, found["adj_p"]))
+                outcome = integrator.integrator(x0=x0, z0=first.z / assembly.z_nominal, p=self._hoisted(first.p)[self._kept],
+                                                u=simulator.inputs(middle), adj_xf=pulls.reshape(-1, n_all).T, adj_zf=jumps)
+                by_x, by_p = np.array(outcome["adj_x0"]), np.array(integrator.hoist_transposed(first.p, outcome["adj_p"]))
                 failed = "" if np.isfinite(by_x).all() and np.isfinite(by_p).all() else "a value is not a number"
             except RuntimeError as error:
                 failed = str(error)
-        said = "".join(heard)
+        output_text = "".join(heard)
         check()
-        if failed and "KeyboardInterrupt" in said:  # CasADi makes it a failure of the right side
+        if failed and "KeyboardInterrupt" in output_text:  # CasADi reports it as a failure of the right side
             raise KeyboardInterrupt
         if failed:
-            raise _failure(failed, said)
-        return by_x[:n_x] / assembly.x_nominal[:, None], by_p, found
+            raise _failure(failed, output_text)
+        return by_x[:n_x] / assembly.x_nominal[:, None], by_p, outcome
 
     def _seeds(self, run: Result, slopes: list[CostSlopes], ends: list[_Ends], n_all: int) -> tuple[Array, Array, Array]:
-        """What is added to the adjoint states (stops, k, n_all) and to the multipliers (n_z, stops * k) at the stops after
+        """Additions to the adjoint states (stops, k, n_all) and to the multipliers (n_z, stops * k) at the stops after
         the first, a column per cost at each stop, and the weight of each cost in it."""
         simulator, k = self.simulator, len(slopes)
         nominal = simulator.assembly.x_nominal
@@ -251,7 +252,7 @@ class Adjoint:
         return pulls, jumps.reshape(stops * k, -1).T, weights
 
     def _pull(self, pulls: Array, by_integral: Array) -> None:
-        """Add what integrals pull at (k, n_all): from the begin of the time that is evaluated to its end."""
+        """Add the contributions of integrals (k, n_all): from the begin of the evaluated time to its end."""
         begin = int(np.searchsorted(self.simulator.stops, self.evaluator.begin))
         pulls[-1] += by_integral
         if begin > 0:
@@ -260,14 +261,14 @@ class Adjoint:
             pulls[:-1, :, -1] += ADJOINT.restart
 
     def _multipliers(self, run: Result, at: int, pull: Array, by_integral: Array) -> Array:
-        """The multipliers (n_z,) that go with adjoint states `pull` and with s."""
+        """The multipliers (n_z,) for adjoint states `pull` and s."""
         if not len(run.z):
             return np.zeros(0)
         f_z, g_z, r_z = (np.array(a.full()) for a in self._by_z(*_column(run, at), self.evaluator.factors.values))
         return np.asarray(-np.linalg.solve(g_z.T, f_z.T @ pull + r_z.T @ by_integral) / ADJOINT.multiplier_unit)
 
     def _sizes(self, run: Result) -> Array:
-        """About how large the integral of |integrand| is (n_q,)."""
+        """Approximate integral of |integrand| (n_q,)."""
         evaluator = self.evaluator
         integrals = np.abs(evaluator.integrals(run))
         rates = np.array(self._rates(*columns(run), evaluator.factors.values)).reshape(len(integrals), -1)
@@ -280,37 +281,38 @@ class Adjoint:
         return np.array(self.simulator.integrand.hoist(p, np.zeros((len(p), 0)))).ravel()
 
     def _integrator(self, steps: int, p: Array, number: int) -> _BuiltIntegrator:
-        """The integrator with so many ways back, with the numbers of a run and room for its steps."""
+        """The integrator with so many backward directions, the parameters of a run and memory for its steps."""
         hoisted = self._hoisted(p)
         fixed = np.delete(hoisted, self._kept)
-        made = self._made.get(number)
-        if made is None or 1.5 * steps > made.room or not np.array_equal(made.fixed, fixed):
-            made = self._made[number] = self._built(hoisted, ADJOINT.checkpoint_room * steps + 1000, number)
-        return made
+        integrator = self._made.get(number)
+        if integrator is None or 1.5 * steps > integrator.room or not np.array_equal(integrator.fixed, fixed):
+            integrator = self._made[number] = self._built(hoisted, ADJOINT.checkpoint_room * steps + 1000, number)
+        return integrator
 
     def _built(self, hoisted: Array, room: int, number: int) -> _BuiltIntegrator:
         simulator = self.simulator
         dae = dict(simulator.integrand.dae)
-        rest = np.setdiff1d(np.arange(len(hoisted)), self._kept)
-        numbers = ca.SX(ca.DM(hoisted[rest]))
-        dae["ode"], alg = ca.substitute([dae["ode"], dae["alg"]], [dae["p"][rest.tolist()]], [numbers])
+        constant = np.setdiff1d(np.arange(len(hoisted)), self._kept)
+        numbers = ca.SX(ca.DM(hoisted[constant]))
+        dae["ode"], alg = ca.substitute([dae["ode"], dae["alg"]], [dae["p"][constant.tolist()]], [numbers])
         dae["alg"], dae["p"] = alg * ADJOINT.multiplier_unit, dae["p"][self._kept.tolist()]
         size = dae["x"].numel() + dae["z"].numel()
         if room * size > ADJOINT.max_numbers:
             raise _failure(f"to keep {room} steps of {size} unknowns takes too much memory", "")
-        # long steps where the adjoint states are quiet would leave the integrals over p inaccurate
+        # long steps during slow adjoint states would make the integrals over p inaccurate
         options = {**integrator_options(dae, simulator.tolerances, simulator.integrand.smallest_pivot), "nadj": number,
                    "steps_per_checkpoint": room, "quad_err_con": True}
         stops = simulator.stops - simulator.begin
         unit = time_unit(stops)
         times = (stops / unit).tolist()
-        given = ("back", "idas", in_unit_of_time(dae, unit), times[0], times[1:])
-        integrator = Evaluated(lambda more: ca.integrator(*given, {**options, **more}), ("xf", "adj_x0", "adj_p"))
+        integrator_arguments = ("back", "idas", in_unit_of_time(dae, unit), times[0], times[1:])
+        integrator = Evaluated(lambda more: ca.integrator(*integrator_arguments, {**options, **more}),
+                               ("xf", "adj_x0", "adj_p"))
         p = simulator.assembly.arguments[3]
-        kept = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))[self._kept.tolist()]
+        kept_values = simulator.integrand.hoist(p, ca.SX(p.numel(), 0))[self._kept.tolist()]
         pull = ca.SX.sym("l", len(self._kept), number)
-        transposed = ca.Function("hoist", [p, pull], [ca.jtimes(kept, p, pull, True)])
-        return _BuiltIntegrator(hoisted[rest], room, integrator, transposed)
+        transposed = ca.Function("hoist", [p, pull], [ca.jtimes(kept_values, p, pull, True)])
+        return _BuiltIntegrator(hoisted[constant], room, integrator, transposed)
 
     # -- costs of the last values ----------------------------------------------------------------------------------
     def _end_function(self) -> ca.Function:
@@ -349,12 +351,13 @@ def _other_states(run: Result) -> SimulationError:
     assert isinstance(changes, list)
     before, after = (", ".join(changes[0][k]) for k in ("before", "after"))
     return SimulationError([Problem(
-        CHARTS, f"the states change at t = {changes[0]['time']:.6g} s; a run backwards goes through one choice only", None,
+        CHARTS, f"the states change at t = {changes[0]['time']:.6g} s; a backward run supports one choice of states "
+                "only", None,
         "Take forward sensitivities: simulate(..., sensitivities=[...]). `tune` does so by itself.",
         (f"{before} -> {after}",))])
 
 
-def _failure(failed: str, said: str) -> SimulationError:
-    words = [line for line in said.splitlines() if line.strip()]
+def _failure(failed: str, text: str) -> SimulationError:
+    words = [line for line in text.splitlines() if line.strip()]
     return SimulationError([Problem("adjoint-failed", "the run backwards stopped", None, "Take forward sensitivities: "
                                     "simulate(..., sensitivities=[...]).", (words[0] if words else failed[-160:],))])

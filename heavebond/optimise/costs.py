@@ -1,6 +1,6 @@
 """Cost functions of a run as formulas: `0.5*(rms(crown.x)/ref(rms(crown.x)) + rms(crown.v)/ref(rms(crown.v)))`.
 
-Inside a cost stand, beside the usual functions, with T the length of the time that is evaluated:
+Functions of a cost, in addition to the usual ones, with T the length of the evaluated time:
 
     integral(e) = int e dt      mean(e) = integral(e)/T      rms(e) = sqrt(mean(e**2))
     peak(e)     = c s mean((e/s)**m)**(1/m) with m = 32, a smooth maximum of |e|, exact for a sine (see `cost_evaluation`)
@@ -8,10 +8,9 @@ Inside a cost stand, beside the usual functions, with T the length of the time t
     highest(e), lowest(e), largest(e), share(c), times(c), deviation(e), equivalent_range(e, m):
                   from the samples, see `heavebond.optimise.sampled_values`
     ref(cost)   = the value of a cost in the reference run (a constant)
-
     damping(least)     = the damping ratio of the least damped mode of the machine, linearised at its start
-    damping(slowest)   = that of the slowest mode that swings
-    damping(crown)     = that of the mode that swings in which the states of `crown` take part most
+    damping(slowest)   = the damping ratio of the slowest oscillating mode
+    damping(crown)     = the damping ratio of the oscillating mode with the largest share of the states of `crown`
     decay(...)         = -Re(s) of the mode with eigenvalue s, in 1/s: above 0 the machine is stable
     frequency(...)     = |s| / 2 pi in Hz
 """
@@ -47,14 +46,14 @@ from heavebond.text.expression import (
 
 FUNCTIONALS = {"integral": 1, "mean": 1, "rms": 1, "peak": 1, "final": 1, "ref": 1,
                **dict.fromkeys((*NUMBERS, *SAMPLED), 1), CYCLES: 2}
-# How far down two expressions are compared; what is deeper counts as different, and is integrated twice.
+# Depth to which two expressions are compared; deeper differences count as different, which costs a second integral.
 DEEPEST = 50
 
 
 @dataclass(frozen=True)
 class Functional:
-    """One number of a run: its kind, and the expression in the model's variables that it is taken of; or of the modes:
-    `which`. `exponent` is that of the damage by load cycles."""
+    """One number of a run: its kind, and an expression in the model's variables; or of the modes: `which`. `exponent` is
+    the exponent of the damage by load cycles."""
 
     kind: str
     signal: ca.SX
@@ -63,15 +62,14 @@ class Functional:
     exponent: float = 1.0
 
     def same_integral(self, other: Functional) -> bool:
-        """Whether one integral serves both."""
+        """True if one integral serves both."""
         return self.kind == other.kind and ca.is_equal(self.signal, other.signal, DEEPEST)
 
 
 @dataclass(frozen=True)
 class Cost:
-    """A formula of functionals: `value` maps (functionals, their reference values, p) to the cost.
-
-    Functionals inside `ref(...)` are taken from the reference run; `references` tells which.
+    """A formula of functionals: `value` maps (functionals, their reference values, p) to the cost. Functionals inside
+    `ref(...)` are evaluated in the reference run; `references` are their indices.
     """
 
     text: str
@@ -80,7 +78,7 @@ class Cost:
     value: ca.Function
     gradient: ca.Function
     dimension: Dimension
-    origin: float | None = None  # 1 for a temperature, 0 for a difference or a quantity without an origin
+    origin: float | None = None  # 1 for a temperature, 0 for a difference or a quantity without an offset
 
     @property
     def unit(self) -> str:
@@ -89,7 +87,7 @@ class Cost:
 
 
 def read_cost(assembly: Assembly, text: str) -> Cost:
-    """A cost from its text; UsageError with a caret for what is wrong in it."""
+    """Read a cost from its text; UsageError with a caret for mistakes in it."""
     tree = parse(text, assembly.model.library)
     cost = _Reader(assembly, text).cost(tree)
     return replace(cost, origin=_origin(assembly, tree, text)) if cost.dimension == KELVIN else cost
@@ -103,11 +101,12 @@ def _origin(assembly: Assembly, tree: Expr, text: str) -> float | None:
 
 
 def read_limit(assembly: Assembly, text: str) -> Cost:
-    """`peak(extension) < 3.8 m` as a cost that is below zero where the limit is kept: relative to its right side, or in SI
-    where that is zero or no plain quantity."""
+    """`peak(extension) < 3.8 m` as a cost that is below zero if the limit is satisfied: relative to its right side, or in
+    SI if that is zero or not a plain quantity."""
     tree = parse(text, assembly.model.library)
     if not isinstance(tree, Compare) or tree.op not in ("<", "<=", ">", ">="):
-        raise _problem(text, ExpressionProblem("limit-form", "a limit says what is below or above what", 0, len(text),
+        raise _problem(text, ExpressionProblem("limit-form", "a limit is a comparison, for example `peak(x) < 1 "
+                                               "m`", 0, len(text),
                                                "Write for example `peak(extension) < 3.8 m` or `damping(least) > 0.1`."))
     if has_origin(tree):
         _origin(assembly, tree, text)
@@ -119,7 +118,7 @@ def read_limit(assembly: Assembly, text: str) -> Cost:
 
 
 def parse(text: str, library: Library) -> Expr:
-    """The tree of a cost; UsageError with a caret for what is wrong in it."""
+    """The tree of a cost; UsageError with a caret for mistakes in it."""
     try:
         return library.formula(text, FUNCTIONALS)
     except ExpressionProblem as problem:
@@ -132,21 +131,21 @@ def _problem(text: str, problem: ExpressionProblem) -> UsageError:
 
 
 class _Reader:
-    """Turns the calls of functionals into symbols; what is left is an ordinary formula of these."""
+    """Replaces the calls of functionals by symbols, which gives an ordinary formula."""
 
     def __init__(self, assembly: Assembly, text: str):
         self.assembly, self.text = assembly, text
         self.found: list[tuple[Functional, bool]] = []
         self.symbols: list[ca.SX] = []
-        self.outputs = {n: shown.expr for n, shown in assembly.model.show.items() if n not in assembly.flat.names}
+        self.outputs = {n: output.expr for n, output in assembly.model.show.items() if n not in assembly.flat.names}
 
     def cost(self, tree: Expr) -> Cost:
         try:
             value, dimension = self._evaluate(tree, False)
         except ExpressionProblem as problem:
             if problem.code == "name-unknown":
-                said = self.text[problem.column:problem.column + problem.length]
-                problem.hint = suggest(said, [*self.outputs, *self.assembly.flat.names]) or problem.hint
+                excerpt = self.text[problem.column:problem.column + problem.length]
+                problem.hint = suggest(excerpt, [*self.outputs, *self.assembly.flat.names]) or problem.hint
             raise _problem(self.text, problem) from None
         values = stack(self.symbols)
         p = self.assembly.arguments[3]
@@ -160,7 +159,7 @@ class _Reader:
             return self._evaluate(expr.args[0], True)
         if isinstance(expr, Call) and expr.function in FUNCTIONALS:
             return self._functional(expr, reference)
-        # everything else is a formula whose functionals are stood in for by names of their own
+        # other expressions are formulas whose functionals are replaced by new names
         stood: dict[str, tuple[ca.SX, Dimension]] = {}
         plain = self._stood_in(expr, reference, stood)
         resolver = self.assembly.resolver()
@@ -192,13 +191,14 @@ class _Reader:
         return value
 
     def _modal(self, expr: Call, reference: bool) -> tuple[ca.SX, Dimension]:
-        which = expr.args[0]
-        if not isinstance(which, Name) or not (which.text in WHICH or part_of(self.assembly.state_names, which.text)):
+        selector = expr.args[0]
+        if not isinstance(selector, Name) or not (selector.text in WHICH
+                                                  or part_of(self.assembly.state_names, selector.text)):
             raise ExpressionProblem("mode-unknown", f"{expr.function}(...) is taken of a mode, not of a signal", expr.column,
                                     len(expr.function), f"Write {expr.function}({WHICH[0]}) or {expr.function}({WHICH[1]}), "
                                     "or the name of the component that takes part most.")
         unit = ONE if expr.function == "damping" else read_unit("1/s").dimension
-        return self._symbol(Functional(expr.function, ca.SX(0), unit, which.text), reference)
+        return self._symbol(Functional(expr.function, ca.SX(0), unit, selector.text), reference)
 
     def _symbol(self, functional: Functional, reference: bool) -> tuple[ca.SX, Dimension]:
         symbol = ca.SX.sym(f"{functional.kind}_{len(self.symbols)}")
@@ -231,4 +231,4 @@ class _Reader:
 
 
 def _walk(expr: Expr) -> list[Expr]:
-    return [expr, *(found for child in children(expr) for found in _walk(child))]
+    return [expr, *(part for child in children(expr) for part in _walk(child))]

@@ -1,8 +1,8 @@
 """Verification of sensitivities by finite differences of runs, with the reason of a disagreement.
 
-Finite differences are independent of the derivatives and reveal errors in them, but are inaccurate where the integration
-errors are too large for the step, or where a law has a kink between the runs. With y the quantity, h the step and runs at
-tight tolerances, the central difference of fourth order and the two one-sided ones of second order are
+Finite differences are independent of the derivatives and reveal errors in them, but are inaccurate if the integration errors
+are too large for the step, or if a law has a kink between the runs. With y the quantity, h the step and runs at tight
+tolerances, the central difference of fourth order and the two one-sided ones of second order are
 
     (8 (y(h) - y(-h)) - (y(2h) - y(-2h))) / 12 h,   +-(4 (y(+-h) - y(0)) - (y(+-2h) - y(0))) / 2 h.
 """
@@ -27,9 +27,9 @@ from heavebond.optimise.influence import in_chunks
 from heavebond.optimise.kinks import KinkCrossing, Kinks
 from heavebond.optimise.objective import TOLERANCES, Objective, TuningProblem
 
-STEPS = (1e-2, 1e-3, 1e-4, 1e-5)  # relative to the parameter, or to 1 in its base unit where it is zero
+STEPS = (1e-2, 1e-3, 1e-4, 1e-5)  # relative to the parameter, or to 1 in its base unit if it is zero
 TIGHT = Tolerances(1e-11, 1e-13, along=1.0)
-# Adjoint states jump in slope where a law has a kink, which at TIGHT no step passes.
+# The slope of adjoint states jumps at a kink of a law, which no step passes at TIGHT.
 TIGHT_BACKWARDS = Tolerances(1e-9, 1e-11)
 
 
@@ -37,16 +37,16 @@ TIGHT_BACKWARDS = Tolerances(1e-9, 1e-11)
 class GradientCheckConstants:
     """The constants of the comparison of gradients with differences of runs.
 
-    agree: relative difference at the tight tolerances. Origin: differences are right to about 1e-6 there. Doubled:
-        smaller faults pass.
-    agree_default: relative difference at the default tolerances. Origin: above the errors of forward sensitivities,
-        some 1e-4. Doubled: smaller faults pass.
+    agree: relative difference at the tight tolerances. Origin: differences are right to about 1e-6 there. Doubled: smaller
+    faults pass.
+    agree_default: relative difference at the default tolerances. Origin: above the errors of forward sensitivities, some
+    1e-4. Doubled: smaller faults pass.
     no_effect: relative change of a quantity below which a parameter has no effect on it. Origin: tolerances. Doubled:
-        nothing.
+    nothing.
     torn: relative difference of one-sided differences without a common limit. Origin: a kink. Doubled: fewer kinks are
-        named.
-    traced_points: points at which two runs are compared for being on one side of a kink. Origin: the default output has
-        a thousand. Doubled: time.
+    named.
+    traced_points: points at which two runs are compared for being on one side of a kink. Origin: the default output has a
+    thousand. Doubled: time.
     """
 
     agree: float = 1e-4
@@ -61,7 +61,7 @@ GRADIENT_CHECK = GradientCheckConstants()
 
 @dataclass(frozen=True)
 class SampledRun:
-    """Values (n, N) of a run at times (N,), none where they are no series, and the times of its events."""
+    """Values (n, N) of a run at times (N,), empty for costs, and the times of its events."""
 
     values: Array
     times: Array
@@ -73,10 +73,10 @@ Runs = Callable[[Mapping[str, float]], SampledRun]
 
 @dataclass(frozen=True)
 class Subject:
-    """What is differentiated: n quantities of a diagram at N times.
+    """The differentiated quantities: n of a diagram at N times.
 
-    `runs(tolerances)` gives a function of settings to a run; `exact(tolerances, names)` the derivatives
-    (m, n, N), at the tolerances asked for or `tight`; `trace(settings)` a run to look for kinks in.
+    `runs(tolerances)` gives a function from settings to a run; `exact(tolerances, names)` the derivatives (m, n, N), at
+    the given or `tight` tolerances; `trace(settings)` a run to search for kinks.
     """
 
     assembly: Assembly
@@ -92,9 +92,9 @@ class Subject:
 
 @dataclass(frozen=True)
 class Verdict:
-    """`agrees`, `tolerance`, `kink`, `disagrees` or `unsettled`, and what led to it.
+    """`agrees`, `tolerance`, `kink`, `disagrees` or `unsettled`, with the evidence.
 
-    Errors are shares of the largest derivative: `given` of the derivatives at the tolerances asked for, `steps` of the
+    Errors are shares of the largest derivative: `given` of the derivatives at the given tolerances, `steps` of the
     differences at each step, both against the derivatives at tight tolerances; `apart` between the one-sided differences.
     """
 
@@ -109,7 +109,7 @@ class Verdict:
 
     @property
     def best(self) -> float:
-        """The least error of a difference, NaN where no runs could be made."""
+        """The least error of a difference, NaN if no run was possible."""
         known = [e for e in self.steps.values() if np.isfinite(e)]
         return min(known, default=float("nan"))
 
@@ -117,12 +117,12 @@ class Verdict:
 # -- subjects --------------------------------------------------------------------------------------------------------
 def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = None, *,
                tolerances: Tolerances | None = None) -> Subject:
-    """Signals over time. UsageError for a name that is not there."""
+    """Signals over time. UsageError for an unknown name."""
     names = tuple(signals)
     probe = Probe(assembly, names)
 
-    def runs(given: Tolerances) -> Runs:
-        simulator = Simulator(assembly, until, tolerances=given)
+    def runs(tolerances: Tolerances) -> Runs:
+        simulator = Simulator(assembly, until, tolerances=tolerances)
 
         def ran(settings: Mapping[str, float]) -> SampledRun:
             run = simulator.run(settings)
@@ -142,32 +142,32 @@ def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = 
 
 def costs_of(assembly: Assembly, task: TuningProblem, *, tolerances: Tolerances | None = None,
              backwards: bool = False) -> Subject:
-    """The cost and the limits of a task in its first case; by runs backwards instead of forward if so wanted."""
+    """The cost and the limits of a task in its first case; by backward instead of forward runs if requested."""
     case = Objective(assembly, task).cases[0]
     assembly, time = case.plain.assembly, case.plain.time
     evaluator, references = case.evaluator, case.references
 
-    def simulator(given: Tolerances, names: Sequence[str] = ()) -> Simulator:
-        return Simulator(assembly, times=time, tolerances=given, quadratures=evaluator.quadratures,
+    def simulator(tolerances: Tolerances, names: Sequence[str] = ()) -> Simulator:
+        return Simulator(assembly, times=time, tolerances=tolerances, quadratures=evaluator.quadratures,
                          factors=evaluator.factors, sensitivities=names)
 
-    def runs(given: Tolerances) -> Runs:
-        plain = simulator(given)
+    def runs(tolerances: Tolerances) -> Runs:
+        plain = simulator(tolerances)
         return lambda settings: SampledRun(np.array(
             [[slope.value] for slope in evaluator.cost_slopes(plain.run(settings), references)]), np.zeros(0))
 
-    def exact(given: Tolerances, names: Sequence[str]) -> Array:
+    def exact(tolerances: Tolerances, names: Sequence[str]) -> Array:
         if backwards:
-            plain = simulator(given)
-            found = Adjoint(plain, evaluator, names).costs(plain.run(), references)
-            return np.array([gradient for _, gradient in found]).T[:, :, None]
-        return np.concatenate([forward(given, chunk) for chunk in in_chunks(names)])
+            plain = simulator(tolerances)
+            costs_with_gradients = Adjoint(plain, evaluator, names).costs(plain.run(), references)
+            return np.array([gradient for _, gradient in costs_with_gradients]).T[:, :, None]
+        return np.concatenate([forward(tolerances, chunk) for chunk in in_chunks(names)])
 
-    def forward(given: Tolerances, names: Sequence[str]) -> Array:
-        run = simulator(given, names).run()
+    def forward(tolerances: Tolerances, names: Sequence[str]) -> Array:
+        run = simulator(tolerances, names).run()
         assert run.along is not None
-        found = evaluator.cost_values(*evaluator.functional_values(run), references, run.p, run.along.p)
-        return np.array([gradient for _, gradient in found]).T[:, :, None]
+        costs_with_gradients = evaluator.cost_values(*evaluator.functional_values(run), references, run.p, run.along.p)
+        return np.array([gradient for _, gradient in costs_with_gradients]).T[:, :, None]
 
     names = ("cost", *task.limits)
     return Subject(assembly, names, tuple(c.unit for c in evaluator.costs), tolerances or TOLERANCES,
@@ -182,7 +182,7 @@ def _traced(assembly: Assembly, until: Time | None) -> Callable[[Mapping[str, fl
 
 # -- the check -------------------------------------------------------------------------------------------------------
 def check_gradients(subject: Subject, parameters: Sequence[str], *, progress: Progress | None = None) -> list[Verdict]:
-    """One verdict per quantity and parameter. UsageError for a name that is no parameter or where none is given."""
+    """One verdict per quantity and parameter. UsageError for an unknown parameter or without any."""
     if not parameters:
         raise UsageError([Problem("nothing-to-check", "no parameter is named", None, "Name one with --to.")])
     say = progress or (lambda text: None)
@@ -190,37 +190,37 @@ def check_gradients(subject: Subject, parameters: Sequence[str], *, progress: Pr
     values = subject.assembly.parameter_values
     sizes = np.array([abs(values[name]) or 1.0 for name in parameters])
     say("sensitivities")
-    given, tight = (subject.exact(tolerances, parameters) * sizes[:, None, None]
-                    for tolerances in (subject.tolerances, subject.tight))
+    at_given, tight = (subject.exact(tolerances, parameters) * sizes[:, None, None]
+                       for tolerances in (subject.tolerances, subject.tight))
     runs = subject.runs(TIGHT)
     middle = runs({})
-    found = []
+    verdicts = []
     for k, name in enumerate(parameters):
         say(f"differences to {name}, {k + 1} of {len(parameters)}")
         near = {h: _around(runs, name, values[name], h * sizes[k]) for h in STEPS}
         passings = _passings(subject, name, values[name], STEPS[0] * sizes[k])
         for j, quantity in enumerate(subject.names):
             differences = {h: None if y is None else _differences(middle, y, j, h, tight[k, j]) for h, y in near.items()}
-            found.append(judge(quantity, name, middle.values[j], given[k, j], tight[k, j], differences,
-                               [p for p in passings if p.kink.signal in ("", quantity)],
-                               (subject.tolerances.rtol, subject.tight.rtol)))
-    return found
+            verdicts.append(judge(quantity, name, middle.values[j], at_given[k, j], tight[k, j], differences,
+                                  [p for p in passings if p.kink.signal in ("", quantity)],
+                                  (subject.tolerances.rtol, subject.tight.rtol)))
+    return verdicts
 
 
 def _differences(middle: SampledRun, around: Sequence[SampledRun], j: int, h: float, exact: Array) -> _Differences | None:
-    """Those of the j-th quantity at a step h, the `exact` derivative (N,) where no difference can tell it; None where that
-    is so at most of the times."""
-    found = _Differences.of(middle.values[j], [run.values[j] for run in around], h)
+    """The differences of the j-th quantity at a step h, with the `exact` derivative (N,) at times without a valid
+    difference; None if most times have none."""
+    differences = _Differences.of(middle.values[j], [run.values[j] for run in around], h)
     out = _between(middle, around)
     if 2 * np.count_nonzero(out) > len(exact):
         return None
-    return found if not out.any() else _Differences(
-        *(np.where(out, exact, side) for side in (found.central, found.up, found.down)))
+    return differences if not out.any() else _Differences(
+        *(np.where(out, exact, side) for side in (differences.central, differences.up, differences.down)))
 
 
 def _between(middle: SampledRun, around: Sequence[SampledRun]) -> NDArray[np.bool_]:
-    """The times (N,) that lie before an event in some of the runs and behind it in others: a difference over a jump is no
-    derivative. Where the runs differ in how many events they have, nothing behind the first that is missing counts."""
+    """The times (N,) that lie before an event in some of the runs and after it in others: a difference over a jump is not
+    a derivative. If the runs have different numbers of events, no time after the first missing one counts."""
     runs = [middle, *around]
     inside = np.zeros(len(middle.times), dtype=bool)
     for k in range(max(len(run.events) for run in runs)):
@@ -230,7 +230,7 @@ def _between(middle: SampledRun, around: Sequence[SampledRun]) -> NDArray[np.boo
 
 
 def _around(runs: Runs, name: str, value: float, step: float) -> list[SampledRun] | None:
-    """Runs at -2, -1, 1, 2 steps; None where a run cannot be made (a mass below zero)."""
+    """Runs at -2, -1, 1, 2 steps; None if a run is impossible (a mass below zero)."""
     try:
         return [runs({name: value + n * step}) for n in (-2, -1, 1, 2)]
     except HeavebondError:
@@ -265,8 +265,8 @@ def judge(quantity: str, parameter: str, values: Array, given: Array, tight: Arr
           ) -> Verdict:
     """The verdict on one derivative (N,), all per relative change of the parameter; `rtol` given and tight.
 
-    Where the differences settle on another value than the derivative although no kink lies between the runs, or only
-    one at which the slope changes and not the value, the derivative is wrong.
+    If the differences converge to another value than the derivative without a kink between the runs, or with a kink of
+    the slope only, the derivative is wrong.
     """
     known = {h: d for h, d in differences.items() if d is not None}
     largest = max([_most(tight), *(_most(d.central) for d in known.values())])
@@ -285,7 +285,7 @@ def judge(quantity: str, parameter: str, values: Array, given: Array, tight: Arr
     if largest <= still:
         return verdict("agrees", "the parameter has no influence")
     if apart > GRADIENT_CHECK.torn:
-        # the central difference is the mean of two slopes, as is the derivative that CasADi takes there
+        # the central difference is the mean of two slopes, like CasADi's derivative there
         return verdict("kink", _with(passings, f"the slopes from above and below are {100 * apart:.2g} % apart, so that "
                                      "none is the derivative: at the value of the parameter itself "))
     if best <= GRADIENT_CHECK.agree:
@@ -322,5 +322,5 @@ def _with(passings: Sequence[KinkCrossing], words: str) -> str:
     named: dict[tuple[str, str], float] = {}
     for p in passings:
         named.setdefault((p.kink.owner, p.kink.function), p.time)
-    shown = [f"{owner} ({function}) switches at {time:.4g} s" for (owner, function), time in list(named.items())[:3]]
-    return words + ", ".join(shown) + (f" and {len(named) - 3} more" if len(named) > 3 else "")
+    switchings = [f"{owner} ({function}) switches at {time:.4g} s" for (owner, function), time in list(named.items())[:3]]
+    return words + ", ".join(switchings) + (f" and {len(named) - 3} more" if len(named) > 3 else "")

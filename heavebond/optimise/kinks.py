@@ -21,8 +21,8 @@ JUMPS = ("sign", "floor", "if_else")
 
 @dataclass(frozen=True)
 class Kink:
-    """A place in a law that switches where `argument`, in the arguments of the assembly, passes through zero; in an
-    equation of `owner`, or in the formula of `signal` itself."""
+    """A place in a law that switches if `argument`, in the arguments of the assembly, passes through zero; in an equation
+    of `owner`, or in the formula of `signal` itself."""
 
     owner: str
     function: str
@@ -31,13 +31,13 @@ class Kink:
 
     @property
     def jumps(self) -> bool:
-        """Whether the value may jump there, and not only its slope."""
+        """True if the value may jump there, and not only its slope."""
         return self.function in JUMPS
 
 
 @dataclass(frozen=True)
 class KinkCrossing:
-    """A kink that two runs pass at different times or on different sides, the first time at which that is so."""
+    """A kink that two runs pass at different times or on different sides, with the first such time."""
 
     kink: Kink
     time: float
@@ -55,9 +55,10 @@ class Kinks:
         if not self.kinks:
             return []
         differ = self._sides(one) != self._sides(other)
-        found = [KinkCrossing(kink, float(one.time[np.argmax(row)])) for kink, row in zip(self.kinks, differ, strict=True)
-                 if row.any()]
-        return sorted(found, key=lambda passing: passing.time)
+        crossings = [KinkCrossing(kink, float(one.time[np.argmax(row)]))
+                     for kink, row in zip(self.kinks, differ, strict=True)
+                     if row.any()]
+        return sorted(crossings, key=lambda passing: passing.time)
 
     def _sides(self, run: Result) -> Array:
         return np.sign(np.array(self._arguments(*columns(run))).reshape(len(self.kinks), -1))
@@ -72,33 +73,33 @@ def _of_equations(assembly: Assembly) -> Iterator[Kink]:
 
 def _of_signals(assembly: Assembly, signals: Iterable[str]) -> Iterator[Kink]:
     for name in signals:
-        shown = assembly.model.show.get(name)
-        formula = assembly.resolver().evaluate(shown.expr if shown else assembly.model.library.formula(name))
+        output = assembly.model.show.get(name)
+        formula = assembly.resolver().evaluate(output.expr if output else assembly.model.library.formula(name))
         yield from _expressed(assembly, formula, f"the signal {name}", name)
 
 
 def _expressed(assembly: Assembly, raw: ca.SX, owner: str, signal: str = "") -> Iterator[Kink]:
-    """The kinks of an expression in raw symbols, their arguments in those of the assembly."""
+    """The kinks of an expression in raw symbols, with arguments in the assembly's symbols."""
     for function, argument in _kinks(raw):
         try:
             yield Kink(owner, function, assembly.express(argument), signal)
-        except ExpressionProblem:  # a derivative within a loop, which cannot be told from outside
+        except ExpressionProblem:  # a derivative within a loop, which cannot be evaluated outside
             continue
 
 
 def _kinks(expression: ca.SX) -> Iterator[tuple[str, ca.SX]]:
     """Function and argument of each kink in a scalar expression."""
-    waiting, seen = [expression], set()
+    waiting, visited = [expression], set()
     while waiting:
         node = waiting.pop()
-        if node.element_hash() in seen or node.is_constant() or node.is_symbolic():
+        if node.element_hash() in visited or node.is_constant() or node.is_symbolic():
             continue
-        seen.add(node.element_hash())
+        visited.add(node.element_hash())
         operation, parts = node.op(), [node.dep(k) for k in range(node.n_dep())]
         if operation in _DIFFERENCES:
             yield _DIFFERENCES[operation], parts[0] - parts[1]
         elif operation in _ARGUMENTS:
             yield _ARGUMENTS[operation], parts[0]
         elif operation == ca.OP_FLOOR:
-            yield "floor", ca.sin(np.pi * parts[0])  # changes its sign where the argument passes a whole number
+            yield "floor", ca.sin(np.pi * parts[0])  # changes its sign when the argument passes a whole number
         waiting += parts

@@ -17,7 +17,7 @@ from heavebond.linear.describing_function import slopes_over
 from heavebond.linear.held_variables import HeldVariable, check_decided, undecided_reasons
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.rest_stability import STABLE, OperatingPointStability, RestStability
-from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.dae import Array, Assembly, at_zero
 from heavebond.numerics.forcing import Forcing
 from heavebond.numerics.output_times import Time, grid, seconds
 from heavebond.numerics.result import Result
@@ -27,7 +27,7 @@ from heavebond.optimise.cost_evaluation import Evaluator
 from heavebond.optimise.costs import Cost, read_cost, read_limit
 from heavebond.optimise.sampled_values import SAMPLED
 
-# The quality index of the reference runs is seen to about 1e-6 at these; tighter only costs time.
+# The quality index of the reference runs is accurate to about 1e-6 at these; tighter ones only cost time.
 TOLERANCES = Tolerances(1e-6, 1e-8)
 
 
@@ -36,23 +36,22 @@ class ObjectiveConstants:
     """The constants of the objective of a tuning: sizes, gradients, the guard of stability.
 
     forward_up_to: parameters up to which forward sensitivities cost less than an adjoint run. Origin: measured, k costs
-        backwards take 2 + k/2 plain runs, m sensitivities 1.3 + 0.25 m. Doubled: tunings of 6 to 10 parameters take
-        longer, with the same result.
+    backwards take 2 + k/2 plain runs, m sensitivities 1.3 + 0.25 m. Doubled: tunings of 6 to 10 parameters take longer, with
+    the same result.
     size_points: points of a run from which the sizes of signals are taken. Origin: a period has some twenty. Doubled:
-        nothing measurable.
-    curvature_points: points for the estimate of the curvature. Origin: as above. Doubled: a better first step, some
-        time.
-    slope_points: points at which signals of gradients are kept. Origin: as above. Doubled: memory.
-    stable_draws: points drawn in search of a stable one where the diagram's own is not. Origin: finds a stable tenth of
-        the ranges with a chance of 88 %. Doubled: seconds more before the refusal.
+    nothing measurable.
+    curvature_points: points for the estimate of the curvature. Origin: as above. Doubled: a better first step, some time.
+    slope_points: points at which signals of gradients are stored. Origin: as above. Doubled: memory.
+    stable_draws: points drawn in search of a stable one if the diagram's is unstable. Origin: finds a stable tenth of the
+    ranges with a chance of 88 %. Doubled: seconds more before the refusal.
     resize: factor of growth or decay at which a signal gets a new size. Origin: a high power of a signal overflows or
-        vanishes beyond. Doubled: a less exact peak.
-    max_growth: exponent of growth of a mode in a run that decides its cost, exp(3) = 20. Origin: slower modes may be
-        held by friction. Doubled: unstable points are evaluated.
+    vanishes beyond. Doubled: a less exact peak.
+    max_growth: exponent of growth of a mode in a run that decides its cost, exp(3) = 20. Origin: slower modes may be stopped
+    by friction. Doubled: unstable points are evaluated.
     limit_tolerance: share of its right side by which a limit may be exceeded. Origin: errors of runs. Doubled: larger
-        excesses.
-    at_boundary: damping ratio from the stability boundary within which it holds a search. Origin: 2.5 times the damping
-        ratio that a search keeps. Doubled: said more often.
+    excesses.
+    at_boundary: damping ratio from the stability boundary within which it restricts a search. Origin: 2.5 times the
+    damping ratio that a search keeps. Doubled: reported more often.
     """
 
     forward_up_to: int = 5
@@ -71,7 +70,7 @@ OBJECTIVE = ObjectiveConstants()
 
 @dataclass(frozen=True)
 class Case:
-    """One condition of operation: values set beside the free ones (a sea state, a load), and its weight."""
+    """One condition of operation: values set in addition to the free ones (a sea state, a load), and its weight."""
 
     name: str
     settings: Mapping[str, float | str]
@@ -84,7 +83,7 @@ class TuningProblem:
 
     `begin` and `end` are the time interval of the evaluation in s, `reference` the values of the reference run, `cases`
     the conditions over which the cost is averaged, `modes` the values for the computation of modes, `uncertain` the
-    tolerances of other parameters; `stable` requires a stable equilibrium, None where that can be decided. `tuning_task`
+    tolerances of other parameters; `stable` requires a stable equilibrium, None if that can be decided. `tuning_task`
     makes one from text.
     """
 
@@ -106,23 +105,24 @@ def tuning_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence[
     """A tuning problem for `tune`: minimise `cost` over the ranges of `free`, such that `limits` hold.
 
     `tuning_task({"controller.K_p": "0 .. 10 1/m"}, "rms(WOB)/1 kN", limits=["peak(extension) < 3 m"], begin="48 s")`.
+
     The cost is evaluated from `begin` to `end` (s, or text with a unit; by default from the start to the end of the run)
-    and averaged
-    over `cases`, parameter values by name of the case. `reference` are the parameter values of the run that `ref(...)`
-    in the cost refers to. `stable` requires a stable equilibrium: True in any case, None if that can be decided (not with
-    samples in a loop). Raises UsageError for a range or a time that cannot be read; `tune` raises it for unknown names and
-    wrong units, and where `stable` is True and cannot be decided.
+    and averaged over `cases`, parameter values by name of the case. `reference` are the parameter values of the run for
+    `ref(...)` in the cost. `stable` requires a stable equilibrium: True in any case, None if that can be decided (not
+    with samples in a loop). Raises UsageError for a range or a time that cannot be read; `tune` raises it for unknown
+    names and wrong units, and if `stable` is True and cannot be decided.
     """
-    found = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values)) for name, values in cases.items())
+    case_list = (Case("diagram", {}),) if cases is None else tuple(Case(name, dict(values))
+                                                                   for name, values in cases.items())
     return TuningProblem(ranges(free), cost, tuple(limits), None if begin is None else seconds(begin, "begin"),
-                         None if end is None else seconds(end, "end"), reference, found, stable=stable)
+                         None if end is None else seconds(end, "end"), reference, case_list, stable=stable)
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The cost, the limits (kept where not above zero) and the cost of each case at one point; with gradients in the
-    unknowns of the search (shares of the ranges) where they were asked for, and with sensitivities the curvature of the
-    cost as the first derivatives of signals tell it. A run that breaks down costs infinity."""
+    """The cost, the limits (satisfied if not above zero) and the cost of each case at one point; with gradients in the
+    unknowns of the search (shares of the ranges) if requested, and with sensitivities the Gauss-Newton curvature of
+    the cost. A failed run has an infinite cost."""
 
     at: Array
     cost: float
@@ -134,7 +134,7 @@ class Evaluation:
 
     @property
     def kept(self) -> bool:
-        """Whether it is a run that ends, within the limits."""
+        """True if the run ends and satisfies the limits."""
         return bool(np.isfinite(self.cost) and (self.limits <= OBJECTIVE.limit_tolerance).all())
 
 
@@ -142,8 +142,9 @@ class Objective:
     """The cost of a task as a function of y in [0, 1]^m, the free parameters as shares of their ranges."""
 
     def __init__(self, assembly: Assembly, task: TuningProblem):
-        self.assembly, self.task = assembly, task
-        self.begin = assembly.begin if task.begin is None else task.begin  # of what is evaluated
+        varied = [task.free, task.reference or {}, task.modes, task.uncertain, *(case.settings for case in task.cases)]
+        self.assembly, self.task = (assembly := at_zero(assembly, [name for names in varied for name in names])), task
+        self.begin = assembly.begin if task.begin is None else task.begin  # time interval of the evaluation
         self.names = list(task.free)
         check_free(assembly, task)
         self.low = np.array([task.free[n].low for n in self.names])
@@ -157,8 +158,8 @@ class Objective:
         self.costs = [read_cost(assembly, task.cost), *(read_limit(assembly, t) for t in task.limits)]
         for cost in self.costs:
             check_smooth(cost)
-        # The way back begins anew at every break of a measured input, which costs more than it saves, and does not go
-        # through events or kinks of functions of time.
+        # The backward run restarts at every break of a measured input, which costs more than it saves, and does not pass
+        # events or kinks of functions of time.
         forcing: Forcing = assembly.once("forcing", lambda: Forcing(assembly))
         self.backwards = len(self.names) >= 2 * len(self.costs) + OBJECTIVE.forward_up_to \
             and not (assembly.flat.inputs or assembly.flat.events or assembly.flat.delays
@@ -185,20 +186,20 @@ class Objective:
                               modes=self.task.modes)
         if evaluator.integrated:
             self._count(1)
-            with suppress(ModelError, SimulationError, StartError):  # then the integrals begin unscaled
+            with suppress(ModelError, SimulationError, StartError):  # the integrals begin unscaled then
                 times = np.linspace(0, self.times[-1], OBJECTIVE.size_points)
                 run = Simulator(assembly, times=times, tolerances=TOLERANCES).run(self.values(self.quiet))
                 evaluator.resized(evaluator.largest(run))
-        found = RunCase(case, assembly, self.times, evaluator, self.names, self.backwards)
+        run_case = RunCase(case, assembly, self.times, evaluator, self.names, self.backwards)
         if any(any(cost.references) for cost in self.costs):
             self._count(1)
-            found.references = evaluator.functional_values(found.plain.run(reference.parameter_values))[0]
-        return found
+            run_case.references = evaluator.functional_values(run_case.plain.run(reference.parameter_values))[0]
+        return run_case
 
     def _held(self) -> tuple[HeldVariable, ...]:
         """The held variables at the start of the first case that has one."""
         for modes in self._modes:
-            with suppress(HeavebondError):  # no start: the runs say so
+            with suppress(HeavebondError):  # no start: the runs report it
                 return modes.constant(modes.start({}))
         return ()
 
@@ -208,12 +209,12 @@ class Objective:
 
     @property
     def start(self) -> Array:
-        """The diagram's own values."""
+        """The diagram's values."""
         values = self.assembly.parameter_values
         return self.shares([values[n] for n in self.names])
 
     def spread(self, number: int, seed: int) -> Iterator[Array]:
-        """The diagram's own values, then so many points of a Latin hypercube."""
+        """The diagram's values, then so many points of a Latin hypercube."""
         from scipy.stats import qmc
 
         yield self.start
@@ -228,7 +229,7 @@ class Objective:
         return dict(zip(self.names, (self.low + y * self.span).tolist(), strict=True))
 
     def cost(self, y: Array) -> float:
-        """The cost alone, from plain runs; infinite where one breaks down."""
+        """The cost alone, from plain runs; infinite if one fails."""
         return self.plain(y).cost
 
     def plain(self, y: Array) -> Evaluation:
@@ -239,7 +240,7 @@ class Objective:
         return self._seen[key]
 
     def at(self, values: Mapping[str, float]) -> Evaluation:
-        """Cost and limits without gradients with any parameters set (SI), the others as in the diagram."""
+        """Cost and limits without gradients at parameters in SI, the others as in the diagram."""
         return self._together(self.shares([values[n] for n in self.names]), [self._values(c, values) for c in self.cases],
                               self._stable(values, ()))
 
@@ -255,12 +256,12 @@ class Objective:
         key = _key(y)
         if key not in self._seen or (self._seen[key].gradient is None and np.isfinite(self._seen[key].cost)):
             stable = self._stable(self.values(y), self.names)
-            found = self._together(y, [self._slopes(case, y) for case in self.cases], stable)
+            evaluation = self._together(y, [self._slopes(case, y) for case in self.cases], stable)
             known = [case.curvature for case in self.cases if case.curvature is not None]
-            if found.gradient is not None and len(known) == len(self.cases):
+            if evaluation.gradient is not None and len(known) == len(self.cases):
                 whole = sum((w * c for w, c in zip(self.weights, known, strict=True)), np.zeros((len(y), len(y))))
-                found = replace(found, curvature=whole * np.outer(self.span, self.span))
-            self._seen[key] = found
+                evaluation = replace(evaluation, curvature=whole * np.outer(self.span, self.span))
+            self._seen[key] = evaluation
         return self._seen[key]
 
     def _slopes(self, case: RunCase, y: Array) -> list[tuple[float, Array]] | None:
@@ -271,12 +272,12 @@ class Objective:
             return None
 
     def _stable(self, values: Mapping[str, float], named: Sequence[str]) -> list[tuple[float, Array]]:
-        """The stability boundary with its slope by the named parameters, the worst of the cases; none where it is off."""
+        """The stability boundary with its slope by the named parameters, the worst of the cases; empty if it is off."""
         if not self.stable:
             return []
         try:
             return [max((machine.limit(values, named) for machine in self.machines), key=lambda pair: pair[0])]
-        except HeavebondError:  # no start: the runs say so
+        except HeavebondError:  # no start: the runs report it
             return [(np.inf, np.zeros(len(named)))]
 
     def _together(self, y: Array, found: list[list[tuple[float, Array]] | None], stable: list[tuple[float, Array]]
@@ -295,38 +296,37 @@ class Objective:
         return Evaluation(y, cost, limits, cases, gradient * self.span, slopes * self.span)
 
     def gradient_anew(self, values: Mapping[str, float]) -> Array:
-        """The gradient (m,) of the cost in SI with any parameters set (SI), the reference run made with them too.
-
-        SimulationError or StartError where a run breaks down.
+        """The gradient (m,) of the cost in SI at parameters in SI, with the reference run at them too. SimulationError or
+        StartError if a run fails.
         """
-        found = np.zeros(len(self.names))
+        gradient = np.zeros(len(self.names))
         for case, weight in zip(self.cases, self.weights, strict=True):
             self._count(2 + len(self.names))
-            found += weight * case.gradient_anew(dict(values), self.task.reference or {})
-        return found
+            gradient += weight * case.gradient_anew(dict(values), self.task.reference or {})
+        return gradient
 
     def resize(self, at: Evaluation) -> None:
-        """New sizes for signals that have become much larger or smaller at a point than they were at the diagram's own."""
+        """New sizes for signals that have become much larger or smaller at a point than in the diagram."""
         for case in self.cases:
             case.resize(self.values(at.at))
 
     # -- stability -------------------------------------------------------------------------------------------------
     def calm(self, y: Array) -> bool:
-        """Whether the machine has a start from which no mode grows so much in a run that it would decide the cost."""
+        """True if the machine has a start from which no mode grows so much in a run that it would decide the cost."""
         return self.growth(y) < OBJECTIVE.max_growth
 
     def instability(self, y: Array) -> float:
-        """The stability boundary, above zero where it is not kept; -1 where it is off."""
+        """The stability boundary, above zero if it is violated; -1 if it is off."""
         return max((value for value, _ in self._stable(self.values(y), ())), default=-1.0)
 
     def boundary(self, named: Sequence[str], values: Mapping[str, float]) -> Array | None:
-        """The slope of the stability boundary by named parameters (m,), None where values (SI) are not at that limit."""
-        found = self._stable(values, named)
-        return found[0][1] if found and found[0][0] > -OBJECTIVE.at_boundary else None
+        """The slope of the stability boundary by named parameters (m,), None if values (SI) are not at that limit."""
+        boundaries = self._stable(values, named)
+        return boundaries[0][1] if boundaries and boundaries[0][0] > -OBJECTIVE.at_boundary else None
 
     def growth(self, y: Array) -> float:
-        """By which exponent the least stable mode grows in a run, the worst of the cases; infinite without a start, and 0
-        where stability is not decided."""
+        """Exponent of the growth of the least stable mode in a run, the worst of the cases; infinite without a start, and
+        0 if stability is not decided."""
         if self.undecided:
             return 0.0
         key = _key(y)
@@ -339,35 +339,37 @@ class Objective:
         return self._growth[key]
 
     def growth_slope(self, y: Array) -> Array:
-        """The slope (m,) of the largest Re(s) at the start, in the unknowns of the search, where there is a start."""
+        """The slope (m,) of the largest Re(s) at the start, in the unknowns of the search, if there is a start."""
         modes = self._modes[0]
-        first, found = modes.at(self.values(y))
-        return np.asarray(modes.slope(first, max(found, key=lambda m: m.value.real), self.names).real * self.span)
+        first, modes_at_start = modes.at(self.values(y))
+        return np.asarray(modes.slope(first, max(modes_at_start, key=lambda m: m.value.real), self.names).real * self.span)
 
     def at_rest(self, values: Mapping[str, float]) -> tuple[Case, RestStability, OperatingPointStability] | None:
-        """The least stable case at its operating point with parameters in SI; None where a case has no equilibrium.
-        StartError where one has no start."""
-        found = [(case, machine, machine.at(values)) for case, machine in zip(self.task.cases, self.machines, strict=True)]
-        there = [(case, machine, rest) for case, machine, rest in found if rest is not None]
-        return max(there, key=lambda f: f[2].worst) if len(there) == len(found) else None
+        """The least stable case at its operating point with parameters in SI; None if a case has no equilibrium.
+        StartError if one has no start."""
+        stabilities = [(case, machine, machine.at(values))
+                       for case, machine in zip(self.task.cases, self.machines, strict=True)]
+        stabilities_at_rest = [(case, machine, rest_point) for case, machine, rest_point in stabilities
+                               if rest_point is not None]
+        return max(stabilities_at_rest, key=lambda f: f[2].worst) if len(stabilities_at_rest) == len(stabilities) else None
 
     @cached_property
     def machines(self) -> list[RestStability]:
-        """The cases as machines at rest, as modelled: what is set where modes are computed is not set here."""
-        found = [RestStability(assembly, float(self.times[-1])) for assembly in self._assemblies]
-        self._follow(found, self.values(self.quiet))
-        return found
+        """The cases as machines at rest, without the settings for the computation of modes."""
+        machines = [RestStability(assembly, float(self.times[-1])) for assembly in self._assemblies]
+        self._follow(machines, self.values(self.quiet))
+        return machines
 
     def follow(self, values: Mapping[str, float]) -> None:
-        """Take the slopes of dry friction from the motion at other values; what was known of limits is forgotten."""
+        """Linearise dry friction about the motion at other values; former knowledge of limits is discarded."""
         self._follow(self.machines, values)
         self._seen = {}
 
     def _follow(self, machines: Sequence[RestStability], values: Mapping[str, float]) -> None:
         for machine in machines:
-            with suppress(SimulationError, StartError, UsageError):  # then the slopes at rest and while sliding must do
-                rest = machine.at(values)
-                if rest is not None and len(rest.variants) > 1:
+            with suppress(SimulationError, StartError, UsageError):  # use the slopes at rest and while sliding then
+                rest_point = machine.at(values)
+                if rest_point is not None and len(rest_point.variants) > 1:
                     times = np.union1d(np.linspace(self.begin, self.times[-1], OBJECTIVE.slope_points), self.times[:1])
                     run = Simulator(machine.assembly, times=times, tolerances=TOLERANCES).run(dict(values))
                     self._count(1)
@@ -383,7 +385,7 @@ def _key(y: Array) -> bytes:
 
 
 def check_smooth(cost: Cost) -> None:
-    """UsageError where a cost or limit holds what is taken from samples."""
+    """Raise UsageError if a cost or limit uses functionals of samples."""
     kinds = [f.kind for f in cost.functionals if f.kind in SAMPLED]
     if kinds:
         raise UsageError([Problem("cost-sampled", f"{kinds[0]}(...) has kinks, and nothing is tuned by it", None,
@@ -391,7 +393,9 @@ def check_smooth(cost: Cost) -> None:
 
 
 def check_free(assembly: Assembly, task: TuningProblem) -> None:
-    """UsageError where what is free cannot be: an unknown name, a range in another unit, a value outside its range."""
+    """Raise UsageError for free parameters that are impossible: an unknown name, a range in another unit, a value outside
+    its range.
+    """
     if not task.free:
         raise UsageError([Problem("free-empty", "nothing is free to be tuned", None,
                                   "Name parameters and ranges: --free controller.K_p='0 .. 10 1/m'.")])
@@ -410,7 +414,7 @@ def check_free(assembly: Assembly, task: TuningProblem) -> None:
 
 
 class RunCase:
-    """A case ready to run; keeps its last run, whose gradient is mostly what is wanted next."""
+    """A case ready to run; stores its last run, whose gradient is usually needed next."""
 
     def __init__(self, case: Case, assembly: Assembly, times: Array, evaluator: Evaluator, names: list[str],
                  backwards: bool):
@@ -425,7 +429,7 @@ class RunCase:
 
     @cached_property
     def forward(self) -> Simulator:
-        """With the sensitivities to all free parameters."""
+        """The simulator with sensitivities to all free parameters."""
         plain, begin = self.plain, self.evaluator.begin
         times = np.union1d(plain.time, np.linspace(begin, plain.time[-1], OBJECTIVE.curvature_points))
         return Simulator(plain.assembly, times=times, tolerances=TOLERANCES, quadratures=self.evaluator.quadratures,
@@ -444,7 +448,7 @@ class RunCase:
         return self.evaluator.cost_values(numbers, slopes, self.references, run.p, np.zeros((0, len(run.p))))
 
     def costs(self, values: dict[str, float]) -> list[tuple[float, Array]]:
-        """Cost and limits with their gradients; forward where the run backwards breaks down."""
+        """Cost and limits with their gradients; forward if the backward run fails."""
         if self.adjoint is not None:
             self.curvature = None
             known = self._last is not None and self._last[0] == values
@@ -453,7 +457,7 @@ class RunCase:
                     self.adjoint.at(values, self.references)
             except SimulationError as error:
                 if any(problem.code == CHARTS for problem in error.problems):
-                    self.adjoint = None  # so it will be in other runs of this case
+                    self.adjoint = None  # other runs of this case would fail too
         result = self.forward.run(values)
         assert result.along is not None
         numbers, slopes = self.evaluator.functional_values(result)
@@ -462,7 +466,7 @@ class RunCase:
         return self.evaluator.cost_values(numbers, slopes, self.references, result.p, result.along.p)
 
     def gradient_anew(self, values: dict[str, float], reference: Mapping[str, float | str]) -> Array:
-        """The gradient (m,) of the cost, the reference run made with these values too."""
+        """The gradient (m,) of the cost, with the reference run at these values too."""
         passive = self.plain.assembly.with_parameters({**values, **reference})
         references = self.evaluator.functional_values(self.plain.run(passive.parameter_values))[0]
         run = self.forward.run(values)
@@ -471,12 +475,12 @@ class RunCase:
         return self.evaluator.cost_values(numbers, slopes, references, run.p, run.along.p)[0][1]
 
     def resize(self, values: dict[str, float]) -> None:
-        """Sizes from the last run, where they are far off."""
+        """New sizes from the last run, if they differ much."""
         if self._numbers is None or self._numbers[0] != values:
             return
-        found = self.evaluator.found_sizes(self._numbers[1])
-        off = found / self.evaluator.sizes
+        sizes = self.evaluator.found_sizes(self._numbers[1])
+        off = sizes / self.evaluator.sizes
         if ((off > OBJECTIVE.resize) | ((off > 0) & (off < 1 / OBJECTIVE.resize))).any():
-            self.plain.factors = self.evaluator.resized(found)
+            self.plain.factors = self.evaluator.resized(sizes)
             self.__dict__.get("forward", self.plain).factors = self.plain.factors
             self._last = None

@@ -16,14 +16,15 @@ from heavebond.optimise.objective import OBJECTIVE, Objective
 from heavebond.optimise.tuning import Tuned
 from heavebond.text.dimensions import has_origin
 
-SHARE = 0.1  # by which every free parameter is moved
-RISE = 0.01  # of the cost, at the edge of the ellipse
-STEP = 2e-3  # of a range, in which gradients are differenced: long against the errors of runs, short against the ellipse
+SHARE = 0.1  # relative change of every free parameter
+RISE = 0.01  # relative increase of the cost at the edge of the ellipse
+# share of a range for differences of gradients: large compared with the errors of runs, small compared with the ellipse
+STEP = 2e-3
 
 
 @dataclass(frozen=True)
 class Change:
-    """One parameter at another value (SI): the cost and the limits there (kept where not above zero)."""
+    """One parameter at another value (SI): the cost and the limits there (satisfied if not above zero)."""
 
     name: str
     value: float
@@ -33,14 +34,14 @@ class Change:
 
     @property
     def exceeded(self) -> list[str]:
-        """The limits that are not kept."""
+        """The violated limits."""
         return [text for text, value in self.limits.items() if not value <= OBJECTIVE.limit_tolerance]
 
 
 @dataclass(frozen=True)
 class Margin:
-    """The factors by which a parameter may fall and grow, the others held, until the machine at rest turns unstable (or
-    stable); None where that is not met within a factor of a hundred."""
+    """The factors by which a parameter may decrease and increase, with the others fixed, until the machine at rest
+    becomes unstable (or stable); None if that does not happen within a factor of a hundred."""
 
     name: str
     down: float | None
@@ -49,8 +50,8 @@ class Margin:
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Where the cost rises by less than RISE in second order: the half-width in each free parameter (SI, all others free to
-    follow), and the ellipse's half axes as columns (m, m) in SI."""
+    """Region in which the cost rises by less than RISE in second order: the half-width in each free parameter (SI, with
+    all others optimised), and the ellipse's half axes as columns (m, m) in SI."""
 
     widths: dict[str, float]
     axes: Array
@@ -58,8 +59,8 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class Robustness:
-    """What a tuned machine can bear; `damping` is the least damping ratio at the best values, `worst` the case that costs
-    most, `ellipse` None where the best lies at the edge of a range or of a limit, or in no valley."""
+    """Robustness of a tuned machine; `damping` is the least damping ratio at the best values, `worst` the case with the
+    highest cost, `ellipse` None if the best point lies at the edge of a range or of a limit, or is not a minimum."""
 
     changes: tuple[Change, ...]
     damping: float
@@ -71,8 +72,8 @@ class Robustness:
 def robustness(problem: Objective, tuned: Tuned, *, progress: Progress | None = None) -> Robustness:
     """Runs around the best values, and the linearised machine along each free parameter.
 
-    Every free parameter is moved by a tenth either way, every uncertain one by its uncertainty. UsageError for an
-    uncertainty that cannot be read. The reference run stays that of the machine as it was tuned.
+    Every free parameter is changed by a tenth either way, every uncertain one by its uncertainty. UsageError for an
+    uncertainty that cannot be read. The reference run is always the run of the tuned machine.
     """
     say = progress or (lambda text: None)
     widths = {name: SHARE * abs(value) for name, value in tuned.values.items()} | uncertainties(problem)
@@ -82,10 +83,10 @@ def robustness(problem: Objective, tuned: Tuned, *, progress: Progress | None = 
         for sign in (-1, 1):
             say(f"moving {name}")
             value = centre[name] + sign * width
-            found = problem.at({**tuned.values, name: value})
+            evaluation = problem.at({**tuned.values, name: value})
             share = sign * width / abs(centre[name]) if centre[name] else sign * np.inf
-            limits = dict(zip(problem.limits, found.limits.tolist(), strict=True))
-            changes.append(Change(name, value, share, found.cost, limits))
+            limits = dict(zip(problem.limits, evaluation.limits.tolist(), strict=True))
+            changes.append(Change(name, value, share, evaluation.cost, limits))
     margins = tuple(Margin(name, *factors) for name, factors in (tuned.stability.boundary or {}).items())
     worst = max(tuned.cost_of_cases.items(), key=lambda pair: pair[1])
     damping = np.nan if tuned.stability.damping is None else tuned.stability.damping
@@ -100,27 +101,28 @@ def uncertainties(problem: Objective) -> dict[str, float]:
 def _width(assembly: Assembly, name: str, text: str) -> float:
     units = {q.name: q.unit for q in assembly.flat.parameters}
     if name not in units:
-        raise UsageError([Problem("parameter-unknown", f"'{name}' is no parameter that may be uncertain", None,
+        raise UsageError([Problem("parameter-unknown", f"'{name}' is not a parameter of the diagram that can be "
+                                  "uncertain", None,
                                   suggest(name, units) or NAMES_LISTED)])
     try:
-        number, given = parse_quantity(text)
-        if given is not None and given.text == "%":
+        number, unit = parse_quantity(text)
+        if unit is not None and unit.text == "%":
             value = assembly.parameter_values[name]
             bound = assembly.flat.origins.bounds.get(name)
             if bound is not None and isinstance(bound.value, Value) and has_origin(bound.value.expr):
-                raise UnitProblem("range-relative", f"a share of {bound.value.text} depends on the zero of the scale",
+                raise UnitProblem("range-relative", f"a percentage of {bound.value.text} depends on the zero of the scale",
                                   f"Write a width in K, for example '{abs(number * value):.3g} K'.")
             return abs(number * value)
-        if given is not None:
-            number -= given.offset  # 3 degC is a width of 3 K
-        check_unit(given, units[name], number, text)
+        if unit is not None:
+            number -= unit.offset  # 3 degC is a width of 3 K
+        check_unit(unit, units[name], number, text)
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"uncertainty of {name}: {problem.message}", None, problem.hint)]) from None
     return abs(number)
 
 
 def _ellipse(problem: Objective, tuned: Tuned) -> Ellipse | None:
-    """From central differences of gradients, which sees what the curvature of a search only estimates."""
+    """The ellipse from central differences of gradients, which are more accurate than the curvature of a search."""
     best = problem.shares([tuned.values[name] for name in problem.names])
     if (best < 2 * STEP).any() or (best > 1 - 2 * STEP).any() or max(tuned.limits.values(), default=-1.0) > -1e-3:
         return None

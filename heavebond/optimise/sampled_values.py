@@ -16,23 +16,23 @@ CYCLES, DEVIATION = "equivalent_range", "deviation"
 SAMPLED = (*EXTREMES, *CONDITIONS, CYCLES, DEVIATION)
 
 
-def sampled_value(kind: str, time: Array, signal: Array, moved: Array, exponent: float = 1.0) -> tuple[float, Array]:
-    """The number of a signal (n,) at times (n,) and its slopes (m,), where the signal moves by `moved` (m, n). A time may
-    occur twice, with the values before and after an event.
+def sampled_value(kind: str, time: Array, signal: Array, sensitivities: Array, exponent: float = 1.0) -> tuple[float, Array]:
+    """The value of a functional of a signal (n,) at times (n,) and its slopes (m,), with the `sensitivities` (m, n) of the
+    signal. A time may occur twice, with the values before and after an event.
 
-    highest(e), lowest(e): the extremes; largest(e): that of |e|; of a condition (1 where it holds, 0 elsewhere) share(c):
-    the part of the time in which it holds; times(c): how often it becomes true. What counts has no slope.
+    highest(e), lowest(e): the extremes; largest(e): the largest |e|; for a condition (1 if it holds, 0 otherwise) share(c):
+    the share of the time in which it holds; times(c): how often it becomes true. Counts have no slope.
     deviation(e): the standard deviation over time.
-    equivalent_range(e, m), with the ranges r and counts n of the rainflow cycles of a signal that lasts T, is
-    (sum n r**m/(T 1 Hz))**(1/m): the range that does the same damage once a second where damage grows as r**m.
+    equivalent_range(e, m), with the ranges r and counts n of the rainflow cycles of a signal of duration T, is (sum n
+    r**m/(T 1 Hz))**(1/m): the range that causes the same damage once a second if damage is proportional to r**m.
     """
-    still = np.zeros(len(moved))
+    still = np.zeros(len(sensitivities))
     if kind == DEVIATION:
         around = signal - mean(time, signal)
         size = max(mean(time, around**2), 0.0)**0.5
-        return size, np.array([mean(time, around * way) / size for way in moved]) if size else still
+        return size, np.array([mean(time, around * slope) / size for slope in sensitivities]) if size else still
     if kind == CYCLES:
-        return _equivalent_range(time, signal, moved, exponent)
+        return _equivalent_range(time, signal, sensitivities, exponent)
     if kind == "times":
         return float(np.count_nonzero(np.diff(signal > 0.5) & (signal[1:] > 0.5))), still
     if kind == "share":
@@ -40,16 +40,16 @@ def sampled_value(kind: str, time: Array, signal: Array, moved: Array, exponent:
     sought = {"highest": [(1.0, highest)], "lowest": [(1.0, lowest)], "largest": [(1.0, highest), (-1.0, lowest)]}[kind]
     value, sign, extreme = max(((sign * extreme.of(signal), sign, extreme) for sign, extreme in
                                 ((sign, of(time, signal)) for sign, of in sought)), key=lambda found: found[0])
-    return value, sign * extreme.along(moved)
+    return value, sign * extreme.along(sensitivities)
 
 
-def _equivalent_range(time: Array, signal: Array, moved: Array, exponent: float) -> tuple[float, Array]:
-    """The range and its slopes (m,): each range moves as the samples at its two ends."""
+def _equivalent_range(time: Array, signal: Array, sensitivities: Array, exponent: float) -> tuple[float, Array]:
+    """The range and its slopes (m,): each range changes with the samples at its two ends."""
     ranges, counts, ends = rainflow_ranges(signal)
     damage = counts * ranges**exponent / (time[-1] - time[0])
     if not damage.sum() > 0:
-        return 0.0, np.zeros(len(moved))
+        return 0.0, np.zeros(len(sensitivities))
     value = float(damage.sum() ** (1 / exponent))
     first, last = ends
-    grown = np.sign(signal[last] - signal[first]) * (moved[:, last] - moved[:, first])
+    grown = np.sign(signal[last] - signal[first]) * (sensitivities[:, last] - sensitivities[:, first])
     return value, np.asarray(value / damage.sum() * (grown @ (damage / ranges)))

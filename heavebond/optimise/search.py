@@ -1,8 +1,9 @@
 """Gradient-based local optimisation within ranges and limits from one starting point.
 
-`trust`: sequential quadratic programming in a trust region. The curvature is what the sensitivities of signals tell at each
-point (Gauss-Newton), corrected by the last step (symmetric rank one); where only gradients are known it is estimated from
-these (damped BFGS). A run that breaks down, or a machine that has lost its stability, is a step that was too long.
+`trust`: sequential quadratic programming in a trust region. The curvature is computed from the sensitivities of signals at
+each point (Gauss-Newton), corrected by the last step (symmetric rank one); if only gradients are known it is estimated from
+these (damped BFGS). A run that fails, or a machine that has lost its stability, means that the step was too long.
+
 `ipopt`: A. Wachter and L. T. Biegler, 2006, doi:10.1007/s10107-004-0559-y, as in CasADi, with a limited-memory Hessian: a
 check of `trust` by an independent method.
 """
@@ -31,28 +32,26 @@ class SearchConstants:
     """The constants of the local search of a tuning (trust region, sequential quadratic programming).
 
     converged: gain of a step, over the cost, at which a search ends. Origin: runs at the tolerances of a tuning are no
-        smoother. Doubled: fewer runs, less exact parameters.
-    same_optimum: distance of two results, over the ranges, below which they are one optimum. Origin: searches from
-        other starts end closer where they end in one valley. Doubled: neighbouring optima are reported as one.
-    failed_cost: cost of a run that fails, in costs at the start. Origin: larger than any that is worth a step. Doubled:
-        nothing.
+    smoother. Doubled: fewer runs, less exact parameters.
+    same_optimum: distance of two results, over the ranges, below which they are one optimum. Origin: searches from other
+    starts end closer if they reach one minimum. Doubled: neighbouring optima are reported as one.
+    failed_cost: cost of a run that fails, in costs at the start. Origin: larger than any useful cost. Doubled: nothing.
     min_curvature: least curvature, over the largest. Origin: errors of gradients. Doubled: shorter steps along flat
-        valleys.
-    first_radius: first radius of the trust region, in ranges. Origin: short enough to stay in the valley of the start.
-        Doubled: one step less or a rejected one more.
+    directions.
+    first_radius: first radius of the trust region, in ranges. Origin: short enough to stay near the minimum of the start.
+    Doubled: one step less or a rejected one more.
     max_radius: largest radius, in ranges. Origin: half a range. Doubled: nothing measurable.
-    min_radius: radius at which a search ends, in ranges. Origin: finer than parameters are set. Doubled: some runs
-        fewer.
-    at_guard: share of `OBJECTIVE.max_growth` from which it was the guard of stability that held a search. Origin: costs
-        near it are dominated by it. Doubled: never said.
-    step_beyond: first step without the guard, in ranges. Origin: short, as the model of the cost is new. Doubled: one
-        more rejected step.
-    unstable_cost: costs above the best from which a rise is put down to lost stability. Origin: other rises are
-        smaller. Doubled: such steps are judged as poor models.
-    inactive_limit: share by which a limit must be kept to have no force. Origin: multipliers vanish there. Doubled:
-        fewer gradients of limits, some later.
+    min_radius: radius at which a search ends, in ranges. Origin: finer than parameters are set. Doubled: some runs fewer.
+    at_guard: share of `OBJECTIVE.max_growth` above which the guard of stability limits a search. Origin: costs near it are
+    dominated by it. Doubled: never reported.
+    step_beyond: first step without the guard, in ranges. Origin: short, as the model of the cost is new. Doubled: one more
+    rejected step.
+    unstable_cost: costs above the best from which a rise is attributed to lost stability. Origin: other rises are smaller.
+    Doubled: such steps are judged as poor models.
+    inactive_limit: relative distance from a limit at which it is inactive. Origin: multipliers vanish there. Doubled: fewer
+    gradients of limits, some later.
     accepted: gain over the predicted gain from which a step is taken. Origin: usual (J. Nocedal, S. Wright, Numerical
-        Optimization, 2006, ch. 4). Doubled: a few more rejected steps.
+    Optimization, 2006, ch. 4). Doubled: a few more rejected steps.
     good: the same from which the next step may be longer. Origin: as above. Doubled: the radius never grows.
     """
 
@@ -76,7 +75,7 @@ SEARCH = SearchConstants()
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Where a search ended, why, and every point on the way."""
+    """End of a search, its reason, and every evaluated point."""
 
     best: Evaluation
     message: str
@@ -86,26 +85,25 @@ class SearchResult:
 def search(problem: Objective, first: Array, method: str, most_steps: int, say: Progress,
            others: Sequence[SearchResult] = (),
            partial: bool = False) -> SearchResult:
-    """The least cost that is found from one point on; `most_steps` bounds the accepted steps. A search by `trust` that
-    comes to where one of `others` has ended stops there. With `partial` Ctrl-C ends it with the best so far
-    (ENDED_EARLY)."""
-    seen = _Seen(problem, say)
+    """Minimise the cost from one point; `most_steps` limits the accepted steps. A search by `trust` that arrives at the
+    end of one of `others` stops there. With `partial` Ctrl-C ends it with the best result so far (ENDED_EARLY)."""
+    memo = _Seen(problem, say)
     first = np.clip(first, 0, 1)
     try:
-        message = _trust(seen, first, most_steps, [found.best for found in others]) if method == "trust" else \
-            _ipopt(seen, first, most_steps)
+        message = _trust(memo, first, most_steps, [result.best for result in others]) if method == "trust" else \
+            _ipopt(memo, first, most_steps)
     except BaseException as error:
-        if not (partial and is_interrupt(error) and any(np.isfinite(e.cost) for e in seen.path)):
+        if not (partial and is_interrupt(error) and any(np.isfinite(e.cost) for e in memo.path)):
             raise
         clear_signal()
         message = ENDED_EARLY
-    best = min(seen.path, key=lambda e: (not e.kept, e.cost))
+    best = min(memo.path, key=lambda e: (not e.kept, e.cost))
     known = best.gradient is not None or message == ENDED_EARLY
-    return SearchResult(best if known else problem.evaluate(best.at), message, tuple(seen.path))
+    return SearchResult(best if known else problem.evaluate(best.at), message, tuple(memo.path))
 
 
 class _Seen:
-    """The objective, which remembers where it was asked."""
+    """The objective with a cache of evaluated points."""
 
     def __init__(self, problem: Objective, say: Progress):
         self.problem, self.say = problem, say
@@ -115,7 +113,7 @@ class _Seen:
         return self._kept(self.problem.plain(np.clip(y, 0, 1)))
 
     def guarded(self, y: Array) -> Evaluation:
-        """As a run that breaks down, without a run, where the machine has lost the stability that it began with."""
+        """The result of a failed run, without a run, if the machine has lost its initial stability."""
         y = np.clip(y, 0, 1)
         if self.path and self.problem.calm(self.path[0].at) and not self.problem.calm(y):
             return Evaluation(y, np.inf, np.full(len(self.problem.limits), np.inf), {})
@@ -124,25 +122,25 @@ class _Seen:
     def slopes(self, y: Array) -> Evaluation:
         return self._kept(self.problem.evaluate(np.clip(y, 0, 1)))
 
-    def _kept(self, found: Evaluation) -> Evaluation:
-        if not self.path or not np.array_equal(self.path[-1].at, found.at):
-            self.path.append(found)
+    def _kept(self, evaluation: Evaluation) -> Evaluation:
+        if not self.path or not np.array_equal(self.path[-1].at, evaluation.at):
+            self.path.append(evaluation)
         self.say(f"cost {min(e.cost for e in self.path):.5g} after {len(self.path)} evaluations")
-        return found
+        return evaluation
 
 
 # -- trust region ------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class _Step:
-    """A step within the trust region, and what it should gain."""
+    """A step within the trust region, and its predicted gain."""
 
     d: Array
     gain: float
 
 
-def _trust(seen: _Seen, first: Array, most_steps: int, known_best: Sequence[Evaluation]) -> str:
-    problem = seen.problem
-    at = seen.slopes(first)
+def _trust(memo: _Seen, first: Array, most_steps: int, known_best: Sequence[Evaluation]) -> str:
+    problem = memo.problem
+    at = memo.slopes(first)
     if at.gradient is None:
         return "the run at the first point breaks down"
     radii, curvature, penalty = np.full(len(first), SEARCH.first_radius), _first_curvature(at), abs(at.cost)
@@ -153,21 +151,21 @@ def _trust(seen: _Seen, first: Array, most_steps: int, known_best: Sequence[Eval
         step = _quadratic_step(at, curvature, radii, penalty)
         settled = step.gain < SEARCH.converged * max(abs(at.cost), 1e-300)
         if settled or radii.max() < SEARCH.min_radius or idle >= 2:
-            return "settled" if settled or idle >= 2 else "no shorter step leads on"
+            return "settled" if settled or idle >= 2 else "no shorter step improves the cost"
         trial_at = np.clip(at.at + step.d, 0, 1)
         growth = problem.growth(trial_at)
         if calm and not growth < OBJECTIVE.max_growth:
             calm = problem.growth(at.at) < SEARCH.at_guard * OBJECTIVE.max_growth
-            # held back by the linearised machine alone: friction, or its own motion, may hold it a little further
+            # limited by the linearised machine alone: friction, or the motion itself, may keep it stable beyond
             radii = _shorter_where(radii, step.d, problem.growth_slope(trial_at) * step.d, _to_guard(problem, at.at, step.d)
                                    ) if calm else np.full(len(first), SEARCH.step_beyond)
             continue
-        # After a step that went well the next is likely taken: its gradient comes with it, at less than two runs. Runs that
-        # ring are long, and longer with sensitivities.
-        trial = seen.slopes(trial_at) if sure and growth < 0 else seen.plain(trial_at)
+        # After a successful step the next is probably accepted: its gradient is computed with it, at less than two runs.
+        # Runs of a weakly damped machine are long, and longer with sensitivities.
+        trial = memo.slopes(trial_at) if sure and growth < 0 else memo.plain(trial_at)
         gained = _merit(at, penalty) - _merit(trial, penalty)
         sure = gained > SEARCH.accepted * step.gain
-        if sure and (trial := seen.slopes(trial_at)).gradient is not None:
+        if sure and (trial := memo.slopes(trial_at)).gradient is not None:
             known = _definite(trial.curvature)
             curvature = _updated(curvature, at, trial, forces) if known is None else _corrected(known, at, trial, forces)
             idle = idle + 1 if gained < SEARCH.converged * abs(at.cost) else 0
@@ -183,8 +181,8 @@ def _trust(seen: _Seen, first: Array, most_steps: int, known_best: Sequence[Eval
 
 
 def _after_refusal(problem: Objective, at: Evaluation, trial: Evaluation, d: Array, radii: Array) -> Array:
-    """Shorter radii in the unknowns in which a step was too long, as the slopes at its far end tell, or what has cost the
-    machine its stability."""
+    """Shorter radii in the unknowns in which a step was too long, by the slopes at its far end, or by the loss of
+    stability."""
     if trial.gradient is not None and at.gradient is not None:
         return _shorter_where(radii, d, (trial.gradient - at.gradient) * d, _lowest_between(at, trial, d))
     before, after = problem.growth(at.at), problem.growth(trial.at)
@@ -195,7 +193,7 @@ def _after_refusal(problem: Objective, at: Evaluation, trial: Evaluation, d: Arr
 
 
 def _shorter_where(radii: Array, d: Array, rise: Array, share: float = 0.3) -> Array:
-    """Radii shortened in the unknowns to which most of a rise is due; all alike where none is to blame."""
+    """Radii shortened in the unknowns that cause most of a rise; all equally if there is no main cause."""
     most = float(rise.max())
     if not most > 0:
         return np.asarray(radii * share * float((np.abs(d) / radii).max()))
@@ -203,7 +201,7 @@ def _shorter_where(radii: Array, d: Array, rise: Array, share: float = 0.3) -> A
 
 
 def _to_guard(problem: Objective, at: Array, d: Array) -> float:
-    """The share of a step that leads to the guard of stability, by bisection: that costs no run."""
+    """The share of a step up to the guard of stability, by bisection without runs."""
     low, high = 0.0, 1.0
     while high - low > 0.05:
         middle = (low + high) / 2
@@ -213,8 +211,8 @@ def _to_guard(problem: Objective, at: Array, d: Array) -> float:
 
 
 def _first_curvature(at: Evaluation) -> Array:
-    """What the sensitivities of signals tell; without these so that the first step, downhill, is as long as the trust
-    region."""
+    """Initial curvature from the sensitivities of signals. Without them, a multiple of the identity that makes the first
+    step as long as the trust region."""
     assert at.gradient is not None
     if (known := _definite(at.curvature)) is not None:
         return known
@@ -222,7 +220,7 @@ def _first_curvature(at: Evaluation) -> Array:
 
 
 def _definite(curvature: Array | None) -> Array | None:
-    """The curvature made positive definite; None where there is none."""
+    """The curvature made positive definite; None without one."""
     if curvature is None or not np.isfinite(curvature).all():
         return None
     values, vectors = np.linalg.eigh(curvature)
@@ -236,7 +234,7 @@ def _merit(at: Evaluation, penalty: float) -> float:
 
 
 def _shorter(at: Evaluation, trial: Evaluation, d: Array) -> float:
-    """The share of a step to try next: the lowest point of a parabola through both costs."""
+    """The share of a step to try next: the minimum of a parabola through both costs."""
     assert at.gradient is not None
     slope = float(at.gradient @ d)
     bend = trial.cost - at.cost - slope
@@ -244,7 +242,7 @@ def _shorter(at: Evaluation, trial: Evaluation, d: Array) -> float:
 
 
 def _lowest_between(at: Evaluation, trial: Evaluation, d: Array) -> float:
-    """The share of a step to try next: the lowest point of the cubic through the costs and slopes at both ends."""
+    """The share of a step to try next: the minimum of the cubic through the costs and slopes at both ends."""
     assert at.gradient is not None and trial.gradient is not None
     first, last = float(at.gradient @ d), float(trial.gradient @ d)
     bend = first + last - 3 * (trial.cost - at.cost)
@@ -269,18 +267,19 @@ def _quadratic_step(at: Evaluation, curvature: Array, radii: Array, penalty: flo
         return (float(gradient @ v[:n] + 0.5 * v[:n] @ bent + penalty * v[n:].sum()) / scale,
                 np.append(gradient + bent, np.full(k, penalty)) / scale)
 
-    kept: Any = [{"type": "ineq", "fun": lambda v: v[n:] - excess - rows @ v[:n],
-                  "jac": lambda v: np.hstack([-rows, np.eye(k)])}]
+    constraints: Any = [{"type": "ineq", "fun": lambda v: v[n:] - excess - rows @ v[:n],
+                         "jac": lambda v: np.hstack([-rows, np.eye(k)])}]
     first = np.append(np.zeros(n), np.maximum(excess, 0))
-    found: Any = cast(Any, minimize)(model, first, jac=True, method="SLSQP", bounds=bounds, constraints=kept if k else [],
+    solution: Any = cast(Any, minimize)(model, first, jac=True, method="SLSQP", bounds=bounds, constraints=constraints if k
+                                        else [],
                      options={"maxiter": 200, "ftol": 1e-10})
-    d = found.x[:n]
+    d = solution.x[:n]
     kept_better = np.maximum(excess, 0) - np.maximum(excess + rows @ d, 0)
     return _Step(d, float(penalty * kept_better.sum() - gradient @ d - 0.5 * d @ curvature @ d))
 
 
 def _forces(at: Evaluation) -> Array:
-    """The weights (k,) of limits that balance the slope of the cost best, at the bounds of the ranges only outwards."""
+    """The multipliers (k,) of limits that best balance the slope of the cost, at the bounds of the ranges only outwards."""
     from scipy.optimize import nnls
 
     assert at.gradient is not None and at.limit_gradients is not None
@@ -294,27 +293,27 @@ def _forces(at: Evaluation) -> Array:
 
 
 def _turned(old: Evaluation, new: Evaluation, forces: Array) -> Array:
-    """By how much the slope of the Lagrangian has changed over a step."""
+    """Change of the gradient of the Lagrangian over a step."""
     assert old.gradient is not None and new.gradient is not None
     assert old.limit_gradients is not None and new.limit_gradients is not None
     return np.asarray(new.gradient - old.gradient + forces @ (new.limit_gradients - old.limit_gradients))
 
 
 def _corrected(known: Array, old: Evaluation, new: Evaluation, forces: Array) -> Array:
-    """A curvature that is known but for small parts, corrected by what the last step missed (symmetric rank one, A. R.
-    Conn, N. I. M. Gould, P. L. Toint, 1991, doi:10.1007/BF01594934). BFGS would replace what is known along the step, which
-    in a narrow valley is mostly its steep side."""
+    """A curvature with small unknown parts, corrected by the error of the last step (symmetric rank one, A. R. Conn, N.
+    I. M. Gould, P. L. Toint, 1991, doi:10.1007/BF01594934). BFGS would replace the known curvature along the step,
+    which in a narrow valley is mostly its steep side."""
     d = new.at - old.at
     missed = _turned(old, new, forces) - known @ d
     along = float(missed @ d)
     if abs(along) < 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(d)) or not d.any():
         return known
-    found = _definite(known + np.outer(missed, missed) / along)
-    return known if found is None else found
+    definite = _definite(known + np.outer(missed, missed) / along)
+    return known if definite is None else definite
 
 
 def _updated(curvature: Array, old: Evaluation, new: Evaluation, forces: Array) -> Array:
-    """Damped BFGS (M. J. D. Powell, 1978): stays positive definite where the cost is not convex."""
+    """Damped BFGS (M. J. D. Powell, 1978): stays positive definite if the cost is not convex."""
     d, turned = new.at - old.at, _turned(old, new, forces)
     straight = curvature @ d
     bend, expected = float(d @ turned), float(d @ straight)
@@ -327,7 +326,7 @@ def _updated(curvature: Array, old: Evaluation, new: Evaluation, forces: Array) 
 
 # -- IPOPT -------------------------------------------------------------------------------------------------------------
 class _Slopes(ca.Callback):
-    """The Jacobian of `_Costs`, as CasADi asks for it."""
+    """The Jacobian of `_Costs`, in CasADi's interface."""
 
     def __init__(self, costs: _Costs):
         ca.Callback.__init__(self)
@@ -344,19 +343,19 @@ class _Slopes(ca.Callback):
         return ca.Sparsity.dense(self.costs.k, self.costs.n)
 
     def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
-        found = self.costs.seen.slopes(np.array(given[0]).ravel())
-        if found.gradient is None or found.limit_gradients is None:
+        slopes = self.costs.seen.slopes(np.array(given[0]).ravel())
+        if slopes.gradient is None or slopes.limit_gradients is None:
             return [ca.DM.nan(self.costs.k, self.costs.n)]
-        return [ca.DM(np.vstack([found.gradient[None, :], found.limit_gradients]))]
+        return [ca.DM(np.vstack([slopes.gradient[None, :], slopes.limit_gradients]))]
 
 
 class _Costs(ca.Callback):
-    """Cost and limits (1 + k,) of y (n,) as a CasADi function; NaN, which IPOPT steps back from, where a run breaks down."""
+    """Cost and limits (1 + k,) of y (n,) as a CasADi function; NaN, from which IPOPT steps back, if a run fails."""
 
-    def __init__(self, seen: _Seen):
+    def __init__(self, memo: _Seen):
         ca.Callback.__init__(self)
-        self.seen = seen
-        self.n, self.k = len(seen.problem.names), 1 + len(seen.problem.limits)
+        self.seen = memo
+        self.n, self.k = len(memo.problem.names), 1 + len(memo.problem.limits)
         self.construct("costs", {})
 
     def get_n_in(self) -> int:
@@ -369,8 +368,9 @@ class _Costs(ca.Callback):
         return ca.Sparsity.dense(self.k, 1)
 
     def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
-        found = self.seen.guarded(np.array(given[0]).ravel())
-        return [ca.DM(np.append(found.cost, found.limits) if np.isfinite(found.cost) else np.full(self.k, np.nan))]
+        evaluation = self.seen.guarded(np.array(given[0]).ravel())
+        return [ca.DM(np.append(evaluation.cost, evaluation.limits) if np.isfinite(evaluation.cost)
+                      else np.full(self.k, np.nan))]
 
     def has_jacobian(self) -> bool:
         return True
@@ -383,13 +383,13 @@ class _Costs(ca.Callback):
         return self._slopes
 
 
-def _ipopt(seen: _Seen, first: Array, most_steps: int) -> str:
-    begin = abs(seen.plain(first).cost)
+def _ipopt(memo: _Seen, first: Array, most_steps: int) -> str:
+    begin = abs(memo.plain(first).cost)
     size = begin if np.isfinite(begin) and begin > 0 else 1.0
-    costs = _Costs(seen)
+    costs = _Costs(memo)
     y = ca.MX.sym("y", costs.n)
-    found = costs(y)
-    solver = ca.nlpsol("tune", "ipopt", {"x": y, "f": found[0] / size, "g": found[1:]}, {
+    solution = costs(y)
+    solver = ca.nlpsol("tune", "ipopt", {"x": y, "f": solution[0] / size, "g": solution[1:]}, {
         "print_time": False, "ipopt": {
             "print_level": 0, "sb": "yes", "hessian_approximation": "limited-memory", "max_iter": most_steps,
             "tol": 10 * SEARCH.converged, "acceptable_tol": 100 * SEARCH.converged, "acceptable_iter": 3,

@@ -24,7 +24,7 @@ from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.optimise.objective import OBJECTIVE, Evaluation, Objective, TuningProblem
 from heavebond.optimise.search import METHODS, SEARCH, SearchResult, search
 
-# Number of points drawn from the hypercube for each that is run: those beyond the stability boundary of the linearised
+# Number of points drawn from the hypercube for each that is run: points beyond the stability boundary of the linearised
 # machine are skipped.
 DRAWN = 4
 # Largest excess cost, relative to the best, of a point at the stability boundary from which another search is started.
@@ -45,9 +45,9 @@ class TuningEvaluation:
 class Tuned:
     """The result of a tuning: the best `values` in SI, their `cost` and the cost `before`, without unit.
 
-    `limits` are negative where satisfied (relative); `paths` hold the evaluations of every start. `simulations` counts a
-    run with k sensitivities as 1 + k plain runs, and the gradients of k costs by an adjoint run as 2 + k/2. `stability`
-    holds the margins of the best values; `at_end` the parameters at the lower or the upper end of their range.
+    `limits` are negative if satisfied (relative); `paths` are the evaluations of every start. `simulations` counts a run
+    with k sensitivities as 1 + k plain runs, and the gradients of k costs by an adjoint run as 2 + k/2. `stability`
+    contains the margins of the best values; `at_end` the parameters at the lower or the upper end of their range.
     """
 
     task: TuningProblem
@@ -74,38 +74,37 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
          partial: bool = False) -> Tuned:
     """Minimise the cost of a tuning problem over its free parameters, within their ranges and limits.
 
-    `model` is a diagram, an Assembly or an Objective that exists already; `task` comes from `tuning_task` or a study.
-    The diagram's own values and `explore` points of a Latin hypercube (drawn with `seed`) are simulated without
-    gradients, as the gradient of the cost beyond the stability boundary is of no use. From the best `starts` of them a
-    search with exact gradients goes on for at most `most_steps` steps; `method` is trust or ipopt (see
-    `heavebond.optimise.search`). Values of the result are in SI. `progress` is called with a text at each step. With
-    `partial` Ctrl-C returns the best so far (`message` is "interrupted"), once a first run is through. Raises UsageError
-    for what is wrong in the task.
+    `model` is a diagram, an Assembly or an existing Objective; `task` comes from `tuning_task` or a study. The diagram's
+    values and `explore` points of a Latin hypercube (drawn with `seed`) are simulated without gradients, because the
+    gradient of the cost beyond the stability boundary is useless. A search with exact gradients continues from the best
+    `starts` of them for at most `most_steps` steps; `method` is trust or ipopt (see `heavebond.optimise.search`). Values
+    of the result are in SI. `progress` is called with a text at each step. With `partial` Ctrl-C returns the best result
+    so far (`message` is "interrupted"), after the first run. Raises UsageError for mistakes in the task.
     """
     if method not in METHODS:
-        raise UsageError([Problem("method-unknown", f"'{method}' is no method of tuning", None,
+        raise UsageError([Problem("method-unknown", f"'{method}' is not a tuning method", None,
                                   suggest(method, METHODS) or f"Methods: {', '.join(METHODS)}.")])
     problem = model if isinstance(model, Objective) else \
         Objective(assemble(model), task)
     say = progress or (lambda text: None)
-    found: list[SearchResult] = []
+    results: list[SearchResult] = []
     for k, first in enumerate(starting_points(problem, explore, starts, seed, say), 1):
-        found.append(search(problem, first, method, most_steps, numbered(say, "start", k, starts), found,
-                            partial))
-        if found[-1].message == ENDED_EARLY:
-            return _told(problem, task, found, min(found, key=_rank), ENDED_EARLY, say)
-    for first in _edges(problem, min(found, key=_rank), say):
-        found.append(search(problem, first, method, most_steps, say, found, partial))
-    best = min(found, key=_rank)
+        results.append(search(problem, first, method, most_steps, numbered(say, "start", k, starts), results,
+                              partial))
+        if results[-1].message == ENDED_EARLY:
+            return _told(problem, task, results, min(results, key=_rank), ENDED_EARLY, say)
+    for first in _edges(problem, min(results, key=_rank), say):
+        results.append(search(problem, first, method, most_steps, say, results, partial))
+    best = min(results, key=_rank)
     if problem.stable:
         problem.follow(problem.values(best.best.at))  # stability over the motion with the best gains
         if problem.instability(best.best.at) > OBJECTIVE.limit_tolerance:
-            found.append(best := search(problem, best.best.at, method, most_steps, say, partial=partial))
-    early = any(f.message == ENDED_EARLY for f in found)
-    return _told(problem, task, found, best, ENDED_EARLY if early else best.message, say)
+            results.append(best := search(problem, best.best.at, method, most_steps, say, partial=partial))
+    early = any(f.message == ENDED_EARLY for f in results)
+    return _told(problem, task, results, best, ENDED_EARLY if early else best.message, say)
 
 
-def _told(problem: Objective, task: TuningProblem, found: Sequence[SearchResult], best: SearchResult, message: str,
+def _told(problem: Objective, task: TuningProblem, results: Sequence[SearchResult], best: SearchResult, message: str,
           say: Progress) -> Tuned:
     """The result of the best of all searches, with its stability margins."""
     limits = dict(zip(problem.limits, best.best.limits.tolist(), strict=True))
@@ -113,12 +112,13 @@ def _told(problem: Objective, task: TuningProblem, found: Sequence[SearchResult]
     say("margins of stability")
     with finishing(say):
         return Tuned(task, values, best.best.cost, _before(problem), dict(best.best.cases),
-                     limits, tuple(_path(problem, f) for f in found), problem.runs, problem.simulations, message,
+                     limits, tuple(tuple(TuningEvaluation(problem.values(e.at), e.cost) for e in f.path) for f in results),
+                     problem.runs, problem.simulations, message,
                      stability_of(problem, values), ends(problem, values, {}))
 
 
 def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
-    """The margins of stability at values of the free parameters (SI): of its equilibrium, else of its periodic run."""
+    """The margins of stability at values of the free parameters (SI): of the equilibrium, else of the periodic run."""
     held = tuple(held_lines(problem.held))
     if problem.undecided:
         return Stability("", None, undecided=problem.undecided, held=held)
@@ -129,26 +129,27 @@ def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
         return Stability("", None, held=held)
     if worst is None:
         return replace(_of_runs(problem, values), held=held)
-    case, machine, rest = worst
+    case, machine, rest_point = worst
 
     def score(name: str, factor: float) -> float:
         try:
-            found = problem.at_rest({**values, name: factor * values[name]})
+            at_factor = problem.at_rest({**values, name: factor * values[name]})
         except HeavebondError:
             return np.nan
-        return found[2].worst if found is not None else np.nan
+        return at_factor[2].worst if at_factor is not None else np.nan
 
     boundary = {name: (crossing(partial(score, name), False), crossing(partial(score, name), True))
                 for name in values if values[name]}
-    return replace(describe(machine, rest, case.name, list(values), values, boundary), held=held)
+    return replace(describe(machine, rest_point, case.name, list(values), values, boundary), held=held)
 
 
 def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
-    """Stability by the largest Floquet multiplier of the runs of all cases; undecided where a run is not periodic."""
-    found = {case.case.name: largest_multiplier(case.plain.assembly.with_parameters(dict(values)), float(problem.times[-1]))
-             for case in problem.cases}
-    known = {name: size for name, size in found.items() if size is not None}
-    if len(known) < len(found):
+    """Stability by the largest Floquet multiplier of the runs of all cases; undecided if a run is not periodic."""
+    multipliers = {case.case.name: largest_multiplier(case.plain.assembly.with_parameters(dict(values)),
+                                                      float(problem.times[-1]))
+                   for case in problem.cases}
+    known = {name: size for name, size in multipliers.items() if size is not None}
+    if len(known) < len(multipliers):
         return Stability("", None)
     case = max(known, key=lambda name: known[name])
     stable = None if abs(known[case] - 1) <= FLOQUET.decided else known[case] < 1
@@ -157,22 +158,21 @@ def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
 
 def ends(problem: Objective, values: Mapping[str, float], swept: Mapping[str, Sequence[float]]) -> dict[str, str]:
     """The parameters that are at the lower or the upper bound of their range or of the values of a sweep."""
-    found = {}
+    bounds_reached = {}
     for name, low, span in zip(problem.names, problem.low, problem.span, strict=True):
         numbers = swept.get(name, ())
         least, most = (max(low, min(numbers)), min(low + span, max(numbers))) if numbers else (low, low + span)
         if values[name] <= least + AT_END * span:
-            found[name] = "lower"
+            bounds_reached[name] = "lower"
         elif values[name] >= most - AT_END * span:
-            found[name] = "upper"
-    return found
+            bounds_reached[name] = "upper"
+    return bounds_reached
 
 
 def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: Sequence[tuple[str, Sequence[float]]], *,
                   progress: Progress | None = None) -> Tuned:
-    """Coordinate search: sweep one parameter after the other over values (SI), with those before at their best.
-
-    The other free parameters are at `begin`, else at the diagram's own values. A failed run has infinite cost.
+    """Coordinate search: sweep one parameter after the other over values (SI), with the former ones at their best. The
+    other free parameters are at `begin`, else at the diagram's values. A failed run has infinite cost.
     """
     values = {name: problem.assembly.with_parameters(begin).parameter_values[name] for name in problem.names}
     steps: list[tuple[TuningEvaluation, Evaluation]] = []
@@ -180,41 +180,41 @@ def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: 
         for k, number in enumerate(numbers, 1):
             if progress:
                 progress(f"{name}, {k} of {len(numbers)}")
-            found = problem.at({**values, name: number})
-            steps.append((TuningEvaluation({**values, name: float(number)}, found.cost), found))
+            best_evaluation = problem.at({**values, name: number})
+            steps.append((TuningEvaluation({**values, name: float(number)}, best_evaluation.cost), best_evaluation))
         values = min(steps[-len(numbers):], key=lambda pair: (not pair[1].kept, pair[1].cost))[0].values
-    best, found = min(steps, key=lambda pair: (not pair[1].kept, pair[1].cost))
+    best, best_evaluation = min(steps, key=lambda pair: (not pair[1].kept, pair[1].cost))
     runs, simulations = problem.runs, problem.simulations
-    limits = dict(zip(problem.limits, found.limits.tolist(), strict=True))
-    return Tuned(problem.task, best.values, best.cost, _before(problem), dict(found.cases), limits,
+    limits = dict(zip(problem.limits, best_evaluation.limits.tolist(), strict=True))
+    return Tuned(problem.task, best.values, best.cost, _before(problem), dict(best_evaluation.cases), limits,
                  (tuple(step for step, _ in steps),), runs, simulations, "swept", stability_of(problem, best.values),
                  ends(problem, best.values, dict(sweeps)))
 
 
-def _rank(found: SearchResult) -> tuple[bool, float]:
-    return not found.best.kept, found.best.cost
+def _rank(result: SearchResult) -> tuple[bool, float]:
+    return not result.best.kept, result.best.cost
 
 
-def _edges(problem: Objective, found: SearchResult, say: Progress) -> list[Array]:
-    """Points at the stability boundary along each free parameter whose cost is little above that found. A cost often has
-    another local minimum there, where friction keeps a machine at rest that would be unstable without it."""
+def _edges(problem: Objective, result: SearchResult, say: Progress) -> list[Array]:
+    """Points at the stability boundary along each free parameter whose cost is little above the result. A cost often has
+    another local minimum there, where friction stabilises a machine that would be unstable without it."""
     points = []
     for k, name in enumerate(problem.names):
         for end in (0.0, 1.0):
-            at = limit_of_stability(problem, found.best.at, k, end)
-            if at is None or abs(at - found.best.at[k]) < SEARCH.same_optimum:
+            at = limit_of_stability(problem, result.best.at, k, end)
+            if at is None or abs(at - result.best.at[k]) < SEARCH.same_optimum:
                 continue
-            point = found.best.at.copy()
+            point = result.best.at.copy()
             point[k] = at - INSIDE * np.sign(at - point[k]) if problem.stable else at
             say(f"looking at the stability boundary of {name}")
-            if problem.plain(point).kept and problem.cost(point) < found.best.cost + PROMISING * abs(found.best.cost):
+            if problem.plain(point).kept and problem.cost(point) < result.best.cost + PROMISING * abs(result.best.cost):
                 points.append(point)
     return points
 
 
 def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> float | None:
     """The share of the k-th unknown, between its value and `end`, at which the linearised machine becomes unstable (or
-    stable), with the others fixed; None where there is no change. Where stability is a limit of the task, its measure is
+    stable), with the others fixed; None if there is no change. If stability is a limit of the task, its measure is
     used."""
     from scipy.optimize import brentq
 
@@ -230,33 +230,29 @@ def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> floa
 
 
 def _before(problem: Objective) -> float:
-    """The cost of the diagram's own values, infinite beyond the stability boundary (where runs are long)."""
+    """The cost of the diagram's values, infinite beyond the stability boundary (where runs are long)."""
     return problem.cost(problem.start) if problem.calm(problem.start) else np.inf
-
-
-def _path(problem: Objective, found: SearchResult) -> tuple[TuningEvaluation, ...]:
-    return tuple(TuningEvaluation(problem.values(e.at), e.cost) for e in found.path)
 
 
 def starting_points(problem: Objective, explore: int, starts: int, seed: int, say: Progress) -> list[Array]:
     """The best `starts` of the diagram's values and `explore` points of a Latin hypercube, best first.
 
-    Where the linearised machine is stable at some points and not at others, only the stable ones are run.
+    If the linearised machine is stable at some points only, only these are run.
     """
     drawn = problem.spread(DRAWN * explore, seed)
     points = list(islice((y for y in drawn if problem.calm(y) and problem.instability(y) <= 0), 1 + explore)
                   ) if explore else []
-    found: list[Evaluation] = []
+    evaluations: list[Evaluation] = []
     for k, point in enumerate(points or islice(problem.spread(explore, seed), 1 + explore), 1):
         say(f"exploring {k} of {1 + explore}")
-        found.append(problem.plain(point))
-    order = sorted(found, key=lambda e: (not np.isfinite(e.cost), not e.kept, e.cost))
+        evaluations.append(problem.plain(point))
+    order = sorted(evaluations, key=lambda e: (not np.isfinite(e.cost), not e.kept, e.cost))
     return [e.at for e in order[:max(1, starts)]]
 
 
 def sweep(problem: Objective, numbers: Sequence[int], *, progress: Progress | None = None) -> tuple[list[Array], Array]:
     """The cost on a grid over the ranges, without gradients: axes in SI and costs (numbers[0], numbers[1], ...), infinite
-    where a run broke down."""
+    for a failed run."""
     axes = [np.linspace(0, 1, n) for n in numbers]
     costs = np.empty([len(a) for a in axes])
     for k, index in enumerate(np.ndindex(*costs.shape), 1):

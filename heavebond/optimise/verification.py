@@ -19,13 +19,13 @@ class VerificationConstants:
 
     tolerance_factor: factor on the tolerances. Origin: two decimals. Doubled: a weaker check.
     width_factor: factor on the widths of transitions. Origin: one decimal. Doubled: a weaker check.
-    allowed: difference, over the range of an output, that is accepted. Origin: what a plot shows. Doubled: larger
-        differences pass.
+    allowed: accepted difference, over the range of an output. Origin: the resolution of a plot. Doubled: larger differences
+    pass.
     least_tolerance: tolerance below which rounding prevails. Origin: double precision. Doubled: nothing.
-    held_share: share of its size with which an output that is nearly constant is compared. Origin: a pressure that is
-        held. Doubled: smaller differences there pass.
-    rounding: share of its size below which a difference is rounding. Origin: in any unit that an engineer shows.
-        Doubled: nothing.
+    held_share: share of its size with which an output that is nearly constant is compared. Origin: a controlled pressure.
+    Doubled: smaller differences there pass.
+    rounding: share of its size below which a difference is rounding. Origin: in any unit that an engineer uses. Doubled:
+    nothing.
     """
 
     tolerance_factor: float = 1e-2
@@ -41,8 +41,8 @@ VERIFICATION = VerificationConstants()
 
 @dataclass(frozen=True)
 class OutputChange:
-    """How far an output moves: rms of the difference over the output's range, as the tolerances are tightened, and as the
-    widths are narrowed besides; nan where that run failed."""
+    """Change of an output: rms of the difference over the output's range, with tighter tolerances, and with narrower
+    widths as well; nan if that run failed."""
 
     name: str
     by_tolerances: float
@@ -50,15 +50,14 @@ class OutputChange:
 
     @property
     def worst(self) -> float:
-        """The larger of the two; infinite where a run failed."""
+        """The larger of the two; infinite if a run failed."""
         return float(np.nan_to_num(max(self.by_tolerances, self.by_widths, key=lambda v: np.inf if np.isnan(v) else v),
                                    nan=np.inf))
 
 
 @dataclass(frozen=True)
 class Verification:
-    """Each output with how far it moves, which widths were narrowed, what is allowed, and what the repeated runs said where
-    they failed."""
+    """The change of each output, the narrowed widths, the permitted change, and the messages of failed repeated runs."""
 
     outputs: tuple[OutputChange, ...]
     widths: tuple[str, ...]
@@ -67,11 +66,11 @@ class Verification:
 
     @property
     def moved(self) -> list[OutputChange]:
-        """The outputs that moved by more than is allowed, the worst first."""
+        """The outputs that changed by more than permitted, the worst first."""
         return sorted((m for m in self.outputs if m.worst > self.allowed), key=lambda m: -m.worst)
 
     def problem(self) -> Problem | None:
-        """What is to be said where outputs moved."""
+        """The problem to report if outputs changed."""
         if not self.moved:
             return None
         steps = [m.name for m in self.moved if not m.by_tolerances <= self.allowed]
@@ -92,8 +91,8 @@ def verify(result: Result, names: Sequence[str], also: Iterable[str] = (), toler
            allowed: float = VERIFICATION.allowed) -> Verification:
     """Repeat a run with a hundredth of its tolerances, and then with a tenth of all widths as well.
 
-    Widths are the parameters that their component calls so. `also` are the positions that the assembly of the result was
-    made with, `tolerances` those of the result.
+    Widths are the parameters that their component declares so. `also` are the additional positions of the assembly of the
+    result, `tolerances` its tolerances.
     """
     base = tolerances or Tolerances()
     tight = Tolerances(max(base.rtol * VERIFICATION.tolerance_factor, VERIFICATION.least_tolerance),
@@ -126,9 +125,9 @@ def _share(before: Array, after: Array) -> float:
     return difference / max(size, VERIFICATION.rounding)
 
 
-def raise_if_moved(found: Verification, figures: dict[str, object]) -> None:
-    """SimulationError, which carries the figures of the run, where outputs moved."""
-    problem = found.problem()
+def raise_if_moved(verification: Verification, figures: dict[str, object]) -> None:
+    """Raise SimulationError, with the figures of the run, if outputs changed."""
+    problem = verification.problem()
     if problem is not None:
         error = SimulationError([problem])
         error.figures = figures

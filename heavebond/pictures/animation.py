@@ -1,4 +1,4 @@
-"""A moving picture of a run: a page that needs nothing but itself, or a film (GIF, MP4)."""
+"""Animation of a run: a self-contained HTML page, or a film (GIF, MP4)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from heavebond.pictures.motion import Motion
 
 SUFFIXES = (".html", ".gif", ".mp4")
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0)
-FINENESS = 1e-5  # of the picture's height, and of a signal's range: what is written of a number
+FINENESS = 1e-5  # resolution of numbers, relative to the picture's height and to a signal's range
 
 
 def animation_page(motion: Motion, speed: float = 1.0) -> str:
-    """The motion as the text of an HTML file: play, pause, any instant, slower or faster; `speed` 1 is real time."""
+    """The motion as the text of an HTML file with controls: play, pause, any instant, slower or faster; `speed` 1 is real
+    time.
+    """
     speeds = sorted({*SPEEDS, speed})
     options = [element("option", "real time" if s == 1 else f"{number(s)} ×", value=f"{s:g}",
                        selected=True if s == speed else None) for s in speeds]
@@ -34,9 +36,9 @@ def animation_page(motion: Motion, speed: float = 1.0) -> str:
 
 
 def packed(motion: Motion) -> dict[str, object]:
-    """The motion for the page's script: a number where nothing changes, else which track it follows, and how far off.
+    """The motion for the page's script: a number for a constant, else the index of its track and the offset.
 
-    Most shapes move with one of a few bodies, so that their courses are kept once.
+    Most shapes move with one of a few bodies, so their time series are stored once.
     """
     fine = FINENESS * (motion.edges[3] - motion.edges[1])
     tracks: list[Array] = []
@@ -52,7 +54,7 @@ def packed(motion: Motion) -> dict[str, object]:
 
 
 def _on_track(values: Array, tracks: list[Array], fine: float) -> float | list[float]:
-    """A course as a number, or as (track, difference); a new track where it follows none."""
+    """A time series as a number, or as (track, offset); a new track if it follows none."""
     if np.ptp(values) < fine:
         return _rounded(values[:1], fine)[0]
     for k, track in enumerate(tracks):
@@ -68,10 +70,10 @@ def _rounded(values: Array, fine: float) -> list[float]:
 
 
 def save_animation(motion: Motion, path: Path, *, speed: float = 1.0) -> Path:
-    """Write .html, .gif or .mp4; UsageError for another suffix, or where a program for films is missing."""
+    """Write .html, .gif or .mp4; UsageError for another suffix, or if a program for films is missing."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise UsageError([Problem("file-suffix", f"'{path.name}' is no moving picture", None,
+        raise UsageError([Problem("file-suffix", f"'{path.name}' is not a moving picture", None,
                                   f"Write {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}.")])
     try:
         if suffix == ".html":

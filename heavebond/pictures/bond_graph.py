@@ -1,14 +1,14 @@
 """A diagram as a bond graph: junctions from its nodes, elements from its components, causal strokes by SCAP.
 
 A node whose ports share a flow (a velocity) is a 1-junction, one whose ports share an effort (a pressure, a voltage) a
-0-junction. A component with two ports through which the same effort or flow goes (`b.f = F`, `a.f = -F`) stands on a
-junction of the other kind between its nodes. Its letter follows from what it stores and dissipates: C, I, R, both side
-by side, Se and Sf for what imposes an effort or a flow, TF and GY for two ports whose equations tie like to like, or
-effort to flow. What is more than that is a word with its bonds.
+0-junction. A component with two ports and a common effort or flow (`b.f = F`, `a.f = -F`) is placed on a junction of the
+other kind between its nodes. Its letter follows from its stored and dissipated energy: C, I, R, combinations side by side,
+Se and Sf for components that impose an effort or a flow, TF and GY for two ports whose equations relate like to like, or
+effort to flow. Other components are words with their bonds.
 
-Causality is assigned in sequence: sources, then stores by preference in integral form, then what is left, each followed by
-all that it compels. D. C. Karnopp, D. L. Margolis, R. C. Rosenberg, System Dynamics, 5th ed., Wiley 2012, chapter 5,
-doi 10.1002/9781118152812.
+Causality is assigned in sequence: sources, then stores by preference in integral form, then the remaining elements, each
+followed by all implied strokes. D. C. Karnopp, D. L. Margolis, R. C. Rosenberg, System Dynamics, 5th ed., Wiley 2012,
+chapter 5, doi 10.1002/9781118152812.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ TWO_PORTS = ("TF", "GY")
 
 @dataclass(frozen=True)
 class Vertex:
-    """A junction (`0`, `1`), an element by its letter, or a word; `label` is the node or component, `derivative` whether a
-    store is in derivative causality, `broken` whether its constraint cannot hold with the strokes around it."""
+    """A junction (`0`, `1`), an element by its letter, or a word; `label` is the node or component, `derivative` is True
+    for a store in derivative causality, `broken` if its constraint cannot hold with the strokes around it."""
 
     key: str
     letter: str
@@ -44,8 +44,8 @@ class Vertex:
 
 @dataclass(frozen=True)
 class Bond:
-    """A bond between two vertices, its half arrow at `head`; `stroke` is the end that effort is imposed on (the tail or the
-    head's key, empty where no equation determines). `modulated`: a port through which no power goes."""
+    """A bond between two vertices, its half arrow at `head`; `stroke` is the end on which the effort is imposed (the key
+    of tail or head, empty if no equation determines it). `modulated`: a port without power."""
 
     tail: str
     head: str
@@ -56,8 +56,8 @@ class Bond:
 
 @dataclass(frozen=True)
 class BondGraph:
-    """Vertices by key and bonds; `choices` counts strokes that nothing compelled (each an algebraic loop), `words` the
-    components that are drawn as words, `beside` those whose store and loss are drawn side by side as an approximation."""
+    """Vertices by key and bonds; `choices` counts arbitrary strokes (each an algebraic loop), `words` are the components
+    drawn as words, `beside` those whose store and loss are drawn side by side as an approximation."""
 
     vertices: dict[str, Vertex]
     bonds: tuple[Bond, ...]
@@ -105,7 +105,7 @@ class _Builder:
         return self.expanded.model.library.domains
 
     def _grounded(self) -> set[int]:
-        """Nodes of the ground or a tank: no power goes there, so that they and their bonds are left out."""
+        """Nodes of the ground or a tank: no power enters there, so they and their bonds are omitted."""
         references = {domain.reference for domain in self._domains().values()}
         return {self.network.group_of_port[f"{path}.{port}"] for path, leaf in self.expanded.leaves.items()
                 if references & {leaf.component.name, *leaf.component.extends} for port in leaf.component.ports}
@@ -115,7 +115,7 @@ class _Builder:
         ports = {end: self.network.group_of_port[end] for end in self._ends(path, component)}
         silent = [p for p in ports if self._silent(path, component, p)]
         power = [p for p in ports if p not in silent]
-        if not power:  # a sensor: it takes nothing
+        if not power:  # a sensor: it takes no power
             domain = self._domain(path, next(iter(ports)))
             letter = WORD if len(ports) > 1 else "Df" if domain is not None and _shares_flow(domain) else "De"
             self._joined(Vertex(path, letter, path, ""), dict.fromkeys(ports, 1), ports, True)
@@ -135,20 +135,20 @@ class _Builder:
             self._bond(path if path in self.vertices else f"{path} on", port, ports[port], 1, True)
 
     def _ends(self, path: str, component: Component) -> list[str]:
-        found = []
+        ends_found = []
         for port in component.ports.values():
             if port.count is None:
-                found.append(f"{path}.{port.name}")
+                ends_found.append(f"{path}.{port.name}")
             else:
-                found += [e.name for j in self.expanded.junctions.values() for e in j.ends
-                          if e.leaf == path and e.sign > 0 and e.port.partition("[")[0] == port.name]
-        return found
+                ends_found += [e.name for j in self.expanded.junctions.values() for e in j.ends
+                               if e.leaf == path and e.sign > 0 and e.port.partition("[")[0] == port.name]
+        return ends_found
 
     def _domain(self, path: str, port: str) -> Domain | None:
         return self._domains().get(self.network.domains[path].get(_array(port, path), ""))
 
     def _silent(self, path: str, component: Component, port: str) -> bool:
-        """Whether a port takes nothing: its through variables are set to 0."""
+        """True if a port takes no power: its through variables are set to 0."""
         domain, name = self._domain(path, port), port.removeprefix(path + ".")
         return domain is not None and all(_right_side(component, name, member) == "0" for member in domain.through)
 
@@ -180,23 +180,23 @@ class _Builder:
                  ports: dict[str, int]) -> None:
         """One junction between two nodes, and on it the element."""
         letters = self._letters(path, component, power)
-        found = self._domain(path, power[0])
-        assert found is not None
+        domain = self._domain(path, power[0])
+        assert domain is not None
         if len(letters) == 1:
             middle = f"{path} on"
-            self._joined(Vertex(middle, ZERO if _shares_flow(found) else ONE_JUNCTION, "", found.name), signs, ports)
-            self.vertices[path] = Vertex(path, letters[0], path, found.name)
+            self._joined(Vertex(middle, ZERO if _shares_flow(domain) else ONE_JUNCTION, "", domain.name), signs, ports)
+            self.vertices[path] = Vertex(path, letters[0], path, domain.name)
             ends = (path, middle) if letters[0] in SOURCES else (middle, path)
-            self.bonds.append(Bond(*ends, found.name))
+            self.bonds.append(Bond(*ends, domain.name))
         else:
-            self._side_by_side(path, letters, found.name, signs, ports)
+            self._side_by_side(path, letters, domain.name, signs, ports)
 
     def _side_by_side(self, path: str, letters: tuple[str, ...], domain: str, signs: dict[str, int],
                       ports: dict[str, int]) -> None:
-        """Store and loss as two elements that share what two ports have as a difference, or what one port has."""
+        """Store and loss as two elements that share the difference of two ports, or the effort of one port."""
         self.beside.append(path)
-        found = self._domains()[domain]
-        middle, kinds = f"{path} on", (ZERO, ONE_JUNCTION) if _shares_flow(found) else (ONE_JUNCTION, ZERO)
+        domain_found = self._domains()[domain]
+        middle, kinds = f"{path} on", (ZERO, ONE_JUNCTION) if _shares_flow(domain_found) else (ONE_JUNCTION, ZERO)
         self._joined(Vertex(middle, kinds[0] if len(signs) > 1 else kinds[1], "", domain), signs, ports)
         hub = middle
         if len(signs) > 1:
@@ -209,11 +209,11 @@ class _Builder:
             self.bonds.append(Bond(hub, key, domain))
 
     def _signs(self, path: str, component: Component, power: list[str]) -> dict[str, int]:
-        """Which of two ports counts inwards (1) and which outwards (-1), where the same goes through both; else nothing."""
+        """Signs of two ports, inwards (1) and outwards (-1), if both have the same effort or flow; else empty."""
         sides = [_right_side(component, p.removeprefix(path + "."), self._through(path, p)) for p in power]
         for k in range(2):
-            own = f"{power[k].removeprefix(path + '.')}.{self._through(path, power[k])}"
-            if sides[1 - k] and sides[1 - k] in (f"-{sides[k]}", f"-({sides[k]})", f"-{own}"):
+            through_name = f"{power[k].removeprefix(path + '.')}.{self._through(path, power[k])}"
+            if sides[1 - k] and sides[1 - k] in (f"-{sides[k]}", f"-({sides[k]})", f"-{through_name}"):
                 return {power[k]: 1, power[1 - k]: -1}
         return {}
 
@@ -221,12 +221,12 @@ class _Builder:
         """Letters of an element on one junction."""
         if component.power == "source":
             return (self._imposed(path, component, power),)
-        found = tuple(dict.fromkeys([*([self._store(path, component, power)] if component.stores else []),
-                                     *(["R"] if component.dissipates else [])]))
-        return found or (self._imposed(path, component, power),)
+        letters = tuple(dict.fromkeys([*([self._store(path, component, power)] if component.stores else []),
+                                       *(["R"] if component.dissipates else [])]))
+        return letters or (self._imposed(path, component, power),)
 
     def _store(self, path: str, component: Component, power: list[str]) -> str:
-        """I where the energy is one of a flow, C where it is one of an effort or a displacement."""
+        """I if the energy is a function of a flow, C if it is a function of an effort or a displacement."""
         domain = self._domain(path, power[0])
         assert component.stores is not None and domain is not None
         flow = domain.members[domain.flow].unit.dimension if domain.flow else ()
@@ -240,8 +240,8 @@ class _Builder:
         return "C"
 
     def _imposed(self, path: str, component: Component, power: list[str]) -> str:
-        """Se or Sf by the members of the ports that the equations name; R where they name both kinds; a source that names
-        what its nodes share imposes that."""
+        """Se or Sf by the members of the ports in the equations; R if both kinds occur; a source that names the across
+        variable of its nodes imposes it."""
         domain = self._domain(path, power[0])
         assert domain is not None
         named = {n.text.rpartition(".")[2] for line in component.equations for side in (line.tree.left, line.tree.right)
@@ -252,19 +252,19 @@ class _Builder:
         return "R" if effort and flow else "Se" if effort else "Sf"
 
     def _two_port(self, path: str, component: Component, power: list[str]) -> str:
-        """TF where effort goes with effort and flow with flow, GY where each goes with the other."""
+        """TF if effort is related to effort and flow to flow, GY if each is related to the other."""
         if component.stores or component.dissipates or component.power:
             return ""
         kinds = set()
         for line in component.equations:
-            found = set()
+            relations = set()
             for name in (n for side in (line.tree.left, line.tree.right) for n in names(side)):
                 for port in power:
                     domain = self._domain(path, port)
                     if domain and name.text.startswith(port.removeprefix(path + ".") + "."):
-                        found.add((port, name.text.rpartition(".")[2] == domain.effort))
-            if len({port for port, _ in found}) == 2 and len(found) == 2:
-                kinds.add(len({effort for _, effort in found}) == 1)
+                        relations.add((port, name.text.rpartition(".")[2] == domain.effort))
+            if len({port for port, _ in relations}) == 2 and len(relations) == 2:
+                kinds.add(len({effort for _, effort in relations}) == 1)
         return {frozenset([True]): "TF", frozenset([False]): "GY"}.get(frozenset(kinds), "")
 
 
@@ -277,7 +277,7 @@ def _shares_flow(domain: Domain) -> bool:
 
 
 def _right_side(component: Component, port: str, through: str) -> str:
-    """What a port's through variable is set to, without blanks; empty where no equation says so directly."""
+    """The expression to which a port's through variable is set, without blanks; empty if no equation does so directly."""
     for line in component.equations:
         left, sign, right = line.text.partition("=")
         if sign and left.strip() == f"{port}.{through}":
@@ -286,7 +286,7 @@ def _right_side(component: Component, port: str, through: str) -> str:
 
 
 def _collapsed(graph: BondGraph) -> BondGraph:
-    """Without junctions that only pass a bond on; one between two ends of the same junction stays, as both ports of a
+    """Remove junctions that only pass a bond on; one between two ends of the same junction stays, because both ports of a
     component may be on one node, and a bond joins two vertices."""
     vertices, bonds = dict(graph.vertices), list(graph.bonds)
     for key in [k for k, v in graph.vertices.items() if v.letter in (ZERO, ONE_JUNCTION)]:
@@ -318,29 +318,31 @@ def causal(graph: BondGraph) -> BondGraph:
         if k not in strokes.found and not bond.modulated and WORD not in (kinds[bond.tail].letter, kinds[bond.head].letter):
             choices += 1
             strokes.assign(k, bond.head)
-    for k, bond in enumerate(graph.bonds):  # a word takes what the rest leaves over
+    for k, bond in enumerate(graph.bonds):  # a word takes the remaining causality
         if k not in strokes.found and not bond.modulated:
             strokes.assign(k, bond.head)
     found = strokes.found
     vertices = {}
     for key, vertex in kinds.items():
-        own = strokes.around.get(key, ())
-        late = vertex.letter in STORES and any(found[k] != _preferred(graph.bonds[k], key, vertex.letter) for k in own)
-        forced = vertex.letter in SOURCES and any(found[k] != _preferred(graph.bonds[k], key, vertex.letter) for k in own)
+        bonds_at_key = strokes.around.get(key, ())
+        late = vertex.letter in STORES and any(found[k] != _preferred(graph.bonds[k], key, vertex.letter)
+                                               for k in bonds_at_key)
+        forced = vertex.letter in SOURCES and any(found[k] != _preferred(graph.bonds[k], key, vertex.letter)
+                                                  for k in bonds_at_key)
         vertices[key] = replace(vertex, derivative=late, broken=forced or not strokes.holds(key))
     bonds = tuple(replace(b, stroke=found.get(k, "")) for k, b in enumerate(graph.bonds))
     return replace(graph, vertices=vertices, bonds=bonds, choices=choices)
 
 
 def _preferred(bond: Bond, key: str, letter: str) -> str:
-    """The end of the stroke where a source, or a store in integral form, decides: Se and C impose effort on the other end,
-    Sf and I take it."""
-    other = bond.head if bond.tail == key else bond.tail
-    return other if letter in ("Se", "C") else key
+    """End of the stroke for a source, or a store in integral form: Se and C impose effort on the other end, Sf and I
+    receive it."""
+    opposite = bond.head if bond.tail == key else bond.tail
+    return opposite if letter in ("Se", "C") else key
 
 
 class _Strokes:
-    """Strokes found so far (bond: the key of its end), and what they compel at junctions, transformers and gyrators."""
+    """Strokes assigned so far (bond: the key of its end), and their consequences at junctions, transformers and gyrators."""
 
     def __init__(self, graph: BondGraph):
         self.graph = graph
@@ -352,7 +354,7 @@ class _Strokes:
                 self.around.setdefault(bond.head, []).append(k)
 
     def assign(self, bond: int, end: str) -> None:
-        """Set a stroke unless it is set, and all that follows from it."""
+        """Set a stroke unless it is set, and all implied strokes."""
         waiting = [(bond, end)]
         while waiting:
             k, stroke = waiting.pop()
@@ -362,10 +364,10 @@ class _Strokes:
                     waiting += self._compelled(key)
 
     def _compelled(self, key: str) -> list[tuple[int, str]]:
-        letter, own = self.graph.vertices[key].letter, self.around[key]
-        here = [k for k in own if self.found.get(k) == key]
-        away = [k for k in own if k in self.found and self.found[k] != key]
-        open_ones = [k for k in own if k not in self.found]
+        letter, bonds_at_key = self.graph.vertices[key].letter, self.around[key]
+        here = [k for k in bonds_at_key if self.found.get(k) == key]
+        away = [k for k in bonds_at_key if k in self.found and self.found[k] != key]
+        open_ones = [k for k in bonds_at_key if k not in self.found]
         if not open_ones:
             return []
         if letter in (ZERO, ONE_JUNCTION):  # one bond of the special kind, the others alike
@@ -373,10 +375,10 @@ class _Strokes:
             at_special, at_usual = (self._at, self._from) if letter == ZERO else (self._from, self._at)
             if special:
                 return [at_usual(k, key) for k in open_ones]
-            return [at_special(k, key) for k in open_ones] if len(usual) == len(own) - 1 else []
-        if letter == "TF" and len(own) == 2:
+            return [at_special(k, key) for k in open_ones] if len(usual) == len(bonds_at_key) - 1 else []
+        if letter == "TF" and len(bonds_at_key) == 2:
             return [self._from(k, key) if here else self._at(k, key) for k in open_ones]
-        if letter == "GY" and len(own) == 2:
+        if letter == "GY" and len(bonds_at_key) == 2:
             return [self._at(k, key) if here else self._from(k, key) for k in open_ones]
         return []
 
@@ -388,33 +390,33 @@ class _Strokes:
         return k, bond.head if bond.tail == key else bond.tail
 
     def holds(self, key: str) -> bool:
-        """Whether the constraint of a junction, transformer or gyrator holds."""
-        letter, own = self.graph.vertices[key].letter, self.around.get(key, [])
-        here = sum(self.found.get(k) == key for k in own)
-        if letter == ZERO and own:
-            return here == 1
-        if letter == ONE_JUNCTION and own:
-            return here == len(own) - 1
-        if len(own) == 2 and letter in TWO_PORTS:
-            return here == 1 if letter == "TF" else here != 1
+        """True if the constraint of a junction, transformer or gyrator is satisfied."""
+        letter, bonds_at_key = self.graph.vertices[key].letter, self.around.get(key, [])
+        strokes_at_key = sum(self.found.get(k) == key for k in bonds_at_key)
+        if letter == ZERO and bonds_at_key:
+            return strokes_at_key == 1
+        if letter == ONE_JUNCTION and bonds_at_key:
+            return strokes_at_key == len(bonds_at_key) - 1
+        if len(bonds_at_key) == 2 and letter in TWO_PORTS:
+            return strokes_at_key == 1 if letter == "TF" else strokes_at_key != 1
         return True
 
 
 def told(graph: BondGraph) -> list[str]:
-    """What the picture does not say by itself: derivative causality, loops, words, approximations."""
+    """Notes for the picture: derivative causality, loops, words, approximations."""
     def listed(paths: Iterable[str]) -> str:
         return ", ".join(paths)
 
-    found = []
+    notes = []
     if graph.derivative:
-        found.append(f"derivative causality: {listed(graph.derivative)} (a state less for each)")
+        notes.append(f"derivative causality: {listed(graph.derivative)} (a state less for each)")
     if graph.choices:
-        found.append(f"{count(graph.choices, 'causal stroke')} chosen freely: an algebraic loop, or a word that decides it "
+        notes.append(f"{count(graph.choices, 'causal stroke')} chosen freely: an algebraic loop, or a word that decides it "
                      "inside")
     if broken := [v.label or v.key for v in graph.vertices.values() if v.broken]:
-        found.append(f"no causality satisfies: {listed(broken)}")
+        notes.append(f"no causality satisfies: {listed(broken)}")
     if graph.beside:
-        found.append(f"store and loss drawn side by side: {listed(graph.beside)}")
+        notes.append(f"store and loss drawn side by side: {listed(graph.beside)}")
     if graph.words:
-        found.append(f"of several equations, drawn as words: {listed(graph.words)}")
-    return found
+        notes.append(f"of several equations, drawn as words: {listed(graph.words)}")
+    return notes

@@ -1,9 +1,9 @@
-"""Where the vertices of a graph stand such that straight bonds can be drawn between them.
+"""Placement of the vertices of a graph so that straight bonds can be drawn between them.
 
-Distances on the paper shall be those along the bonds: the weighted sum of squared differences (the stress) is made small by
-majorisation, from several starts, and the way in which fewest bonds cross is taken. T. Kamada, S. Kawai, Inf. Process. Lett.
-31 (1989) 7-15, doi:10.1016/0020-0190(89)90102-6; E. R. Gansner, Y. Koren, S. North, Graph Drawing 2004, LNCS 3383, 239-250,
-doi:10.1007/978-3-540-31843-9_25.
+Distances on the paper should equal distances along the bonds: the weighted sum of squared differences (the stress) is
+minimised by majorisation, from several starts, and the result with the fewest crossings is chosen. T. Kamada, S. Kawai,
+Inf. Process. Lett. 31 (1989) 7-15, doi:10.1016/0020-0190(89)90102-6; E. R. Gansner, Y. Koren, S. North, Graph Drawing
+2004, LNCS 3383, 239-250, doi:10.1007/978-3-540-31843-9_25.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]
-STARTS, SWEEPS = 24, 200  # tried; steps of each
-INSISTING = 30.0  # how much more those count that stand too near
-NEAR = 16.0  # px: a vertex so near to a bond of others is hidden by it
-ROOM = 60.0  # px between pieces that no bond joins
+STARTS, SWEEPS = 24, 200  # number of starts; steps of each
+INSISTING = 30.0  # weight of vertices that are too close
+NEAR = 16.0  # px: a vertex this close to a bond of others is hidden by it
+ROOM = 60.0  # px between components that no bond connects
 
 
 def places(lengths: Mapping[tuple[str, str], float], room: Mapping[str, float]) -> dict[str, Point]:
-    """x to the right and y downwards of each vertex in px, wider than high; `lengths` are those wanted of the bonds, `room`
-    is what each vertex wants around it."""
+    """x to the right and y downwards of each vertex in px, wider than high; `lengths` are the desired lengths of the
+    bonds, `room` is the free radius around each vertex."""
     import networkx as nx
 
     vertices, around = list(room), np.array(list(room.values()))
@@ -33,21 +33,21 @@ def places(lengths: Mapping[tuple[str, str], float], room: Mapping[str, float]) 
     graph: nx.Graph[int] = nx.Graph()
     graph.add_nodes_from(range(len(vertices)))
     graph.add_weighted_edges_from((number[one], number[two], length) for (one, two), length in lengths.items() if one != two)
-    wanted = np.asarray(nx.floyd_warshall_numpy(graph))  # the shortest way along bonds
-    found, top = {}, 0.0
-    # the vertices that are joined, the largest piece first
+    wanted = np.asarray(nx.floyd_warshall_numpy(graph))  # the shortest path along bonds
+    places_found, top = {}, 0.0
+    # connected components, the largest first
     for piece in sorted(map(sorted, nx.connected_components(graph)), key=lambda piece: (-len(piece), piece)):
         inside = {k: n for n, k in enumerate(piece)}
-        own = [(inside[one], inside[two]) for one, two in links if one in inside]
-        points = _laid(wanted[np.ix_(piece, piece)], around[piece], own)
+        piece_links = [(inside[one], inside[two]) for one, two in links if one in inside]
+        points = _laid(wanted[np.ix_(piece, piece)], around[piece], piece_links)
         points += np.array([0.0, top]) - points.min(axis=0)
         top = float(points[:, 1].max()) + ROOM
-        found.update({vertices[k]: (float(x), float(y)) for k, (x, y) in zip(piece, points.tolist(), strict=True)})
-    return found
+        places_found.update({vertices[k]: (float(x), float(y)) for k, (x, y) in zip(piece, points.tolist(), strict=True)})
+    return places_found
 
 
 def _laid(wanted: Array, around: Array, links: Sequence[tuple[int, int]]) -> Array:
-    """The places (n, 2) of one piece."""
+    """The places (n, 2) of one connected component."""
     if len(wanted) == 1:
         return np.zeros((1, 2))
     random = np.random.default_rng(len(wanted))
@@ -64,13 +64,14 @@ def _scaled(wanted: Array) -> Array:
     """Classical scaling: the two largest principal axes of the squared distances."""
     centred = wanted**2 - np.mean(wanted**2, axis=0)
     values, vectors = np.linalg.eigh(-0.5 * (centred - np.mean(centred, axis=1)[:, None]))
-    found = vectors[:, :-3:-1] * np.sqrt(np.maximum(values[:-3:-1], 1e-9))
+    coordinates = vectors[:, :-3:-1] * np.sqrt(np.maximum(values[:-3:-1], 1e-9))
     spread = 1e-3 * wanted.max() * np.random.default_rng(0).standard_normal((len(wanted), 2))
-    return np.asarray((found if found.shape[1] == 2 else np.column_stack([found, np.zeros(len(wanted))])) + spread)
+    return np.asarray((coordinates if coordinates.shape[1] == 2 else np.column_stack([coordinates, np.zeros(len(wanted))]))
+                      + spread)
 
 
 def _settled(points: Array, wanted: Array, least: Array) -> Array:
-    """Each point goes where all others want it, over and over; in the end those that are nearer than `least` insist."""
+    """Stress majorisation; in the last steps vertices nearer than `least` are pushed apart."""
     with np.errstate(divide="ignore"):
         usual = np.where(wanted > 0, 1 / wanted**2, 0.0)
     for sweep in range(SWEEPS):
@@ -90,7 +91,7 @@ def _stress(points: Array, wanted: Array) -> float:
 
 
 def crossings(points: Array, links: Sequence[tuple[int, int]]) -> int:
-    """How many pairs of straight links cross."""
+    """Number of pairs of straight links that cross."""
     def side(a: int, b: int, c: int) -> bool:
         (x, y), (u, v), (p, q) = points[a], points[b], points[c]
         return bool((u - x) * (q - y) > (v - y) * (p - x))
@@ -100,19 +101,19 @@ def crossings(points: Array, links: Sequence[tuple[int, int]]) -> int:
 
 
 def _covered(points: Array, links: Sequence[tuple[int, int]]) -> int:
-    """How many vertices lie nearly on a link of others."""
+    """Number of vertices that nearly lie on a link of others."""
     count = 0
     for one, two in links:
-        way = points[two] - points[one]
-        share = np.clip((points - points[one]) @ way / max(float(way @ way), 1e-9), 0.0, 1.0)
-        off = np.hypot(*(points - points[one] - share[:, None] * way).T)
+        direction = points[two] - points[one]
+        share = np.clip((points - points[one]) @ direction / max(float(direction @ direction), 1e-9), 0.0, 1.0)
+        off = np.hypot(*(points - points[one] - share[:, None] * direction).T)
         off[[one, two]] = np.inf
         count += int((off < NEAR).sum())
     return count
 
 
 def _lying(points: Array) -> Array:
-    """Turned such that the picture is lowest, with the first vertex at the left."""
+    """Rotate the picture to its smallest height, with the first vertex at the left."""
     best = None
     for angle in np.linspace(0, np.pi, 37)[:-1]:
         turned = points @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).T

@@ -12,13 +12,13 @@ from heavebond.pictures.bond_layout import Point, places
 from heavebond.pictures.drawing import EDGE, QUIET, WARNING, domain_colour
 from heavebond.pictures.text_metrics import FONT, KIND, NAME, SUMMARY, TITLE, Box, Style, bounds, text_width, wrapped
 
-BARB, BAR = 9, 7  # px: the half arrow's length, half of a causal stroke
+BARB, BAR = 9, 7  # px: length of the half arrow, half length of a causal stroke
 LETTER, LABEL = Style(17, bold=True), Style(10, quiet=True)
-LENGTH, CLEAR = 62.0, 5.0  # px: of a bond from middle to middle of two letters; between a letter and its bonds
-ROOM = 22.0  # px: what a vertex wants around it
-MORE = 7.0  # px: what each bond beyond four at a vertex adds to the length of all of them
+LENGTH, CLEAR = 62.0, 5.0  # px: length of a bond from centre to centre; gap between a letter and its bonds
+ROOM = 22.0  # px: free space around a vertex
+MORE = 7.0  # px: extra length of all bonds at a vertex for each bond beyond four
 BESIDE = 9.0  # px between two bonds of the same vertices
-LEAST = 520.0  # px: a page is not slimmer
+LEAST = 520.0  # px: least width of a page
 
 
 def draw_bond_graph(model: Model) -> str:
@@ -32,18 +32,18 @@ def draw_bond_graph(model: Model) -> str:
     boxes = {key: shapes[key].moved(*place) for key, place in at.items()}
     ends = _ends(graph, at, boxes)
     lines = [line for bond, path in zip(graph.bonds, ends, strict=True) for line in _bond(graph, bond, path)]
-    taken = list(boxes.values())
+    covered_boxes = list(boxes.values())
     for key, vertex in graph.vertices.items():
         lines += _vertex(vertex, at[key], boxes[key])
         if vertex.label and vertex.letter != WORD:
-            box = _label_box(vertex.label, boxes[key], taken, ends)
-            taken.append(box)
+            box = _label_box(vertex.label, boxes[key], covered_boxes, ends)
+            covered_boxes.append(box)
             lines.append(_text((box.left + box.right) / 2, box.bottom - 3, vertex.label, LABEL.size, QUIET, False))
-    return _page(model, graph, lines, bounds(taken) if taken else Box(0, 0, LEAST, 0))
+    return _page(model, graph, lines, bounds(covered_boxes) if covered_boxes else Box(0, 0, LEAST, 0))
 
 
 def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
-    """The picture with its title above and what is to be known below."""
+    """The picture with its title above and notes below."""
     width = max(box.right - box.left, LEAST)
     written = [line for note in told(graph) for line in wrapped(note, SUMMARY, width)]
     left, top = round(box.left - EDGE), round(box.top - EDGE - 44)
@@ -63,8 +63,8 @@ def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
 
 # -- vertices ----------------------------------------------------------------------------------------------------------
 def _shape(vertex: Vertex) -> Box:
-    """What a letter or a word takes up about its middle."""
-    # a bond ends as clear of an I as of other letters, whichever way it comes
+    """The box of a letter or a word about its centre."""
+    # a bond ends at the same distance from an I as from other letters, in every direction
     letter = max(text_width(vertex.letter, LETTER) / 2, 4.0)
     across = text_width(vertex.label, NAME) / 2 + 8 if vertex.letter == WORD else letter
     high = 12.0 if vertex.letter == WORD else 7.0
@@ -72,7 +72,7 @@ def _shape(vertex: Vertex) -> Box:
 
 
 def _reach(shape: Box, bonds: int) -> float:
-    """How much longer a bond is at a word, and where many meet, so that all have room."""
+    """Extra length of a bond at a word, and at vertices with many bonds."""
     return max(0.0, (shape.right - 10) / 2) + MORE * max(0, bonds - 4)
 
 
@@ -86,20 +86,21 @@ def _vertex(vertex: Vertex, place: Point, box: Box) -> list[str]:
 
 
 def _label_box(label: str, own: Box, taken: list[Box], bonds: list[tuple[Point, Point]]) -> Box:
-    """Where the name of a letter stands: of the places around it the one that covers least."""
+    """Box for the name of a letter: the place around it that covers least."""
     wide, high = text_width(label, LABEL) / 2, LABEL.size + 3
     x, y = (own.left + own.right) / 2, (own.top + own.bottom) / 2
     tried = [Box(u - wide, v - high / 2, u + wide, v + high / 2) for u, v in (
         (x, own.bottom + 8), (x, own.top - 8), (own.right + wide + 4, y), (own.left - wide - 4, y),
         (own.right + wide, own.bottom + 5), (own.left - wide, own.bottom + 5),
         (own.right + wide, own.top - 5), (own.left - wide, own.top - 5))]
-    covered = [3 * sum(box.meets(other) for other in taken if other is not own) + sum(_through(box, *bond) for bond in bonds)
+    covered = [3 * sum(box.meets(neighbour) for neighbour in taken if neighbour is not own)
+               + sum(_through(box, *bond) for bond in bonds)
                for box in tried]
     return tried[covered.index(min(covered))]
 
 
 def _through(box: Box, start: Point, end: Point) -> bool:
-    """Whether a line goes through a box, as near as its steps of a fortieth tell."""
+    """True if a line crosses a box, tested at forty points."""
     return any(box.left < start[0] + k / 40 * (end[0] - start[0]) < box.right
                and box.top < start[1] + k / 40 * (end[1] - start[1]) < box.bottom for k in range(41))
 
@@ -112,41 +113,42 @@ def _text(x: float, y: float, text: str, size: int, colour: str, bold: bool, ali
 
 # -- bonds -------------------------------------------------------------------------------------------------------------
 def _ends(graph: BondGraph, at: Mapping[str, Point], boxes: Mapping[str, Box]) -> list[tuple[Point, Point]]:
-    """Where each bond begins and ends: on the line between the middles, clear of what stands there."""
+    """End points of each bond: on the line between the centres, outside the boxes of the vertices."""
     pairs = [frozenset((b.tail, b.head)) for b in graph.bonds]
-    found = []
+    end_points = []
     for k, bond in enumerate(graph.bonds):
         (x, y), (u, v) = at[bond.tail], at[bond.head]
         length = ((u - x)**2 + (v - y)**2)**0.5 or 1.0
         along = ((u - x) / length, (v - y) / length)
         aside = BESIDE * (pairs[:k].count(pairs[k]) - (pairs.count(pairs[k]) - 1) / 2)
-        aside *= 1 if bond.tail < bond.head else -1  # the same side for both ways
+        aside *= 1 if bond.tail < bond.head else -1  # the same side for both directions
         dx, dy = -along[1] * aside, along[0] * aside
         first, last = _out_of(boxes[bond.tail], along, (dx, dy)), _out_of(boxes[bond.head], (-along[0], -along[1]), (dx, dy))
-        found.append(((x + dx + first * along[0], y + dy + first * along[1]),
-                      (u + dx - last * along[0], v + dy - last * along[1])))
-    return found
+        end_points.append(((x + dx + first * along[0], y + dy + first * along[1]),
+                           (u + dx - last * along[0], v + dy - last * along[1])))
+    return end_points
 
 
 def _out_of(box: Box, along: Point, off: Point) -> float:
-    """How far from beside the middle of a box a line leaves it, and is clear of it."""
+    """Distance from a point near the centre of a box at which a line leaves it."""
     half = ((box.right - box.left) / 2 + CLEAR, (box.bottom - box.top) / 2 + CLEAR)
-    ways = [(side - o * (1 if a > 0 else -1)) / abs(a) for side, a, o in zip(half, along, off, strict=True) if abs(a) > 1e-9]
-    return max(0.0, min(ways))
+    distances = [(side - o * (1 if a > 0 else -1)) / abs(a) for side, a, o in zip(half, along, off, strict=True)
+                 if abs(a) > 1e-9]
+    return max(0.0, min(distances))
 
 
 def _bond(graph: BondGraph, bond: Bond, ends: tuple[Point, Point]) -> list[str]:
-    """A line, the half arrow at its head, the causal stroke across the end that effort is imposed on."""
+    """A line, the half arrow at its head, the causal stroke across the end on which the effort is imposed."""
     (x, y), (u, v) = ends
     length = ((u - x)**2 + (v - y)**2)**0.5 or 1.0
     along = ((u - x) / length, (v - y) / length)
     colour = domain_colour(bond.domain)
     late = any(graph.vertices[key].derivative for key in (bond.tail, bond.head))
     dashed = ' stroke-dasharray="4 3"' if bond.modulated else ""
-    said = xml(f"{bond.domain}, power counts from {bond.tail} to {bond.head}")
+    tooltip = xml(f"{bond.domain}, power counts from {bond.tail} to {bond.head}")
     tip = (u - BARB * (0.8 * along[0] - 0.6 * along[1]), v - BARB * (0.8 * along[1] + 0.6 * along[0]))
     lines = [f'<path class="bond" d="M{x:.1f} {y:.1f} L{u:.1f} {v:.1f}" stroke="{colour}" stroke-width="1.6"{dashed}>'
-             f"<title>{said}</title></path>",
+             f"<title>{tooltip}</title></path>",
              f'<path class="half-arrow" d="M{u:.1f} {v:.1f} L{tip[0]:.1f} {tip[1]:.1f}" stroke="{colour}" '
              'stroke-width="1.6"/>']
     if bond.stroke:

@@ -1,9 +1,9 @@
-"""What of a run a drawing shows by colour: the power that components and nodes pass on, or any variable of theirs.
+"""Colours of a run in a drawing: the power that components and nodes transmit, or any variable of them.
 
-Of the powers P_k = effort * flow at the ports of a component, the positive ones come in and the negative ones go out;
-what it passes on is the larger of the two sums: all that enters a damper, all that leaves a source, and what
-goes through a lever. At a node both sums are equal. Where only differences of an effort mean something, as of voltages, two
-ports with opposite flows, i_a = -i_b, count as one: P = (v_a - v_b) i_a, wherever ground is.
+Of the powers P_k = effort * flow at the ports of a component, the positive ones enter and the negative ones leave; the
+transmitted power is the larger of the two sums: the power that enters a damper, that leaves a source, or that passes
+through a lever. At a node both sums are equal. If only differences of an effort have a meaning, as of voltages, two ports
+with opposite flows, i_a = -i_b, count as one: P = (v_a - v_b) i_a, whatever the ground is.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from heavebond.numerics.result import Result
 from heavebond.numerics.simulation import simulate
 
 POWER, MEAN, PEAK = "power", "mean", "peak"
-SCALE = ("#9fb4c7", "#e0b13c", "#d9601f", "#a30d12", "#4d0012")  # from little to much
+SCALE = ("#9fb4c7", "#e0b13c", "#d9601f", "#a30d12", "#4d0012")  # from low to high
 BOTH_WAYS = ("#08407e", "#2f7fc1", "#a7adb3", "#d9601f", "#8c0d12")  # from negative to positive
-SPREAD, DECADES = 30.0, 4  # from such a ratio of the largest to the middle one on, colours are logarithmic
+SPREAD, DECADES = 30.0, 4  # ratio of the largest to the median value from which on colours are logarithmic
 FADED = "#c9ced3"
-OPPOSITE = 1e-6  # of the largest flow: by this much two that are opposite by their equations may differ in a run
+OPPOSITE = 1e-6  # share of the largest flow by which two flows that are opposite by their equations may differ in a run
 Quantities = dict[str, list[str]]
 
 
@@ -61,7 +61,7 @@ class Paint:
         return min(1.0, max(0.0, (value - low) / (high - low)))
 
     def at(self, share: float) -> float:
-        """The value at a share of the way from low to high, as the colours go."""
+        """The value at a share of the colour scale from low to high."""
         if self.logarithmic:
             return float(self.low * (self.high / self.low) ** share)
         return self.low + share * (self.high - self.low)
@@ -75,14 +75,14 @@ def _rgb(colour: str) -> tuple[int, ...]:
     return tuple(int(colour[k:k + 2], 16) for k in (1, 3, 5))
 
 
-def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, until: Time | None = None) -> Paint:
+def paint(model: Model, variable: str, *, at: Time | None = None, over: str = MEAN, until: Time | None = None) -> Paint:
     """Run a diagram and colour it by `power` or by a variable: `p` at all nodes that have a pressure, `F` in all components
     that have such a variable, `q` at their ports, `crown.v` at one place.
 
-    The values are those `at` a time, else their `mean` or `peak` (the largest size) `over` the run. Raises UsageError for a
-    variable that is nowhere, or is not the same quantity everywhere.
+      The values are taken `at` a time, else their `mean` or `peak` (the largest size) `over` the run. Raises UsageError
+      for a variable that does not exist, or that is not the same quantity everywhere.
     """
-    assembly = assemble(model, [what] if "." in what else ())
+    assembly = assemble(model, [variable] if "." in variable else ())
     result = simulate(assembly, until)
     moment = None if at is None else seconds(at, "--at")
     if moment is not None and not result.time[0] <= moment <= result.time[-1]:
@@ -90,13 +90,13 @@ def paint(model: Model, what: str, *, at: Time | None = None, over: str = MEAN, 
                                   f"{result.time[-1]:g} s", None, "Give a time within the run.")])
     when = f"at {moment:g} s" if moment is not None else f"{over} over {result.time[0]:g} to {result.time[-1]:g} s"
     expanded = assembly.flat.expanded
-    if what == POWER:
+    if variable == POWER:
         parts, nets = _powers(result, expanded)
         unit = "W"
     else:
-        parts, nets, unit = _variables(result, expanded, what)
-    told = ({k: _number(v, result.time, moment, over) for k, v in found.items()} for found in (parts, nets))
-    return _scaled(f"{what}, {when}", unit, *told)
+        parts, nets, unit = _variables(result, expanded, variable)
+    numbers_by_path = ({k: _number(v, result.time, moment, over) for k, v in series.items()} for series in (parts, nets))
+    return _scaled(f"{variable}, {when}", unit, *numbers_by_path)
 
 
 def _number(course: Array, time: Array, moment: float | None, over: str) -> float:
@@ -108,38 +108,39 @@ def _number(course: Array, time: Array, moment: float | None, over: str) -> floa
 
 
 def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, float]) -> Paint:
-    """The values in a unit that reads well, and from where to where the colours go."""
+    """The values in a readable unit, and the limits of the colour scale."""
     sizes = sorted(abs(v) for v in (*parts.values(), *nets.values()))
-    shown = readable_unit(unit, sizes[-1])
-    target = read_unit(shown)
-    parts, nets = ({k: target.from_si(v) for k, v in found.items()} for found in (parts, nets))
+    display_unit = readable_unit(unit, sizes[-1])
+    target = read_unit(display_unit)
+    parts, nets = ({k: target.from_si(v) for k, v in numbers_by_path.items()} for numbers_by_path in (parts, nets))
     values = [*parts.values(), *nets.values()]
     low, high = min(values), max(values)
     middle = target.from_si(sizes[len(sizes) // 2])
     logarithmic = low >= 0 and high > SPREAD * abs(middle)
     if logarithmic:
         low = 10.0**-DECADES * high
-    elif low < 0:  # nothing is grey, whichever way the rest goes
+    elif low < 0:  # zero is grey, whatever the sign of the others
         high = max(high, -low)
         low = -high
     elif title.startswith(POWER):
         low = 0.0
     if high - low <= 1e-12 * max(abs(high), 1.0):
         low, high = low - 0.5, high + 0.5
-    return Paint(title, shown, parts, nets, low, high, logarithmic, unit)
+    return Paint(title, display_unit, parts, nets, low, high, logarithmic, unit)
 
 
 # -- power -------------------------------------------------------------------------------------------------------------
 def _powers(result: Result, expanded: Expanded) -> tuple[dict[str, Array], dict[str, Array]]:
-    """What components and nodes pass on (N,), in W."""
+    """Transmitted power of components and nodes (N,), in W."""
     powers = port_powers(result)
     ports: Quantities = {}
     for end in powers:
         ports.setdefault(end.rpartition(".")[0], []).append(end)
     ends = {path: [e.name for e in junction.ends if e.name in powers] for path, junction in expanded.junctions.items()}
     flows = _relative_flows(result, expanded, powers)
-    return ({path: _passed_on(_between(own, powers, flows)) for path, own in ports.items()},
-            {path: _halves([powers[e] for e in own]) for path, own in ends.items() if own})
+    return ({path: _passed_on(_between(component_ports, powers, flows)) for path, component_ports in ports.items()},
+            {path: _halves([powers[e] for e in component_ports]) for path, component_ports in ends.items()
+             if component_ports})
 
 
 def _ends(expanded: Expanded) -> list[str]:
@@ -156,16 +157,16 @@ def _relative_flows(result: Result, expanded: Expanded, ends: Iterable[str]) -> 
 
 
 def _between(ports: list[str], powers: Mapping[str, Array], flows: Mapping[str, Array]) -> list[Array]:
-    """The powers of one component, with those of two ports of opposite flows summed up."""
-    found, left = [powers[p] for p in ports if p not in flows], [p for p in ports if p in flows]
-    while left:
-        port = left.pop(0)
+    """The powers of one component; two ports of opposite flows are combined."""
+    single_ports, relative_ports = [powers[p] for p in ports if p not in flows], [p for p in ports if p in flows]
+    while relative_ports:
+        port = relative_ports.pop(0)
         size = OPPOSITE * np.abs(flows[port]).max()
-        other = next((p for p in left if np.abs(flows[port] + flows[p]).max() <= size), None)
-        if other:
-            left.remove(other)
-        found.append(powers[port] + powers[other] if other else powers[port])
-    return found
+        opposite = next((p for p in relative_ports if np.abs(flows[port] + flows[p]).max() <= size), None)
+        if opposite:
+            relative_ports.remove(opposite)
+        single_ports.append(powers[port] + powers[opposite] if opposite else powers[port])
+    return single_ports
 
 
 def _passed_on(powers: list[Array]) -> Array:
@@ -179,47 +180,49 @@ def _halves(powers: list[Array]) -> Array:
 
 
 # -- variables ---------------------------------------------------------------------------------------------------------
-def _variables(result: Result, expanded: Expanded, what: str) -> tuple[dict[str, Array], dict[str, Array], str]:
+def _variables(result: Result, expanded: Expanded, variable: str) -> tuple[dict[str, Array], dict[str, Array], str]:
     """A variable at nodes, in components and at their ports, and its base unit."""
     known = result.assembly.flat.names
-    owner, _, last = what.rpartition(".")
+    owner, _, last = variable.rpartition(".")
     at_nodes = {path: [f"{path}.{last}"] for path in expanded.junctions
                 if f"{path}.{last}" in known and owner in ("", path)}
     in_parts: dict[str, list[str]] = {}
     for path in expanded.leaves:
-        own = [n for n in (f"{path}.{last}",) if n in known and path not in expanded.junctions]
+        own_name = [n for n in (f"{path}.{last}",) if n in known and path not in expanded.junctions]
         ports = [f"{e}.{last}" for e in _ends(expanded) if e.rpartition(".")[0] == path and f"{e}.{last}" in known]
-        if owner in ("", path) and (own or ports) and not (ports and _across(expanded, last) and not own):
-            in_parts[path] = own or ports
-    if not at_nodes and not in_parts and what in known:  # a signal: the node of that name, or those that it is wired to
-        at_nodes = {p: [p] for p, j in expanded.junctions.items() if what in (p, *(e.name for e in j.ends))}
-    names = list(dict.fromkeys(name for found in (*at_nodes.values(), *in_parts.values()) for name in found))
+        if owner in ("", path) and (own_name or ports) and not (ports and _across(expanded, last) and not own_name):
+            in_parts[path] = own_name or ports
+    # a signal: the node of that name, or the nodes to which it is connected
+    if not at_nodes and not in_parts and variable in known:
+        at_nodes = {p: [p] for p, j in expanded.junctions.items() if variable in (p, *(e.name for e in j.ends))}
+    names = list(dict.fromkeys(name for names_at_place in (*at_nodes.values(), *in_parts.values())
+                               for name in names_at_place))
     if not names:
-        raise UsageError([Problem("name-unknown", f"nothing in this diagram has a variable '{what}'", None, suggest(
-            what, [POWER, *known]) or "Write `power`, a variable of nodes such as `p` or `v`, or one with its path.")])
-    unit = _one_unit(result, what, names)
+        raise UsageError([Problem("name-unknown", f"nothing in this diagram has a variable '{variable}'", None, suggest(
+            variable, [POWER, *known]) or "Write `power`, a variable of nodes such as `p` or `v`, or one with its path.")])
+    unit = _one_unit(result, variable, names)
     values = result.signals(names)
-    parts, nodes = ({place: _largest([values[name] for name in found]) for place, found in places.items()}
+    parts, nodes = ({place: _largest([values[name] for name in names_at_place]) for place, names_at_place in places.items()}
                     for places in (in_parts, at_nodes))
     return parts, nodes, unit
 
 
 def _across(expanded: Expanded, member: str) -> bool:
-    """Whether it is shared at nodes, so that these show it."""
+    """True if the variable is shared at nodes, so that nodes show it."""
     return any(member in domain.across or member in domain.positions for domain in expanded.model.library.domains.values())
 
 
 def _largest(courses: list[Array]) -> Array:
-    """Of several courses the one that is largest at any time."""
+    """The largest of several time series at each time."""
     return max(courses, key=lambda c: float(np.max(np.abs(c))))
 
 
-def _one_unit(result: Result, what: str, names: Iterable[str]) -> str:
+def _one_unit(result: Result, variable: str, names: Iterable[str]) -> str:
     units: dict[str, str] = {}
     for name in names:
         units.setdefault(result.unit(name), name)
     if len(units) > 1:
-        told = listing(f"{name} in {unit_label(unit)}" for unit, name in units.items())
-        raise UsageError([Problem("unit-kind", f"'{what}' is not the same quantity everywhere: {told}", None,
+        unit_list = listing(f"{name} in {unit_label(unit)}" for unit, name in units.items())
+        raise UsageError([Problem("unit-kind", f"'{variable}' is not the same quantity everywhere: {unit_list}", None,
                                   "Write one with its path, or another variable.")])
     return next(iter(units))

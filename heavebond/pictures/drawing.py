@@ -1,4 +1,4 @@
-"""A diagram as a picture (SVG): symbols, wires in the colours of what they carry, names, values, marks."""
+"""A diagram as a picture (SVG): symbols, wires in the colours of their domains, names, values, marks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from heavebond.language.library import domains
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.pictures.colour_map import FADED, Paint
 from heavebond.pictures.layout import Drawn, Item, Options, Strand, lay_out
-from heavebond.pictures.pictograms import SIDES, STRAIGHT, Anchor, Mark, Shape, box, symbol
+from heavebond.pictures.pictograms import SIDES, STRAIGHT, WIDER, Anchor, Mark, Shape, box, symbol
 from heavebond.pictures.sheets import NODE, Sheet, marked_places, opened_blocks, sheet
 from heavebond.pictures.text_metrics import (
     FONT,
@@ -35,26 +35,25 @@ from heavebond.pictures.text_metrics import (
 )
 
 EDGE = 20  # px around the drawing
-NARROWEST = 420  # px, so that a title has room
-WIDER = 1.13  # DejaVu Sans, which viewers without Helvetica and Arial take, over the width that is measured
+NARROWEST = 420  # px: least width, for the title
 SIGNAL = "#00734f"  # distinct from the colours of the domains for every kind of colour vision (after Okabe and Ito)
 OTHER, QUIET, WARNING, HALO = "#444444", "#5f6368", "#c2410c", "#ffe3d1"
 WIDTHS = {"signal": 1.1}
-ARRAY = 2.2  # times the width, of a wire with several elements
+ARRAY = 2.2  # line width of a wire with several elements, as a factor
 
 
 def draw(model: ModelOrFile, *, open: Iterable[str] = (), open_all: bool = False, values: bool = False,
          highlight: Mapping[str, str] | Iterable[str] = (), colour: Paint | None = None) -> str:
     """The diagram as the text of an SVG file; the same diagram gives the same text.
 
-    `open` names blocks (`cmc`, `ahc`) that are drawn with what is inside, `open_all` opens them all; others are boxes.
-    `values` writes what is set on each component below its name. `highlight` marks components, nodes or ports in a warning
-    colour, each with a short label if a mapping is given: by path, as `cmc.gas`, `platform`, `ahc.cylinder.A`, and `node
-    crown` where a component has the node's name. Blocks around them are opened. `colour` (see `pictures.painting.paint`)
-    colours components and wires by what a run found, and writes it at the components.
+    `open` names blocks (`cmc`, `ahc`) that are drawn with their contents, `open_all` opens them all; others are boxes.
+    `values` writes the settings of each component below its name. `highlight` marks components, nodes or ports in a
+    warning colour, each with a short label if a mapping is given: by path, as `cmc.gas`, `platform`, `ahc.cylinder.A`, and
+    `node crown` if a component has the node's name. Blocks around them are opened. `colour` (see
+    `pictures.painting.paint`) colours components and wires by results of a run, and writes the values at the components.
 
-    Raises ModelError for a diagram or a symbol
-    that cannot be read, UsageError for names that the diagram does not have.
+    Raises ModelError for a diagram or a symbol that cannot be read, UsageError for names that the diagram does not
+    have.
     """
     expanded = expand(loaded(model))
     return draw_expanded(expanded, connect(expanded), open=open, open_all=open_all, values=values, highlight=highlight,
@@ -64,17 +63,17 @@ def draw(model: ModelOrFile, *, open: Iterable[str] = (), open_all: bool = False
 def draw_expanded(expanded: Expanded, network: Network, *, open: Iterable[str] = (), open_all: bool = False,
                   values: bool = False, highlight: Mapping[str, str] | Iterable[str] = (), colour: Paint | None = None
                   ) -> tuple[str, Drawn]:
-    """The same of a diagram that is expanded already, which may be unfinished, with the coordinates of what is drawn."""
+    """Draw an expanded diagram, which may be unfinished; returns also the coordinates."""
     marks = marked_places(expanded, dict(highlight) if isinstance(highlight, Mapping) else dict.fromkeys(highlight, ""))
     blocks = opened_blocks(expanded, [open] if isinstance(open, str) else open, open_all, marks)
-    told = {path: colour.text(value) for path, value in colour.parts.items()} if colour else {}
+    value_texts = {path: colour.text(value) for path, value in colour.parts.items()} if colour else {}
     outermost = sheet(expanded, network, blocks)
-    drawn = lay_out(outermost, own_sides(expanded, outermost), Options(values, marks, told))
+    drawn = lay_out(outermost, own_sides(expanded, outermost), Options(values, marks, value_texts))
     return _page(expanded.model, drawn, Look(marks, colour)), drawn
 
 
 def own_sides(expanded: Expanded, outermost: Sheet) -> dict[str, str]:
-    """The edges on which the ports of a block stand that is drawn by itself; none for a diagram, which has no ports."""
+    """The edges of the ports of a block that is drawn by itself; empty for a diagram, which has no ports."""
     if not outermost.ports:
         return {}
     sides = {port: side for side, ports in _sides(expanded.leaves[""].component).items() for port in ports}
@@ -83,7 +82,7 @@ def own_sides(expanded: Expanded, outermost: Sheet) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Look:
-    """What decides on colours besides the domains: marks, and values of a run."""
+    """Colours besides those of the domains: marks, and values of a run."""
 
     marks: Mapping[str, str]
     paint: Paint | None
@@ -108,11 +107,13 @@ class Look:
 
 
 def symbol_picture(component: Component) -> str:
-    """The symbol of a component with its ports named, as the text of an SVG file; a box with its ports where it has none."""
+    """The symbol of a component with its ports named, as the text of an SVG file; a box with its ports if it has no
+    symbol.
+    """
     shape = symbol(component)
     ports = {**{p.name: p.domain for p in component.ports.values()}, **dict.fromkeys(component.signal_names, "signal")}
     if shape is None:
-        shape = box("", component.name, _sides(component))
+        shape = box("", component.name, _sides(component), component.states)
         labels: list[Lettering] = []
     else:
         labels = [_port_name(anchor) for anchor in {a.port: a for a in reversed(shape.anchors)}.values()
@@ -135,7 +136,7 @@ def symbol_picture(component: Component) -> str:
 
 
 def _sides(component: Component) -> dict[str, list[str]]:
-    """The ports of a box outside a diagram: what goes in on the left, what comes out on the right."""
+    """The ports of a box outside a diagram: inputs on the left, outputs on the right."""
     powers = list(component.ports)
     half = (len(powers) + 1) // 2
     signals = {direction: [s.name for s in component.signals.values() if s.direction == direction]
@@ -144,7 +145,7 @@ def _sides(component: Component) -> dict[str, list[str]]:
 
 
 def _port_name(anchor: Anchor, style: Style = KIND) -> Lettering:
-    """The name of a port outside the picture, beside the end of its wire."""
+    """The name of a port outside the picture, at the end of its wire."""
     dx, dy = SIDES[anchor.side]
     line = (Line(anchor.port, style),)
     align = {-1: "end", 0: "middle", 1: "start"}[dx]
@@ -193,7 +194,7 @@ def _own_ports(drawn: Drawn) -> list[str]:
 
 
 def extent_of(drawn: Drawn) -> Box:
-    """All that stands on the outermost sheet."""
+    """The box around the outermost sheet with all its names."""
     boxes = [item.extent for item in drawn.items]
     if drawn.sheet.ports:
         boxes += [drawn.frame, *(_port_name(anchor, NAME).box for anchor in drawn.anchors)]
@@ -224,7 +225,7 @@ def _sheet(drawn: Drawn, look: Look) -> list[str]:
 
 
 def _item(item: Item, look: Look, reached: frozenset[tuple[int, int]]) -> list[str]:
-    """A part; `reached` are the points where wires end, to mark a port at that of its anchors which is in use."""
+    """A part; `reached` are the end points of wires, to mark the used anchor of a port."""
     kind = item.part.component
     lines = [f'<g class="part" data-part="{xml(item.part.path)}" transform="translate({item.x} {item.y})">',
              f"<title>{xml(f'{item.part.path}: {kind.name}. {kind.summary}')}</title>"]
@@ -258,28 +259,28 @@ def _picture(shape: Shape, colour: str, main: str, marked: bool) -> list[str]:
 
 
 def _element(mark: Mark, marked: bool) -> str:
-    given = dict(mark.attributes)
-    domain = given.pop("data-domain", "")
+    attributes = dict(mark.attributes)
+    domain = attributes.pop("data-domain", "")
     if domain and not marked:
-        given["color"] = domain_colour(domain)
-        given.setdefault("stroke", "currentColor")
-    return f"<{mark.tag} " + " ".join(f'{name}="{xml(value)}"' for name, value in given.items()) + "/>"
+        attributes["color"] = domain_colour(domain)
+        attributes.setdefault("stroke", "currentColor")
+    return f"<{mark.tag} " + " ".join(f'{name}="{xml(value)}"' for name, value in attributes.items()) + "/>"
 
 
 def _writing(mark: Mark, turn: tuple[int, int, int, int], colour: str) -> str:
     """Text of a symbol: its place is turned with the picture, the text itself stays upright."""
-    given = dict(mark.attributes)
-    size = float(given.get("font-size", "10"))
-    style = given.get("data-style", "")
-    x, y = float(given.get("x", "0")), float(given.get("y", "0")) - 0.35 * size
+    attributes = dict(mark.attributes)
+    size = float(attributes.get("font-size", "10"))
+    style = attributes.get("data-style", "")
+    x, y = float(attributes.get("x", "0")), float(attributes.get("y", "0")) - 0.35 * size
     a, b, c, d = turn
     x, y = a * x + c * y, b * x + d * y + 0.35 * size
     weight = ' font-weight="bold"' if style == "name" else ""
-    slant = ' font-style="italic"' if given.get("font-style") == "italic" else ""
+    slant = ' font-style="italic"' if attributes.get("font-style") == "italic" else ""
     fill = {"name": "#000000" if colour != WARNING else WARNING, "quiet": QUIET}.get(style, colour)
     name = ' class="part"' if style == "name" else ""
     return (f'<text{name} x="{x:g}" y="{y:g}" font-size="{size:g}"{weight}{slant} fill="{fill}" '
-            f'text-anchor="{given.get("text-anchor", "middle")}">{xml(mark.text)}</text>')
+            f'text-anchor="{attributes.get("text-anchor", "middle")}">{xml(mark.text)}</text>')
 
 
 def _inside(item: Item, drawn: Drawn, colour: str, look: Look) -> list[str]:
@@ -317,10 +318,10 @@ def _wire(line: Strand, look: Look) -> list[str]:
     lines = []
     if marked:
         lines.append(f'<path d="{paths}" stroke="{HALO}" stroke-width="10" stroke-linecap="round"/>')
-    told = f"<title>{xml(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
+    tooltip = f"<title>{xml(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
     place = f' data-node="{xml(line.net.path)}"' if not line.net.given else ""
     head = f'<path class="wire"{place} d="{paths}" stroke="{colour}" stroke-width="{width:.3g}"'
-    lines.append(f"{head}>{told}</path>" if told else f"{head}/>")
+    lines.append(f"{head}>{tooltip}</path>" if tooltip else f"{head}/>")
     lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{colour}"/>' for x, y in line.wire.dots]
     if line.free is not None:
         lines.append(f'<circle cx="{line.free[0]}" cy="{line.free[1]}" r="3" fill="#ffffff" stroke="{colour}"/>')
@@ -344,8 +345,8 @@ def _heads(line: Strand, drawn: Drawn, look: Look) -> list[str]:
 
 
 # -- words -------------------------------------------------------------------------------------------------------------
-def _lettered(text: Lettering, colour: str, what: str) -> list[str]:
-    """Lines of writing; the first is the name of a part or node and carries `what` as its class."""
+def _lettered(text: Lettering, colour: str, css_class: str) -> list[str]:
+    """Lines of writing; the first is the name of a part or node and carries `css_class` as its class."""
     x = {"start": text.box.left, "middle": (text.box.left + text.box.right) / 2, "end": text.box.right}[text.align]
     y, lines = text.box.top, []
     for k, line in enumerate(text.lines):
@@ -355,7 +356,7 @@ def _lettered(text: Lettering, colour: str, what: str) -> list[str]:
             lines += _tag(line, x, y, text.align)
         else:
             fill = QUIET if style.quiet else colour
-            name = f' class="{what}"' if k == 0 else ""
+            name = f' class="{css_class}"' if k == 0 else ""
             lines.append(f'<text{name} x="{x:g}" y="{base:g}" font-size="{style.size}"{_face(style)} fill="{fill}" '
                          f'text-anchor="{text.align}">{xml(line.text)}</text>')
         y += line.height
@@ -368,9 +369,9 @@ def _face(style: Style) -> str:
 
 def _tag(line: Line, x: float, y: float, align: str) -> list[str]:
     """A label in white on the warning colour."""
-    left = {"start": x, "middle": x - line.width / 2, "end": x - line.width}[align]
-    return [f'<rect x="{left:g}" y="{y + 1:g}" width="{line.width:g}" height="{line.height - 1}" rx="3" fill="{WARNING}"/>',
-            f'<text class="tag" x="{left + line.width / 2:g}" y="{y + line.style.size:g}" font-size="{line.style.size}" '
+    x_0 = {"start": x, "middle": x - line.width / 2, "end": x - line.width}[align]
+    return [f'<rect x="{x_0:g}" y="{y + 1:g}" width="{line.width:g}" height="{line.height - 1}" rx="3" fill="{WARNING}"/>',
+            f'<text class="tag" x="{x_0 + line.width / 2:g}" y="{y + line.style.size:g}" font-size="{line.style.size}" '
             f'font-weight="bold" fill="#ffffff" text-anchor="middle">{xml(line.text)}</text>']
 
 
@@ -381,7 +382,7 @@ def domain_colour(name: str) -> str:
 
 
 def _legend(drawn: Drawn, x: float, y: float) -> tuple[list[str], Box]:
-    """What the colours mean, for those in use."""
+    """Legend of the colours in use."""
     used = _domains(drawn)
     lines, right = [], x
     for domain in [d for d in (*domains(), "signal") if d in used]:
@@ -393,7 +394,7 @@ def _legend(drawn: Drawn, x: float, y: float) -> tuple[list[str], Box]:
 
 
 def _bar(paint: Paint, x: float, y: float) -> tuple[list[str], Box]:
-    """The bar of colours with its figures."""
+    """The colour bar with its numbers."""
     length, height, steps, ticks = 240, 10, 60, (0.0, 0.25, 0.5, 0.75, 1.0)
     lines = [f'<text class="bar" x="{x:g}" y="{y:g}" font-size="{VALUE.size}" fill="#000000">{xml(paint.title)} '
              f"[{xml(unit_label(paint.unit))}]</text>"]
@@ -409,8 +410,8 @@ def _bar(paint: Paint, x: float, y: float) -> tuple[list[str], Box]:
 
 
 def _domains(drawn: Drawn) -> set[str]:
-    found = {line.net.domain for line in drawn.lines}
+    domains_used = {line.net.domain for line in drawn.lines}
     for item in drawn.items:
         if item.inside is not None:
-            found |= _domains(item.inside)
-    return found
+            domains_used |= _domains(item.inside)
+    return domains_used

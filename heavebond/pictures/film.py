@@ -1,4 +1,4 @@
-"""A motion as a film: GIF by Pillow, MP4 by ffmpeg where it is installed."""
+"""A motion as a film: GIF by Pillow, MP4 by ffmpeg if it is installed."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from heavebond.language.view import WIDE
 from heavebond.numerics.dae import Array
 from heavebond.pictures.motion import Motion, Moving, Outline
 
-RATE, MOST = 12, 600  # pictures a second, and in all: a GIF holds each of them whole
+RATE, MOST = 12, 600  # pictures per second, and in all: a GIF holds each of them completely
 HEIGHT, BREADTH, DPI = 6.0, 9.0, 90  # inches at most
-LETTERS = 34, 62  # of the writing: in the height and in the width of a picture, as in animation.js
-SLIM = 0.55  # width of a letter over its height, on the average
+LETTERS = 34, 62  # height of letters relative to height and width of a picture, as in animation.js
+SLIM = 0.55  # average width of a letter relative to its height
 # edge, face and pale face, as in animation.css
 COLOURS = {
     "grey": ("#47525e", "#cfd6dc", "#e8ecef"), "dark": ("#263238", "#5d6a75", "#cfd6dc"),
@@ -28,7 +28,7 @@ COLOURS = {
 
 
 def save_film(motion: Motion, path: Path, speed: float) -> None:
-    """Write .gif or .mp4 that plays `speed` times as fast as it happened; UsageError without ffmpeg for .mp4."""
+    """Write .gif or .mp4 with the playback speed `speed`; UsageError without ffmpeg for .mp4."""
     writer = _writer(path)
     left, bottom, right, top = motion.edges
     inch = min(HEIGHT / (top - bottom), BREADTH / (right - left))
@@ -43,14 +43,15 @@ def save_film(motion: Motion, path: Path, speed: float) -> None:
     letter = max((top - bottom) / LETTERS[0], (right - left) / LETTERS[1])
     size = 72 * inch * letter
     clock = axes.text(left + letter / 2, top - letter / 2, "", va="top", fontsize=size)
-    told = [(moving, axes.text(0, 0, moving.label, va="center", fontsize=size)) for moving in motion.shapes if moving.label]
+    labels = [(moving, axes.text(0, 0, moving.label, va="center", fontsize=size)) for moving in motion.shapes
+              if moving.label]
     length = float(motion.time[-1] - motion.time[0]) / speed
     number = max(2, min(MOST, int(length * RATE)))
     with writer.saving(figure, str(path), DPI):
         for k in np.linspace(0, len(motion.time) - 1, number).round().astype(int):
             for moving, outline, patch in patches:
                 patch.set_xy(corners(moving, outline, int(k)))
-            for moving, words in told:
+            for moving, words in labels:
                 x, y, side = writing(moving, int(k), right, letter)
                 words.set(x=x, y=y, ha=side)
             clock.set_text(f"{motion.time[k]:.1f} s")
@@ -67,7 +68,7 @@ def corners(moving: Moving, outline: Outline, k: int) -> Array:
 
 
 def writing(moving: Moving, k: int, right: float, letter: float) -> tuple[float, float, str]:
-    """Where the label of a shape stands at frame k, and which side of it is there: inside where it fits, else beside."""
+    """Position and alignment of the label of a shape at frame k: inside if it fits, else at its side."""
     x, y, u, v, width, _ = np.nan_to_num(moving.courses[:, k]).tolist()
     length = float(np.hypot(u - x, v - y))
     if moving.kind in WIDE:

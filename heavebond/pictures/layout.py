@@ -1,4 +1,4 @@
-"""A sheet laid out: coordinates of its parts, their writing, the wires between them; blocks that are open inside it."""
+"""Layout of a sheet: coordinates of its parts, their names, the wires between them; open blocks inside it."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from heavebond.pictures.sheets import NODE, Net, Part, Sheet, marks_on
 from heavebond.pictures.text_metrics import KIND, NAME, NODE_NAME, TAG, VALUE, Box, Lettering, Line, bounds, lettering, size
 
 GAP_X, GAP_Y, MARGIN, STUB, CLEAR = 60, 40, 30, 20, 4
-WIDER = (1.0, 1.4, 1.9, 2.5)  # gaps that are tried in turn until every wire and name has its place
-FACING = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}  # by the degrees that a part is turned clockwise
+WIDER = (1.0, 1.4, 1.9, 2.5)  # gaps that are tried in turn until every wire and name has a place
+FACING = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}  # by the clockwise rotation of a part in degrees
 OPPOSITE = {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}
 
 
 @dataclass(frozen=True)
 class Options:
-    """What a drawing shows: values beneath the names, labels on marked components, nodes and ports, and what is `told` of
-    components by their paths."""
+    """Options of a drawing: values below the names, labels on marked components, nodes and ports, and results at
+    components (`told`) by their paths."""
 
     values: bool
     marks: Mapping[str, str]
@@ -32,8 +32,8 @@ class Options:
 
 @dataclass(frozen=True)
 class Item:
-    """A part at its place: its picture around (x, y), the writing at it, the labels of its marked ports, and what is
-    drawn inside."""
+    """A part at its place: its picture around (x, y), its names, the labels of its marked ports, and its contents if it
+    is open."""
 
     part: Part
     shape: Shape
@@ -56,7 +56,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Strand:
-    """A node on the sheet: its wire, its name and where it ends free."""
+    """A node on the sheet: its wire, its name and its free ends."""
 
     net: Net
     wire: Wire
@@ -66,8 +66,8 @@ class Strand:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A sheet with coordinates: `frame` is its outline, `anchors` those of the block's own ports on it; `faults` counts
-    wires and names that found no place of their own; `xs` and `ys` are the middles of the columns and rows of its cells."""
+    """A sheet with coordinates: `frame` is its outline, `anchors` are the anchors of the block's ports on it; `faults`
+    counts wires and names without a free place; `xs` and `ys` are the centres of the columns and rows of its cells."""
 
     sheet: Sheet
     items: tuple[Item, ...]
@@ -81,7 +81,7 @@ class Drawn:
 
 
 def lay_out(sheet: Sheet, sides: Mapping[str, str], options: Options) -> Drawn:
-    """Lay a sheet out; `sides` tells on which edge each port of its own stands."""
+    """Lay a sheet out; `sides` gives the edge of each of its ports."""
     placement = placed(sheet, sides)
     joined = {(name or f"/{port}", port) for net in sheet.nets for name, port in net.ends}
     items = [_item(part, placement, joined, options) for part in sheet.parts.values()]
@@ -107,36 +107,36 @@ def _edge_piece(port: str, side: str) -> Piece:
 def _piece(part: Part) -> Piece:
     shape = None if part.inside else symbol(part.component)
     if shape is not None and any(not shape.of(port) for port in part.ports):
-        shape = None  # a node inside reaches out, for which a symbol has no place
-    at = None if part.at is None else (round(part.at[0] * 8), round(part.at[1] * 8))  # to the eighth of a cell
+        shape = None  # a node inside extends outwards, for which a symbol has no port
+    at = None if part.at is None else (round(part.at[0] * 8), round(part.at[1] * 8))  # resolution of an eighth of a cell
     power = tuple(p for p, domain in part.ports.items() if domain != "signal")
     return Piece(part.name, tuple(part.ports), shape, at, "", _natural(part), power[:2] if len(power) > 1 else (),
                  None if part.turn is None else FACING[part.turn])
 
 
 def facings(part: Part) -> list[int]:
-    """The degrees by which the picture of a part may be turned."""
+    """The permitted rotations of a part's picture in degrees."""
     turns = {turn[:2] for turn in _piece(replace(part, turn=None)).turns}
     return [degrees for degrees, out in FACING.items() if out in turns]
 
 
 def _natural(part: Part) -> dict[str, tuple[str, ...]]:
-    """The sides on which a reader looks for a port of a box: signals from left to right where there are only signals,
-    else power on the left and the right and signals above and below."""
+    """The usual sides of a port of a box: signals from left to right if there are only signals, else power on the left
+    and the right and signals above and below."""
     power = [p for p, domain in part.ports.items() if domain != "signal"]
-    found: dict[str, tuple[str, ...]] = {}
+    sides: dict[str, tuple[str, ...]] = {}
     for port, domain in part.ports.items():
         if domain == "signal" and not power:
-            found[port] = ("left",) if port in part.inputs else ("right",)
+            sides[port] = ("left",) if port in part.inputs else ("right",)
         elif domain == "signal" or port in power[2:]:
-            found[port] = ("top", "bottom")
+            sides[port] = ("top", "bottom")
         else:
-            found[port] = ("left", "right")
-    return found
+            sides[port] = ("left", "right")
+    return sides
 
 
 def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], options: Options) -> Item:
-    """A part with its picture turned and its writing, both around its own middle."""
+    """A part with its rotated picture and its names, both around its centre."""
     marks = marks_on(part.path, options.marks, part.ports)
     tags = tuple(Line(label, TAG) for label in marks.values() if label)
     values = tuple(Line(text, VALUE) for text in part.values) if options.values and not part.inside else ()
@@ -154,21 +154,21 @@ def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], option
         shape = _framed(inside)
         lines = tags
     else:
-        shape = box(part.name, part.component.name, sides)
+        shape = box(part.name, part.component.name, sides, part.component.states)
         lines = (*values, *tags)
     anchors = [a for port in part.ports if (part.name, port) in joined for a in _used(shape, port, placement, part.name)]
     return Item(part, shape, 0, 0, caption(lines, shape, anchors) if lines else None, marks, inside)
 
 
 def _used(shape: Shape, port: str, placement: Placement, name: str) -> list[Anchor]:
-    """The anchors of a port at which wires will most likely end; all of them where that cannot be told."""
-    found = shape.of(port)
-    likely = [a for a in found if a.side in placement.leaving[name]]
-    return likely if len(found) > 1 and likely else list(found)
+    """The anchors of a port at which wires will probably end; all of them if that is unknown."""
+    port_anchors = shape.of(port)
+    likely = [a for a in port_anchors if a.side in placement.leaving[name]]
+    return likely if len(port_anchors) > 1 and likely else list(port_anchors)
 
 
 def _framed(drawn: Drawn) -> Shape:
-    """An open block as a picture: around the middle of its frame, in line with its first port at the side."""
+    """An open block as a picture: around the centre of its frame, in line with its first port at the side."""
     frame = drawn.frame
     x = _on_grid((frame.left + frame.right) / 2)
     y = next((a.y for a in drawn.anchors if a.side in ("left", "right")), _on_grid((frame.top + frame.bottom) / 2))
@@ -182,7 +182,7 @@ def _on_grid(value: float) -> int:
 
 
 class _Drafter:
-    """One attempt: coordinates with gaps widened by a factor, wires, names."""
+    """One attempt: coordinates with gaps multiplied by a factor, wires, names."""
 
     def __init__(self, sheet: Sheet, sides: Mapping[str, str], options: Options, placement: Placement,
                  items: Sequence[Item], wider: float):
@@ -199,52 +199,54 @@ class _Drafter:
 
     # -- coordinates -----------------------------------------------------------------------------------------------
     def _columns(self, items: Sequence[Item]) -> dict[int, int]:
-        """The middle of every column: as far apart as what stands there is wide and the names between them are long."""
+        """The centre of every column: distances follow from the widths of the parts and the lengths of the names between
+        them.
+        """
         cells = self.placement.cells
         before = dict.fromkeys((cell[0] for cell in cells.values()), 0.0)
         after = dict(before)
         for item in items:
-            column, own = cells[item.part.name][0], _whole(item)
-            before[column], after[column] = max(before[column], -own.left), max(after[column], own.right)
-        found: dict[int, int] = {}
+            column, extent = cells[item.part.name][0], _whole(item)
+            before[column], after[column] = max(before[column], -extent.left), max(after[column], extent.right)
+        centres: dict[int, int] = {}
         edge = gap = 0.0
         for column in sorted(before):
-            found[column] = GRID * math.ceil((edge + before[column]) / GRID)
+            centres[column] = GRID * math.ceil((edge + before[column]) / GRID)
             gap = self.wider * max(GAP_X, *(width for k, width in self._names_between() if k == column), 0.0)
-            edge = found[column] + after[column] + gap
-        return found
+            edge = centres[column] + after[column] + gap
+        return centres
 
     def _names_between(self) -> list[tuple[int, float]]:
-        """Nodes that run straight from one column to the next: the column, and how much room their name takes."""
+        """Nodes that run straight from one column to the next: the column, and the width of their name."""
         neighbours = set(pairwise(sorted({cell[0] for cell in self.placement.cells.values()})))
-        found = []
+        widths_by_column = []
         for net in self.sheet.nets:
             cells = sorted(self.placement.cells[name or f"/{port}"] for name, port in net.ends)
             if len(cells) == 2 and cells[0][1] == cells[1][1] and (cells[0][0], cells[1][0]) in neighbours:
-                found.append((cells[0][0], size(self._net_text(net))[0] + 14))
-        return found
+                widths_by_column.append((cells[0][0], size(self._net_text(net))[0] + 14))
+        return widths_by_column
 
     def _rows(self, items: Sequence[Item]) -> dict[int, int]:
-        """The line of every row. What stands in one column must not touch; rows that share no column may reach into each
-        other, as the columns keep them apart."""
+        """The line of every row. Parts in one column must not touch; rows without a common column may overlap, because
+        the columns separate them."""
         cells = self.placement.cells
         gap = GAP_Y * self.wider
-        lowest: dict[int, float] = {}  # the lower end of what stands so far, by column
-        found: dict[int, int] = {}
+        lowest: dict[int, float] = {}  # lower end of the parts placed so far, by column
+        lines_by_row: dict[int, int] = {}
         line = 0.0
         for row in sorted({cell[1] for cell in cells.values()}):
-            here = [(cells[item.part.name][0], _whole(item)) for item in items if cells[item.part.name][1] == row]
-            line = max([line, *(lowest[column] + gap - own.top for column, own in here if column in lowest)])
-            found[row] = GRID * math.ceil(line / GRID)
-            for column, own in here:
-                lowest[column] = found[row] + own.bottom
-            line = found[row] + gap
-        for row in [r for r in found if all(cells[item.part.name][1] != r for item in items)]:
-            found[row] = self._edge_row(row, items, found)
-        return found
+            row_boxes = [(cells[item.part.name][0], _whole(item)) for item in items if cells[item.part.name][1] == row]
+            line = max([line, *(lowest[column] + gap - extent.top for column, extent in row_boxes if column in lowest)])
+            lines_by_row[row] = GRID * math.ceil(line / GRID)
+            for column, extent in row_boxes:
+                lowest[column] = lines_by_row[row] + extent.bottom
+            line = lines_by_row[row] + gap
+        for row in [r for r in lines_by_row if all(cells[item.part.name][1] != r for item in items)]:
+            lines_by_row[row] = self._edge_row(row, items, lines_by_row)
+        return lines_by_row
 
     def _edge_row(self, row: int, items: Sequence[Item], rows: dict[int, int]) -> int:
-        """The upper or lower edge of an open block that has ports there."""
+        """The upper or lower edge of an open block with ports there."""
         extents = [_whole(item).moved(0, rows[self.placement.cells[item.part.name][1]]) for item in items]
         if row < 0:
             return GRID * math.floor((min(box.top for box in extents) - GAP_Y * self.wider) / GRID)
@@ -256,8 +258,8 @@ class _Drafter:
         return replace(item, x=x, y=y, caption=item.caption.moved(x, y) if item.caption else None, cell=(column, row))
 
     def _edge_places(self) -> dict[str, Anchor]:
-        """Where the sheet's own ports stand on its edge, side by side where they share a cell."""
-        found: dict[str, Anchor] = {}
+        """Places of the sheet's ports on its edge, side by side if they share a cell."""
+        anchors_by_port: dict[str, Anchor] = {}
         used: dict[Cell, int] = {}
         for port in self.sheet.ports:
             cell = self.placement.cells[f"/{port}"]
@@ -265,8 +267,9 @@ class _Drafter:
             aside = 2 * GRID * ((k + 1) // 2) * (1 if k % 2 else -1)
             side = self.sides[port]
             x, y = self.xs[cell[0]], self.ys[cell[1]]
-            found[port] = Anchor(port, x, y + aside, side) if side in ("left", "right") else Anchor(port, x + aside, y, side)
-        return found
+            anchors_by_port[port] = Anchor(port, x, y + aside,
+                                           side) if side in ("left", "right") else Anchor(port, x + aside, y, side)
+        return anchors_by_port
 
     def _title(self) -> Lettering | None:
         """The name of an open block, in the upper left corner of its frame."""
@@ -284,11 +287,11 @@ class _Drafter:
     def _frame(self, title: Lettering | None) -> Box:
         inner = self._inner()
         above = max(MARGIN, title.box.bottom + 2 * GRID) if title else MARGIN
-        found = {"left": inner.left - MARGIN, "right": inner.right + MARGIN, "top": inner.top - above,
+        edges = {"left": inner.left - MARGIN, "right": inner.right + MARGIN, "top": inner.top - above,
                  "bottom": inner.bottom + MARGIN}
         for anchor in self.edges.values():
-            found[anchor.side] = anchor.x if anchor.side in ("left", "right") else anchor.y
-        return Box(*(GRID * (math.floor if k in ("left", "top") else math.ceil)(found[k] / GRID)
+            edges[anchor.side] = anchor.x if anchor.side in ("left", "right") else anchor.y
+        return Box(*(GRID * (math.floor if k in ("left", "top") else math.ceil)(edges[k] / GRID)
                      for k in ("left", "top", "right", "bottom")))
 
     # -- wires -----------------------------------------------------------------------------------------------------
@@ -299,25 +302,26 @@ class _Drafter:
         written = [item.caption.box for item in self.items.values() if item.caption]
         if self.title:
             written.append(self.title.box)
-        inset = GRID // 2 if self.sheet.path else -2 * GRID  # names may stand outside all else, but not outside a block
+        # names may extend beyond everything else, but not beyond a block
+        inset = GRID // 2 if self.sheet.path else -2 * GRID
         area = Box(self.frame.left + inset, self.frame.top + inset, self.frame.right - inset, self.frame.bottom - inset)
         reach = Box(self.frame.left, self.frame.top, self.frame.right, self.frame.bottom)
         avoided = [*solid, *(Box(b.left - CLEAR, b.top, b.right + CLEAR, b.bottom) for b in written)]
         wires = route(nets, [*avoided, *_rim(reach)] if self.sheet.path else avoided, reach)
-        taken = [*solid, *written]
+        obstacles = [*solid, *written]
         lines, faults = [], sum(wire.faults for wire in wires)
         pieces = [Box(min(a[0], b[0]) - 2, min(a[1], b[1]) - 2, max(a[0], b[0]) + 2, max(a[1], b[1]) + 2)
                   for wire in wires for a, b in wire.edges]
         for net, wire, terminals in zip(self.sheet.nets, wires, nets, strict=True):
             text = self._net_text(net)
-            found = name_of_node(text, wire, taken, pieces, area) if text else None
-            if found is not None and found[1] and net.name in {f"{part}_{port}" for part, port in net.ends}:
-                found = None  # it says no more than the names of its part and port, and would lie over something
-            if found is not None:
-                taken.append(found[0].box)
-                faults += found[1]
+            named = name_of_node(text, wire, obstacles, pieces, area) if text else None
+            if named is not None and named[1] and net.name in {f"{part}_{port}" for part, port in net.ends}:
+                named = None  # the name is composed of the names of its part and port, and would cover something
+            if named is not None:
+                obstacles.append(named[0].box)
+                faults += named[1]
             free = (terminals[-1][0].x, terminals[-1][0].y) if len(net.ends) == 1 and len(terminals) > 1 else None
-            lines.append(Strand(net, wire, found[0] if found else None, free))
+            lines.append(Strand(net, wire, named[0] if named else None, free))
         return Drawn(self.sheet, tuple(self.items.values()), tuple(lines), self.frame, tuple(self.edges.values()),
                      self.title, faults, tuple(x for _, x in sorted(self.xs.items())),
                      tuple(y for _, y in sorted(self.ys.items())))
@@ -332,22 +336,22 @@ class _Drafter:
         return (Line(net.name, NODE_NAME), *elements, *([Line(tag, TAG)] if tag else []))
 
     def _terminals(self, net: Net) -> list[list[Anchor]]:
-        found = []
+        terminal_list = []
         for name, port in net.ends:
             if name:
-                found.append(self.items[name].anchors(port))
+                terminal_list.append(self.items[name].anchors(port))
             else:
                 edge = self.edges[port]
-                found.append([replace(edge, side=OPPOSITE[edge.side])])
-        if len(found) == 1:
-            end = found[0][0]
+                terminal_list.append([replace(edge, side=OPPOSITE[edge.side])])
+        if len(terminal_list) == 1:
+            end = terminal_list[0][0]
             out = SIDES[end.side]
-            found = [[end], [Anchor(end.port, end.x + STUB * out[0], end.y + STUB * out[1], OPPOSITE[end.side])]]
-        return found
+            terminal_list = [[end], [Anchor(end.port, end.x + STUB * out[0], end.y + STUB * out[1], OPPOSITE[end.side])]]
+        return terminal_list
 
 
 def _whole(item: Item) -> Box:
-    """The picture and its writing."""
+    """The picture and its names."""
     return bounds([item.extent, *([item.caption.box] if item.caption else [])])
 
 

@@ -1,4 +1,4 @@
-"""HTML and SVG as text that cannot be broken by what is put into it, and a page that may load nothing from anywhere."""
+"""HTML and SVG with escaping of all inserted text, and a page that loads nothing from elsewhere."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ _EMPTY = {"meta", "path", "line", "rect", "circle", "br", "input", "img"}
 
 
 class Html(str):
-    """Markup; any other text is escaped where it is put into an element."""
+    """Markup; any other text is escaped when it is inserted into an element."""
 
     __slots__ = ()
 
 
 def element(tag: str, *children: str, **attributes: object) -> Html:
-    """`<tag attributes>children</tag>`. Attribute names: `class_` is `class`, underscores are hyphens, those that are None
-    are left out, those that are True stand without a value."""
-    given = "".join(_attribute(name, value) for name, value in attributes.items() if value is not None)
+    """`<tag attributes>children</tag>`. Attribute names: `class_` is `class`, underscores become hyphens; None omits an
+    attribute, True writes it without a value."""
+    attribute_text = "".join(_attribute(name, value) for name, value in attributes.items() if value is not None)
     if tag in _EMPTY and not children:
-        return Html(f"<{tag}{given}>" if tag in ("meta", "br", "input", "img") else f"<{tag}{given}/>")
-    return Html(f"<{tag}{given}>{joined(children)}</{tag}>")
+        return Html(f"<{tag}{attribute_text}>" if tag in ("meta", "br", "input", "img") else f"<{tag}{attribute_text}/>")
+    return Html(f"<{tag}{attribute_text}>{joined(children)}</{tag}>")
 
 
 def joined(parts: Iterable[str]) -> Html:
-    """Parts one after another, texts among them escaped."""
+    """Parts in sequence, with texts among them escaped."""
     return Html("".join(part if isinstance(part, Html) else escaped(part) for part in parts))
 
 
 def escaped(text: str) -> Html:
-    """A text that stands for itself, without the control characters that no document may hold."""
+    """An escaped text, without the control characters that are invalid in documents."""
     return Html(xml(text))
 
 
@@ -44,8 +44,8 @@ def _attribute(name: str, value: object) -> str:
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = "", numbers: Iterable[int] = (),
           marks: Sequence[str] = (), wide: bool = False) -> Html:
-    """A table with column headings; the first cell of a row is its heading, the columns `numbers` are set to the right,
-    `marks` gives a class to each row; a `wide` one is scrolled rather than squeezed."""
+    """A table with column headings; the first cell of a row is its heading, the columns `numbers` are aligned to the
+    right, `marks` gives a class to each row; a `wide` one is scrolled rather than squeezed."""
     right = set(numbers)
     kind = ["n" if k in right else None for k in range(len(head))]
     heads = element("tr", *(element("th", text, scope="col", class_=kind[k]) for k, text in enumerate(head)))
@@ -57,13 +57,13 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = 
 
 
 def data_block(name: str, value: object) -> Html:
-    """Data for the page's script, as JSON that nothing in it can end early."""
+    """Data for the page's script, as JSON that its content cannot end early."""
     return Html(f'<script type="application/json" id="{escaped(name)}">{script_json(value)}</script>')
 
 
 def page(title: str, *body: Html, look: str = "report") -> str:
-    """A whole document with its own style and script inside, those of `look`. The policy lets the browser use
-    these two, known by their hashes, and nothing else: no address, no other script, no form."""
+    """A complete document with style and script of `look` inside. The policy lets the browser use these two, identified
+    by their hashes, and nothing else: no address, no other script, no form."""
     style, script = (resources.files("heavebond").joinpath("web", name).read_text(encoding="utf-8")
                      for name in (f"{look}.css", f"{look}.js"))
     policy = f"default-src 'none'; style-src '{_hash(style)}'; script-src '{_hash(script)}'; base-uri 'none'; " \

@@ -1,8 +1,8 @@
-"""A run as moving shapes: where every shape of a diagram's `view:` is at every instant.
+"""A run as moving shapes: the position of every shape of a diagram's `view:` at every instant.
 
-A shape lies along the line from one point to another, of length L. Its outline is kept as corners (a, b, w), which stand
-a L + b B along that line and w W beside it (to its left), B and W being a length and a width of the shape. So a spring
-stretches with L, the barrel of a cylinder keeps its length B, and its rod ends at L.
+A shape lies along the line from one point to another, of length L. Its outline is stored as corners (a, b, w), located a
+L + b B along that line and w W to its left, where B and W are a length and a width of the shape. So a spring stretches
+with L, the barrel of a cylinder keeps its length B, and its rod ends at L.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from heavebond.numerics.simulation import simulate
 from heavebond.numerics.simulator import Simulator
 from heavebond.text.expression import Call, Expr, ExpressionProblem, children, names
 
-RATE, LEAST_FRAMES, MOST_FRAMES = 25.0, 500, 3000  # pictures a second, and of a whole run
-EDGE, BAND, ASPECT = 0.05, 0.04, 1.35  # around the picture, how deep ground is, and the least width, of its height
-THIN = 0.08  # of its length: how wide a spring is where nothing is said
-TURNS, ROUND = 7, 36  # of a spring, corners of a circle
-SHOWN = 3  # signals drawn below where none are named
+RATE, LEAST_FRAMES, MOST_FRAMES = 25.0, 500, 3000  # pictures per second, and in a whole run
+EDGE, BAND, ASPECT = 0.05, 0.04, 1.35  # relative to the height: margin around the picture, depth of the ground, least width
+THIN = 0.08  # default width of a spring relative to its length
+TURNS, ROUND = 7, 36  # number of coils of a spring, corners of a circle
+SHOWN = 3  # signals drawn below by default
 METRE = declared_unit("m").dimension
 Corner = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Outline:
-    """A line through corners, `fill`ed with the shape's colour (full), a pale one (soft), white, or not at all; `edge` says
-    how the line itself is drawn: solid, dashed or not at all (empty)."""
+    """A line through corners, filled (`fill`) with the shape's colour (full), a pale one (soft), white, or not at all;
+    `edge` is the style of the line: solid, dashed or none (empty)."""
 
     corners: tuple[Corner, ...]
     fill: str = ""
@@ -61,8 +61,8 @@ class Moving:
 
 @dataclass(frozen=True)
 class Motion:
-    """What is to be seen of a run at `time` (n,) in s: shapes from behind to the front, the picture's edges in m (left,
-    bottom, right, top), and signals by name: unit and course (n,)."""
+    """Animation data of a run at `time` (n,) in s: shapes in drawing order, the picture's edges in m (left, bottom,
+    right, top), and signals by name: unit and time series (n,)."""
 
     title: str
     summary: str
@@ -102,16 +102,16 @@ OUTLINES: dict[str, tuple[Outline, ...]] = {
 
 def animate(model: Model, until: Time | None = None, *, every: Time | None = None,
             parameters: Mapping[str, float | str] | None = None, signals: Iterable[str] = ()) -> Motion:
-    """Run a diagram that has a `view:` and put its shapes where they are; arguments and errors as those of `simulate`.
+    """Run a diagram that has a `view:` and compute the positions of its shapes; arguments and errors as for `simulate`.
 
-    `signals` are drawn over time below; without any, the first outputs of the diagram. Raises ModelError where `view:` is
-    missing, names what the diagram does not have, or gives a place that is no length.
+    `signals` are drawn over time below; by default the first outputs of the diagram. Raises ModelError if `view:` is
+    missing, names something that the diagram does not have, or gives a place that is not a length.
     """
     if not model.view:
         raise ModelError([Problem(
-            "view-missing", f"{model.path.name} does not say what is seen to move", None,
+            "view-missing", f"{model.path.name} has no `view:` with shapes to animate", None,
             "Add for example `view: {body: {is: box, at: [0, body.x], size: [1 m, 0.5 m]}}`.")])
-    formulas = [f for seen in model.view.values() for part in seen.formulas.values() for f in part]
+    formulas = [f for shape in model.view.values() for part in shape.formulas.values() for f in part]
     chosen = list(signals)
     assembly = assemble(model, chosen)
     apart = _apart(assembly, (n.text for f in formulas for n in names(f.tree)))
@@ -119,33 +119,33 @@ def animate(model: Model, until: Time | None = None, *, every: Time | None = Non
     result = simulate(assembly, until, every=every, parameters=parameters)
     courses = _courses(result, {f.text: f.tree for f in formulas}, _integrated(result, apart, parameters))
     time = _frames(result.time)
-    shown = {text: np.interp(time, result.time, course) for text, course in courses.items()}
-    return _motion(result, time, shown, chosen or list(model.show)[:SHOWN])
+    shown_series = {text: np.interp(time, result.time, course) for text, course in courses.items()}
+    return _motion(result, time, shown_series, chosen or list(model.show)[:SHOWN])
 
 
 @dataclass(frozen=True)
 class _Apart:
-    """A position that is integrated beside a run: the variable that is its rate, and its dimension."""
+    """A position that is integrated in addition to the run: the variable that is its rate, and its dimension."""
 
     rate: str
     dimension: Dimension
 
 
 def _apart(assembly: Assembly, wanted: Iterable[str]) -> dict[str, _Apart]:
-    """The rate of each position that is wanted and that nothing in the diagram needs. As a state it would ask for a start of
-    its own and hold a steady one still, so it is integrated beside the run, from 0."""
-    known, found = assembly.flat.names, {}
+    """The rate of each required position that no equation of the diagram needs. As a state it would need a start value
+    and prevent a steady start, so it is integrated separately, from 0."""
+    known, separate_positions = assembly.flat.names, {}
     for name in wanted:
         port, _, member = name.rpartition(".")
         for domain in assembly.model.library.domains.values():
             if name not in known and member in domain.positions and (rate := f"{port}.{domain.rate(member)}") in known:
-                found[name] = _Apart(rate, domain.members[member].unit.dimension)
-    return found
+                separate_positions[name] = _Apart(rate, domain.members[member].unit.dimension)
+    return separate_positions
 
 
 def _integrated(result: Result, apart: Mapping[str, _Apart],
                 parameters: Mapping[str, float | str] | None) -> dict[str, Array]:
-    """The integrals (N,) of some rates over a run, which is made again with them."""
+    """The integrals (N,) of some rates over a run, which is repeated with them."""
     if not apart:
         return {}
     assembly = result.assembly
@@ -155,42 +155,45 @@ def _integrated(result: Result, apart: Mapping[str, _Apart],
 
 
 def _courses(result: Result, formulas: Mapping[str, Expr], beside: Mapping[str, Array]) -> dict[str, Array]:
-    """Formulas in SI along a run; some of their names have a course (N,) `beside` it."""
-    own = [text for text, tree in formulas.items() if not any(n.text in beside for n in names(tree))]
-    # in brackets, so that no formula is taken for the output of that name and given in its unit
-    found = dict(zip(own, result.signals([f"({text})" for text in own]).values(), strict=True))
+    """Evaluate formulas in SI along a run; names in `beside` have given time series (N,)."""
+    without_beside = [text for text, tree in formulas.items() if not any(n.text in beside for n in names(tree))]
+    # in brackets, so that a formula is not taken for the output of that name in its unit
+    series_by_text = dict(zip(without_beside, result.signals([f"({text})" for text in without_beside]).values(),
+                              strict=True))
     resolver = result.assembly.resolver()
-    for text in formulas.keys() - set(own):
+    for text in formulas.keys() - set(without_beside):
         used = list(dict.fromkeys(n.text for n in names(formulas[text])))
         known = {name: result.signals([f"({name})"])[f"({name})"] for name in used if name not in beside}
         symbols = {name: ca.SX.sym(name) for name in used}
         value = resolver.evaluate(formulas[text], extra=symbols)
         function = ca.Function("formula", [stack(list(symbols.values()))], [value])
-        found[text] = np.array(function(np.array([beside[n] if n in beside else known[n] for n in used]))).ravel()
-    return found
+        series_by_text[text] = np.array(function(np.array([beside[n] if n in beside else known[n] for n in used]))).ravel()
+    return series_by_text
 
 
 def _check(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping[str, _Apart]) -> None:
-    """Names and units of all formulas."""
+    """Check names and units of all formulas."""
     problems, resolver = Problems(), assembly.resolver()
-    places = {name: own.dimension for name, own in apart.items()}
-    for seen in view.values():
-        for key, part in seen.formulas.items():
+    places = {name: position.dimension for name, position in apart.items()}
+    for shape in view.values():
+        for key, part in shape.formulas.items():
             for formula in part:
                 try:
-                    found = resolver.dimension(formula.tree, extra=places)
+                    dimension_found = resolver.dimension(formula.tree, extra=places)
                     resolver.evaluate(formula.tree, extra={name: ca.SX.sym(name) for name in apart})
                 except ExpressionProblem as problem:
                     add_expression_problem(problem, formula.place, problems)
                     continue
-                wanted, what = (ONE, "an angle") if key == "turned" else (METRE, "a length")
-                if found is not None and found != wanted:
-                    problems.add("view-unit", f"`{key}` of '{seen.name}' is {what}; '{formula.text}' is none", formula.place,
+                wanted, noun = (ONE, "an angle") if key == "turned" else (METRE, "a length")
+                if dimension_found is not None and dimension_found != wanted:
+                    problems.add("view-unit", f"`{key}` of '{shape.name}' is {noun}; '{formula.text}' is none",
+                                 formula.place,
                                  hint="Write for example `crown.x + 12 m`.")
                 moving = [apart[n.text].rate for n in names(formula.tree) if n.text in apart]
                 if moving and _has_derivative(formula.tree):
-                    problems.add("view-der", f"'{formula.text}' takes a derivative where a position is no variable of the "
-                                 "diagram", formula.place, hint=f"Write the rate by its name: {listing(moving)}.")
+                    problems.add("view-der", f"'{formula.text}' takes a derivative where a position is not a variable of "
+                                             f"the diagram", formula.place, hint=f"Write the rate by its name: "
+                                                                                 f"{listing(moving)}.")
     problems.raise_as(ModelError)
 
 
@@ -199,7 +202,7 @@ def _has_derivative(tree: Expr) -> bool:
 
 
 def _frames(time: Array) -> Array:
-    """Instants at an even pace, in a number that a page can hold."""
+    """Instants at a constant frame rate, limited to the number that a page can hold."""
     begin, end = float(time[0]), float(time[-1])
     number = min(MOST_FRAMES, len(time), max(LEAST_FRAMES, math.ceil((end - begin) * RATE)))
     return np.linspace(begin, end, max(2, number))
@@ -208,7 +211,7 @@ def _frames(time: Array) -> Array:
 def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: list[str]) -> Motion:
     model = result.assembly.model
     n = len(time)
-    placed = {name: _placed(seen, courses, n) for name, seen in model.view.items()}
+    placed = {name: _placed(shape, courses, n) for name, shape in model.view.items()}
     edges = _edges([(model.view[name].kind, course) for name, course in placed.items()])
     left, bottom, right, top = edges
     for name, course in placed.items():
@@ -218,46 +221,46 @@ def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: l
             course[4] = course[1] - bottom
         elif kind == "ground":
             course[4] = BAND * (top - bottom)
-    shapes = tuple(Moving(seen.name, seen.kind, seen.colour, seen.label, placed[name], OUTLINES[seen.kind])
-                   for name, seen in model.view.items())
-    shown = {}
+    shapes = tuple(Moving(shape.name, shape.kind, shape.colour, shape.label, placed[name], OUTLINES[shape.kind])
+                   for name, shape in model.view.items())
+    shown_series = {}
     for name, values in result.signals(chosen).items():
         given = result.unit(name)
         unit = readable_unit(given, float(np.max(np.abs(values), initial=0.0)))
-        shown[name] = (unit, np.interp(time, result.time, converted(values, given, unit)))
-    return Motion(model.name, model.summary, time, shapes, edges, shown)
+        shown_series[name] = (unit, np.interp(time, result.time, converted(values, given, unit)))
+    return Motion(model.name, model.summary, time, shapes, edges, shown_series)
 
 
-def _placed(seen: ViewShape, courses: Mapping[str, Array], n: int) -> Array:
-    """x and y of both ends, W and B over time (6, n); what the edges of the picture decide is still open (nan)."""
-    found = np.full((6, n), np.nan)
-    given = {key: [courses[f.text] for f in part] for key, part in seen.formulas.items()}
-    if seen.kind in WIDE:
-        found[1] = found[3] = given["at"][0]
-    elif "at" in given:
-        across = (given.get("diameter") or given.get("width") or given["size"])[0] / 2
-        turned = given["turned"][0] if "turned" in given else np.zeros(n)
-        way = np.array([across * np.cos(turned), across * np.sin(turned)])
-        found[:2], found[2:4] = np.array(given["at"]) - way, np.array(given["at"]) + way
-        found[4] = given["size"][1] if "size" in given else 2 * across
+def _placed(shape: ViewShape, courses: Mapping[str, Array], n: int) -> Array:
+    """x and y of both ends, W and B over time (6, n); values that depend on the edges of the picture are still nan."""
+    rows_found = np.full((6, n), np.nan)
+    series_by_key = {key: [courses[f.text] for f in part] for key, part in shape.formulas.items()}
+    if shape.kind in WIDE:
+        rows_found[1] = rows_found[3] = series_by_key["at"][0]
+    elif "at" in series_by_key:
+        across = (series_by_key.get("diameter") or series_by_key.get("width") or series_by_key["size"])[0] / 2
+        turned = series_by_key["turned"][0] if "turned" in series_by_key else np.zeros(n)
+        offset = np.array([across * np.cos(turned), across * np.sin(turned)])
+        rows_found[:2], rows_found[2:4] = np.array(series_by_key["at"]) - offset, np.array(series_by_key["at"]) + offset
+        rows_found[4] = series_by_key["size"][1] if "size" in series_by_key else 2 * across
     else:
-        found[:2], found[2:4] = given["from"], given["to"]
-        length = float(np.mean(np.hypot(*(found[2:4] - found[:2]))))
-        found[4] = given["width"][0] if "width" in given else THIN * length
-        # by default the piston stands in the middle of its barrel on the average
-        found[5] = given["length"][0] if "length" in given else 2 / 3 * length
-    return found
+        rows_found[:2], rows_found[2:4] = series_by_key["from"], series_by_key["to"]
+        length = float(np.mean(np.hypot(*(rows_found[2:4] - rows_found[:2]))))
+        rows_found[4] = series_by_key["width"][0] if "width" in series_by_key else THIN * length
+        # by default the mean position of the piston is the middle of its barrel
+        rows_found[5] = series_by_key["length"][0] if "length" in series_by_key else 2 / 3 * length
+    return rows_found
 
 
 def _edges(placed: list[tuple[str, Array]]) -> tuple[float, float, float, float]:
-    """Left, bottom, right, top of all that is ever seen, with an edge around it."""
-    own = [course for kind, course in placed if kind not in WIDE]
-    if not own:
+    """Left, bottom, right, top of all positions, with a margin."""
+    series_in_picture = [course for kind, course in placed if kind not in WIDE]
+    if not series_in_picture:
         raise UsageError([Problem("view-empty", "a view of levels and marks alone has no width", None, "Add a box.")])
     half = [0.0 if kind == "ground" else float(np.nanmax(np.abs(course[4]))) / 2 for kind, course in placed
             if kind not in WIDE]
-    x = [(float(np.min(c[[0, 2]])) - h, float(np.max(c[[0, 2]])) + h) for c, h in zip(own, half, strict=True)]
-    y = [(float(np.min(c[[1, 3]])) - h, float(np.max(c[[1, 3]])) + h) for c, h in zip(own, half, strict=True)]
+    x = [(float(np.min(c[[0, 2]])) - h, float(np.max(c[[0, 2]])) + h) for c, h in zip(series_in_picture, half, strict=True)]
+    y = [(float(np.min(c[[1, 3]])) - h, float(np.max(c[[1, 3]])) + h) for c, h in zip(series_in_picture, half, strict=True)]
     y += [(float(np.min(c[1])), float(np.max(c[1]))) for kind, c in placed if kind in WIDE]
     left, right = min(a for a, _ in x), max(b for _, b in x)
     bottom, top = min(a for a, _ in y), max(b for _, b in y)

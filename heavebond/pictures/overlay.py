@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 EXPERIMENT = (".yaml", ".yml", "")  # the last: the name of a bundled one
 SECONDS = ("time", "s")
-MOST_SIGNALS = 6  # drawn where none are named
+MOST_SIGNALS = 6  # signals drawn by default
 
 
 @dataclass(frozen=True)
 class Column:
-    """Which column of a record is a signal: `crown.x=crown_m m` is column `crown_m` in m."""
+    """The column of a signal in a record: `crown.x=crown_m m` is column `crown_m` in m."""
 
     signal: str
     name: str
@@ -40,8 +40,8 @@ class Overlay:
 
 def read_column(text: str) -> Column:
     """`SIGNAL=COLUMN UNIT`; UsageError for a text of another form or an unknown unit."""
-    signal, sign, rest = (part.strip() for part in text.partition("="))
-    name, _, unit = rest.rpartition(" ")
+    signal, sign, column_text = (part.strip() for part in text.partition("="))
+    name, _, unit = column_text.rpartition(" ")
     if not (sign and signal and name.strip()):
         raise UsageError([Problem("column-form", f"--column {text}: this is not SIGNAL=COLUMN UNIT", None,
                                   "Write for example --column 'crown.x=crown_m m'.")])
@@ -53,10 +53,9 @@ def read_column(text: str) -> Column:
 
 
 def read_overlay(files: Iterable[str], columns: Iterable[Column] = (), record: str = "") -> Overlay:
-    """Read all files: saved runs by their suffix, experiments by `.yaml` or their bundled name, any other table as a record
-    of which `columns` says what is in it. `record` names the one of an experiment; without it the first is taken.
-
-    Raises UsageError and DataError for files that cannot be read.
+    """Read all files: saved runs by their suffix, experiments by `.yaml` or their bundled name, any other table as a
+    record whose columns `columns` assigns. `record` selects a record of an experiment, by default the first. Raises
+    UsageError and DataError for files that cannot be read.
     """
     wanted, paths = list(columns), [Path(file) for file in files]
     runs: dict[str, SavedRun] = {}
@@ -70,14 +69,14 @@ def read_overlay(files: Iterable[str], columns: Iterable[Column] = (), record: s
 
 
 def _label(path: Path, paths: list[Path]) -> str:
-    """The file's name, with its folder and suffix where another one has the same."""
-    if sum(other.stem == path.stem for other in paths) == 1:
+    """The file's name, with its folder and suffix if another file has the same name."""
+    if sum(sibling.stem == path.stem for sibling in paths) == 1:
         return path.stem
-    return path.name if sum(other.name == path.name for other in paths) == 1 else str(path)
+    return path.name if sum(sibling.name == path.name for sibling in paths) == 1 else str(path)
 
 
 def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, bool]:
-    """The file as signals, and whether they were measured."""
+    """The file as signals, and True if they were measured."""
     if path.suffix in EXPERIMENT:
         from heavebond.estimation.experiment import load_experiment
 
@@ -94,7 +93,7 @@ def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, boo
 
 def _undescribed(path: Path) -> UsageError:
     return UsageError([Problem(
-        "record-undescribed", f"'{path.name}' is no saved run, and a record must be told what its columns are", None,
+        "record-undescribed", f"'{path.name}' is not a saved run, and a record needs --column for its columns", None,
         "Write --column SIGNAL='COLUMN UNIT', for example --column crown.x='crown_m m', or give the experiment that "
         "describes it.", (f"saved runs end in {', '.join(SUFFIXES)}; `heavebond run MODEL --save FILE` writes them",))])
 
@@ -115,32 +114,32 @@ def _of_table(path: Path, columns: list[Column]) -> SavedRun:
 
 
 def _of_experiment(experiment: Experiment, record: str) -> SavedRun:
-    """The channels of one record, by their names and by the formulas that they should equal."""
+    """The channels of one record, by their names and by their formulas."""
     from heavebond.estimation.records import measure
 
     if record and record not in experiment.records:
         raise UsageError([Problem("record-unknown", f"the experiment has no record '{record}'", None, suggest(
             record, experiment.records) or f"Records: {listing(experiment.records)}.")])
     chosen = experiment.records[record or next(iter(experiment.records))]
-    found = measure(experiment, chosen)
+    measured = measure(experiment, chosen)
     values: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
-    for name, channel in found.channels.items():
-        course = np.full(len(found.grid), np.nan)
+    for name, channel in measured.channels.items():
+        course = np.full(len(measured.grid), np.nan)
         course[channel.index] = channel.measured
         for called in (name, channel.output.shown.text.strip()):
             values[called], units[called] = course, channel.output.shown.unit
-    return SavedRun(chosen.name, found.grid, values, units)
+    return SavedRun(chosen.name, measured.grid, values, units)
 
 
 def common_signals(overlay: Overlay) -> list[str]:
-    """Signals to draw where none are named: the first that all files hold. UsageError where there is none."""
-    first, *others = overlay.runs.values()
-    found = [name for name in first.names() if all(name in other.values for other in others)]
-    if not found:
+    """Default signals: the first that all files hold. UsageError if there is none."""
+    first, *further_runs = overlay.runs.values()
+    common = [name for name in first.names() if all(name in run.values for run in further_runs)]
+    if not common:
         raise UsageError([Problem("nothing-to-plot", "the files have no signal in common", None,
                                   "Name what to draw: --signal crown.x.", _contents(overlay.runs))])
-    return found[:MOST_SIGNALS]
+    return common[:MOST_SIGNALS]
 
 
 def _contents(runs: Mapping[str, SavedRun]) -> tuple[str, ...]:

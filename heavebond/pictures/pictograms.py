@@ -1,9 +1,10 @@
-"""The pictures that stand for components: SVG fragments with named anchors, turned and mirrored; boxes for the rest.
+"""The symbols of components: SVG fragments with named anchors, rotated and mirrored; boxes for components without one.
 
-A picture is a file `symbols/NAME.svg` beside the component's file or in the library. It is data: only the few elements and
-attributes listed here are taken over, with plain values, so that nothing in it can act. A circle with `data-port` is an
-anchor, where the wire of that port ends; it lies on the edge of the view box, on the grid of 10 px, and its edge is the
-side on which the wire leaves. A port may have several anchors: the block of a mass is one body.
+A symbol is a file `symbols/NAME.svg` in the folder of the component's file or in the library. It is treated as data: only
+the few elements and attributes listed here are used, with plain values, so that it cannot contain active content. A
+circle with `data-port` is an anchor, at which the wire of that port ends; it lies on the edge of the view box, on the
+grid of 10 px, and its edge is the side on which the wire leaves. A port may have several anchors: the block of a mass is
+one body.
 """
 
 from __future__ import annotations
@@ -18,18 +19,18 @@ from xml.etree import ElementTree
 
 from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
 from heavebond.core.limits import SYMBOL_BYTES
-from heavebond.language.definition import Component
+from heavebond.language.definition import ChartState, Component
 from heavebond.language.library import bundled, shown_path
 from heavebond.pictures.text_metrics import KIND, NAME, PORT, Line, size, text_width
 
 GRID = 10
 SIDES = {"left": (-1, 0), "right": (1, 0), "top": (0, -1), "bottom": (0, 1)}
-Matrix = tuple[int, int, int, int]  # x' = a*x + c*y, y' = b*x + d*y, as SVG orders them
+Matrix = tuple[int, int, int, int]  # x' = a*x + c*y, y' = b*x + d*y, in the order of SVG
 STRAIGHT: Matrix = (1, 0, 0, 1)
 MIRROR: Matrix = (-1, 0, 0, 1)
 FLIPPED: Matrix = (1, 0, 0, -1)
 HALF: Matrix = (-1, 0, 0, -1)
-# how a picture may be turned: some are read upright only (a tank), some need their writing direction (a signal block)
+# permitted rotations: some symbols are upright only (a tank), some keep their direction of writing (a signal block)
 TURNS: dict[str, tuple[Matrix, ...]] = {
     "none": (STRAIGHT,), "mirror": (STRAIGHT, MIRROR), "flip": (STRAIGHT, MIRROR, FLIPPED, HALF),
     "any": (STRAIGHT, MIRROR, FLIPPED, HALF, (0, 1, -1, 0), (0, -1, 1, 0), (0, 1, 1, 0), (0, -1, -1, 0))}
@@ -37,13 +38,13 @@ _ELEMENTS = {"path", "rect", "circle", "ellipse", "line", "polyline", "polygon",
 _ATTRIBUTES = {"d", "x", "y", "width", "height", "rx", "ry", "cx", "cy", "r", "x1", "y1", "x2", "y2", "points", "fill",
                "stroke", "stroke-width", "stroke-dasharray", "font-size", "font-style", "text-anchor", "data-domain",
                "data-port"}
-_PLAIN = re.compile(r"[-\w\s.,#%+]*")  # no brackets: neither url() nor anything else that points elsewhere
+_PLAIN = re.compile(r"[-\w\s.,#%+]*")  # no brackets: neither url() nor other references
 _SVG = "{http://www.w3.org/2000/svg}"
 
 
 @dataclass(frozen=True)
 class Anchor:
-    """Where the wire of a port ends, from the middle of the picture, and the side on which it leaves."""
+    """End of the wire of a port, relative to the centre of the picture, and the side on which it leaves."""
 
     port: str
     x: int
@@ -53,7 +54,7 @@ class Anchor:
 
 @dataclass(frozen=True)
 class Mark:
-    """One element of a picture with its attributes; `text` for writing, which stays upright when the picture is turned."""
+    """One element of a picture with its attributes; `text` for writing, which stays upright when the picture is rotated."""
 
     tag: str
     attributes: tuple[tuple[str, str], ...]
@@ -62,7 +63,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Shape:
-    """A picture around its own middle: extent, anchors, marks and how it stands (`turn`) and may stand (`turns`)."""
+    """A picture around its centre: extent, anchors, marks, present rotation (`turn`) and permitted rotations (`turns`)."""
 
     left: int
     top: int
@@ -75,7 +76,7 @@ class Shape:
     turn: Matrix = STRAIGHT
 
     def turned(self, turn: Matrix) -> Shape:
-        """This picture turned; `turn` counts from the picture as it stands in its file."""
+        """The rotated picture; `turn` is relative to the picture in its file."""
         xs, ys = zip(*(_applied(turn, x, y) for x in (self.left, self.right) for y in (self.top, self.bottom)), strict=True)
         sides = {vector: side for side, vector in SIDES.items()}
         anchors = tuple(Anchor(a.port, *_applied(turn, a.x, a.y), sides[_applied(turn, *SIDES[a.side])])
@@ -83,7 +84,7 @@ class Shape:
         return replace(self, left=min(xs), top=min(ys), right=max(xs), bottom=max(ys), anchors=anchors, turn=turn)
 
     def of(self, port: str) -> tuple[Anchor, ...]:
-        """The anchors of a port; those of `p` also serve `p[2]`."""
+        """The anchors of a port; the anchors of `p` also serve `p[2]`."""
         return tuple(a for a in self.anchors if a.port == port) or \
             tuple(a for a in self.anchors if a.port == port.partition("[")[0])
 
@@ -94,7 +95,7 @@ def _applied(turn: Matrix, x: int, y: int) -> tuple[int, int]:
 
 
 def symbol(component: Component) -> Shape | None:
-    """The picture that a component names, None where it names none; ModelError where that cannot be used."""
+    """The picture that a component names, None if it names none; ModelError if it cannot be used."""
     if not component.symbol:
         return None
     beside = component.path.parent / "symbols"
@@ -127,13 +128,13 @@ def _read(path: Path, stamp: int) -> Shape:
         if len(content) > SYMBOL_BYTES:
             raise _wrong("symbol-bad", f"a symbol has at most {SYMBOL_BYTES // 1000} kB", place, "Draw it with fewer marks.")
         text = content.decode("utf-8")
-        if "<!" in text.replace("<!--", ""):  # entities could unfold to any size
+        if "<!" in text.replace("<!--", ""):  # entities could expand to any size
             raise _wrong("symbol-bad", "a symbol has no document type and no entities", place, "Remove what begins `<!`.")
         root = ElementTree.fromstring(text)
         box = [int(number) for number in root.get("viewBox", "").split()]
         left, top, width, height = box
     except (ElementTree.ParseError, ValueError, OSError) as error:
-        raise _wrong("symbol-bad", f"this is no symbol: {error}", place, "It is an SVG file whose viewBox has four whole "
+        raise _wrong("symbol-bad", f"this is not a symbol: {error}", place, "It is an SVG file whose viewBox has four whole "
                      "numbers.") from None
     turns = TURNS.get(root.get("data-turn", "none"))
     if turns is None:
@@ -170,7 +171,7 @@ def _anchor(element: ElementTree.Element, box: tuple[int, int, int, int], place:
     except ValueError:
         x, y = 1, 1
     edges = {"left": x == left, "right": x == right, "top": y == top, "bottom": y == bottom}
-    side = next((name for name, there in edges.items() if there), "")
+    side = next((name for name, on_edge in edges.items() if on_edge), "")
     if not side or x % GRID or y % GRID:
         raise _wrong("symbol-bad", f"the place of port '{port}' is not on the edge of the viewBox, on a multiple of {GRID}",
                      place, "Move it there: that edge is the side on which the wire leaves.")
@@ -178,21 +179,24 @@ def _anchor(element: ElementTree.Element, box: tuple[int, int, int, int], place:
 
 
 def rounded_up(length: float) -> int:
-    """To the next multiple of two grid steps, so that the half lies on the grid."""
+    """Round up to a multiple of two grid steps, so that the half lies on the grid."""
     return 2 * GRID * math.ceil(length / (2 * GRID) - 1e-9)
 
 
-def box(name: str, kind: str, sides: Mapping[str, Sequence[str]]) -> Shape:
-    """A box with a name, the kind of the component and its ports on the sides (in order from top or left)."""
+def box(name: str, kind: str, sides: Mapping[str, Sequence[str]], states: Sequence[ChartState] = ()) -> Shape:
+    """A box with a name, the kind of the component and its ports on the sides (in order from top or left), and below
+    the name its state machine."""
     words = (Line(name, NAME), *([Line(kind, KIND)] if kind else []))
+    chart_width, chart_height = state_chart(states)[0]
     labels = {side: max((text_width(_shown(p), PORT) for p in ports), default=0.0) for side, ports in sides.items()}
     width, height = size(words)
+    width, height = max(width, chart_width), height + chart_height
     upper, lower = (14 if sides.get(side) else 4 for side in ("top", "bottom"))
     across = max(len(sides.get(side, ())) * max(4 * GRID, -(-(labels.get(side, 0) + 10) // (2 * GRID)) * 2 * GRID)
-                 for side in ("top", "bottom"))  # as `_spread` places them
+                 for side in ("top", "bottom"))  # in the order of `_spread`
     whole_x = rounded_up(max(60.0, width + 16 + 2 * max(labels.get("left", 0), labels.get("right", 0)), across))
     rows = max(len(sides.get("left", ())), len(sides.get("right", ())))
-    # the names of ports at the top and the bottom stand above and below those at the sides
+    # the names of ports at the top and the bottom are above and below the names at the sides
     beside = rows * 2 * GRID + 2 * max(upper, lower) - 8 if rows else 0
     whole_y = rounded_up(max(40.0, height + 2 * max(upper, lower) + 4, beside))
     half_x, half_y = whole_x // 2, whole_y // 2
@@ -211,6 +215,7 @@ def box(name: str, kind: str, sides: Mapping[str, Sequence[str]]) -> Shape:
         base += line.height
         marks.append(Mark("text", (("x", "0"), ("y", f"{base - 3:g}"), ("font-size", str(line.style.size)),
                                    ("data-style", "name" if line.style.bold else "quiet")), line.text))
+    marks += state_chart(states, -chart_width / 2, base)[1]
     return Shape(-half_x, -half_y, half_x, half_y, tuple(anchors), tuple(marks))
 
 
@@ -231,3 +236,55 @@ def _port_label(port: str, x: int, y: int, side: str) -> Mark:
                      "bottom": (0, -4, "middle")}[side]
     return Mark("text", (("x", str(x + dx)), ("y", str(y + dy)), ("font-size", str(PORT.size)), ("text-anchor", align),
                          ("data-style", "quiet")), _shown(port))
+
+
+ROW, INDENT, HEAD, LANE = 12, 8, 3, 8  # px: a line of text, its indent, half the head of an arrow, between two lines
+WIDER = 1.13  # width of DejaVu Sans, the substitute for Helvetica and Arial, relative to the measured width
+
+
+def state_chart(states: Sequence[ChartState], left: float = 0.0, top: float = 0.0) -> tuple[tuple[float, float], list[Mark]]:
+    """The size and the marks of a state machine from its upper left corner: the states below each other, each with its
+    entry values and its transitions; a line leads from each transition to the state that it enters."""
+    if not states:
+        return (0.0, 0.0), []
+    rows = [[*(f"{reset.target.text} = {reset.value.text}" for reset in state.entry),
+             *(f"{t.target}: {t.text}" for t in state.transitions)] for state in states]
+    width = max(60.0, *(text_width(state.name, NAME) + 20 for state in states),
+                *(WIDER * text_width(row, PORT) + 2 * INDENT for own in rows for row in own))
+    tops, y = dict[str, float](), top + 2 * ROW
+    for state, own in zip(states, rows, strict=True):
+        tops[state.name] = y
+        y += ROW * (len(own) + 2)
+    lane = right = left + width
+    middle = left + width / 2
+    marks = [_drawn("circle", cx=middle, cy=top + 5, r=3, fill="currentColor"),
+             _drawn("path", d=f"M{middle:g} {top + 8:g} V{top + 2 * ROW - 6:g}"), _head(middle, top + 2 * ROW, 0, 1)]
+    for state, own in zip(states, rows, strict=True):
+        upper = tops[state.name]
+        marks += [_drawn("rect", x=left, y=upper, width=width, height=ROW * (len(own) + 1) + 4, rx=6, fill="#ffffff"),
+                  _written(state.name, middle, upper + ROW - 1, NAME.size, "middle", "name")]
+        marks += [_written(row, left + INDENT, upper + ROW * (k + 2) - 1, PORT.size, "start", "quiet")
+                  for k, row in enumerate(own)]
+        for k, t in enumerate(state.transitions, len(state.entry) + 2):
+            lane += LANE
+            leaves, enters = upper + ROW * k - 4, tops[t.target] + ROW / 2
+            marks += [_drawn("path", d=f"M{right:g} {leaves:g} H{lane:g} V{enters:g} H{right + 6:g}"),
+                      _head(right, enters, -1, 0)]
+    return (lane - left + 4, y - top), marks
+
+
+def _drawn(tag: str, **attributes: str | float) -> Mark:
+    return Mark(tag, (*((name, value if isinstance(value, str) else f"{value:g}") for name, value in attributes.items()),
+                      ("stroke-width", "1")))
+
+
+def _head(x: float, y: float, dx: int, dy: int) -> Mark:
+    """An arrow's head whose tip is at a point."""
+    back, side = (x - 6 * dx, y - 6 * dy), (HEAD * dy, HEAD * dx)
+    return _drawn("path", d=f"M{x:g} {y:g} L{back[0] + side[0]:g} {back[1] + side[1]:g} "
+                  f"L{back[0] - side[0]:g} {back[1] - side[1]:g} z", fill="currentColor")
+
+
+def _written(text: str, x: float, y: float, height: int, align: str, style: str) -> Mark:
+    return Mark("text", (("x", f"{x:g}"), ("y", f"{y:g}"), ("font-size", str(height)), ("text-anchor", align),
+                         ("data-style", style)), text)

@@ -1,8 +1,8 @@
-"""Where the parts of a sheet stand: cells of a grid, how each picture is turned, on which sides boxes have their ports.
+"""Placement of the parts of a sheet: cells of a grid, rotation of each picture, sides of the ports of boxes.
 
-Parts whose place is given in the diagram stay there. The others begin beside what they are joined to and move from cell
-to cell as long as the wires become shorter and straighter (a descent over single moves and swaps, in a fixed order, so
-that the same diagram is always drawn the same way).
+Parts with a place in the diagram stay there. The others begin next to the parts to which they are connected and move from
+cell to cell while the wires become shorter and straighter (a descent over single moves and swaps, in a fixed order, so
+that the same diagram is always drawn in the same way).
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ from itertools import product
 from heavebond.pictures.pictograms import MIRROR, SIDES, STRAIGHT, Matrix, Shape
 
 AROUND = 30
-PITCH_X, PITCH_Y = 150, 110  # px from cell to cell, as far as the choice of cells is concerned
+PITCH_X, PITCH_Y = 150, 110  # px from cell to cell in the choice of cells
 BEND, BETWEEN, UNNATURAL = 45, 110, 50
-FAR, BEFORE = 0.02, 25  # a little per px from the first cell, and per cell to the left of it or above: one reads from there
-TURNED = 2  # the earlier turns of a picture are the more usual ones
+# small cost per px from the first cell, and per cell to the left of it or above: reading begins there
+FAR, BEFORE = 0.02, 25
+TURNED = 2  # earlier rotations in the list are more usual
 SWEEPS, STARTS = 6, 5
-MOST_MOVED = 40  # larger sheets are not improved: each sweep tries every pair; parts stand beside what they are joined to
+MOST_MOVED = 40  # larger sheets are not improved, because each sweep tries every pair; parts stay next to their neighbours
 NEIGHBOURS = 6
 Cell = tuple[int, int]
 NUMBERS: dict[Matrix, int] = {(a, b, c, d): k for k, (a, b, c, d) in enumerate(product((-1, 0, 1), repeat=4))}
-# the cost of a wire between two ports: by the pair, and by how they are turned (numbered) and how far they are apart
+# the cost of a wire between two ports: by the pair, their rotations (numbered) and their distance
 Known = dict[tuple[str, str, str, str], dict[tuple[int, int, int, int], float]]
 Place = tuple[int, int, str]  # x, y, side
 
 
 @dataclass(frozen=True)
 class Piece:
-    """What is placed: a part or a port of the sheet's own edge. `shape` is None for what takes its ports on any side.
+    """A placed element: a part or a port of the sheet's edge. `shape` is None if its ports may be on any side.
 
-    side: the edge to which a port of the sheet itself belongs; natural: the sides on which a reader looks for a port; ends:
-    the two ports of a box that stand on its left and right, or the other way round; facing: where its picture's left to
-    right points to, if the diagram says it.
+    side: the edge of a port of the sheet itself; natural: the usual sides of a port; ends: the two ports of a box on
+    its left and right, in either order; facing: the direction of its picture's left to right, if the diagram gives it.
     """
 
     name: str
@@ -49,16 +49,16 @@ class Piece:
 
     @property
     def turns(self) -> tuple[Matrix, ...]:
-        """How it may stand; the ends of a box may change places. A picture that never faces where it is said to may stand
-        as any other."""
+        """Permitted rotations; the ends of a box may be exchanged. If the given direction is impossible for a picture,
+        all its rotations are permitted."""
         turns = self.shape.turns if self.shape is not None else (STRAIGHT, MIRROR) if self.ends else (STRAIGHT,)
         return tuple(turn for turn in turns if turn[:2] == self.facing) or turns
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Cell and turn of each piece; the sides of the ports of those without a fixed shape, in order along the side; the
-    sides on which wires most likely leave each piece (a mass has an anchor on each, and few are used)."""
+    """Cell and rotation of each piece; the sides of the ports of pieces without a fixed shape, in order along the side;
+    the sides on which wires probably leave each piece (a mass has an anchor on each, and few are used)."""
 
     cells: dict[str, Cell]
     turns: dict[str, Matrix]
@@ -67,7 +67,7 @@ class Placement:
 
 
 def place(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]) -> Placement:
-    """Cells, turns and sides for pieces that are joined by nets of (piece, port)."""
+    """Cells, rotations and sides for pieces that are connected by nets of (piece, port)."""
     free = [piece.name for piece in pieces if piece.at is None and not piece.side]
     few = len(free) <= MOST_MOVED
     known: Known = {}
@@ -79,8 +79,8 @@ def place(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]) ->
 
 def _searched(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]], first: str, few: bool, known: Known
               ) -> _Search:
-    """A descent that begins with the free piece `first`: each ends in another valley. What wires cost is `known` from one
-    to the next."""
+    """A descent that begins with the free piece `first`: each start leads to another local minimum. `known` keeps costs
+    of wires from one descent to the next."""
     search = _Search(pieces, nets, known)
     search.begin(first)
     for _ in range(SWEEPS if few else 0):
@@ -90,7 +90,7 @@ def _searched(pieces: Sequence[Piece], nets: Sequence[Sequence[tuple[str, str]]]
 
 
 def _compressed(cells: dict[str, Cell], sides: dict[str, str]) -> dict[str, Cell]:
-    """Cells without empty columns and rows; what belongs to an edge comes to a column or row of its own."""
+    """Remove empty columns and rows; pieces of an edge get a separate column or row."""
     inner = [cell for name, cell in cells.items() if not sides[name]] or [(0, 0)]
     columns = {c: k for k, c in enumerate(sorted({c for c, _ in inner}))}
     rows = {r: k for k, r in enumerate(sorted({r for _, r in inner}))}
@@ -98,12 +98,12 @@ def _compressed(cells: dict[str, Cell], sides: dict[str, str]) -> dict[str, Cell
     def near(value: int, known: dict[int, int]) -> int:
         return known[min(known, key=lambda k: (abs(k - value), k))]
 
-    found = {}
+    compressed_cells = {}
     for name, (c, r) in cells.items():
         across, down = near(c, columns), near(r, rows)
-        found[name] = {"left": (-1, down), "right": (len(columns), down), "top": (across, -1),
-                       "bottom": (across, len(rows))}.get(sides[name], (across, down))
-    return found
+        compressed_cells[name] = {"left": (-1, down), "right": (len(columns), down), "top": (across, -1),
+                                  "bottom": (across, len(rows))}.get(sides[name], (across, down))
+    return compressed_cells
 
 
 class _Search:
@@ -116,19 +116,21 @@ class _Search:
                 self.of[name].append(k)
         self.on_edge = [p.name for p in pieces if p.side]
         self.shapes: dict[tuple[str, Matrix], Shape] = {}
-        # of each net what wires between its terminals cost, by two terminals
+        # for each net the cost of wires between its terminals, by two terminals
         self.costs = [[[known.setdefault((*one, *two), {}) for two in net] for one in net] for net in self.nets]
         self.cells: dict[str, Cell] = {}
         self.turns: dict[str, Matrix] = {}
         self.taken: dict[Cell, str] = {}
 
     def cost(self) -> float:
-        """What the whole sheet costs."""
+        """Cost of the whole sheet."""
         return self._cost_around(list(self.pieces))
 
     # -- moves -----------------------------------------------------------------------------------------------------
     def begin(self, first: str) -> None:
-        """Given places, and `first`; then, from what is joined to the placed ones most, each in its best free cell."""
+        """Place the given pieces, and `first`; then, in turn, the piece with most connections to placed ones in its best
+        free cell.
+        """
         for piece in self.pieces.values():
             if piece.at is not None:
                 self._put(piece.name, self._free_near(piece.at), piece.turns[0])
@@ -153,7 +155,9 @@ class _Search:
                     self._turn_both(first, second)
 
     def _turn_both(self, first: str, second: str) -> None:
-        """Two pieces on one node may gain only if both turn: a spring and the damper beside it."""
+        """Rotate two pieces on one node together, which may lower the cost if single rotations do not: a spring and a
+        damper in parallel.
+        """
         before = self.turns[first], self.turns[second]
         best, chosen = self._cost_around([first, second]) - 1e-6, before
         for one in self.pieces[first].turns:
@@ -165,7 +169,9 @@ class _Search:
         self.turns[first], self.turns[second] = chosen
 
     def _ways(self, name: str) -> int:
-        """In how many ways a chain may go on from a piece; what ends it, such as a weight, waits until it is laid."""
+        """Number of directions in which a chain may continue from a piece; end pieces, such as a weight, wait until the
+        chain is placed.
+        """
         shape = self.pieces[name].shape
         return len(self.of[name]) if shape is None else len(shape.anchors)
 
@@ -173,7 +179,7 @@ class _Search:
         return any(name in self.cells for name, _ in self.nets[k])
 
     def sweep(self) -> bool:
-        """Move every piece once to where it costs least, then swap pairs; whether anything became better."""
+        """Move every piece once to its cheapest cell, then swap pairs; returns True if the cost fell."""
         better = False
         for piece in self.pieces.values():
             before = self._cost_around([piece.name])
@@ -220,13 +226,13 @@ class _Search:
         self.taken.pop(self.cells.pop(name), None)
 
     def _free_near(self, cell: Cell) -> Cell:
-        """The cell, or the next free one below: two parts may have been given one place."""
+        """The cell, or the next free one below: two parts may have the same given place."""
         while cell in self.taken:
             cell = (cell[0], cell[1] + 1)
         return cell
 
     def _turn(self, name: str) -> None:
-        """Turn a piece as suits its wires best, the first of its turns where several do."""
+        """Rotate a piece to the lowest cost of its wires, the first rotation among equal ones."""
         turns = self.pieces[name].turns
         if len(turns) > 1:
             best, chosen = math.inf, 0
@@ -238,7 +244,7 @@ class _Search:
             self.turns[name] = turns[chosen]
 
     def _best(self, name: str) -> tuple[Cell, Matrix]:
-        """The free cell and the turn in which a lifted piece costs least."""
+        """The free cell and the rotation with the lowest cost of a removed piece."""
         best: tuple[float, Cell, Matrix] | None = None
         for cell in self._choices(name):
             if cell in self.taken:
@@ -272,8 +278,8 @@ class _Search:
 
     # -- cost ------------------------------------------------------------------------------------------------------
     def _cost_around(self, names: list[str], most: float = math.inf) -> float:
-        """What the nets of some pieces cost, their distance from the rest, and a little for height: paper is wide. From
-        `most` on it need not be known by how much it is more: all parts of a cost are above zero."""
+        """Cost of the nets of some pieces, of their distance from the rest, and a little of height: paper is wide. Costs
+        above `most` need not be exact: all contributions are positive."""
         total = 0.0
         for k in self.of[names[0]] if len(names) == 1 else dict.fromkeys(k for name in names for k in self.of[name]):
             total += self._net_cost(k, most - total)
@@ -283,7 +289,7 @@ class _Search:
             if name in self.cells and not self.pieces[name].side:
                 c, r = self.cells[name]
                 total += FAR * (abs(c) * PITCH_X + 2 * abs(r) * PITCH_Y) + BEFORE * (max(0, -c) + max(0, -r))
-                total += sum(BETWEEN for other in self.on_edge if self._beyond_edge(other, (c, r)))
+                total += sum(BETWEEN for piece in self.on_edge if self._beyond_edge(piece, (c, r)))
         return total
 
     def _beyond_edge(self, other: str, cell: Cell) -> bool:
@@ -292,8 +298,8 @@ class _Search:
                                      "bottom": cell[1] >= edge[1]}[self.pieces[other].side]
 
     def _net_cost(self, k: int, most: float = math.inf) -> float:
-        """The length of a tree over the placed terminals, bends and parts in between counted in; from `most` on it need not
-        be known by how much it is more."""
+        """The length of a tree over the placed terminals, with costs of bends and parts in between; costs above `most`
+        need not be exact."""
         total = 0.0
         for cost, _, _ in self._tree(k):
             total += cost
@@ -303,59 +309,59 @@ class _Search:
 
     def _tree(self, k: int) -> Iterator[tuple[float, int, int]]:
         """The cheapest tree over the placed ends of a net (Prim): cost of each piece and the two ends that it joins."""
-        net, costs, cells, taken = self.nets[k], self.costs[k], self.cells, self.taken
-        left, at = [], {}
+        net, costs, cells, occupied = self.nets[k], self.costs[k], self.cells, self.taken
+        waiting, at = [], {}
         for i, (name, _) in enumerate(net):
             if name in cells:
-                left.append(i)
+                waiting.append(i)
                 at[i] = *cells[name], NUMBERS[self.turns[name]]
-        if len(left) < 2:
+        if len(waiting) < 2:
             return
-        reach, nearest = dict.fromkeys(left, (math.inf, 0)), left.pop(0)
-        while left:
+        reach, nearest = dict.fromkeys(waiting, (math.inf, 0)), waiting.pop(0)
+        while waiting:
             j, (x, y, turn), known = nearest, at[nearest], costs[nearest]
             least = math.inf, 0
-            for i in left:
-                u, v, other = at[i]
-                # it depends on how far apart the two are, not on where they are: most of it was worked out before
-                key = turn, other, u - x, v - y
+            for i in waiting:
+                u, v, partner = at[i]
+                # the cost depends on the distance of the two only, so most of it has been computed before
+                key = turn, partner, u - x, v - y
                 cost = known[i].get(key)
                 if cost is None:
                     cost = known[i][key] = self._nearest(net[j], net[i])[0]
                 if y == v:
                     for c in range(x + 1, u) if x < u else range(u + 1, x):
-                        if (c, y) in taken:
+                        if (c, y) in occupied:
                             cost += BETWEEN
                 elif x == u:
                     for r in range(y + 1, v) if y < v else range(v + 1, y):
-                        if (x, r) in taken:
+                        if (x, r) in occupied:
                             cost += BETWEEN
-                way = reach[i]
-                if (cost, j) < way:
-                    way = reach[i] = cost, j
-                if way < least:
-                    least, nearest = way, i
-            left.remove(nearest)
+                best_reach = reach[i]
+                if (cost, j) < best_reach:
+                    best_reach = reach[i] = cost, j
+                if best_reach < least:
+                    least, nearest = best_reach, i
+            waiting.remove(nearest)
             yield (*least, nearest)
 
     def leaving(self) -> dict[str, frozenset[str]]:
         """The sides on which the trees of the nets leave each piece."""
-        found: dict[str, set[str]] = {name: set() for name in self.pieces}
+        sides_by_piece: dict[str, set[str]] = {name: set() for name in self.pieces}
         for k in range(len(self.nets)):
             for _, i, j in self._tree(k):
                 one, two = self.nets[k][i], self.nets[k][j]
                 _, p, q = self._nearest(one, two)
-                found[one[0]].add(p[2])
-                found[two[0]].add(q[2])
-        return {name: frozenset(sides) for name, sides in found.items()}
+                sides_by_piece[one[0]].add(p[2])
+                sides_by_piece[two[0]].add(q[2])
+        return {name: frozenset(sides) for name, sides in sides_by_piece.items()}
 
     def _nearest(self, one: tuple[str, str], two: tuple[str, str]) -> tuple[float, Place, Place]:
-        """The cheapest wire between two ports, and where it would end."""
+        """The cheapest wire between two ports, and its ends."""
         return min(((extra + more + wire_cost(p, q), p, q) for p, extra in self._places(*one)
                     for q, more in self._places(*two)), key=lambda found: found[0])
 
     def _places(self, name: str, port: str) -> list[tuple[Place, float]]:
-        """Where a port may be reached, with what an unusual side costs."""
+        """Possible ends of a wire at a port, with the cost of an unusual side."""
         piece = self.pieces[name]
         x, y = self.cells[name][0] * PITCH_X, self.cells[name][1] * PITCH_Y
         if piece.side:
@@ -374,8 +380,8 @@ class _Search:
 
     # -- sides -----------------------------------------------------------------------------------------------------
     def sides(self) -> dict[str, dict[str, list[str]]]:
-        """For each piece without a fixed shape its ports by side, ordered as what they are joined to."""
-        found = {}
+        """For each piece without a fixed shape its ports by side, in the order of their neighbours."""
+        sides_by_piece = {}
         for piece in self.pieces.values():
             if piece.shape is None and not piece.side:
                 chosen: dict[str, list[tuple[float, float, int, str]]] = {side: [] for side in SIDES}
@@ -389,19 +395,20 @@ class _Search:
                         options = self._places(piece.name, port)
                         (_, _, side), _ = min(options, key=lambda option: (option[1], len(chosen[option[0][2]])))
                         chosen[side].append((0.0, 0.0, k, port))
-                found[piece.name] = {side: [port for *_, port in sorted(ports)] for side, ports in chosen.items()}
-        return found
+                sides_by_piece[piece.name] = {side: [port for *_, port in sorted(ports)] for side, ports in chosen.items()}
+        return sides_by_piece
 
     def _partners(self, name: str, port: str) -> list[Place]:
-        """What a port may be joined to."""
+        """Possible places of the neighbours of a port."""
         net = next((net for net in self.nets if (name, port) in net), [])
-        return [place for other, p in net if other != name for place, _ in self._places(other, p)]
+        return [place for neighbour, p in net if neighbour != name for place, _ in self._places(neighbour, p)]
 
     def _side(self, piece: Piece, port: str, partners: list[Place]) -> tuple[str, tuple[float, float]]:
-        """The side for a port, and its order along it: as its nearest partners stand; of two in one line the one that is
-        further off comes first or last, so that the wires need not cross."""
-        best = min(((extra + wire_cost(place, other), place[2], other) for place, extra in self._places(piece.name, port)
-                    for other in partners), key=lambda item: item[0])
+        """The side for a port, and its order along it: by the place of its nearest neighbour; of two in one line the
+        farther one is first or last, so that the wires need not cross."""
+        best = min(((extra + wire_cost(place, neighbour), place[2], neighbour)
+                    for place, extra in self._places(piece.name, port)
+                    for neighbour in partners), key=lambda item: item[0])
         x, y = (cell * pitch for cell, pitch in zip(self.cells[piece.name], (PITCH_X, PITCH_Y), strict=True))
         dx, dy = best[2][0] - x, best[2][1] - y
         if best[1] in ("left", "right"):
@@ -410,7 +417,7 @@ class _Search:
 
 
 def wire_cost(one: Place, two: Place) -> float:
-    """Length and bends of a wire between two anchors that leave on given sides, nothing in the way."""
+    """Length and bends of a wire between two anchors that leave on given sides, without obstacles."""
     dx, dy = two[0] - one[0], two[1] - one[1]
     (ax, ay), (bx, by) = SIDES[one[2]], SIDES[two[2]]
     ahead, back = ax * dx + ay * dy, -(bx * dx + by * dy)

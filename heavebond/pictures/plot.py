@@ -38,21 +38,21 @@ if TYPE_CHECKING:
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 100
 WIDTH = 12.0  # inches
-TITLE_LINE = 125  # characters that fit into the width
-RECT = (0.0, 0.004, 0.99, 0.99)  # keeps the title and the last tick label off the edge
-DENSE = 500  # from so many samples on a record is drawn as a line, since its dots would merge into a thicker one
-# Okabe and Ito, Color universal design, 2008: told apart by every kind of colour vision; their yellow is too pale here
+TITLE_LINE = 125  # characters in the width
+RECT = (0.0, 0.004, 0.99, 0.99)  # margin for the title and the last tick label
+DENSE = 500  # number of samples from which on a record is drawn as a line, since its dots would merge
+# Okabe and Ito, Color universal design, 2008: distinguishable for every kind of colour vision; their yellow is too pale here
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 DASHES = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))
 RECORD, MODEL, BAND = "#8c8c8c", COLOURS[1], "#bcd9ea"
-WIDE = 30  # from such a ratio of the largest to the least on, errors are drawn on a logarithmic axis
-MISSED = 0.005  # share of its range by which the extremes of a curve may be missed: half of a line in a usual figure
+WIDE = 30  # ratio of the largest to the least error from which on the axis is logarithmic
+MISSED = 0.005  # share of its range by which a curve may miss an extreme: half a line width in a usual figure
 STILL = 1e-9  # a span below this is rounding, not motion
 BAND_WIDTH = 2  # the band holds 95 % of white noise
 
 
 class NotebookFigure(Figure):
-    """A figure that a notebook shows as PNG, without pyplot and its settings of the display."""
+    """A figure that a notebook shows as PNG, independent of pyplot and its display settings."""
 
     def _repr_png_(self) -> bytes:
         file = io.BytesIO()
@@ -61,7 +61,7 @@ class NotebookFigure(Figure):
 
 
 def drawn_run(result: Result, names: Sequence[str]) -> Result:
-    """The run, or where its output points miss an extreme of a signal visibly its dense run."""
+    """The run, or its dense run if its output points visibly miss an extreme of a signal."""
     values, dense = result.signals(names), result.dense.signals(names)
     missed = any(np.ptp(dense[name]) > (1 + MISSED) * np.ptp(values[name]) for name in names)
     return result.dense if missed else result
@@ -70,8 +70,8 @@ def drawn_run(result: Result, names: Sequence[str]) -> Result:
 def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Figure:
     """Signals of a run over time: one axes per unit, the time axes linked.
 
-    A named output is drawn in its own unit, any other variable in a prefix that suits its size. Raises UsageError for
-    a name that is not there or where no name is given.
+    A named output is drawn in its unit, any other variable in a prefix that suits its size. Raises UsageError for an
+    unknown name or without names.
     """
     chosen = list(dict.fromkeys(names))
     if not chosen:
@@ -85,8 +85,8 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
     sizes = {unit: max(_size(values[name]) for name in group) for unit, group in groups.items()}
     panels: dict[str, list[tuple[str, Array]]] = {}
     for unit, group in groups.items():
-        shown = readable_unit(unit, sizes[unit])
-        panels.setdefault(shown, []).extend((name, converted(values[name], unit, shown)) for name in group)
+        display_unit = readable_unit(unit, sizes[unit])
+        panels.setdefault(display_unit, []).extend((name, converted(values[name], unit, display_unit)) for name in group)
     figure, axes = _stack(len(panels), title or _heading(result))
     for panel, (unit, lines) in zip(axes, panels.items(), strict=True):
         for k, (name, line) in enumerate(lines):
@@ -101,10 +101,9 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
 def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str = "",
               window: tuple[float, float] | None = None, shaded: tuple[float, float] | None = None,
               measured: Collection[str] = ()) -> Figure:
-    """The same signals of several runs, and of records beside them: one axes per signal, one line per run that holds it.
-
-    `window` is the stretch of time to draw, `shaded` one to mark (begin, end in s). Those in `measured` are records, grey
-    dots beneath the others. Raises UsageError for a signal that none of the runs holds, or whose units differ in kind.
+    """The same signals of several runs and records: one axes per signal, one line per run that contains it. `window` is
+    the range of time to draw, `shaded` a range to mark (begin, end in s). Names in `measured` are records, drawn as
+    grey dots behind the others. Raises UsageError for a signal that no run contains, or with units of different kinds.
     """
     chosen = list(dict.fromkeys(names))
     holders = {name: _holders(runs, name) for name in chosen}
@@ -115,9 +114,10 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
     models = [label for label in runs if label not in measured]
     for panel, name in zip(axes, chosen, strict=True):
         unit = holders[name][0][1].unit(name)
-        found = {label: converted(run.display[name][inside[label]], run.unit(name), unit) for label, run in holders[name]}
-        shown = readable_unit(unit, max(map(_size, found.values())))
-        drawn = {label: converted(line, unit, shown) for label, line in found.items()}
+        series_by_label = {label: converted(run.display[name][inside[label]], run.unit(name), unit)
+                           for label, run in holders[name]}
+        shown = readable_unit(unit, max(map(_size, series_by_label.values())))
+        drawn = {label: converted(line, unit, shown) for label, line in series_by_label.items()}
         for label, line in drawn.items():
             time = runs[label].time[inside[label]]
             if label in measured:
@@ -140,22 +140,22 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
 
 def _holders(runs: Mapping[str, SavedRun], name: str) -> list[tuple[str, SavedRun]]:
     """The runs that hold a signal, in units of one kind."""
-    found = [(label, run) for label, run in runs.items() if name in run.values]
-    if not found:
+    holders = [(label, run) for label, run in runs.items() if name in run.values]
+    if not holders:
         known = list(dict.fromkeys(known for run in runs.values() for known in run.names()))
         raise UsageError([Problem("name-unknown", f"none of the files holds '{name}'", None,
                                   suggest(name, known) or f"They hold: {listing(known)}.")])
-    kinds = {read_unit(run.unit(name)).dimension: label for label, run in found}
+    kinds = {read_unit(run.unit(name)).dimension: label for label, run in holders}
     if len(kinds) > 1:
-        told = " and ".join(f"[{run.unit(name)}] in {label}" for label, run in found if label in kinds.values())
-        raise UsageError([Problem("unit-kind", f"'{name}' is not the same quantity in all files: {told}", None,
+        unit_list = " and ".join(f"[{run.unit(name)}] in {label}" for label, run in holders if label in kinds.values())
+        raise UsageError([Problem("unit-kind", f"'{name}' is not the same quantity in all files: {unit_list}", None,
                                   "Draw them one after the other, or name another signal.")])
-    return found
+    return holders
 
 
 def plot_comparison(comparison: Comparison) -> Figure:
-    """Records (grey dots) and model (line): a column per record, a row per channel, beneath each what the model
-    misses with a band of twice the noise on either side."""
+    """Records (grey dots) and model (line): a column per record, a row per channel, below each the residual with a band
+    of twice the noise on either side."""
     records = list(comparison.records.values())
     channels = list(records[0].channels)
     n = len(channels)
@@ -171,8 +171,8 @@ def plot_comparison(comparison: Comparison) -> Figure:
             if record.validate is not None:
                 _shade(upper, lower, record.channels[name].time, record.validate.channels[name].counts)
             column += [upper, lower]
-        # above the figures of its first channel, which stand on the right
-        # the empty line keeps it above the figures of its first channel, which stand on the right
+        # above the numbers of its first channel, which are on the right
+        # the empty line keeps it above the numbers of its first channel, which are on the right
         column[0].set_title(_record_title(record) + "\n", loc="left", fontsize=11, fontweight="bold")
         for axes in column[:-1]:
             axes.tick_params(labelbottom=False)
@@ -188,10 +188,10 @@ def plot_comparison(comparison: Comparison) -> Figure:
 
 def plot_surface(task: TuningProblem, tuned: Tuned, axes: Sequence[Array], costs: Array,
                  ellipse: Ellipse | None = None) -> Figure:
-    """The cost over two free parameters from a sweep, with the ways of the search, the best point, and where the cost rises
-    by less than 1 %.
+    """The cost over two free parameters from a sweep, with the paths of the search, the best point, and the region in which
+    the cost rises by less than 1 %.
 
-    The colours are logarithmic where the costs span more than a factor of ten: beyond the stability boundary they do.
+      The colours are logarithmic if the costs span more than a factor of ten, as they do beyond the stability boundary.
     """
     from matplotlib.colors import LogNorm
 
@@ -222,35 +222,35 @@ def plot_surface(task: TuningProblem, tuned: Tuned, axes: Sequence[Array], costs
     return figure
 
 
-def plot_influence(found: Rankings, *, bars: int = 12, courses: int = 4, title: str = "") -> Figure:
-    """A row per signal: the strongest parameters as horizontal bars with their values, and beside them, over time, how far
-    1 % more of each of the first `courses` moves the signal (none are drawn for 0)."""
-    rows = found.rankings
+def plot_influence(rankings: Rankings, *, bars: int = 12, courses: int = 4, title: str = "") -> Figure:
+    """A row per signal: the strongest parameters as horizontal bars with their values, and at their right, over time, the
+    change of the signal for 1 % more of each of the first `courses` (0: none)."""
+    rows = rankings.rankings
     longest = max(min(len(row.influences), bars) for row in rows)
     height = 1.0 + len(rows) * max(3.0, 0.9 + 0.24 * longest)
     figure = NotebookFigure(figsize=(WIDTH if courses else 0.7 * WIDTH, height), dpi=DPI,
                             layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.04))
     figure_title(figure, title)
     panels = figure.subplots(len(rows), 2 if courses else 1, squeeze=False, width_ratios=(1, 1.15) if courses else None)
-    for row, (panel, *others) in zip(rows, panels, strict=True):
+    for row, (panel, *lower_panels) in zip(rows, panels, strict=True):
         _bars(panel, row, [i for i in row.influences if i.relative > 0][:bars] or row.influences[:bars])
-        for other in others:
-            _courses(other, row, found.time, row.influences[:courses])
+        for lower_panel in lower_panels:
+            _courses(lower_panel, row, rankings.time, row.influences[:courses])
     panels[-1][0].set_xlabel("influence: rms(p ∂s/∂p) / rms(s − mean)")
     if courses:
         panels[-1][1].set_xlabel("time [s]")
-    marks = [Patch(color=COLOURS[0], label="largest where more of it raises the signal"),
-             Patch(color=COLOURS[1], label="where it lowers the signal")]
+    marks = [Patch(color=COLOURS[0], label="largest change: increase of the signal"),
+             Patch(color=COLOURS[1], label="decrease of the signal")]
     figure.legend(handles=marks, loc="outside upper right", ncols=2, frameon=False, fontsize=9)
     return figure
 
 
 def plot_ladder(rungs: Sequence[LadderEntry]) -> Figure:
-    """The falling error: root mean square over that of what was measured, on the fitted samples and on those that were not,
-    each beside what noise alone would leave there (the last model's error divided by the root of chi-square per sample)."""
+    """Error of successive models: root mean square relative to the measured values, on fitted and held-out samples, each
+    with the error that noise alone would cause (the last model's error divided by the root of chi-square per sample)."""
     figure = NotebookFigure(figsize=(WIDTH, 2.2 + 0.62 * len(rungs)), dpi=DPI)
     axes = figure.add_subplot()
-    figure_title(figure, "The error on the ladder")
+    figure_title(figure, "The error of the models")
     places, last = np.arange(len(rungs))[::-1], rungs[-1]
     drawn: list[float] = []
     for offset, colour, mark, label, errors, chi2 in (
@@ -276,8 +276,8 @@ def plot_ladder(rungs: Sequence[LadderEntry]) -> Figure:
 
 
 def _error_axis(axes: Axes, least: float, most: float) -> None:
-    """Shares in %, in logarithms where they are far apart."""
-    axes.set_xlabel("error, in % of what was measured")
+    """Axis of shares in %, logarithmic if they differ widely."""
+    axes.set_xlabel("error, in % of the measured signal")
     if most <= WIDE * least:
         axes.set_xlim(0, 1.25 * most)
         return
@@ -290,7 +290,7 @@ def _error_axis(axes: Axes, least: float, most: float) -> None:
 
 
 def save(figure: Figure, path: str | Path) -> Path:
-    """Write a figure as .png, .svg or .pdf, the same bytes for the same figure; UsageError where that cannot be."""
+    """Write a figure as .png, .svg or .pdf, the same bytes for the same figure; UsageError if that is impossible."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise UsageError([Problem("picture-suffix", f"'{path.name}' has no suffix of a picture", None,
@@ -337,7 +337,7 @@ def _ends(time: Array) -> tuple[float, float]:
 
 
 def _finish(axes: Axes, name: str, unit: str, lines: Sequence[Array]) -> None:
-    """Label with quantity and unit, quiet grid, limits that do not blow rounding up."""
+    """Label with quantity and unit, a pale grid, limits that do not magnify rounding errors."""
     label = unit_label(unit)
     axes.set_ylabel(f"{name} [{label}]" if name else f"dimensionless [{label}]" if unit == "1" else f"[{label}]")
     axes.grid(True, color="#e4e4e4", linewidth=0.6)
@@ -350,12 +350,12 @@ def _finish(axes: Axes, name: str, unit: str, lines: Sequence[Array]) -> None:
         if high - low < STILL * max(size, 1.0):
             middle, half = (low + high) / 2, 0.1 * size if size > STILL else 1.0
             axes.set_ylim(middle - half, middle + half)
-    # an offset (`+1.72e2`) in a corner is easily overlooked
+    # an offset (`+1.72e2`) in a corner is easily missed
     axes.ticklabel_format(axis="y", useOffset=False)
 
 
 def _legend_above(axes: Axes) -> None:
-    """A legend over the axes, where it covers nothing, in as many columns as fit."""
+    """A legend above the axes in as many columns as fit."""
     handles, labels = axes.get_legend_handles_labels()
     longest = max(map(len, labels))
     axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=9,
@@ -369,7 +369,7 @@ def _size(values: Array) -> float:
 
 # -- influences ----------------------------------------------------------------------------------------------------
 def _bars(axes: Axes, row: Ranking, influences: Sequence[Influence]) -> None:
-    """Bars from the strongest down; logarithmic where the weakest would vanish beside it."""
+    """Bars from the strongest down; logarithmic if the weakest would be invisible otherwise."""
     values = np.array([i.relative for i in influences])
     places = np.arange(len(values))
     axes.barh(places, values, color=[COLOURS[0 if i.peak >= 0 else 1] for i in influences], height=0.7)
@@ -393,14 +393,14 @@ def _bars(axes: Axes, row: Ranking, influences: Sequence[Influence]) -> None:
 
 
 def _courses(axes: Axes, row: Ranking, time: Array, influences: Sequence[Influence]) -> None:
-    """What 1 % more of each parameter does to the signal over time."""
-    shown = readable_unit(row.unit, max((_size(i.course) for i in influences), default=0.0) / 100)
-    scale = read_unit(row.unit).scale / read_unit(shown).scale / 100  # a difference has no offset
+    """Change of the signal over time for 1 % more of each parameter."""
+    display_unit = readable_unit(row.unit, max((_size(i.course) for i in influences), default=0.0) / 100)
+    scale = read_unit(row.unit).scale / read_unit(display_unit).scale / 100  # a difference has no offset
     for k, influence in enumerate(influences):
-        # dashes too: parameters that stand only as a product have the same course
+        # also dashes: parameters that occur only as a product have the same time series
         axes.plot(time, influence.course * scale, color=COLOURS[k % len(COLOURS)], linewidth=1.3,
                   linestyle=DASHES[k % len(DASHES)], label=influence.parameter)
-    _finish(axes, "by 1 % more", shown, [i.course * scale for i in influences])
+    _finish(axes, "by 1 % more", display_unit, [i.course * scale for i in influences])
     axes.set_xlim(*_ends(time))
     handles, labels = axes.get_legend_handles_labels()
     axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=8,
@@ -409,33 +409,33 @@ def _courses(axes: Axes, row: Ranking, time: Array, influences: Sequence[Influen
 
 # -- a channel of a comparison -------------------------------------------------------------------------------------
 def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
-    shown = readable_unit(channel.unit, _size(channel.measured))
-    measured = converted(channel.measured, channel.unit, shown)
-    model = converted(channel.model, channel.unit, shown)
+    display_unit = readable_unit(channel.unit, _size(channel.measured))
+    measured = converted(channel.measured, channel.unit, display_unit)
+    model = converted(channel.model, channel.unit, display_unit)
     dense = len(measured) > DENSE
     upper.plot(channel.time, measured, color=RECORD, label="record", **_style(dense, 2.4))
     upper.plot(channel.time, model, color=MODEL, linewidth=1.2, label="model")
     if channel.outlier.any():
         upper.plot(channel.time[channel.outlier], measured[channel.outlier], "x", color=COLOURS[0],
                    label="far from neighbours")
-    _finish(upper, channel.name, shown, [measured, model])
+    _finish(upper, channel.name, display_unit, [measured, model])
     upper.set_title(_figures(channel), loc="right", fontsize=9, color="#333333")
-    left = channel.measured - channel.model
-    own, of_difference = difference_unit(channel.unit)
-    unit = readable_unit(of_difference, max(_size(left), 1e-300))
-    scale = own * read_unit(of_difference).scale / read_unit(unit).scale
+    residual = channel.measured - channel.model
+    difference_scale, of_difference = difference_unit(channel.unit)
+    unit = readable_unit(of_difference, max(_size(residual), 1e-300))
+    scale = difference_scale * read_unit(of_difference).scale / read_unit(unit).scale
     if channel.noise > 0:
         lower.axhspan(-BAND_WIDTH * channel.noise * scale, BAND_WIDTH * channel.noise * scale, color=BAND, linewidth=0,
                       label=f"± {BAND_WIDTH} × noise")
-    lower.plot(channel.time, left * scale, color="#333333", label="record − model", **_style(dense, 0.7))
-    _finish(lower, "residual", unit, [left * scale])
-    reach = max(_size(left), (BAND_WIDTH + 1) * channel.noise if channel.noise > 0 else 0.0) * scale
+    lower.plot(channel.time, residual * scale, color="#333333", label="record − model", **_style(dense, 0.7))
+    _finish(lower, "residual", unit, [residual * scale])
+    reach = max(_size(residual), (BAND_WIDTH + 1) * channel.noise if channel.noise > 0 else 0.0) * scale
     if math.isfinite(reach) and reach > 0:
         lower.set_ylim(-1.08 * reach, 1.08 * reach)
 
 
 def _shade(upper: Axes, lower: Axes, time: Array, held_out: NDArray[np.bool_]) -> None:
-    """The stretches that are held out of the fit in grey."""
+    """Shade the held-out parts of the fit in grey."""
     ends = np.flatnonzero(np.diff(held_out.astype(int), prepend=0, append=0)).reshape(-1, 2)
     for k, (first, last) in enumerate(ends):
         for axes in (upper, lower):

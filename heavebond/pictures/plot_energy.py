@@ -26,14 +26,16 @@ if TYPE_CHECKING:
 
 OTHER = "#b0b0b0"
 SUPPLY, HEAT, STORE, PASS, NODE = COLOURS[0], COLOURS[1], COLOURS[2], "#444444", "#9a9a9a"
-BULGE = 0.35  # how far a ribbon that goes back swings out, in columns
-MOST_BARS = 25  # components with a bar, for a page
-SEEN = 1e-6  # shares below are rounding
-THICK, GAP = 0.16, 0.35  # a box's width in columns; the room between boxes in a column, over the tallest column
+BULGE = 0.35  # overhang of a ribbon that returns, in columns
+MOST_BARS = 25  # number of components with a bar, for a page
+SEEN = 1e-6  # smaller shares are rounding errors
+THICK, GAP = 0.16, 0.35  # width of a box in columns; gap between boxes in a column, relative to the tallest column
 
 
 def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
-    """Boxes from left to right, ribbons as wide as the energy that goes along; the writing says what stays in a box."""
+    """Boxes from left to right, ribbons with the width of the transferred energy; the labels give the energy that stays
+    in a box.
+    """
     columns = 1 + max((box.column for box in flow.boxes.values()), default=0)
     rows = 1 + max((box.row for box in flow.boxes.values()), default=0)
     figure = Figure(figsize=(max(WIDTH, 1.9 * columns + 1.5), max(4.5, 0.75 * rows + 2)), dpi=DPI, layout="constrained")
@@ -63,9 +65,9 @@ def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
     return figure
 
 
-def plot_activity(found: EnergyAudit, *, title: str = "") -> Figure:
+def plot_activity(energy_audit: EnergyAudit, *, title: str = "") -> Figure:
     """The most active components as bars with their share of the activity of all, and the sum of the shares down to each."""
-    ranked = [(line, share) for line, share in found.ranking if share > SEEN][:MOST_BARS]
+    ranked = [(line, share) for line, share in energy_audit.ranking if share > SEEN][:MOST_BARS]
     figure = Figure(figsize=(0.8 * WIDTH, 1.6 + 0.3 * len(ranked)), dpi=DPI, layout="constrained")
     figure_title(figure, title)
     axes = figure.add_subplot()
@@ -88,14 +90,14 @@ def plot_activity(found: EnergyAudit, *, title: str = "") -> Figure:
 
 
 def _main_colour(line: EnergyLine) -> str:
-    """What a component is in the first place; a block is a source where it gives more than it turns to heat."""
+    """Colour of the main role of a component; a block is a source if it supplies more energy than it dissipates."""
     if line.supplied > line.dissipated if line.kind == BLOCK else line.kind:
         return SUPPLY
     return HEAT if line.dissipated > abs(line.stored) + line.delivered else STORE
 
 
 def _size(name: BoxKey, flow: EnergyFlow) -> float:
-    """The height of a box: what goes in or out, whichever is more."""
+    """The height of a box: the larger of the incoming and outgoing energy."""
     return max(sum(k.energy for k in flow.links if k.target == name), sum(k.energy for k in flow.links if k.source == name))
 
 
@@ -118,12 +120,12 @@ def _tops(boxes: Mapping[BoxKey, Box], sizes: Mapping[BoxKey, float]) -> dict[Bo
 
 def _pale(domain: str) -> str:
     """The colour of areas of a domain."""
-    found = domains().get(domain)
-    return found.pale or OTHER if found is not None else OTHER
+    domain_found = domains().get(domain)
+    return domain_found.pale or OTHER if domain_found is not None else OTHER
 
 
 def _ribbon(axes: Axes, left: float, right: float, start: float, end: float, link: Link) -> None:
-    """From (left, start) to (right, end), as high as its energy."""
+    """Ribbon from (left, start) to (right, end), as high as its energy."""
     middle, height = (left + right) / 2, link.energy
     points = [(left, start), (middle, start), (middle, end), (right, end), (right, end - height), (middle, end - height),
               (middle, start - height), (left, start - height), (left, start)]
@@ -133,7 +135,7 @@ def _ribbon(axes: Axes, left: float, right: float, start: float, end: float, lin
 
 
 def _ribbon_back(axes: Axes, left: float, right: float, start: float, end: float, lane: float, link: Link) -> None:
-    """From (left, start) down to a lane below all boxes, along it against the columns, and up to (right, end)."""
+    """Ribbon from (left, start) down to a lane below all boxes, backwards along it, and up to (right, end)."""
     height, wide, narrow = link.energy, BULGE, 0.4 * BULGE
     points = [(left, start), (left + wide, start), (left + wide, lane - height), (left, lane - height),
               (right, lane - height), (right - wide, lane - height), (right - wide, end), (right, end),
@@ -150,14 +152,14 @@ def _box(axes: Axes, box: Box, top: float, size: float) -> None:
     colour = NODE if box.key.node else largest[1] if largest[0] > 0.02 * size else PASS
     axes.add_patch(Rectangle((box.column, top - size), THICK, size, facecolor=colour, linewidth=0.5, edgecolor=colour,
                              zorder=3))
-    said = [] if box.key.node else [text for value, text in (
+    texts = [] if box.key.node else [text for value, text in (
         (box.supplied, f"gives {readable(box.supplied, 'J', 3)}" if box.supplied > 0 else
          f"takes {readable(-box.supplied, 'J', 3)}"),
         (box.dissipated, f"heat {readable(box.dissipated, 'J', 3)}"),
         (box.stored, f"stores {readable(box.stored, 'J', 3)}" if box.stored > 0 else
          f"gives up {readable(-box.stored, 'J', 3)}")) if abs(value) > 0.02 * size]
     title, colour = (f"node {box.key.path}", "#666666") if box.key.node else (box.key.path, "black")
-    axes.annotate("\n".join([title, *said]), (box.column + THICK, top - size / 2), (4, 0),
+    axes.annotate("\n".join([title, *texts]), (box.column + THICK, top - size / 2), (4, 0),
                   textcoords="offset points", fontsize=8, va="center", color=colour, zorder=4,
                   bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0})
 

@@ -26,13 +26,13 @@ PANEL = 2.3
 SMALL: Any = {"font.size": 8, "axes.titlesize": 9, "legend.fontsize": 8, "axes.labelsize": 8}
 MOST_PANELS = 6
 BARS = 12  # parameters of a tornado
-NO_NUMBER = "#d9d9d9"  # a case without a number, on a map
+NO_NUMBER = "#d9d9d9"  # colour of a case without a number, on a map
 SHARES = f"{', '.join(f'{100 * q:g}' for q in QUANTILES[:-1])} and {100 * QUANTILES[-1]:g} %"
-NUMBERED = 60  # cells of a map up to which each has its number
+NUMBERED = 60  # number of cells of a map up to which numbers are written
 
 
 def quiet(panel: Axes, axis: Any = "both") -> None:
-    """A pale grid behind, no frame above and at the right."""
+    """A pale grid in the background, no frame at the top and at the right."""
     panel.grid(True, axis=axis, color="#e4e4e4", linewidth=0.5)
     panel.spines[["top", "right"]].set_visible(False)
     panel.set_axisbelow(True)
@@ -59,35 +59,35 @@ def _label(result: StudyResult, name: str) -> str:
 
 
 def histograms(result: StudyResult, picture: Picture) -> Figure:
-    """How often a number comes out, a colour per level of the other axes; dashed where 5, 50 and 95 % lie below."""
+    """Histogram of a number, a colour per level of the other axes; dashed lines at the 5, 50 and 95 % quantiles."""
     figure, panels = _column(picture, [""] * len(picture.names), PANEL)
     for panel, name in zip(panels, picture.names, strict=True):
-        found = [(others, values[np.isfinite(values)]) for others, outcomes in groups(result)
-                 if len(values := drawn(result, name, outcomes))]
-        together = np.concatenate([values for _, values in found])
+        samples_by_level = [(level_text, values[np.isfinite(values)]) for level_text, outcomes in groups(result)
+                            if len(values := drawn(result, name, outcomes))]
+        together = np.concatenate([values for _, values in samples_by_level])
         bins: Any = np.histogram_bin_edges(together, "auto") if len(together) and np.ptp(together) else 10
-        for k, (others, values) in enumerate(found):
+        for k, (level_text, values) in enumerate(samples_by_level):
             colour = COLOURS[k % len(COLOURS)]
             below = [float(np.quantile(values, share)) for share in QUANTILES] if len(values) else []
-            told = f"{SHARES}: {', '.join(number(value, 3) for value in below)}" if below else "no case"
-            panel.hist(values, bins, color=colour, alpha=0.55 if len(found) > 1 else 0.8,
-                       label=f"{others}   {told}" if len(found) > 1 else told)
+            quantile_text = f"{SHARES}: {', '.join(number(value, 3) for value in below)}" if below else "no case"
+            panel.hist(values, bins, color=colour, alpha=0.55 if len(samples_by_level) > 1 else 0.8,
+                       label=f"{level_text}   {quantile_text}" if len(samples_by_level) > 1 else quantile_text)
             for value in below:
                 panel.axvline(value, color=colour, linestyle=(0, (4, 2)), linewidth=1.0)
         panel.set_xlabel(_label(result, name))
         panel.set_ylabel("cases")
         quiet(panel, "y")
-        # one below the other: quantiles that are close would overlap at their lines
+        # one below the other: labels of close quantiles would overlap
         panel.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1)
     return figure
 
 
 def tornados(result: StudyResult, picture: Picture) -> Figure:
-    """How far each parameter, alone, moves a number between both ends of its range: the widest bar on top."""
-    found = [(name, others, rows[:BARS]) for name in picture.names for others, rows in swings(result, name)]
-    longest = max((len(rows) for *_, rows in found), default=1)
-    figure, panels = _column(picture, [others for _, others, _ in found], 0.8 + 0.24 * longest)
-    for panel, (name, _, rows) in zip(panels, found, strict=True):
+    """Change of a number for each parameter alone between both ends of its range: the widest bar on top."""
+    tornado_rows = [(name, level_text, rows[:BARS]) for name in picture.names for level_text, rows in swings(result, name)]
+    longest = max((len(rows) for *_, rows in tornado_rows), default=1)
+    figure, panels = _column(picture, [level_text for _, level_text, _ in tornado_rows], 0.8 + 0.24 * longest)
+    for panel, (name, _, rows) in zip(panels, tornado_rows, strict=True):
         _tornado(panel, rows)
         panel.set_xlabel(_label(result, name))
         quiet(panel, "x")
@@ -105,8 +105,8 @@ def _tornado(panel: Axes, rows: list[TornadoBar]) -> None:
         panel.barh(places, values - middle, left=middle, color=colour, height=0.7)
         for place, value in zip(places, values, strict=True):
             if np.isfinite(value):
-                other = rows[int(place)].high if end == "low" else rows[int(place)].low
-                within = (value - middle) * (other - value) > 0  # inside the bar of the other end
+                opposite = rows[int(place)].high if end == "low" else rows[int(place)].low
+                within = (value - middle) * (opposite - value) > 0  # inside the bar of the other end
                 right = (value > middle) != within
                 panel.annotate(number(value, 3), (middle if within else value, place), (3 if right else -3, 0),
                                textcoords="offset points", va="center", ha="left" if right else "right", fontsize=7)
@@ -117,13 +117,14 @@ def _tornado(panel: Axes, rows: list[TornadoBar]) -> None:
 
 
 def shares(result: StudyResult, picture: Picture) -> Figure:
-    """Indices of sensitivity: bars for a parameter alone and with the others, with their 95 % intervals; to first order from
-    slopes where the sample is `local`."""
-    told: list[Indices | Slopes] = [*indices(result), *slopes(result)]
-    found = [one for one in told if one.quantity in picture.names]
-    longest = max((len(i.parameters) for i in found), default=1)
-    figure, panels = _column(picture, [", ".join(filter(None, (i.quantity, i.others))) for i in found], 0.8 + 0.3 * longest)
-    for panel, one in zip(panels, found, strict=True):
+    """Sensitivity indices: bars for a parameter alone and with the others, with their 95 % intervals; to first order from
+    slopes if the sample is `local`."""
+    estimates: list[Indices | Slopes] = [*indices(result), *slopes(result)]
+    drawn_estimates = [one for one in estimates if one.quantity in picture.names]
+    longest = max((len(i.parameters) for i in drawn_estimates), default=1)
+    figure, panels = _column(picture, [", ".join(filter(None, (i.quantity, i.others))) for i in drawn_estimates], 0.8 + 0.3
+                             * longest)
+    for panel, one in zip(panels, drawn_estimates, strict=True):
         order = np.argsort([-v for v in (one.total if isinstance(one, Indices) else one.share)])
         places = np.arange(len(order))
         rows = [(one.first, one.first_interval, "alone"), (one.total, one.total_interval, "with the others")] \
@@ -147,22 +148,23 @@ def shares(result: StudyResult, picture: Picture) -> Figure:
 def maps(result: StudyResult, picture: Picture) -> Figure:
     """A number over the first two axes of numbers as colours, a panel per level of the other axes."""
     across, down = [k for k, axis in enumerate(result.study.axes) if axis.unit is not None][:2]
-    found = [(name, *pair) for name in picture.names for pair in _sheets(result, across, down)][:MOST_PANELS]
-    figure, panels = _column(picture, [", ".join(filter(None, (name, others))) for name, others, _ in found], 1.25 * PANEL)
-    for panel, (name, _, outcomes) in zip(panels, found, strict=True):
+    sheet_list = [(name, *pair) for name in picture.names for pair in _sheets(result, across, down)][:MOST_PANELS]
+    figure, panels = _column(picture, [", ".join(filter(None, (name, level_text))) for name, level_text, _ in sheet_list],
+                             1.25 * PANEL)
+    for panel, (name, _, outcomes) in zip(panels, sheet_list, strict=True):
         _map(figure, panel, result, name, outcomes, (across, down))
     return figure
 
 
 def _sheets(result: StudyResult, *without: int) -> Iterator[tuple[str, list[Outcome]]]:
     """Outcomes with the same levels of all axes but two."""
-    found: dict[str, list[Outcome]] = {}
+    outcomes_by_level: dict[str, list[Outcome]] = {}
     for outcome in result.outcomes:
         words = [level.name if axis.unit is None else f"{axis.name} {level.name}" for k, (axis, level) in
                  enumerate(zip(result.study.axes, result.case_of(outcome).levels, strict=True)) if k not in without]
-        found.setdefault(", ".join([*words, *([outcome.procedure] if len(result.study.procedures) > 1 else [])]),
-                         []).append(outcome)
-    yield from found.items()
+        outcomes_by_level.setdefault(", ".join([*words, *([outcome.procedure] if len(result.study.procedures) > 1 else [])]),
+                                     []).append(outcome)
+    yield from outcomes_by_level.items()
 
 
 def _map(figure: Figure, panel: Axes, result: StudyResult, name: str, outcomes: list[Outcome], at: tuple[int, int]) -> None:
@@ -172,7 +174,7 @@ def _map(figure: Figure, panel: Axes, result: StudyResult, name: str, outcomes: 
         index = result.case_of(outcome).index
         table[index[at[1]], index[at[0]]] = result.value(outcome, name)
     known = table[np.isfinite(table)]
-    # a case that breaks out must not leave all others one colour
+    # one extreme case must not make all others one colour
     scale = LogNorm() if len(known) and known.min() > 0 and known.max() > WIDE * known.min() else Normalize()
     drawn_map = panel.pcolormesh(np.ma.masked_invalid(table), cmap="cividis", norm=scale, edgecolors="white", linewidth=0.4)
     panel.set_facecolor(NO_NUMBER)

@@ -1,4 +1,4 @@
-"""Figures of signals that swing: over time, the spectrum, the rainflow cycles."""
+"""Figures of oscillating signals: over time, the spectrum, the rainflow cycles."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ if TYPE_CHECKING:
     from heavebond.records.spectra import SignalAnalysis
 
 CLASSES = 20
-FEW = 10  # cycles in a class, up to which their axis is not logarithmic
+FEW = 10  # cycles in a class up to which the axis is linear
 WIDTH, HEIGHT = 11.0, 2.4  # inches of a row
-SHOWN = 0.9995  # of m_0 lies below the last frequency that is drawn, and a half more
+SHOWN = 0.9995  # share of m_0 below the last drawn frequency, and a factor beyond it
 
 
-def plot_spectra(found: Sequence[SignalAnalysis]) -> Figure:
-    """A row per signal: over time, its spectral density, and how many rainflow cycles each range has."""
+def plot_spectra(analyses: Sequence[SignalAnalysis]) -> Figure:
+    """A row per signal: over time, its spectral density, and the number of rainflow cycles by range."""
     with rc_context(SMALL):
-        figure = Figure(figsize=(WIDTH, 0.4 + HEIGHT * len(found)), dpi=1.5 * DPI, layout="constrained")
-        for row, one in zip(figure.subplots(len(found), 3, squeeze=False, width_ratios=(1.5, 1.2, 1)), found, strict=True):
+        figure = Figure(figsize=(WIDTH, 0.4 + HEIGHT * len(analyses)), dpi=1.5 * DPI, layout="constrained")
+        for row, one in zip(figure.subplots(len(analyses), 3, squeeze=False, width_ratios=(1.5, 1.2, 1)), analyses,
+                            strict=True):
             _course(row[0], one)
             if not one.still:
                 _spectrum(row[1], one)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from heavebond.studies.run_case import Outcome
 
 MARKERS = ("o", "s", "^", "D", "v", "P")
-MOST_LABELS = 10  # lines that a legend names; more are coloured by an axis of numbers
+MOST_LABELS = 10  # lines that a legend names; more are coloured by a numeric axis
 
 
 def plot_study(result: StudyResult, picture: Picture) -> Figure:
@@ -52,7 +52,7 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
 
 
 def _legend(figure: Figure, panel: Axes, result: StudyResult) -> None:
-    """Below all panels, with no more lines than can be read."""
+    """Below all panels, with a readable number of lines."""
     handles, labels = panel.get_legend_handles_labels()
     if len(labels) > MOST_LABELS:
         more = f"and {len(labels) - MOST_LABELS} more"
@@ -65,7 +65,7 @@ def _legend(figure: Figure, panel: Axes, result: StudyResult) -> None:
 
 
 def _shades(result: StudyResult, lines: int, without: int = -1) -> tuple[int, ScalarMappable] | None:
-    """Where there are more lines than a legend can name: the axis of numbers that colours them, and its colours."""
+    """If there are more lines than a legend can name: the numeric axis that colours them, and its colours."""
     for k, axis in enumerate(result.study.axes):
         if lines > MOST_LABELS and axis.unit is not None and k != without:
             values = [axis.unit.from_si(level.value) for level in axis.levels]
@@ -88,13 +88,13 @@ def _colour_bar(panel: Axes, result: StudyResult, shades: tuple[int, ScalarMappa
 
 
 def _labelled(result: StudyResult, outcome: Outcome, without: int = -1) -> str:
-    """The levels of a case, but for one axis, and the procedure where there are several."""
+    """The levels of a case, except for one axis, and the procedure if there are several."""
     procedure = [outcome.procedure] if len(result.study.procedures) > 1 else []
     return ", ".join([*_levels(result, outcome, without), *procedure]) or result.study.model.name
 
 
 def _levels(result: StudyResult, outcome: Outcome, without: int = -1) -> list[str]:
-    """The levels of a case in words, but for one axis; numbers with the name of theirs."""
+    """The levels of a case in words, except for one axis; numbers with their names."""
     return [level.name if axis.unit is None else f"{axis.name} {level.name}" for k, (axis, level) in
             enumerate(zip(result.study.axes, result.case_of(outcome).levels, strict=True)) if k != without]
 
@@ -106,29 +106,29 @@ def _courses(panel: Axes, result: StudyResult, picture: Picture, name: str) -> N
     at = result.study.axes.index(sample) if sample is not None else -1
     labels = list(dict.fromkeys(_labelled(result, o, at) for o in drawn))
     unit = drawn[0].signal_units[name] if drawn else "1"
-    shown = readable_unit(unit, max((float(np.abs(o.signals[name]).max()) for o in drawn), default=0.0))
-    told: set[str] = set()
+    display_unit = readable_unit(unit, max((float(np.abs(o.signals[name]).max()) for o in drawn), default=0.0))
+    labelled: set[str] = set()
     shades = _shades(result, len(labels), at)
     for outcome in drawn:
         label = _labelled(result, outcome, at)
         k = labels.index(label)
         colour = _shade(result, shades, outcome) if shades else COLOURS[k % len(COLOURS)]
-        time, values = np.array(outcome.time), converted(np.array(outcome.signals[name]), unit, shown)
+        time, values = np.array(outcome.time), converted(np.array(outcome.signals[name]), unit, display_unit)
         inside = (time >= (picture.begin or 0.0)) & (time <= (picture.end or math.inf))
         panel.plot(time[inside], values[inside], color=colour, linewidth=1.0 if sample is None and not shades else 0.4,
                    linestyle=DASHES[k % len(DASHES)] if sample is None and not shades else "-",
-                   label=None if label in told or shades else label)
-        told.add(label)
+                   label=None if label in labelled or shades else label)
+        labelled.add(label)
     if shades:
         _colour_bar(panel, result, shades)
-    panel.set_ylabel(f"{name} [{unit_label(shown)}]")
+    panel.set_ylabel(f"{name} [{unit_label(display_unit)}]")
     panel.margins(x=0)
     panel.set_xlabel("time [s]")
 
 
 def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> None:
-    """A number over the first axis that has numbers: a colour per combination of the others, a dash per procedure, open
-    marks in the same colour for what others give."""
+    """A number over the first numeric axis: a colour per combination of the others, a line style per procedure, open
+    marks in the same colour for published values."""
     k = next(k for k, axis in enumerate(result.study.axes) if axis.unit is not None)
     axis, sample = result.study.axes[k], result.study.sample
     assert axis.unit is not None
@@ -152,7 +152,7 @@ def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> No
     if shades:
         _colour_bar(panel, result, shades)
     sizes = [y for line in panel.get_lines() for y in np.asarray(line.get_ydata(), float) if np.isfinite(y)]
-    if sizes and 0 < WIDE * min(sizes) < max(sizes):  # a case that breaks out must not press all others flat
+    if sizes and 0 < WIDE * min(sizes) < max(sizes):  # one extreme case must not flatten all others
         panel.set_yscale("log")
     panel.set_ylabel(f"{name} [{unit_label(result.units[name].text)}]")
     panel.set_xlabel(f"{axis.name} [{unit_label(axis.unit.text)}]")
@@ -170,7 +170,8 @@ def _mean_curves(panel: Axes, result: StudyResult, name: str, k: int) -> None:
                           enumerate(zip(result.study.axes, levels, strict=True)) if n not in (k, at))
         lines.setdefault(label, {}).setdefault(unit.from_si(levels[k].value), []).append(result.value(outcome, name))
     for n, (label, at_x) in enumerate(lines.items()):
-        known = {x: values[np.isfinite(values)] for x, values in ((x, np.array(found)) for x, found in at_x.items())}
+        known = {x: values[np.isfinite(values)]
+                 for x, values in ((x, np.array(values_found)) for x, values_found in at_x.items())}
         known = {x: values for x, values in known.items() if len(values)}
         means = np.array([values.mean() for values in known.values()])
         bars = np.nan_to_num([interval_of_mean(values)[1] for values in known.values()] - means)
@@ -190,7 +191,7 @@ def _lines(result: StudyResult, without: int) -> Iterator[tuple[str, Sequence[Ou
 
 def _given(panel: Axes, result: StudyResult, name: str, label: str, colour: str, outcomes: Sequence[Outcome], k: int
            ) -> None:
-    """What others give for these cases."""
+    """Published values for these cases."""
     unit = result.study.axes[k].unit
     assert unit is not None
     for source, beside in enumerate(result.study.beside):

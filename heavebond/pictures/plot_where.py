@@ -1,4 +1,6 @@
-"""Pictures of what is missing at a place: over the speed, position or pressure there, and over time; and of the misfit."""
+"""Figures of a localisation: the estimated input at a place over speed, position or pressure, and over time; and the
+misfit.
+"""
 
 from __future__ import annotations
 
@@ -14,61 +16,61 @@ from heavebond.numerics.dae import Array
 from heavebond.pictures.plot import COLOURS, DPI, RECORD, RECT, WIDTH
 
 PANELS = 3
-# Samples that are drawn of a cloud.
+# Number of samples drawn in a scatter plot.
 MOST = 3000
 
 
-def plot_place(found: Localization, place: str) -> Figure:
-    """What would have to act at a place: over the variable that tells it best and two others around, with the curve through
+def plot_place(localization: Localization, place: str) -> Figure:
+    """Estimated input at a place: over the variable that explains it best and two others near it, with the curve through
     it, and over time with twice its standard deviation; UsageError for a place that was not estimated."""
-    found.implied(place)
-    suspect = next(s for s in found.suspects if s.place.name == place)
+    localization.implied(place)
+    suspect = next(s for s in localization.suspects if s.place.name == place)
     figure = Figure(figsize=(WIDTH, 7.2), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.06))
-    figure.suptitle(f"{found.experiment.name}: what is missing {suspect.place.words} "
+    figure.suptitle(f"{localization.experiment.name}: estimated missing input {suspect.place.words} "
                     f"({100 * suspect.explained:.4g} % of the misfit explained)", x=0.01, ha="left", fontsize=12)
-    shown = readable_unit(suspect.place.unit.text, suspect.rms)
+    display_unit = readable_unit(suspect.place.unit.text, suspect.rms)
     names = _variables(suspect)
     grid = figure.add_gridspec(2, max(len(names), 1), height_ratios=(1.4, 1))
     for k, name in enumerate(names):
         panel = figure.add_subplot(grid[0, k])
-        _cloud(panel, suspect, name, shown)
+        _cloud(panel, suspect, name, display_unit)
         if k == 0:
-            panel.set_ylabel(f"{noun(suspect)} [{unit_label(shown)}]")
-    _course(figure.add_subplot(grid[1, :]), suspect, shown)
+            panel.set_ylabel(f"{noun(suspect)} [{unit_label(display_unit)}]")
+    _course(figure.add_subplot(grid[1, :]), suspect, display_unit)
     if names:
         figure.axes[0].legend(loc="best", frameon=True, framealpha=0.8, edgecolor="none", fontsize=9, markerscale=4)
     return figure
 
 
-def plot_misfit(found: Localization) -> Figure:
-    """When the model misses its records, and the curve of each channel's error over the variable that tells it best."""
-    channels = list(found.experiment.outputs)
-    records = list(dict.fromkeys(s.record for s in found.stretches))
-    first = {s.channel: s for s in reversed(found.states)}
+def plot_misfit(localization: Localization) -> Figure:
+    """Time of the misfit to the records, and the curve of each channel's error over the variable that explains it best."""
+    channels = list(localization.experiment.outputs)
+    records = list(dict.fromkeys(s.record for s in localization.stretches))
+    first = {s.channel: s for s in reversed(localization.states)}
     best = [first[name] for name in channels if name in first]
     figure = Figure(figsize=(WIDTH, 6.5 if best else 3.6), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.06))
-    figure.suptitle(f"{found.experiment.name}: when and in what state of motion the model misses", x=0.01, ha="left",
+    figure.suptitle(f"{localization.experiment.name}: when and in what state of motion the model misses", x=0.01, ha="left",
                     fontsize=12)
     grid = figure.add_gridspec(2 if best else 1, 1)
     upper = grid[0].subgridspec(1, len(records))
     for k, record in enumerate(records):
         panel = figure.add_subplot(upper[0, k])
-        parts = [s for s in found.stretches if s.record == record]
+        parts = [s for s in localization.stretches if s.record == record]
         for c, name in enumerate(channels):
             panel.step([s.begin for s in parts] + [parts[-1].end], [s.chi2[name] for s in parts] + [parts[-1].chi2[name]],
                        where="post", color=COLOURS[c % len(COLOURS)], label=name, linewidth=1.4)
         panel.set_yscale("log")
         panel.axhline(1.0, color=RECORD, linewidth=1)
-        _dress(panel, "time [s]", "reduced χ²" if k == 0 else "")
+        dress(panel, "time [s]", "reduced χ²" if k == 0 else "")
         panel.set_title(record, loc="left", fontsize=10, fontweight="bold")
     if best:
         lower = grid[1].subgridspec(1, len(best))
         for k, state in enumerate(best):
             panel = figure.add_subplot(lower[0, k])
-            unit = found.experiment.outputs[state.channel].shown.unit
+            unit = localization.experiment.outputs[state.channel].shown.unit
             panel.plot(state.x, state.y, "o-", color=COLOURS[channels.index(state.channel) % len(COLOURS)], markersize=3)
             panel.axhline(0.0, color=RECORD, linewidth=0.8)
-            _dress(panel, f"{state.variable} [{unit_label(state.unit)}]", f"error of {state.channel} [{unit_label(unit)}]")
+            dress(panel, f"{state.variable} [{unit_label(state.unit)}]", f"error of {state.channel} [{unit_label(unit)}]")
             panel.set_title(f"R² {state.r2:.2f} on data not used", loc="left", fontsize=9)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=len(labels), frameon=False)
@@ -84,7 +86,7 @@ def _variables(suspect: PlaceEstimate) -> list[str]:
 
 
 def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
-    """The force over one variable, rising and falling apart by colour, and the curve through it."""
+    """The force over one variable, rising and falling in different colours, and the curve through it."""
     assert suspect.curve is not None
     x = np.concatenate([i.local[name] for i in suspect.implied.values()])
     y = np.concatenate([i.value for i in suspect.implied.values()])
@@ -102,7 +104,7 @@ def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
         panel.plot(curve.x * per_x, curve.y * per_y, color="black", linewidth=2, label="curve")
         if curve.y_down.size:
             panel.plot(curve.x * per_x, curve.y_down * per_y, color="black", linewidth=2, linestyle="--")
-    _dress(panel, f"{name} [{unit_label(across)}]" if across else name, "")
+    dress(panel, f"{name} [{unit_label(across)}]" if across else name, "")
     r2 = curve.r2 if name == curve.variable.formula else curve.scores[name]
     panel.set_title(f"R² {max(r2, 0.0):.2f} on data not used", loc="left", fontsize=10)
 
@@ -119,19 +121,21 @@ def _course(panel: Axes, suspect: PlaceEstimate, shown: str) -> None:
         value, band = implied.value * per_y, 2 * implied.deviation * per_y
         panel.fill_between(implied.time, value - band, value + band, color=COLOURS[k % len(COLOURS)], alpha=0.2, linewidth=0)
         panel.plot(implied.time, value, color=COLOURS[k % len(COLOURS)], linewidth=1, label=implied.record)
-    limits = np.concatenate([_limits(i.value * per_y) for i in suspect.implied.values()])
+    limits = np.concatenate([limits(i.value * per_y) for i in suspect.implied.values()])
     panel.set_ylim(float(limits.min()), float(limits.max()))
     panel.legend(loc="upper left", frameon=False, fontsize=9, ncols=len(suspect.implied))
-    _dress(panel, "time [s]", f"{noun(suspect)} [{unit_label(shown)}]")
+    dress(panel, "time [s]", f"{noun(suspect)} [{unit_label(shown)}]")
 
 
-def _limits(values: Array) -> Array:
+def limits(values: Array) -> Array:
+    """The range of values with some room."""
     low, high = float(values.min()), float(values.max())
     room = 0.15 * (high - low) or 1.0
     return np.array([low - room, high + room])
 
 
-def _dress(panel: Axes, x: str, y: str) -> None:
+def dress(panel: Axes, x: str, y: str) -> None:
+    """The labels and the grid of a panel."""
     panel.set_xlabel(x)
     if y:
         panel.set_ylabel(y)

@@ -1,8 +1,8 @@
-"""Wires on a grid: each node as a tree of horizontal and vertical pieces around pictures and writing.
+"""Routing of wires on a grid: each node as a tree of horizontal and vertical pieces around pictures and names.
 
-A* over the states (point, direction), after the common maze routers: a step costs its length, a bend, a crossing and the
-neighbourhood of another wire cost more, running along or bending on another wire costs so much that it is a fault. Every
-net is laid once and then taken up and laid again in the presence of the others.
+A* over the states (point, direction), after the common maze routers: a step costs its length; a bend, a crossing and a
+neighbouring wire cost more; running along or bending on another wire has a cost so high that it counts as a fault. Every
+net is routed once and then removed and routed again in the presence of the others.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Edge = tuple[Point, Point]
 
 @dataclass(frozen=True)
 class Wire:
-    """A routed node in px: its unit pieces, the lines they make, the points where three or more meet, and its faults."""
+    """A routed node in px: its unit pieces, the lines they form, the points with three or more lines, and its faults."""
 
     edges: tuple[Edge, ...]
     lines: tuple[tuple[Point, ...], ...]
@@ -34,9 +34,8 @@ class Wire:
 
 
 def route(nets: Sequence[Sequence[Sequence[Anchor]]], blocked: Sequence[Box], area: Box) -> list[Wire]:
-    """Trees that join the terminals of each net; a terminal is the anchors of one port (absolute px, on the grid).
-
-    `blocked` are pictures and writing, `area` is where wires may be.
+    """Trees that connect the terminals of each net; a terminal is the anchors of one port (absolute px, on the grid).
+    `blocked` are pictures and names, `area` is the permitted region of wires.
     """
     router = _Router(nets, blocked, area)
     order = sorted(range(len(nets)), key=lambda k: (router.span(k), k))
@@ -57,13 +56,13 @@ class _Router:
         self.wall = bytearray(self.width * self.height)
         for box in blocked:
             self._block(box)
-        # the point before an anchor is its only way out: other wires avoid it
+        # the point before an anchor is its only exit: other wires avoid it
         self.mouths: dict[int, int] = {}
         for k, net in enumerate(self.nets):
             for terminal in net:
                 for point, direction in terminal:
                     self.mouths[point + self.steps[direction]] = k
-        self.laid: list[dict[int, int]] = [{} for _ in nets]   # per net: point -> bits of the directions in which it goes on
+        self.laid: list[dict[int, int]] = [{} for _ in nets]  # per net: point -> bits of the directions of its wires
         self.faults = [0] * len(nets)
 
     def _index(self, x: int, y: int) -> int:
@@ -83,41 +82,41 @@ class _Router:
         return max(columns) - min(columns) + max(rows) - min(rows)
 
     def lay(self, k: int) -> None:
-        """Lay net k anew: from its first terminal, the nearest of the others joined one by one."""
+        """Route net k again: from its first terminal, connecting the nearest of the others one by one."""
         self.laid[k], self.faults[k] = {}, 0
-        others: dict[int, int] = {}
+        other_nets: dict[int, int] = {}
         for j, laid in enumerate(self.laid):
             if j != k:
                 for point, bits in laid.items():
-                    others[point] = others.get(point, 0) | bits
+                    other_nets[point] = other_nets.get(point, 0) | bits
         waiting = list(range(1, len(self.nets[k])))
         joined = [0]
         while waiting:
             targets = {anchor: t for t in waiting for anchor in self.nets[k][t]}
-            path = self._path(k, others, joined, targets)
+            path = self._path(k, other_nets, joined, targets)
             if path is None:
                 self.faults[k] += 1
                 break
-            self._take(k, path, others)
+            self._take(k, path, other_nets)
             reached = next(t for (point, _), t in targets.items() if point == path[-1])
             waiting.remove(reached)
             joined.append(reached)
 
-    def _take(self, k: int, path: list[int], others: dict[int, int]) -> None:
+    def _take(self, k: int, path: list[int], other_wires: dict[int, int]) -> None:
         laid = self.laid[k]
         for a, b in pairwise(path):
             direction = self.steps.index(b - a)
             laid[a] = laid.get(a, 0) | 1 << direction
             laid[b] = laid.get(b, 0) | 1 << (direction + 2) % 4
         for point in path:
-            if point in others and not _crosses(laid[point], others[point]):
+            if point in other_wires and not _crosses(laid[point], other_wires[point]):
                 self.faults[k] += 1
 
-    def _path(self, k: int, others: dict[int, int], joined: list[int],
+    def _path(self, k: int, other_wires: dict[int, int], joined: list[int],
               targets: dict[tuple[int, int], int]) -> list[int] | None:
-        """The cheapest way from what is joined to an anchor of what is not (points, from the tree outwards)."""
+        """The cheapest path from the connected terminals to an anchor of another one (points, from the tree outwards)."""
         width, steps, wall = self.width, self.steps, self.wall
-        ends = {point: (direction + 2) % 4 for point, direction in targets}  # one arrives against the way out
+        ends = {point: (direction + 2) % 4 for point, direction in targets}  # arrival is opposite to the exit direction
         goals = [(p % width, p // width) for p in ends]
         best: dict[int, int] = {}
         came: dict[int, int] = {}
@@ -148,13 +147,13 @@ class _Router:
                 if not (0 <= following < len(wall) and 0 <= column < width) or (wall[following] and following not in ends):
                     continue
                 extra = BEND * bend
-                if point in others and (bend or start or others[point] & (1 << turn | 1 << (turn + 2) % 4)):
+                if point in other_wires and (bend or start or other_wires[point] & (1 << turn | 1 << (turn + 2) % 4)):
                     extra += FAULT
-                push(following << 2 | turn, cost + STEP + extra + self._price(k, following, turn, others), state)
+                push(following << 2 | turn, cost + STEP + extra + self._price(k, following, turn, other_wires), state)
         return None
 
     def _beginnings(self, k: int, joined: Iterable[int]) -> Iterator[tuple[int, int]]:
-        """Where a further branch may begin, and what that costs: ports that are joined, and every point of the tree."""
+        """Start points of a further branch, with their cost: connected ports, and every point of the tree."""
         laid = self.laid[k]
         for t in joined:
             for point, direction in self.nets[k][t]:
@@ -164,14 +163,14 @@ class _Router:
                 if not self.wall[point] and not bits >> direction & 1:
                     yield point << 2 | direction, BEND // 2
 
-    def _price(self, k: int, point: int, direction: int, others: dict[int, int]) -> int:
-        """What it costs to come to a point beyond the step: crossings, neighbours, the mouths of others' ports."""
+    def _price(self, k: int, point: int, direction: int, other_wires: dict[int, int]) -> int:
+        """Cost of a point in addition to the step: crossings, neighbours, exits of other ports."""
         price = MOUTH if self.mouths.get(point, k) != k else 0
-        if point in others:
-            price += CROSSING if _crosses(1 << direction | 1 << (direction + 2) % 4, others[point]) else FAULT
+        if point in other_wires:
+            price += CROSSING if _crosses(1 << direction | 1 << (direction + 2) % 4, other_wires[point]) else FAULT
         for side in (self.steps[(direction + 1) % 4], self.steps[(direction + 3) % 4]):
             near = point + side
-            if near in others and others[near] & (1 << direction):
+            if near in other_wires and other_wires[near] & (1 << direction):
                 price += NEAR
             elif 0 <= near < len(self.wall) and self.wall[near]:
                 price += NEAR // 3
@@ -190,7 +189,7 @@ class _Router:
 
 
 def _crosses(own: int, other: int) -> bool:
-    """Whether two wires cross at a point straight and at a right angle: bits of the directions in which they go."""
+    """True if two wires cross at a point straight and at a right angle: bits of their directions."""
     return (own, other) in ((0b0101, 0b1010), (0b1010, 0b0101))
 
 
@@ -203,7 +202,7 @@ def _traced(came: dict[int, int], state: int) -> list[int]:
 
 
 def _lines(edges: Iterable[Edge]) -> Iterator[tuple[Point, ...]]:
-    """Unit pieces as polylines from end to end or branch to branch, only their corners kept."""
+    """Join unit pieces to polylines from end to end or branch to branch, with their corners only."""
     around: dict[Point, list[Point]] = {}
     for a, b in edges:
         around.setdefault(a, []).append(b)
@@ -223,8 +222,8 @@ def _lines(edges: Iterable[Edge]) -> Iterator[tuple[Point, ...]]:
 
 
 def _corners(line: list[Point]) -> list[Point]:
-    kept = [line[0]]
+    corners = [line[0]]
     for before, point, after in zip(line, line[1:], line[2:], strict=False):
         if not (before[0] == point[0] == after[0] or before[1] == point[1] == after[1]):
-            kept.append(point)
-    return [*kept, line[-1]]
+            corners.append(point)
+    return [*corners, line[-1]]

@@ -1,4 +1,4 @@
-"""A diagram as sheets to be drawn: on each the parts that stand on one level, and the nodes between them."""
+"""A diagram as sheets to be drawn: on each the parts of one level, and the nodes between them."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from heavebond.pictures.text_metrics import shortened
 from heavebond.text.expression import Number, names
 from heavebond.text.shapes import whole_number
 
-NODE = "node "  # before the path of a node, where components and ports could be meant as well
+NODE = "node "  # prefix of the path of a node, to distinguish it from components and ports
 LONGEST_VALUE = 30  # characters
 Ends = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
 class Net:
-    """A node: its path, the name written at it (none where it is written elsewhere), what it carries, the (part, port)
-    that it joins; a part without name is the edge of the sheet. `given`: no node, but a formula that feeds an input.
-    `size` is its number of elements, `chosen` tells of ends that are some elements of an array which: `y[1..2]`."""
+    """A node: its path, its displayed name (empty if it is displayed elsewhere), its domain, and its ends (part, port); a
+    part without name is the edge of the sheet. `given`: a formula that feeds an input instead of a node. `size` is its
+    number of elements; `chosen` gives the elements for ends that are some elements of an array: `y[1..2]`."""
 
     path: str
     name: str
@@ -36,8 +36,8 @@ class Net:
 
 @dataclass(frozen=True)
 class Part:
-    """A component on a sheet: its ports with their domains, its place (column, row) and its turn (degrees clockwise) if it
-    has them, what is set on it, and what is inside if it is drawn open."""
+    """A component on a sheet: its ports with their domains, its place (column, row) and its rotation (degrees clockwise)
+    if given, its settings, and its contents if it is drawn open."""
 
     path: str
     name: str
@@ -52,7 +52,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Sheet:
-    """One level of a diagram; `ports` are those of the block itself, with their domains, `kind` its component."""
+    """One level of a diagram; `ports` are the ports of the block itself, with their domains, `kind` its component."""
 
     path: str
     parts: dict[str, Part]
@@ -62,26 +62,26 @@ class Sheet:
 
 
 def sheet(expanded: Expanded, network: Network, opened: frozenset[str]) -> Sheet:
-    """The outermost sheet, with those of the blocks that are `opened` inside it."""
+    """The outermost sheet, with the sheets of the `opened` blocks inside it."""
     return _Reader(expanded, network, opened).sheet("")
 
 
 def opened_blocks(expanded: Expanded, wanted: Iterable[str], every: bool, marked: Iterable[str]) -> frozenset[str]:
-    """The blocks to draw open: those named, all of them, and those around what is marked."""
+    """The blocks to draw open: named ones, all of them, or those around marked places."""
     blocks = expanded.blocks
-    found = set(blocks) if every else set()
+    open_blocks = set(blocks) if every else set()
     for name in wanted:
         if name not in blocks:
             raise UsageError([_no_block(expanded, name, blocks)])
-        found |= {name, *_around(name)}
+        open_blocks |= {name, *_around(name)}
     for name in marked:
-        found |= {path for path in _around(name.removeprefix(NODE)) if path in blocks}
-    return frozenset(found)
+        open_blocks |= {path for path in _around(name.removeprefix(NODE)) if path in blocks}
+    return frozenset(open_blocks)
 
 
 def marked_places(expanded: Expanded, names: Mapping[str, str]) -> dict[str, str]:
-    """Labels by place: a component or port by its path, a node as `node PATH`, which is also how a node is named that a
-    component shares its name with. UsageError with near names for what is not in the diagram."""
+    """Labels by place: a component or port by its path, a node as `node PATH`, which also distinguishes a node from a
+    component of the same name. UsageError with similar names for unknown ones."""
     return {_marked_place(expanded, name): label for name, label in names.items()}
 
 
@@ -117,7 +117,7 @@ def _around(path: str) -> list[str]:
 
 
 def _is_further(node: str) -> bool:
-    """Whether a node is that of the second or a later element of whole arrays: `bonds[2]`."""
+    """True for the node of the second or a later element of whole arrays: `bonds[2]`."""
     _, _, indices = node.rpartition(".")[2].partition("[")
     return bool(indices) and set(indices[:-1].split("][")) != {"1"}
 
@@ -137,9 +137,9 @@ class _Reader:
         self.expanded = expanded
         self.network = network
         self.opened = opened
-        self.extra: dict[str, dict[str, str]] = {}  # ports that blocks get from nodes which reach out of them
+        self.extra: dict[str, dict[str, str]] = {}  # ports that blocks get from nodes which extend out of them
         self.nets: dict[str, list[Net]] = {}
-        # a node of whole arrays is one wire, that of its first elements
+        # a node of whole arrays is one wire, the wire of its first elements
         self.drawn = {path: junction for path, junction in expanded.junctions.items() if not _is_further(path)}
         self.elements: dict[str, list[str]] = {}  # the nodes of one wire
         for path in expanded.junctions:
@@ -148,45 +148,45 @@ class _Reader:
             self._net(path)
 
     def _net(self, path: str) -> None:
-        """Sort the ends of a node: those on its own sheet, those further out (`block.node: [+leak.a]`), and those inside a
-        block (`node: [block.part.a]`)."""
+        """Sort the ends of a node: on its sheet, further out (`block.node: [+leak.a]`), and inside a block (`node:
+        [block.part.a]`)."""
         junction, scope = self.expanded.junctions[path], _owner(path)
         domain = self._domain(path)
-        own: list[tuple[str, str]] = []
+        own_ends: list[tuple[str, str]] = []
         outside: dict[str, list[tuple[str, str]]] = {}
         for end in junction.ends:
             home = _owner(end.leaf) if end.sign > 0 else end.leaf
-            ends = own if home == scope else outside.setdefault(home, [])
+            ends = own_ends if home == scope else outside.setdefault(home, [])
             ends.append((end.leaf.rpartition(".")[2], end.port) if end.sign > 0 else ("", end.port))
         name = _base(path).rpartition(".")[2]
         for home in [home for home in outside if home.startswith(f"{scope}." if scope else "") and home]:
-            own.append(self._inwards(path, name, domain, home, outside.pop(home)))
+            own_ends.append(self._inwards(path, name, domain, home, outside.pop(home)))
         self._outwards(path, domain, outside)
         if outside:
-            own.append(("", f":{name}"))
-        self.nets.setdefault(scope, []).append(Net(path, name, domain, tuple(own), size=len(self.elements[_base(path)]),
+            own_ends.append(("", f":{name}"))
+        self.nets.setdefault(scope, []).append(Net(path, name, domain, tuple(own_ends), size=len(self.elements[_base(path)]),
                                                    chosen=self._chosen(path)))
 
     def _chosen(self, path: str) -> dict[tuple[str, str], str]:
-        """The ends of a wire that are not the whole of a vector, as a diagram writes them; ends of a matrix are left out."""
-        found = {}
+        """The ends of a wire that are parts of a vector, in the notation of diagrams; ends of a matrix are omitted."""
+        texts_by_end = {}
         joined = [self.expanded.junctions[each].ends for each in self.elements[_base(path)]]
         for ends in zip(*joined, strict=True) if len({len(ends) for ends in joined}) == 1 else ():
-            port, _, rest = ends[0].port.partition("[")
+            port, _, index_text = ends[0].port.partition("[")
             leaf = self.expanded.leaves[ends[0].leaf]
-            if ends[0].sign < 0 or rest.count("]") != 1:
+            if ends[0].sign < 0 or index_text.count("]") != 1:
                 continue
             array = leaf.component.ports.get(port)
             count = whole_number(array.count, leaf.integers) if array is not None and array.count is not None else sum(
                 name.partition("[")[0] == port for name in leaf.component.signals)
             first, last = (int(end.port.partition("[")[2][:-1]) for end in (ends[0], ends[-1]))
             if len(ends) != count:
-                which = f"{first}" if first == last else f"{first}..{last}"
-                found[ends[0].leaf.rpartition(".")[2], ends[0].port] = f"{port}[{which}]"
-        return found
+                index_range = f"{first}" if first == last else f"{first}..{last}"
+                texts_by_end[ends[0].leaf.rpartition(".")[2], ends[0].port] = f"{port}[{index_range}]"
+        return texts_by_end
 
     def _outwards(self, path: str, domain: str, outside: dict[str, list[tuple[str, str]]]) -> None:
-        """The node on the sheets around its own, up to the outermost on which a port joins it."""
+        """Add the node to the enclosing sheets, up to the outermost on which a port joins it."""
         scope, _, name = path.rpartition(".")
         block, remaining = scope, dict(outside)
         while remaining and block:
@@ -199,7 +199,7 @@ class _Reader:
             block = level
 
     def _inwards(self, path: str, name: str, domain: str, home: str, ends: list[tuple[str, str]]) -> tuple[str, str]:
-        """The node on the sheets from that of its `ends` up to its own; the block and port that join it there."""
+        """Add the node to the sheets from its `ends` up to its level; returns the block and port that join it there."""
         scope, port, first = _owner(path), f":{name}", True
         while home != scope:
             self.extra.setdefault(home, {})[port] = domain
@@ -216,7 +216,7 @@ class _Reader:
         body = self._body(scope)
         parts = {}
         for path, leaf in self.expanded.leaves.items():
-            if path and _owner(path) == scope:  # a block by itself has its own path, which is empty
+            if path and _owner(path) == scope:  # a block by itself has an empty path
                 name = path.rpartition(".")[2]
                 parts[name] = self._part(path, name, leaf, body)
         owner = self.expanded.leaves.get(scope)
@@ -225,7 +225,7 @@ class _Reader:
         return Sheet(scope, parts, (*self.nets.get(scope, ()), *formulas), ports, owner.component.name if owner else "")
 
     def _formulas(self, part: Part) -> Iterator[Net]:
-        """Inputs that read variables of other components: a connection, though no wire shows it."""
+        """Inputs that read variables of other components: a connection without a wire."""
         for name, bound in self.expanded.leaves[part.path].inputs.items():
             if isinstance(bound.value, Value) and any("." in read.text for read in names(bound.value.expr)):
                 text = shortened(bound.value.text.lstrip("= "), LONGEST_VALUE)
@@ -237,10 +237,10 @@ class _Reader:
     def _part(self, path: str, name: str, leaf: Leaf, body: Body) -> Part:
         instance = body.instances.get(name)
         at = instance.at if instance is not None else None
-        given = {**leaf.parameters, **leaf.inputs}
-        told = instance.settings if instance is not None else {}
-        values = tuple(f"{key} = {_value_text(bound.value, _unit(leaf.component, key))}" for key, bound in given.items()
-                       if key in told or f"{path}.{key}" in self.expanded.model.settings)
+        bindings = {**leaf.parameters, **leaf.inputs}
+        settings_written = instance.settings if instance is not None else {}
+        values = tuple(f"{key} = {_value_text(bound.value, _unit(leaf.component, key))}" for key, bound in bindings.items()
+                       if key in settings_written or f"{path}.{key}" in self.expanded.model.settings)
         inside = self.sheet(path) if path in self.opened else None
         inputs = tuple(k for k, s in leaf.component.signals.items() if s.direction == "in")
         return Part(path, name, leaf.component, self._ports(path, leaf), inputs, (at[0], at[1]) if at else None, values,
@@ -248,17 +248,17 @@ class _Reader:
 
     def _ports(self, path: str, leaf: Leaf) -> dict[str, str]:
         """Every port with its domain, the elements of arrays one by one."""
-        found = {}
+        domains_by_port = {}
         domains = self.network.domains.get(path, {})
         for port in leaf.component.ports.values():
             elements = [port.name] if port.count is None else [
                 end.port for junction in self.drawn.values() for end in junction.ends
                 if end.leaf == path and end.sign > 0 and end.port.partition("[")[0] == port.name]
             if port.count is not None and (count := whole_number(port.count, leaf.integers)) is not None:
-                elements += [f"{port.name}[{k}]" for k in range(1, count + 1)]  # those that nothing joins yet
-            found.update({name: domains.get(port.name, port.domain) for name in elements})
-        found.update(dict.fromkeys(leaf.component.signals, "signal"))
-        return {**found, **self.extra.get(path, {})}
+                elements += [f"{port.name}[{k}]" for k in range(1, count + 1)]  # unconnected ports
+            domains_by_port.update({name: domains.get(port.name, port.domain) for name in elements})
+        domains_by_port.update(dict.fromkeys(leaf.component.signals, "signal"))
+        return {**domains_by_port, **self.extra.get(path, {})}
 
 
 def _unit(component: Component, name: str) -> str:
@@ -267,7 +267,7 @@ def _unit(component: Component, name: str) -> str:
 
 
 def _value_text(value: Value | FileInput, unit: str) -> str:
-    """A value as it is written in the diagram, its unit as on paper; a plain number of Python's with the declared unit."""
+    """A value as written in the diagram, its unit in printed form; a plain Python number with the declared unit."""
     if isinstance(value, FileInput):
         return shortened(value.file.name, LONGEST_VALUE)
     if value.si and isinstance(value.expr, Number):
@@ -279,5 +279,5 @@ def _value_text(value: Value | FileInput, unit: str) -> str:
 
 def marks_on(path: str, marks: Mapping[str, str], ports: Iterable[str]) -> dict[str, str]:
     """The marks on a part and on its ports: label by '' or by port."""
-    found = {"": marks[path]} if path in marks else {}
-    return {**found, **{port: marks[f"{path}.{port}"] for port in ports if f"{path}.{port}" in marks}}
+    marks_by_port = {"": marks[path]} if path in marks else {}
+    return {**marks_by_port, **{port: marks[f"{path}.{port}"] for port in ports if f"{path}.{port}" in marks}}

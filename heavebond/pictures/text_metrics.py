@@ -1,4 +1,4 @@
-"""How wide a text is on a drawing, and blocks of lines; widths are those of Helvetica, which Arial and others share."""
+"""Width of text on a drawing, and blocks of lines; widths are from Helvetica, which Arial and others share."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ _WIDTHS = (
     556, 556, 278, 278, 584, 584, 584, 556, 1015, 667, 667, 722, 722, 667, 611, 778, 722, 278, 500, 667, 556, 833, 722, 778,
     667, 778, 722, 667, 611, 722, 667, 944, 667, 667, 611, 278, 278, 278, 469, 556, 333, 556, 556, 500, 556, 556, 278, 556,
     556, 222, 222, 500, 222, 833, 556, 556, 556, 556, 333, 500, 278, 556, 500, 722, 500, 500, 500, 334, 260, 334, 584)
-_OTHER, _WIDE, _FIRST_WIDE = 640, 1050, 0x2E80  # from here on the scripts whose characters are as wide as high
-_SPARE = 1.06  # for viewers that have none of the named fonts
+_OTHER, _WIDE, _FIRST_WIDE = 640, 1050, 0x2E80  # first code point of scripts whose characters are as wide as high
+_SPARE = 1.06  # factor for viewers without the named fonts
 FONT = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 
 
 @dataclass(frozen=True)
 class Style:
-    """How a kind of line is written: size in px, weight and slant, and whether it stands on a coloured tag."""
+    """Style of a line: size in px, weight and slant, and whether it has a coloured background."""
 
     size: int
     bold: bool = False
@@ -61,12 +61,12 @@ class Box:
     bottom: float
 
     def meets(self, other: Box, gap: float = 0.0) -> bool:
-        """Whether the two overlap or come nearer than `gap`."""
+        """True if the two overlap or are nearer than `gap`."""
         return (self.left < other.right + gap and other.left < self.right + gap
                 and self.top < other.bottom + gap and other.top < self.bottom + gap)
 
     def moved(self, x: float, y: float) -> Box:
-        """The same elsewhere."""
+        """The box at another place."""
         return Box(self.left + x, self.top + y, self.right + x, self.bottom + y)
 
 
@@ -79,12 +79,12 @@ class Lettering:
     align: str = "middle"
 
     def moved(self, x: float, y: float) -> Lettering:
-        """The same elsewhere."""
+        """The lines at another place."""
         return Lettering(self.lines, self.box.moved(x, y), self.align)
 
 
 def text_width(text: str, style: Style) -> float:
-    """The width of a text in px, a little too wide rather than too narrow."""
+    """The width of a text in px, rather too wide than too narrow."""
     total = 0
     for character in text:
         code = ord(character) - 32
@@ -100,8 +100,8 @@ def size(lines: tuple[Line, ...]) -> tuple[float, float]:
 def lettering(lines: tuple[Line, ...], x: float, y: float, align: str = "middle") -> Lettering:
     """Lines whose box has its upper edge at y and its left edge, middle or right edge at x."""
     width, height = size(lines)
-    left = {"start": x, "middle": x - width / 2, "end": x - width}[align]
-    return Lettering(lines, Box(left, y, left + width, y + height), align)
+    left_edge = {"start": x, "middle": x - width / 2, "end": x - width}[align]
+    return Lettering(lines, Box(left_edge, y, left_edge + width, y + height), align)
 
 
 def bounds(boxes: list[Box]) -> Box:
@@ -111,7 +111,7 @@ def bounds(boxes: list[Box]) -> Box:
 
 
 def wrapped(text: str, style: Style, width: float) -> tuple[Line, ...]:
-    """A text broken between words into lines not wider than `width` px, where the words allow it."""
+    """Break a text between words into lines of at most `width` px if the words permit it."""
     words = text.split()
     starts, current = [0] if words else [], ""
     for k, word in enumerate(words):

@@ -1,8 +1,8 @@
-"""Dates and times of day as loggers write them, as moments that can be counted from: only what can be read in one way.
+"""Dates and times of day in the formats of data loggers, converted to ns if their reading is unambiguous.
 
-Read are ISO 8601 (`2024-05-01 12:00:03.250`, with `T` or a zone), the same with slashes, days first where dots part them
-(`01.05.2024 12:00:03`), and times of day (`12:00:03`), each with decimal points or commas. Where slashes leave open which is
-the day, the dates must tell: one of them above twelve, or all the same.
+Formats: ISO 8601 (`2024-05-01 12:00:03.250`, with `T` or a zone), the same with slashes, days first with dots
+(`01.05.2024 12:00:03`), and times of day (`12:00:03`), each with decimal points or commas. With slashes the order of day
+and month must follow from the dates: one number above twelve, or all the same.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Moments = NDArray[np.int64]
-NONE = np.iinfo(np.int64).min  # no moment: what NumPy and pandas hold for it
+NONE = np.iinfo(np.int64).min  # missing value of NumPy and pandas
 DAY = 86_400_000_000_000  # ns
 MISSING = {"", "nan", "na", "n/a", "nat", "null", "none", "-", "?"}
 _TIME = r"(?P<time>[0-9]{1,2}:[0-9]{2}:[0-9]{2}(\.[0-9]{1,9})?|[0-9]{1,2}:[0-9]{2})"
@@ -28,26 +28,25 @@ _SHORT = re.compile(r"[0-9]{1,3}:[0-9]{2}(\.[0-9]+)?")
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """The moments (n,) of a column in ns, NONE where a cell is empty: since 1970 where they are `dated`, else since
-    midnight of the first day."""
+    """The times (n,) of a column in ns, NONE for an empty cell: since 1970 if they are `dated`, else since midnight of
+    the first day."""
 
     moments: Moments
     dated: bool
 
     @property
     def first(self) -> int:
-        """The first moment."""
         known = self.moments[self.moments != NONE]
         return int(known[0]) if len(known) else 0
 
     def seconds(self, since: int) -> NDArray[np.float64]:
-        """Seconds (n,) since a moment, NaN where there is none."""
-        # the difference in whole ns first: a float of the seconds since 1970 has no more than half a microsecond
+        """Seconds (n,) since a moment, NaN for a missing one."""
+        # the difference in integer ns first: a float of the seconds since 1970 resolves half a microsecond only
         return np.where(self.moments == NONE, np.nan, (self.moments - since) * 1e-9)
 
 
 class ClockProblem(ValueError):
-    """The cell in `row` cannot be read as a moment, or in two ways; `hint` says what to type."""
+    """The cell in `row` cannot be read as a time, or is ambiguous; `hint` states what to type."""
 
     def __init__(self, message: str, hint: str, row: int):
         super().__init__(message)
@@ -55,7 +54,7 @@ class ClockProblem(ValueError):
 
 
 def read_clock(cells: Sequence[str]) -> Clock:
-    """The moments of a column of text; ClockProblem at the first cell that is none, or may be two."""
+    """Convert a column of text to times; ClockProblem at the first cell that is not a time, or is ambiguous."""
     texts = [cell.strip().replace(",", ".") for cell in cells]
     known = [k for k, text in enumerate(texts) if text.lower() not in MISSING]
     if known and _OF_DAY.fullmatch(texts[known[0]]):
@@ -70,15 +69,15 @@ def read_clock(cells: Sequence[str]) -> Clock:
 
 
 def _of_day(texts: Sequence[str], known: Sequence[int]) -> Clock:
-    """Times of day; where they fall by more than half a day it is midnight that has passed."""
+    """Times of day; a decrease by more than half a day is a passage of midnight."""
     moments = np.full(len(texts), NONE, dtype=np.int64)
     days, before = 0, 0
     for k in known:
-        found = _OF_DAY.fullmatch(texts[k])
-        if found is None or int(found["m"]) > 59 or int(found["s"]) > 59:
+        time_match = _OF_DAY.fullmatch(texts[k])
+        if time_match is None or int(time_match["m"]) > 59 or int(time_match["s"]) > 59:
             raise _unreadable(texts[k], k)
-        seconds = 3600 * int(found["h"]) + 60 * int(found["m"]) + int(found["s"])
-        moment = 1_000_000_000 * seconds + int((found["f"] or "").ljust(9, "0"))
+        seconds = 3600 * int(time_match["h"]) + 60 * int(time_match["m"]) + int(time_match["s"])
+        moment = 1_000_000_000 * seconds + int((time_match["f"] or "").ljust(9, "0"))
         days += before - moment > DAY // 2
         moments[k], before = days * DAY + moment, moment
     return Clock(moments, False)
@@ -87,11 +86,11 @@ def _of_day(texts: Sequence[str], known: Sequence[int]) -> Clock:
 def _dated(cells: Sequence[str], texts: Sequence[str], known: Sequence[int]) -> Moments:
     import pandas as pd
 
-    found = [_YEAR_FIRST.fullmatch(texts[k]) or _YEAR_LAST.fullmatch(texts[k]) for k in known]
-    for k, one in zip(known, found, strict=True):
+    date_matches = [_YEAR_FIRST.fullmatch(texts[k]) or _YEAR_LAST.fullmatch(texts[k]) for k in known]
+    for k, one in zip(known, date_matches, strict=True):
         if one is None:
             raise _unreadable(cells[k].strip(), k)
-    matches = [one for one in found if one is not None]
+    matches = [one for one in date_matches if one is not None]
     swapped = _day_first(matches, [cells[k].strip() for k in known], known)
     written = [_iso(one, swapped) for one in matches]
     read = pd.to_datetime(pd.Series(written), format="ISO8601", utc=True, errors="coerce")
@@ -101,23 +100,23 @@ def _dated(cells: Sequence[str], texts: Sequence[str], known: Sequence[int]) -> 
     return np.asarray(read.dt.tz_localize(None).to_numpy().astype("datetime64[ns]").astype(np.int64))
 
 
-def _iso(found: re.Match[str], day_first: bool) -> str:
-    parts = found.groupdict()
+def _iso(match: re.Match[str], day_first: bool) -> str:
+    parts = match.groupdict()
     day, month = (parts["day"], parts["month"]) if "day" in parts else \
         (parts["one"], parts["two"]) if day_first else (parts["two"], parts["one"])
-    hour, rest = (parts["time"] or "00:00").split(":", 1)
-    return f"{parts['year']}-{month:0>2}-{day:0>2}T{hour:0>2}:{rest}{parts.get('zone') or ''}"
+    hour, minutes = (parts["time"] or "00:00").split(":", 1)
+    return f"{parts['year']}-{month:0>2}-{day:0>2}T{hour:0>2}:{minutes}{parts.get('zone') or ''}"
 
 
 def _day_first(found: Sequence[re.Match[str]], cells: Sequence[str], known: Sequence[int]) -> bool:
-    """Whether the day stands before the month where the year is last; ClockProblem where nothing tells."""
+    """True if the day is before the month in dates with the year last; ClockProblem if the order is ambiguous."""
     dates = [(int(one["one"]), int(one["two"])) for one in found if one.re is _YEAR_LAST]
     if not dates or all(one["mark"] == "." for one in found if one.re is _YEAR_LAST) or any(a > 12 for a, _ in dates):
         return True
     if any(b > 12 for _, b in dates) or len(set(dates)) == 1:
         return False
     k = next(k for k, one in enumerate(found) if one.re is _YEAR_LAST)
-    raise ClockProblem(f"'{cells[k]}' does not tell which is the day and which the month",
+    raise ClockProblem(f"'{cells[k]}' is ambiguous: day and month could be exchanged",
                        "Export the dates as 2024-05-01 12:00:03, or the times as seconds.", known[k])
 
 

@@ -1,6 +1,6 @@
-"""Measured records: tables with named columns from CSV text, Parquet or MAT, and the checks a record must pass.
+"""Measured records: tables with named columns from CSV text, Parquet or MAT, and their checks.
 
-A table knows which line of the file each row came from, so that every complaint about it names the line.
+A table stores the line of each row in the file, so that every message names the line.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ Rows = NDArray[np.int64]
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
 PARQUET_SUFFIXES = (".parquet", ".pq")
 MATLAB_SUFFIXES = (".mat",)
-SUFFIXES = (*TEXT_SUFFIXES, *PARQUET_SUFFIXES, *MATLAB_SUFFIXES)  # of files that hold a record
+SUFFIXES = (*TEXT_SUFFIXES, *PARQUET_SUFFIXES, *MATLAB_SUFFIXES)  # suffixes of records
 GAP_FACTOR = 1.5
-BRIDGED = 3  # so many missing samples of an input in a row are interpolated without a word in the file
+BRIDGED = 3  # number of consecutive missing samples of an input that are interpolated without an entry in the file
 _NAMED_UNIT = re.compile(r".*\S\s*([\[(][^\[\]()]+[\])])")  # pull [kN], p (bar)
 _TAGGED_UNIT = re.compile(r".+?_(lbf?_(?:ft|in)|(?:ft|in)_lbf?|[A-Za-z]{1,4})")  # pressure_Pa, torque_lbf_ft
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A record as it stands in its file: n rows, units not yet applied.
+    """A record as in its file: n rows, units not yet applied.
 
-    `header` names all columns; `columns` holds those that are numbers, (n,) each, NaN where a cell is empty.
-    `lines` (n,) is the line of each row in the file, or its row number where the file has no lines (Parquet, MAT;
-    `text` is None then). `aside` says of names that are no columns why, and what to do; `units` is a row of units below
-    the names; `words` holds the cells (n,) of columns of text, `clocks` those that are moments (see `timed`).
+    `header` names all columns; `columns` contains the numeric ones, (n,) each, NaN for an empty cell. `lines` (n,) is
+    the line of each row in the file, or its row number if the file has no lines (Parquet, MAT; `text` is None then).
+    `aside` gives for other names the reason why they are not columns, and advice; `units` is a row of units below the
+    names; `words` contains the cells (n,) of text columns, `clocks` those that are times (see `timed`).
     """
 
     path: Path
@@ -58,7 +58,7 @@ class Table:
     clocks: dict[str, Clock] = field(default_factory=dict)
 
     def place(self, row: int, name: str) -> Place:
-        """Where the cell of column `name` in `row` (from 0) stands."""
+        """Place of the cell of column `name` in `row` (from 0)."""
         line = int(self.lines[row])
         if self.text is None:
             return Place(str(self.path), line)
@@ -71,18 +71,18 @@ class Table:
         return f"{word} {listing([str(self.lines[r]) for r in rows], SHOWN)}"
 
     def unit_of(self, name: str) -> tuple[str, Unit, bool] | None:
-        """The unit that the file gives for a column, as written and read, and whether that is certain: in a row of units or
-        in brackets behind the name it is, behind the last underscore of the name it may be another word. None without."""
+        """The unit of a column in the file, as written and read, and True if it is certain: in a row of units or in
+        brackets after the name; after the last underscore of the name it may be another word. None without one."""
         bracket, tag = _NAMED_UNIT.fullmatch(name), _TAGGED_UNIT.fullmatch(name)
         for text, sure in ((self.units.get(name, ""), True), (bracket.group(1) if bracket else "", True),
                            (tag.group(1) if tag else "", False)):
-            found = unit_in_file(text)
-            if found is not None:
-                return text.strip("[]()"), found, sure
+            read = unit_in_file(text)
+            if read is not None:
+                return text.strip("[]()"), read, sure
         return None
 
     def unit_text(self, name: str) -> str:
-        """The unit of a column as a row of units or brackets behind the name give it, whether or not it is known."""
+        """The unit of a column in a row of units or in brackets after the name, known or unknown."""
         bracket = _NAMED_UNIT.fullmatch(name)
         return (self.units.get(name, "") or (bracket.group(1) if bracket else "")).strip("[]() ")
 
@@ -93,12 +93,12 @@ class Table:
 
 
 def read_table(path: Path | str, *, place: Place | None = None, beside: str | None = None) -> Table:
-    """Read a record; the file's suffix says how (.csv, .tsv, .txt, .dat: text; .parquet, .pq; .mat).
+    """Read a record in the format of its suffix (.csv, .tsv, .txt, .dat: text; .parquet, .pq; .mat).
 
-    Text has one row of names, perhaps a row of units below it, and lines of comment behind `#` (see
-    `text_tables`). Of a MAT file the table holds the vectors as long as the variable `beside`.
-    `place` is where the file is asked for. Raises DataError with all that is wrong in the file (a column without
-    any number is left aside until it is used), UsageError for another suffix.
+    Text has one row of names, optionally a row of units below it, and comments after `#` (see `text_tables`). For a MAT
+    file the table contains the vectors with the length of the variable `beside`. `place` is the entry that refers to
+    the file. Raises DataError with all mistakes in the file (a column without any number is ignored until it is used),
+    UsageError for another suffix.
     """
     path = Path(path)
     _must_exist(path, place)
@@ -112,13 +112,13 @@ def read_table(path: Path | str, *, place: Place | None = None, beside: str | No
     if suffix in MATLAB_SUFFIXES:
         return _read_matlab(path, place, beside)
     raise UsageError([Problem(
-        "record-suffix", f"'{path.name}' is not a kind of record that is read here", place,
+        "record-suffix", f"'{path.name}' is not a supported format of records", place,
         "Export it as CSV (comma, semicolon or tab).",
         (f"read are {', '.join(TEXT_SUFFIXES)} (text), {', '.join(PARQUET_SUFFIXES)} (Parquet) and .mat (MATLAB)",))])
 
 
 def column(table: Table, name: str, place: Place | None = None) -> Array:
-    """The numbers (n,) of a column; `place` is where it is asked for. Raises DataError without any."""
+    """The numbers (n,) of a column; `place` is the entry that refers to it. Raises DataError without any."""
     if name in table.columns:
         return table.columns[name]
     file = table.path.name
@@ -137,9 +137,9 @@ def column(table: Table, name: str, place: Place | None = None) -> Array:
 
 def timed(table: Table, name: str, *, unit: str = "s", zero: tuple[Path, str] | None = None, place: Place | None = None
           ) -> Table:
-    """The table with its column `name` as times: numbers as they stand, those of a clock (see `clock_times`) as seconds
-    since its first row, or since that of another file's column (`zero`). DataError where a clock cannot be read, or where
-    `unit`, in which the times are asked for, is not s."""
+    """The table with its column `name` as times: numbers unchanged, clock times (see `clock_times`) as seconds since its
+    first row, or since the first row of another file's column (`zero`). DataError if a clock time cannot be read, or
+    if the requested `unit` is not s."""
     clock = _clock(table, name)
     if clock is None:
         return table
@@ -148,19 +148,19 @@ def timed(table: Table, name: str, *, unit: str = "s", zero: tuple[Path, str] | 
                                  f"counted in s, not in {unit}", place, "Write `unit: s`.")])
     since = clock.first
     if zero is not None and zero != (table.path, name):
-        other = read_table(zero[0], beside=zero[1])
-        begin = _clock(other, zero[1])
+        zero_table = read_table(zero[0], beside=zero[1])
+        begin = _clock(zero_table, zero[1])
         if begin is None or begin.dated != clock.dated:
-            what = "dates" if clock.dated else "times of day"
-            raise DataError([Problem("record-clocks", f"'{name}' of '{table.path.name}' holds {what}, '{zero[1]}' of "
-                                     f"'{other.path.name}' does not: they cannot be put on one clock", place,
+            clock_text = "dates" if clock.dated else "times of day"
+            raise DataError([Problem("record-clocks", f"'{name}' of '{table.path.name}' holds {clock_text}, '{zero[1]}' of "
+                                     f"'{zero_table.path.name}' does not: they cannot be put on one clock", place,
                                      "Export both in the same form, or as seconds from the same moment.")])
         since = begin.first
     return replace(table, columns={**table.columns, name: clock.seconds(since)})
 
 
 def _clock(table: Table, name: str) -> Clock | None:
-    """The moments of a column; None where it is no column of text."""
+    """The times of a column; None if it is not a text column."""
     if name not in table.words:
         return table.clocks.get(name)
     try:
@@ -171,8 +171,8 @@ def _clock(table: Table, name: str) -> Clock | None:
 
 
 def check_time(table: Table, name: str) -> None:
-    """Raise DataError unless the times of column `name` increase, at least two of them; rows without a time are passed
-    over here (see `samples`)."""
+    """Raise DataError unless column `name` has at least two times and they increase; rows without a time are ignored here
+    (see `samples`)."""
     time = column(table, name)
     finite = np.flatnonzero(np.isfinite(time))
     if len(finite) < 2:
@@ -189,7 +189,7 @@ def check_time(table: Table, name: str) -> None:
             (steps == 0, "record-time-repeated", "stands twice",
              "A record has one row per instant: delete one of them, or write the times with more digits."),
             (steps < 0, "record-time-decreasing", "is less than the one before it",
-             "Sort the rows by their time; where a second run begins here, make it a record of its own.")):
+             "Sort the rows by their time; if a second run begins here, make it a separate record.")):
         rows = where[wrong].tolist()
         if rows:
             problems.add(code, f"the time {time[rows[0]]:.7g} in '{name}' {saying} ({table.lines_of(rows)})",
@@ -199,10 +199,10 @@ def check_time(table: Table, name: str) -> None:
 
 
 def samples(table: Table, time_name: str, name: str, place: Place | None = None, *, least: int = 1, why: str = "") -> Rows:
-    """The rows (n,) in which column `name` was sampled; where its cell is empty or NaN it was not.
+    """The rows (n,) in which column `name` was sampled; empty and NaN cells are not samples.
 
-    Raises DataError for a column with fewer than `least` numbers (`why` says what for), an infinite one, or one without a
-    time.
+    Raises DataError for a column with fewer than `least` numbers (`why` gives the purpose), an infinite one, or one
+    without a time.
     """
     time, values = column(table, time_name, place), column(table, name, place)
     problems = Problems()
@@ -227,8 +227,8 @@ def samples(table: Table, time_name: str, name: str, place: Place | None = None,
 
 
 def gaps(time: Array, missing: int = 0) -> Rows:
-    """Where more than `missing` samples in a row are left out of increasing times (n,): the k for which the step from k to
-    k + 1 is longer than missing + 1.5 median steps."""
+    """Gaps of more than `missing` consecutive samples in increasing times (n,): the k for which the step from k to k + 1
+    is longer than missing + 1.5 median steps."""
     steps = np.diff(time)
     # the margin keeps times that were rounded when written
     return np.flatnonzero(steps > (missing + GAP_FACTOR) * float(np.median(steps)) * (1 + 1e-6)) if len(steps) else \
@@ -237,27 +237,27 @@ def gaps(time: Array, missing: int = 0) -> Rows:
 
 def check_gaps(table: Table, time_name: str, sampled: Mapping[str, Rows], *, begin: float = -np.inf, end: float = np.inf
                ) -> None:
-    """Raise DataError where more than 3 samples are left out between the times `begin` and `end` (in the unit of the time
-    column), each gap once with the columns that have it. `sampled` are the rows (n,) of each column's samples."""
+    """Raise DataError if more than 3 samples are missing between the times `begin` and `end` (in the unit of the time
+    column), each gap once with its columns. `sampled` are the rows (n,) of each column's samples."""
     time = table.columns[time_name]
-    found: dict[tuple[int, int], list[str]] = {}
+    columns_of_gap: dict[tuple[int, int], list[str]] = {}
     usual = {}
     for name, rows in sampled.items():
-        own = time[rows]
-        usual[name] = float(np.median(np.diff(own))) if len(own) > 1 else 0.0
-        for k in gaps(own, BRIDGED).tolist():
-            if own[k + 1] > begin and own[k] < end:
-                found.setdefault((int(rows[k]), int(rows[k + 1])), []).append(name)
+        column_times = time[rows]
+        usual[name] = float(np.median(np.diff(column_times))) if len(column_times) > 1 else 0.0
+        for k in gaps(column_times, BRIDGED).tolist():
+            if column_times[k + 1] > begin and column_times[k] < end:
+                columns_of_gap.setdefault((int(rows[k]), int(rows[k + 1])), []).append(name)
     problems = Problems()
-    said = []
-    for (first, last), names in sorted(found.items())[:SHOWN]:
+    texts = []
+    for (first, last), names in sorted(columns_of_gap.items())[:SHOWN]:
         quoted = listing([f"'{name}'" for name in names], 8)
         have, they = ("have", "they have") if len(names) > 1 else ("has", "it has")
-        said.append((f"a gap: {quoted} {have} no value between the times "
-                     f"{time[first]:.7g} ({table.lines_of([first])}) and {time[last]:.7g} ({table.lines_of([last])}); "
-                     f"elsewhere {they} one every {usual[names[0]]:.4g}", table.place(last, names[0])))
-    these = "these inputs" if any(len(names) > 1 for names in found.values()) else "this input"
-    add_few(problems, "record-gap", said, len(found), "gaps",
+        texts.append((f"a gap: {quoted} {have} no value between the times "
+                      f"{time[first]:.7g} ({table.lines_of([first])}) and {time[last]:.7g} ({table.lines_of([last])}); "
+                      f"elsewhere {they} one every {usual[names[0]]:.4g}", table.place(last, names[0])))
+    these = "these inputs" if any(len(names) > 1 for names in columns_of_gap.values()) else "this input"
+    add_few(problems, "record-gap", texts, len(columns_of_gap), "gaps",
             f"Keep one side with `from:` or `to:`, or write `gaps: bridge` at {these} to go across.")
     problems.raise_as(DataError)
 
@@ -316,17 +316,17 @@ def _read_parquet(path: Path) -> Table:
 
 
 def _nanoseconds(values: pd.Series[pd.Timestamp]) -> Rows:
-    """Dates or lengths of time as ns, whatever zone and resolution they have."""
+    """Dates or durations in ns, for any zone and resolution."""
     if getattr(values.dt, "tz", None) is not None:
         values = values.dt.tz_convert(None)
     return np.asarray(values.to_numpy().astype(f"{values.dtype.kind}8[ns]").astype(np.int64))
 
 
 def _read_matlab(path: Path, place: Place | None, beside: str | None) -> Table:
-    found = read_matlab(path, place).beside(beside)
-    if not found.columns:
-        notes = [f"{name} {why}" for name, (why, _) in list(found.aside.items())[:SHOWN]]
-        hint = next((hint for _, hint in found.aside.values()), "Save the time and the channels as vectors.")
+    vectors = read_matlab(path, place).beside(beside)
+    if not vectors.columns:
+        notes = [f"{name} {why}" for name, (why, _) in list(vectors.aside.items())[:SHOWN]]
+        hint = next((hint for _, hint in vectors.aside.values()), "Save the time and the channels as vectors.")
         raise DataError([Problem("record-empty", f"'{path.name}' has no vector of numbers", place, hint, tuple(notes))])
-    n = len(next(iter(found.columns.values())))
-    return Table(path, (*found.columns, *found.aside), np.arange(1, n + 1), found.columns, aside=found.aside)
+    n = len(next(iter(vectors.columns.values())))
+    return Table(path, (*vectors.columns, *vectors.aside), np.arange(1, n + 1), vectors.columns, aside=vectors.aside)

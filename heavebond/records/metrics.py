@@ -1,4 +1,4 @@
-"""How far a model is from a record: pure functions of the measured `y` (n,) and the model's `ym` (n,)."""
+"""Error metrics between a record and a model: pure functions of the measured `y` (n,) and the model's `ym` (n,)."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-# The distribution of Q (see `whiteness`) is drawn for records of fewer samples than LONG, from where on chi-square is right
-# to a tenth at p values of a few in a thousand; and only where chi-square leaves doubt: far outside of DOUBTFUL no
-# level of significance is near, whatever the tail.
+# The distribution of Q (see `whiteness`) is sampled for records of fewer samples than LONG, above which chi-square is
+# accurate to a tenth at p values of a few in a thousand; and only if chi-square is inconclusive: far outside of DOUBTFUL no
+# level of significance is near for any tail.
 LONG, DOUBTFUL = 1000, (1e-6, 0.2)
-DRAWS, AT_ONCE, ENOUGH = 20_000, 1000, 100  # of the most, of a batch, and of larger Q after which no more are needed
+# number of sequences: in all, in a batch, and with a larger Q after which sampling ends
+DRAWS, AT_ONCE, ENOUGH = 20_000, 1000, 100
 
 
 def rms_error(y: Array, ym: Array) -> float:
@@ -23,7 +24,8 @@ def rms_error(y: Array, ym: Array) -> float:
 
 def normalised_rms(y: Array, ym: Array) -> float:
     """rms error / rms of y about its mean: 0 is perfect, 1 as good as the mean; NaN where y is constant."""
-    return _ratio(_rms(y - ym), float(np.std(y)) if np.ptp(y) else 0.0)  # of equal numbers the mean is not quite the number
+    # rounding: the mean of equal numbers may differ from them
+    return _ratio(_rms(y - ym), float(np.std(y)) if np.ptp(y) else 0.0)
 
 
 def fit_percent(y: Array, ym: Array) -> float:
@@ -32,19 +34,19 @@ def fit_percent(y: Array, ym: Array) -> float:
 
 
 def relative_rms(y: Array, ym: Array) -> float:
-    """The rms error over the rms of y itself; NaN where y is zero throughout."""
+    """The rms error divided by the rms of y; NaN if y is zero throughout."""
     return _ratio(_rms(y - ym), _rms(y))
 
 
 def bias(y: Array, ym: Array) -> float:
-    """mean(y - ym): positive where the model is too low on average."""
+    """mean(y - ym): positive if the model is too low on average."""
     return float(np.mean(y - ym))
 
 
 def chi2_per_sample(y: Array, ym: Array, noise: float) -> float:
-    """mean(((y - ym) / noise)**2), 1 where nothing but noise of that standard deviation is left.
+    """mean(((y - ym) / noise)**2), 1 if the error is noise of that standard deviation only.
 
-    Infinite where an error is left without any noise.
+    Infinite if there is an error without any noise.
     """
     error = _rms(y - ym)
     if noise == 0:
@@ -57,10 +59,10 @@ def autocorrelation(e: Array, lags: int) -> Array:
 
     NaN for a constant. White noise of n samples has r_k within 2/sqrt(n) for 19 of 20 lags k > 0.
     """
-    if not np.ptp(e):  # of equal numbers the mean is not quite the number
+    if not np.ptp(e):  # rounding: the mean of equal numbers may differ from them
         return np.full(lags + 1, np.nan)
-    found = _autocovariance(e, lags, len(e) + lags + 1)
-    return np.asarray(found / found[0])
+    covariance = _autocovariance(e, lags, len(e) + lags + 1)
+    return np.asarray(covariance / covariance[0])
 
 
 def _autocovariance(e: Array, lags: int, padded: int) -> Array:
@@ -71,16 +73,16 @@ def _autocovariance(e: Array, lags: int, padded: int) -> Array:
 
 
 def whiteness(e: Array, lags: int | None = None) -> float:
-    """p value of the Ljung-Box test: small where e is not white noise about its mean.
+    """p value of the Ljung-Box test: small if e is not white noise about its mean.
 
     Q = n (n + 2) sum_k r_k**2 / (n - k), k = 1 .. `lags` (min(20, n/5)), follows chi-square of `lags` degrees of freedom
-    where n is large. Its tail is heavier in short records: of 240 samples 0.6 % have a p value below 0.25 %. There the p
-    value is the share of sequences of white noise of the same length whose Q is as large, of at most 20 000; fewer are drawn
-    where 100 of them have a larger Q, which leaves the p value a standard deviation of a tenth of it. An offset is no part
-    of it: see `bias`. NaN for a constant and for no more than `lags` samples.
+    for large n. Its tail is heavier in short records: of 240 samples 0.6 % have a p value below 0.25 %. There the p value
+    is the share of white-noise sequences of the same length whose Q is at least as large, of at most 20 000; sampling ends
+    after 100 larger ones, which gives the p value a relative standard deviation of 0.1. An offset has no influence: see
+    `bias`. NaN for a constant and for `lags` samples or fewer.
 
-    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297-303, doi 10.1093/biomet/65.2.297; J. Besag, P. Clifford, Sequential
-    Monte Carlo p-values, Biometrika 78 (1991) 301-304, doi 10.1093/biomet/78.2.301.
+    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297-303, doi 10.1093/biomet/65.2.297; J. Besag, P. Clifford,
+    Sequential Monte Carlo p-values, Biometrika 78 (1991) 301-304, doi 10.1093/biomet/78.2.301.
     """
     from scipy.special import chdtrc
 

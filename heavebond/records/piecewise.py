@@ -1,4 +1,4 @@
-"""Measured inputs as piecewise polynomials of time, what an integrator can be given between the samples."""
+"""Measured inputs as piecewise polynomials of time for an integrator."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from heavebond.core.errors import DataError, Problem, UsageError, suggest
 Array = NDArray[np.float64]
 SMOOTHNESS = {"hold": -1, "linear": 0, "spline": 2}
 TERMS = 4
-LEAST_TO_SMOOTH = 5  # samples of a smoothing spline
+LEAST_TO_SMOOTH = 5  # least number of samples of a smoothing spline
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,20 +61,20 @@ def pieces(time: ArrayLike, values: ArrayLike, interpolation: str = "spline") ->
 
 
 def smoothed_pieces(time: ArrayLike, values: ArrayLike, interpolation: str, bandwidth: float) -> Pieces:
-    """The samples `values` (n,) at the times `time` (n,) in s, smoothed: `spline` is the smoothing spline itself, `linear`
+    """Smooth the samples `values` (n,) at the times `time` (n,) in s: `spline` is the smoothing spline itself, `linear`
     joins its values at the samples.
 
-    The smoothing spline f minimises sum (y - f)**2 + lambda integral f''**2. Between the ends of a long record it passes the
-    frequency w with the gain 1/(1 + (w/w_b)**4) and without a phase shift, where lambda = 1/(h w_b**4) with the sample
-    interval h: `bandwidth` w_b/(2 pi) in Hz is the frequency at which the gain is 1/2.
+      The smoothing spline f minimises sum (y - f)**2 + lambda integral f''**2. Far from the ends of a long record its gain
+      at the frequency w is 1/(1 + (w/w_b)**4) without a phase shift, with lambda = 1/(h w_b**4) and the sample interval h:
+      `bandwidth` w_b/(2 pi) in Hz is the frequency at which the gain is 1/2.
 
-    C. H. Reinsch, Numerische Mathematik 10, 1967, 177-183, doi:10.1007/BF02162161; B. W. Silverman, Annals of Statistics 12,
-    1984, 898-916, doi:10.1214/aos/1176346710 (the equivalent filter).
+      C. H. Reinsch, Numerische Mathematik 10, 1967, 177-183, doi:10.1007/BF02162161; B. W. Silverman, Annals of
+      Statistics 12, 1984, 898-916, doi:10.1214/aos/1176346710 (the equivalent filter).
     """
     t, y = np.asarray(time, dtype=np.float64), np.asarray(values, dtype=np.float64)
     plain = pieces(t, y, interpolation)  # checks
     interval = float(np.median(np.diff(t)))
-    if len(t) < LEAST_TO_SMOOTH or bandwidth * 2 * interval >= 1:  # above the highest frequency that the samples hold
+    if len(t) < LEAST_TO_SMOOTH or bandwidth * 2 * interval >= 1:  # above the Nyquist frequency of the samples
         return plain
     from scipy.interpolate import PPoly, make_smoothing_spline
 
@@ -99,7 +99,7 @@ def _padded(coefficients: Array) -> Array:
 
 
 def evaluate(signal: Pieces, t: ArrayLike, order: int = 0) -> Array:
-    """The `order`-th derivative of a signal at the times `t` (any shape); at a break, that to its right.
+    """The `order`-th derivative of a signal at the times `t` (any shape); at a break, the right-hand one.
 
     Raises DataError for times outside the record.
     """
@@ -119,7 +119,7 @@ def align(signals: Sequence[Pieces], start: float, end: float, *,
     """All signals on one set of breaks over [start, end]: breaks (m + 1,), coefficients (m, n_signals, 4).
 
     The breaks are the union of all; each polynomial is expanded about the new break b' = b + d, without loss:
-    c'_j = sum_k binomial(k, j) d**(k - j) c_k. `names` are for messages. Raises DataError where a signal
+    c'_j = sum_k binomial(k, j) d**(k - j) c_k. `names` are for messages. Raises DataError if a signal
     does not cover [start, end].
     """
     for k, signal in enumerate(signals):
@@ -138,7 +138,7 @@ def align(signals: Sequence[Pieces], start: float, end: float, *,
 
 
 def _union(all_breaks: Sequence[Array], start: float, end: float) -> Array:
-    """The breaks inside (start, end) in order, with start and end; those that differ by rounding are one."""
+    """The breaks inside (start, end) in order, with start and end; breaks that differ by rounding only are merged."""
     inner = np.sort(np.concatenate([np.empty(0), *(b[(b > start) & (b < end)] for b in all_breaks)]))
     same = 1e-6 * min((float(np.diff(b).min()) for b in all_breaks), default=0.0)
     inner = inner[(inner - start > same) & (end - inner > same)]
@@ -159,8 +159,8 @@ def _check_covered(signal: Pieces, start: float, end: float, name: str) -> None:
         say.append(f"begin at {first:.10g} s (`simulate: {{from: {first:.10g} s{until}}}`)")
     if end > last + slack:
         bounds.append(f"the record ends at {last:.10g} s")
-        say.append(f"say `until: {last:.10g} s`")
+        say.append(f"write `until: {last:.10g} s`")
     hint = " and ".join(say)
-    asked = f"the simulation needs {name} from {start:.10g} s to {end:.10g} s"
-    raise DataError([Problem("record-end", f"{asked}, {' and '.join(bounds)}",
+    requirement = f"the simulation needs {name} from {start:.10g} s to {end:.10g} s"
+    raise DataError([Problem("record-end", f"{requirement}, {' and '.join(bounds)}",
                              hint=hint[0].upper() + hint[1:] + ".")])

@@ -1,7 +1,7 @@
 """Runs as files: written with their units as CSV, Parquet, MAT or NetCDF, and read back.
 
-A file that was cut off is refused by every format: Parquet ends with its own index, NetCDF begins with the number of values,
-MAT ends with the names of what stands before them, and in CSV the last column counts the rows that are still to come.
+A truncated file is refused in every format: Parquet ends with an index, NetCDF begins with the number of values, MAT ends
+with the names of the variables, and in CSV the last column counts the remaining rows.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _HEAD = re.compile(r"(?P<name>.+) \[(?P<unit>[^\[\]]*)\]")
-LONGEST_NAME = 63  # of a MATLAB variable
-NEEDED = ("time", "model", "signals", "variables", "units")  # in a MAT file
+LONGEST_NAME = 63  # largest length of the name of a MATLAB variable
+NEEDED = ("time", "model", "signals", "variables", "units")  # names of the description in a MAT file
 TAKEN = (*NEEDED, "solver")
 
 
 @dataclass(frozen=True, repr=False)
 class Signals(Mapping[str, Array]):
-    """Signals (N,) by name, all in SI or all in the units declared for them; `unit(name)` is the unit of `signals[name]`."""
+    """Signals (N,) by name, all in SI or all in their declared units; `unit(name)` is the unit of `signals[name]`."""
 
     _names: Callable[[], list[str]]
     _values: Callable[[str], Array]
@@ -57,7 +57,7 @@ class Signals(Mapping[str, Array]):
 
 
 def check_si(name: str, unit: str) -> None:
-    """Raise UsageError where `run[name]` could be taken for SI and for the declared unit."""
+    """Raise UsageError if `run[name]` could be in SI or in the declared unit."""
     read = read_unit(unit)
     if read.scale != 1.0 or read.offset:
         base = dimension_text(read.dimension)
@@ -87,7 +87,7 @@ class SavedRun:
         return list(self.values)
 
     def unit(self, name: str) -> str:
-        """The unit in which the signal was saved: that of `run.display[name]`."""
+        """The unit in which the signal was saved, as for `run.display[name]`."""
         self._saved(name)
         return self.units[name]
 
@@ -126,7 +126,7 @@ class SavedRun:
         return table
 
     def to_xarray(self) -> xr.Dataset:
-        """A dataset over `time`, each variable with its unit as `attrs["units"]`; UsageError where xarray is missing."""
+        """A dataset over `time`, each variable with its unit as `attrs["units"]`; UsageError if xarray is missing."""
         try:
             import xarray as xr
         except ImportError:
@@ -137,7 +137,7 @@ class SavedRun:
 
 
 def write_run(run: SavedRun, path: str | Path) -> None:
-    """Write a run as its file's suffix says (see SUFFIXES); UsageError for another one, or what is to be installed."""
+    """Write a run in the format of its file's suffix (see SUFFIXES); UsageError for another one, or a missing package."""
     write = _form(Path(path), "written")[0]
     with new_file(path) as fresh:
         write(run, fresh)
@@ -147,7 +147,7 @@ def read_run(path: str | Path) -> SavedRun:
     """Read a run that `result.save` wrote: .csv, .parquet, .mat or .nc by the suffix of `path`.
 
     The signals (N,) have the units in which they were saved. Raises UsageError for another suffix or a missing file,
-    DataError where the file holds something else or is incomplete.
+    DataError if the file has another content or is incomplete.
     """
     path = Path(path)
     read = _form(path, "read")[1]
@@ -159,9 +159,9 @@ def read_run(path: str | Path) -> SavedRun:
         return read(path)
     except (DataError, UsageError):
         raise
-    except Exception as error:  # every format's reader stumbles at damaged files in its own ways
-        said = (str(error).splitlines() or [""])[0]
-        raise _not_a_run(path, said) from error
+    except Exception as error:  # damaged files cause different exceptions in the reader of each format
+        reason = (str(error).splitlines() or [""])[0]
+        raise _not_a_run(path, reason) from error
 
 
 def _not_a_run(path: Path, *notes: str) -> DataError:
@@ -170,10 +170,10 @@ def _not_a_run(path: Path, *notes: str) -> DataError:
                               tuple(note for note in notes if note))])
 
 
-def _form(path: Path, what: str) -> tuple[Callable[[SavedRun, Path], None], Callable[[Path], SavedRun]]:
+def _form(path: Path, verb: str) -> tuple[Callable[[SavedRun, Path], None], Callable[[Path], SavedRun]]:
     form = _FORMS.get(path.suffix.lower())
     if form is None:
-        raise UsageError([Problem("file-suffix", f"'{path.name}' has no suffix by which a run could be {what}", None,
+        raise UsageError([Problem("file-suffix", f"'{path.name}' has no suffix by which a run could be {verb}", None,
                                   f"Write {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}.")])
     return form
 
@@ -204,7 +204,7 @@ def _read_csv(path: Path) -> SavedRun:
 
     head = list(pd.read_csv(path, nrows=0).columns)
     if "time [s]" in head[:1] and ROWS_LEFT not in head[-1:]:
-        raise _not_a_run(path, f"its last column is not '{ROWS_LEFT}', which tells that no row is missing")
+        raise _not_a_run(path, f"its last column is not '{ROWS_LEFT}', which shows that no row is missing")
     table = pd.read_csv(path, float_precision="round_trip")
     if head[-1:] == [ROWS_LEFT]:
         check_rows_left(path, table.pop(ROWS_LEFT).to_numpy(float))
@@ -238,16 +238,16 @@ def _read_parquet(path: Path) -> SavedRun:
 
 # -- MAT and NetCDF --------------------------------------------------------------------------------------------------
 def identifiers(names: list[str]) -> list[str]:
-    """A MATLAB variable for each name (`crown.x`: `crown_x`), none twice and none that the file uses itself."""
-    found: list[str] = []
+    """A MATLAB variable for each name (`crown.x`: `crown_x`), all different from each other and from the file's names."""
+    variables: list[str] = []
     for name in names:
         plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
         plain = (plain if plain[:1].isalpha() else f"s_{plain}")[:LONGEST_NAME]
         again, number = plain, 2
-        while again in found or again in TAKEN:
+        while again in variables or again in TAKEN:
             again, number = f"{plain[:LONGEST_NAME - 5]}_{number}", number + 1
-        found.append(again)
-    return found
+        variables.append(again)
+    return variables
 
 
 def _write_mat(run: SavedRun, path: Path) -> None:
@@ -260,7 +260,7 @@ def _write_mat(run: SavedRun, path: Path) -> None:
         return np.array(texts, dtype=object).reshape(-1, 1)
 
     columns = {variable: run.values[name][:, None] for variable, name in zip(variables, names, strict=True)}
-    # what a reader needs comes last: a file that was cut off lacks it
+    # required data are last, so that a truncated file lacks them
     savemat(str(path), {"time": run.time[:, None], **columns, "solver": run.solver, "model": run.model,
                         "variables": cells(variables), "units": cells([run.units[name] for name in names]),
                         "signals": cells(names)}, appendmat=False)
@@ -290,7 +290,7 @@ def _write_netcdf(run: SavedRun, path: Path) -> None:
     with netcdf_file(str(path), "w", version=2) as file:
         file.title, file.solver = run.model, run.solver
         file.createDimension("time", len(run.time))
-        # `/` parts groups in NetCDF; the name as it is stands in `long_name`
+        # `/` separates groups in NetCDF; the original name is in `long_name`
         for name, unit, values in [("time", "s", run.time), *((n, run.units[n], v) for n, v in run.values.items())]:
             variable = file.createVariable(name.replace("/", "|"), "f8", ("time",))
             variable[:] = values

@@ -1,4 +1,4 @@
-"""Signals from files: of a saved run, or of a record as a logger left it."""
+"""Signals from files: a saved run, or a record of a data logger."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, b
                  end: float = float("inf")) -> list[EvenSignal]:
     """Signals of a file between two times (s).
 
-    A saved run has units; of a record `time` is the column of the times in s (the first by default), and a unit is known
-    where a head says it in brackets. DataError and UsageError as these files are read.
+    A saved run has units; in a record `time` is the column of the times in s (the first by default), and a unit is read
+    from brackets in the header. DataError and UsageError as for these files.
     """
     try:
         run = read_run(path)
@@ -41,14 +41,14 @@ def _of_record(path: Path, names: Sequence[str], time: str | None, begin: float,
     time = time or table.header[0]
     table = timed(table, time)
     check_time(table, time)
-    found = []
+    signals = []
     for name in names:
         head = next((h for h in table.header if (m := _HEAD.fullmatch(h)) and m["name"] == name), name)
         rows = samples(table, time, head)
         t = column(table, time)[rows]
         inside = (t >= begin) & (t <= end)
-        found.append(evenly(name, _unit(head), t[inside], column(table, head)[rows][inside]))
-    return found
+        signals.append(evenly(name, _unit(head), t[inside], column(table, head)[rows][inside]))
+    return signals
 
 
 def _unit(head: str) -> str:

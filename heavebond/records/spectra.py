@@ -1,9 +1,10 @@
-"""Numbers of a signal that swings: spectrum, significant values, waves between zero crossings, rainflow cycles.
+"""Analysis of an oscillating signal: spectrum, significant values, waves between zero crossings, rainflow cycles.
 
 The spectral density S(f) is Welch's estimate: P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70-73,
-doi:10.1109/TAU.1967.1161901. Of its moments m_n = int f**n S df come the significant height 4 sqrt(m_0) and the mean periods
-m_0/m_1 and sqrt(m_0/m_2), the latter that of the zero crossings of a normal process (S. O. Rice, Bell Syst. Tech. J. 24
-(1945) 46-156). Waves are counted from one upward crossing of the mean to the next. Rainflow cycles as in ASTM E1049-85.
+doi:10.1109/TAU.1967.1161901. Its moments m_n = int f**n S df give the significant height 4 sqrt(m_0) and the mean periods
+m_0/m_1 and sqrt(m_0/m_2), the latter the mean period of zero crossings of a normal process (S. O. Rice, Bell Syst. Tech.
+J. 24 (1945) 46-156). Waves are counted from one upward crossing of the mean to the next. Rainflow cycles as in ASTM
+E1049-85.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from numpy.typing import NDArray
 from heavebond.core.errors import DataError, Problem, UsageError
 
 Array = NDArray[np.float64]
-UNEVEN = 1e-3  # of a step, by which steps may differ and still count as even
+UNEVEN = 1e-3  # relative difference of steps that count as even
 LEAST = 16  # samples
-ROUNDING = 1e-6  # of the largest cycle: what an integrator leaves on a straight line
-SEGMENTS = 8  # that overlap by half, where a record is long enough for so many
-WAVES = 20  # that a segment of the spectrum holds at least, where the record has them
-STILL = 1e-12  # of its size, below which a signal does not move
+ROUNDING = 1e-6  # relative to the largest cycle: error of an integrator on a straight line
+SEGMENTS = 8  # segments that overlap by half, if a record is long enough for so many
+WAVES = 20  # least number of waves in a segment of the spectrum, if the record has them
+STILL = 1e-12  # relative size below which a signal counts as constant
 
 
 @dataclass(frozen=True, eq=False)
 class EvenSignal:
-    """A signal at even steps: `values` (n,) in `unit` at `time` (n,) in s; `note` says what was done to the samples."""
+    """A signal at even steps: `values` (n,) in `unit` at `time` (n,) in s; `note` describes the resampling."""
 
     name: str
     unit: str
@@ -57,13 +58,13 @@ class Spectrum:
     segments: int
 
     def moment(self, n: int) -> float:
-        """m_n = int f**n S df, by the sum over the lines without that at zero."""
+        """m_n = int f**n S df, by the sum over the lines without frequency zero."""
         width = float(self.frequency[1])
         return float((self.frequency[1:]**n * self.density[1:]).sum() * width)
 
     @property
     def significant(self) -> float:
-        """4 sqrt(m_0), of waves the significant height."""
+        """4 sqrt(m_0), for waves the significant height."""
         return 4 * math.sqrt(self.moment(0))
 
     @property
@@ -108,12 +109,12 @@ class Cycles:
 
     @property
     def number(self) -> float:
-        """How many cycles."""
+        """Number of cycles."""
         return float(self.counts.sum())
 
     def equivalent(self, slope: float, cycles: float) -> float:
-        """The range that does, in so many cycles, the damage of all of them, where that grows as range**slope
-        (Palmgren-Miner)."""
+        """Equivalent range: the range that, in so many cycles, causes the damage of all of them, if damage is
+        proportional to range**slope (Palmgren-Miner)."""
         return float(((self.counts * self.ranges**slope).sum() / cycles) ** (1 / slope))
 
     def classes(self, number: int) -> tuple[Array, Array]:
@@ -125,44 +126,43 @@ class Cycles:
 
 @dataclass(frozen=True, eq=False)
 class SignalAnalysis:
-    """All of it for one signal; `segment` (s) is how long the pieces of the spectrum are, None to choose."""
+    """Complete analysis of one signal; `segment` (s) is the length of the segments of the spectrum, None for automatic
+    choice.
+    """
 
     course: EvenSignal
     segment: float | None = None
 
     @property
     def mean(self) -> float:
-        """The mean."""
         return float(self.course.values.mean())
 
     @property
     def deviation(self) -> float:
-        """The standard deviation."""
         return float(self.course.values.std())
 
     @property
     def still(self) -> bool:
-        """Whether it does not move."""
+        """True if it is constant."""
         return self.deviation <= STILL * max(float(np.abs(self.course.values).max()), 1e-300)
 
     @cached_property
     def waves(self) -> Waves:
-        """Its waves."""
         return waves(self.course)
 
     @cached_property
     def spectrum(self) -> Spectrum:
-        """Its spectrum."""
         return spectrum(self.course, self.segment, self.waves)
 
     @cached_property
     def cycles(self) -> Cycles:
-        """Its rainflow cycles."""
         return rainflow_cycles(self.course.values)
 
 
 def evenly(name: str, unit: str, time: Array, values: Array) -> EvenSignal:
-    """A signal put on even steps (the median one) by straight lines where its own are not; DataError for too few samples."""
+    """Interpolate a signal linearly to even steps (the median step) if its steps are uneven; DataError for too few
+    samples.
+    """
     if len(time) < LEAST:
         raise DataError([Problem("signal-short", f"'{name}' has {len(time)} samples, {LEAST} are needed at least", None,
                                  "Take a longer time, or more samples.")])
@@ -175,7 +175,7 @@ def evenly(name: str, unit: str, time: Array, values: Array) -> EvenSignal:
 
 
 def waves(course: EvenSignal) -> Waves:
-    """The waves between upward crossings of the mean, these located by straight lines."""
+    """The waves between upward crossings of the mean, located by linear interpolation."""
     x = course.values - course.values.mean()
     up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
     crossings = up + x[up] / (x[up] - x[up + 1])
@@ -184,9 +184,9 @@ def waves(course: EvenSignal) -> Waves:
 
 
 def spectrum(course: EvenSignal, segment: float | None = None, known: Waves | None = None) -> Spectrum:
-    """Welch's density with Hann windows that overlap by half, the mean of each segment taken away.
+    """Welch's density with Hann windows that overlap by half, with the mean of each segment subtracted.
 
-    `segment` (s) is how long one is; by default an eighth of the record with overlap, longer where it would hold fewer than
+    `segment` (s) is its length; by default an eighth of the record with overlap, longer if it would contain fewer than
     20 waves. UsageError for a segment that does not fit.
     """
     from scipy.signal import welch
@@ -207,21 +207,21 @@ def spectrum(course: EvenSignal, segment: float | None = None, known: Waves | No
 
 
 def rainflow_cycles(values: Array) -> Cycles:
-    """The cycles of samples (n,) as ASTM E1049-85 counts them (5.4.4), what does not close as half cycles;
-    what is rounding beside the largest cycle is none."""
-    found = _extracted(values)
-    return Cycles(found[:, 0], found[:, 1], found[:, 2])
+    """The cycles of samples (n,) by the rules of ASTM E1049-85, 5.4.4; unclosed cycles count as half cycles. Cycles of
+    the size of rounding errors, relative to the largest, are omitted."""
+    cycles = _extracted(values)
+    return Cycles(cycles[:, 0], cycles[:, 1], cycles[:, 2])
 
 
 def rainflow_ranges(values: Array) -> tuple[Array, Array, NDArray[np.intp]]:
     """The ranges and counts (c,) of the same cycles, and the samples (2, c) at their two ends."""
-    found = _extracted(values)
-    return found[:, 0], found[:, 2], found[:, 3:].T.astype(np.intp)
+    cycles = _extracted(values)
+    return cycles[:, 0], cycles[:, 2], cycles[:, 3:].T.astype(np.intp)
 
 
 def _extracted(values: Array) -> Array:
     """Range, mean, count and the two ends (c, 5) of each cycle."""
     from rainflow import extract_cycles
 
-    found = np.array([*extract_cycles(values.tolist())]).reshape(-1, 5)
-    return np.asarray(found[found[:, 0] > ROUNDING * found[:, 0].max(initial=0.0)])
+    cycles = np.array([*extract_cycles(values.tolist())]).reshape(-1, 5)
+    return np.asarray(cycles[cycles[:, 0] > ROUNDING * cycles[:, 0].max(initial=0.0)])

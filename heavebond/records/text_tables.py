@@ -1,7 +1,8 @@
-"""Text files of loggers and spreadsheets as columns of numbers, with the line and cell of all that is wrong in them.
+"""Text files of data loggers and spreadsheets as columns of numbers, with the line and cell of every mistake.
 
-Read is what programs write by themselves: UTF-8, UTF-16 with its mark, or Windows-1252; commas, semicolons or tabs between
-the columns, or as the first line `sep=;` says; decimal points, or decimal commas throughout; a row of units below the names.
+Accepted are the usual output formats of programs: UTF-8, UTF-16 with byte order mark, or Windows-1252; commas, semicolons
+or tabs between the columns, or the separator of a first line `sep=;`; decimal points, or decimal commas throughout; a row
+of units below the names.
 """
 
 from __future__ import annotations
@@ -25,16 +26,17 @@ Array = NDArray[np.float64]
 Cells = list[tuple[int, list[str]]]
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 SHOWN = 5
-MOST_KEPT = 50_000_000  # characters of a file that is kept
-# The last column of a saved run: the number of rows that follow. A file that was cut off does not end with 0.
+MOST_KEPT = 50_000_000  # characters of a file that is cached
+# The last column of a saved run: the number of rows that follow. A truncated file does not end with 0.
 ROWS_LEFT = "rows left [1]"
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "?"}
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eE][+-]?[0-9]+)?")
 _DECIMAL_POINT = re.compile(r"[+-]?[0-9]*\.[0-9]+([eE][+-]?[0-9]+)?")
-_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")  # 1,234: one and a quarter, or a thousand and more?
+# ambiguous: 1,234 may be one and a quarter, or more than a thousand
+_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2},[0-9]{3}")
 _GROUPED = re.compile(r"[+-]?[0-9]{1,3}(([.' ][0-9]{3})+,[0-9]+|([,' ][0-9]{3})+\.[0-9]+|(,[0-9]{3}){2,}|(\.[0-9]{3}){2,})")
 _LONGEST_UNIT = 12
-# As they stand in the files of programs, and as they are read here.
+# Spellings in the files of programs, and in this program.
 _SPELT = (("°C", "degC"), ("°F", "degF"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("²", "**2"), ("³", "**3"), ("^", "**"),
           ("·", "*"))
 _WORDS = {"-": "1", "–": "1", "sec": "s", "Sek": "s", "l/min": "L/min", "l": "L", "U/min": "rpm",
@@ -46,8 +48,8 @@ _WORDS = {"-": "1", "–": "1", "sec": "s", "Sek": "s", "l/min": "L/min", "l": "
 
 @dataclass(frozen=True, eq=False)
 class TextColumns:
-    """A file of text as columns: `header` names all; `columns` holds those that are numbers (n,); `lines` (n,) is the
-    line of each row; `units` what a row of units below the names says of each; `words` the cells (n,) of the others."""
+    """A text file as columns: `header` names all; `columns` contains the numeric ones (n,); `lines` (n,) is the line of
+    each row; `units` the row of units below the names; `words` the cells (n,) of the others."""
 
     header: tuple[str, ...]
     lines: NDArray[np.int64]
@@ -59,9 +61,9 @@ class TextColumns:
 
 
 def read_text_columns(path: Path) -> TextColumns:
-    """Read a file of text; DataError with all that is wrong in it (a column without any number is left aside).
+    """Read a text file; DataError with all mistakes in it (a column without any number is ignored).
 
-    The last few files are kept by their text: a comparison reads a record for its inputs and for its outputs, and a
+    The last few files are cached by their text: a comparison reads a record for its inputs and for its outputs, and a
     diagnosis compares many times."""
     text = _decode(path)
     return _kept(path, text) if len(text) <= MOST_KEPT else _columns(path, text)
@@ -69,10 +71,10 @@ def read_text_columns(path: Path) -> TextColumns:
 
 @lru_cache(maxsize=4)
 def _kept(path: Path, text: str) -> TextColumns:
-    found = _columns(path, text)
-    for values in (found.lines, *found.columns.values()):
-        values.flags.writeable = False  # they are shared
-    return found
+    columns = _columns(path, text)
+    for values in (columns.lines, *columns.columns.values()):
+        values.flags.writeable = False  # the cached arrays are shared
+    return columns
 
 
 def _columns(path: Path, text: str) -> TextColumns:
@@ -83,37 +85,37 @@ def _columns(path: Path, text: str) -> TextColumns:
     rows, units = _without_units_row(sheet, problems)
     rows = _full_rows(sheet, rows, problems)
     written, why = _with_points(sheet, rows)
-    found = [_numbers([cells[k] for _, cells in written]) for k in range(width)]
-    _report_cells(sheet, rows, [bad for _, bad in found], why, problems)
+    columns = [_numbers([cells[k] for _, cells in written]) for k in range(width)]
+    _report_cells(sheet, rows, [bad for _, bad in columns], why, problems)
     if not sheet.rows:
         problems.add("record-empty", f"'{path.name}' has names but no rows", sheet.place(sheet.header[0], 0))
     problems.raise_as(DataError)
     names = tuple(sheet.header[1])
     if names[-1] == ROWS_LEFT:
-        check_rows_left(path, found[-1][0] if found[-1][0] is not None else np.zeros(0))
-    numbers = {name: values for name, (values, _) in zip(names, found, strict=True) if values is not None}
+        check_rows_left(path, columns[-1][0] if columns[-1][0] is not None else np.zeros(0))
+    numbers = {name: values for name, (values, _) in zip(names, columns, strict=True) if values is not None}
     words = {name: [cells[k] for _, cells in rows] for k, name in enumerate(names) if name not in numbers}
     lines = np.array([line for line, _ in rows], dtype=np.int64)
     return TextColumns(names, lines, numbers, text, sheet.separator, dict(zip(names, units, strict=False)), words)
 
 
 def check_rows_left(path: Path, left: Array) -> None:
-    """DataError unless the counts of rows still to come, the last column of a saved run, fall to 0: the file was cut off
-    while it was written or copied, or rows were removed."""
+    """Raise DataError unless the counts of remaining rows, the last column of a saved run, decrease to 0: the file was
+    truncated while it was written or copied, or rows were removed."""
     expected = np.arange(len(left) - 1, -1, -1)
     if len(left) and np.array_equal(left, expected):
         return
-    steady = left[:-1] == left[:1] - np.arange(len(left))[:-1]  # the last one may be cut itself
+    steady = left[:-1] == left[:1] - np.arange(len(left))[:-1]  # the last line may be truncated itself
     line = len(left) + 1 if steady.all() else int(np.argmin(steady)) + 2
-    what = "ends before its last row" if steady.all() else f"lacks rows before line {line}"
-    raise DataError([Problem("record-cut-off", f"'{path}' is not whole: it {what}", Place(str(path), line),
+    defect = "ends before its last row" if steady.all() else f"lacks rows before line {line}"
+    raise DataError([Problem("record-cut-off", f"'{path}' is not whole: it {defect}", Place(str(path), line),
                              "It was cut off by a full disk, a killed process or a broken copy: make it again. Where rows "
                              f"were removed on purpose, remove the column '{ROWS_LEFT}', and use the file as a record.",
                              (f"its column '{ROWS_LEFT}' counts the rows that are still to come",))])
 
 
 def unit_in_file(text: str) -> Unit | None:
-    """A unit as programs write it (`°C`, `l/min`, `[kN]`, `m/s²`); None where it is none."""
+    """A unit in the notation of other programs (`°C`, `l/min`, `[kN]`, `m/s²`); None if it is not a unit."""
     text = text.strip().strip("[]()").strip()
     text = _WORDS.get(text, text)
     for spelt, read in _SPELT:
@@ -127,12 +129,12 @@ def unit_in_file(text: str) -> Unit | None:
 
 
 def text_lines(text: str) -> list[str]:
-    """The lines as an editor counts them: not splitlines(), which also splits at form feeds."""
+    """The lines in the count of an editor: not splitlines(), which also splits at form feeds."""
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def cell_place(file: str, line: int, text: str, separator: str, cell: int) -> Place:
-    """Where cell `cell` (from 0) of a line stands; the end of the line where it has fewer cells."""
+    """Place of cell `cell` (from 0) of a line; the end of the line if it has fewer cells."""
     start, count, quoted = 0, 0, False
     for k, letter in enumerate(text + separator):
         quoted ^= letter == '"'
@@ -148,7 +150,7 @@ def cell_place(file: str, line: int, text: str, separator: str, cell: int) -> Pl
 
 @dataclass(frozen=True)
 class _Sheet:
-    """The text of a record cut into cells: `rows` are (line, cells), comments and blank lines left out."""
+    """The text of a record, split into cells: `rows` are (line, cells), without comments and blank lines."""
 
     file: str
     lines: list[str]
@@ -172,7 +174,8 @@ def _decode(path: Path) -> str:
     except UnicodeDecodeError as error:
         place = Place(str(path), raw[:error.start].count(b"\n") + 1)
     try:
-        return raw.decode("cp1252")  # what spreadsheets on Windows write in the west; names may be read wrongly, numbers not
+        # usual encoding of spreadsheets on Windows in the west; names may be read wrongly, numbers not
+        return raw.decode("cp1252")
     except UnicodeDecodeError as error:
         raise DataError([Problem("record-encoding", f"'{path.name}' is not text", place,
                                  "Save it again as CSV in UTF-8.")]) from error
@@ -199,7 +202,7 @@ def _cut(file: str, text: str) -> _Sheet:
 
 
 def _other_separator(sheet: _Sheet) -> str:
-    """What stands between the columns of a table that seems to have only one; empty where nothing does."""
+    """The separator of a table that seems to have only one column; empty if there is none."""
     for sign, name in ((None, "spaces"), ("|", "`|`"), (":", "`:`"), ("/", "`/`")):
         columns = {len(cells[0].split(sign)) for _, cells in (sheet.header, *sheet.rows) if cells}
         if sheet.rows and len(columns) == 1 and columns != {1} and all(
@@ -220,11 +223,11 @@ def _check_header(sheet: _Sheet, problems: Problems) -> None:
         problems.add("record-header", "the first row must name the columns; these are numbers",
                      sheet.place(line, 0), hint=hint)
         return
-    if len(names) == 1 and (other := _other_separator(sheet)):
-        problems.add("record-separator", f"the columns seem to be separated by {other}", sheet.place(line, 0),
+    if len(names) == 1 and (separator := _other_separator(sheet)):
+        problems.add("record-separator", f"the columns seem to be separated by {separator}", sheet.place(line, 0),
                      hint="Separate them by commas, semicolons or tabs.")
-    elif len(names) == 1 and (found := _columns_below(sheet)):
-        problems.add("record-header", f"the first row has one column, those below have {found}", sheet.place(line, 0),
+    elif len(names) == 1 and (below := _columns_below(sheet)):
+        problems.add("record-header", f"the first row has one column, those below have {below}", sheet.place(line, 0),
                      hint="Put a # in front of every line above the row of names.")
     first: dict[str, int] = {}
     for k, name in enumerate(names):
@@ -234,11 +237,11 @@ def _check_header(sheet: _Sheet, problems: Problems) -> None:
         elif first.setdefault(name, k) != k:
             problems.add("record-column-twice",
                          f"two columns are called '{name}' (columns {first[name] + 1} and {k + 1})",
-                         sheet.place(line, k), hint="Give each column a name of its own.")
+                         sheet.place(line, k), hint="Give each column a different name.")
 
 
 def _columns_below(sheet: _Sheet) -> str:
-    """What separates the last rows where the first one has no such thing, in words: a title stands above the names then."""
+    """The separator of the last rows if the first one has none, in words: then there is a title above the names."""
     lines = [sheet.lines[line - 1] for line, _ in sheet.rows[-3:]]
     for separator, name in SEPARATORS.items():
         counts = {line.count(separator) for line in lines}
@@ -256,8 +259,8 @@ def _without_units_row(sheet: _Sheet, problems: Problems) -> tuple[Cells, list[s
         return sheet.rows, []
     if any(unit_in_file(cell) for cell in first) and all(len(cell) <= _LONGEST_UNIT for cell in first):
         return sheet.rows[1:], first
-    problems.add("record-units-row", "the row below the names has no numbers, and they are no units", sheet.place(line, 0),
-                 hint="Put a # in front of this line, or delete it; one row of names stands above the numbers.")
+    problems.add("record-units-row", "the row below the names has neither numbers nor units", sheet.place(line, 0),
+                 hint="Put a # in front of this line, or delete it; one row of names is permitted above the numbers.")
     return sheet.rows[1:], []
 
 
@@ -276,15 +279,15 @@ def _full_rows(sheet: _Sheet, rows: Cells, problems: Problems) -> Cells:
             cell.lstrip("+-").isdigit() for _, cells in ragged[:SHOWN] for cell in cells):
         hint = "If the numbers have decimal commas, export the table with semicolons between the columns, or with decimal " \
             f"points. {hint}"
-    found = [(f"this row has {len(cells)} cell{'s' * (len(cells) > 1)}, the row of names has {width}",
-              sheet.place(line, min(width, len(cells)))) for line, cells in ragged[:SHOWN]]
-    add_few(problems, "record-ragged", found, len(ragged), "rows", hint)
+    issues = [(f"this row has {len(cells)} cell{'s' * (len(cells) > 1)}, the row of names has {width}",
+               sheet.place(line, min(width, len(cells)))) for line, cells in ragged[:SHOWN]]
+    add_few(problems, "record-ragged", issues, len(ragged), "rows", hint)
     return [row for row in rows if len(row[1]) == width]
 
 
 def _with_points(sheet: _Sheet, rows: Cells) -> tuple[Cells, str]:
-    """Decimal commas as points, where all fractions of the file have them and none of the commas can part thousands; else
-    the rows as they are, and what speaks against it."""
+    """Convert decimal commas to points, if all fractions of the file have them and no comma can separate thousands; else
+    return the rows unchanged, and the reason."""
     cells = [cell for _, row in rows for cell in row if "," in cell or "." in cell]
     commas = [cell for cell in cells if _DECIMAL_COMMA.fullmatch(cell)]
     if sheet.separator == "," or any(map(_DECIMAL_POINT.fullmatch, cells)):
@@ -307,7 +310,7 @@ def _is_written_number(cell: str) -> bool:
 
 
 def _numbers(cells: list[str]) -> tuple[Array | None, list[int]]:
-    """The numbers of a column, NaN where one is missing (None if all is text), and the rows that are text."""
+    """The numbers of a column, NaN for an empty cell (None if all is text), and the rows with text."""
     if plain(cells):
         try:
             return np.array(cells, dtype=np.float64), []
@@ -326,26 +329,26 @@ def _numbers(cells: list[str]) -> tuple[Array | None, list[int]]:
 
 
 def _report_cells(sheet: _Sheet, rows: Cells, bad: list[list[int]], why: str, problems: Problems) -> None:
-    """Cells that are no numbers; `why` decimal commas could not be read."""
+    """Report cells that are not numbers; `why` is the reason why decimal commas could not be read."""
     cells = sorted((row, k) for k, column_rows in enumerate(bad) for row in column_rows)
     commas = [c for c in cells if _DECIMAL_COMMA.fullmatch(rows[c[0]][1][c[1]])]
     grouped = [c for c in cells if c not in commas and _GROUPED.fullmatch(rows[c[0]][1][c[1]])]
     words = [c for c in cells if c not in commas and c not in grouped]
-    for found, code, what, hint in (
+    for rows_wrong, code, what, hint in (
             (commas, "decimal-comma", f"has a decimal comma; {why}",
              "Export the table with decimal points, without separators of thousands."),
             (grouped, "record-thousands", "has separators of thousands", "Export the table without them."),
             (words, "record-text", "is not a number",
              "Write a number, or empty the cell: a sample that was not taken.")):
         few = [(f"'{rows[row][1][k]}' in column '{sheet.header[1][k]}' {what}", sheet.place(rows[row][0], k))
-               for row, k in found[:SHOWN]]
-        add_few(problems, code, few, len(found), "cells", hint)
+               for row, k in rows_wrong[:SHOWN]]
+        add_few(problems, code, few, len(rows_wrong), "cells", hint)
 
 
-def add_few(problems: Problems, code: str, found: Sequence[tuple[str, Place]], total: int, things: str,
+def add_few(problems: Problems, code: str, issues: Sequence[tuple[str, Place]], total: int, things: str,
             hint: str) -> None:
-    """Note `found`, which are the first of `total`; the last of them says how many are left out."""
-    for k, (message, place) in enumerate(found):
-        left_out = total - len(found) if k == len(found) - 1 else 0
+    """Report `issues`, which are the first of `total`; the last report states the number of the others."""
+    for k, (message, place) in enumerate(issues):
+        left_out = total - len(issues) if k == len(issues) - 1 else 0
         problems.add(code, message, place, hint=hint,
                      notes=[f"and {left_out} more such {things} in this file"] if left_out else [])

@@ -13,18 +13,18 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 Array = NDArray[np.float64]
-BLOCKS = 16  # left out one after the other for the standard error
+BLOCKS = 16  # intervals that are omitted one after the other for the standard error
 STEPS = 30
 SURE = 4.0  # standard errors
-WORTH = 0.1  # of a sample interval
-EXPLAINS = 0.02  # of the squared error
+WORTH = 0.1  # share of a sample interval
+EXPLAINS = 0.02  # share of the squared error
 
 
 @dataclass(frozen=True)
 class TimeDelay:
-    """seconds: by how much the channel comes later than the model; deviation: its standard error; share: the part of the
-    squared error that is gone when the model is taken so much later, gain and offset free; before, rest: the rms error
-    without and with the delay, gain and offset as they are, in the channel's unit; interval: the channel's median sample
+    """seconds: delay of the channel after the model; deviation: its standard error; share: relative decrease of the
+    squared error if the model is delayed by it, with free gain and offset; before, rest: the rms error without and
+    with the delay, with the given gain and offset, in the channel's unit; interval: the channel's median sample
     interval, s."""
 
     seconds: float
@@ -36,25 +36,26 @@ class TimeDelay:
 
     @property
     def noticeable(self) -> bool:
-        """Beyond chance, longer than a tenth of a sample interval, and not without effect."""
+        """True if it is significant, longer than a tenth of a sample interval, and reduces the error."""
         return abs(self.seconds) > max(SURE * self.deviation, WORTH * self.interval) and self.share > EXPLAINS
 
     def explains(self, noise: float, *, fitted: bool = True) -> bool:
-        """Whether a delay is nearly all that is wrong: what it leaves is near the noise, or a twentieth of the squares.
-        Before the parameters are `fitted`, whose errors shift phases too, a residual near the noise shows nothing."""
+        """True if a delay explains nearly the whole error: the remainder is near the noise, or a twentieth of the
+        squares. Before the parameters are `fitted`, whose errors shift phases too, a residual near the noise shows
+        nothing."""
         return self.noticeable and ((fitted and self.rest < 1.5 * noise) or self.rest**2 < 0.05 * self.before**2)
 
 
 def lateness(time: Array, measured: Array, grid: Array, model: Array) -> TimeDelay | None:
-    """The delay s that makes the model m, known at the times `grid` (N,), most like `measured` (n,) at `time` (n,):
+    """The delay s for which the model m, known at the times `grid` (N,), fits `measured` (n,) at `time` (n,) best:
 
-        measured(t) = a + b m(t - s) + rest,   by Gauss-Newton steps of the regression on 1, m(t - s), -m'(t - s)
+        measured(t) = a + b m(t - s) + residual,   by Gauss-Newton steps of the regression on 1, m(t - s), -m'(t - s)
 
-    with m a cubic spline. Offset a and gain b are free so that they do not pass for a delay. The standard error leaves out
-    one of 16 stretches after the other (jackknife), since what a wrong model leaves is no white noise. None where the
-    model does not move, is nothing like the channel, or no delay is found within half the model's own time scale.
+    with m a cubic spline. Offset a and gain b are free so that their errors are not taken for a delay. The standard error
+    is a jackknife over 16 intervals, because the residual of a wrong model is not white noise. None if the model is
+    constant, is not similar to the channel, or if no delay is found within half the time scale of the model. Missing
+    physics shifts phases too: a delay is a similarity, not a proof.
 
-    Physics that is missing shifts phases too: a delay found is a likeness, not a fact.
     J. Shao, D. Tu, The Jackknife and Bootstrap, Springer, 1995, section 9.1 (blocks of dependent data).
     """
     from scipy.interpolate import CubicSpline
@@ -67,16 +68,18 @@ def lateness(time: Array, measured: Array, grid: Array, model: Array) -> TimeDel
     scale = size / max(float(np.sqrt(np.mean(slope(grid) ** 2))), 1e-300)  # 1/omega of the model's motion
     delay = 0.0
     for _ in range(STEPS):
-        found = _regression(time, measured, curve, slope, delay)
-        if found is None:
+        correction = _regression(time, measured, curve, slope, delay)
+        if correction is None:
             return None
-        step = float(np.clip(found[0], -scale / 2, scale / 2))
+        step = float(np.clip(correction[0], -scale / 2, scale / 2))
         delay += step
         if abs(delay) > min(2 * scale, span / 4):
             return None
-        if abs(step) < 1e-3 * found[1] + 1e-9 * scale:
-            (before, fitted), (rest, left) = (_rests(time, measured, curve, at, delay) for at in (0.0, delay))
-            return TimeDelay(delay, found[1], 1 - (left / fitted) ** 2 if fitted else 0.0, before, rest,
+        if abs(step) < 1e-3 * correction[1] + 1e-9 * scale:
+            (before, fitted), (delayed_error, delayed_fitted) = (_rests(time, measured, curve, at, delay)
+                                                                 for at in (0.0, delay))
+            return TimeDelay(delay, correction[1], 1 - (delayed_fitted / fitted) ** 2 if fitted else 0.0, before,
+                             delayed_error,
                              float(np.median(np.diff(time))))
     return None
 
@@ -90,7 +93,7 @@ def _inside(time: Array, curve: PPoly, *delays: float) -> NDArray[np.bool_]:
 
 
 def _regression(time: Array, measured: Array, curve: PPoly, slope: PPoly, delay: float) -> tuple[float, float] | None:
-    """How much later still, and the standard error of that."""
+    """Correction of the delay, and its standard error."""
     inside = _inside(time, curve, delay)
     t, y = time[inside] - delay, measured[inside]
     if len(t) < 3 * BLOCKS:
@@ -109,17 +112,19 @@ def _regression(time: Array, measured: Array, curve: PPoly, slope: PPoly, delay:
         _, gain, late = np.linalg.lstsq(square, product, rcond=None)[0] / sizes
         return float(late / gain) if gain > 0.1 else np.nan
 
-    found = seconds(whole, right)
+    correction = seconds(whole, right)
     parts = np.array([seconds(whole - s, right - p) for s, p in zip(squares, products, strict=True)])
-    if not np.isfinite(found) or not np.all(np.isfinite(parts)):
+    if not np.isfinite(correction) or not np.all(np.isfinite(parts)):
         return None
-    return found, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((parts - np.mean(parts)) ** 2)))
+    return correction, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((parts - np.mean(parts)) ** 2)))
 
 
 def _rests(time: Array, measured: Array, curve: PPoly, delay: float, other: float) -> tuple[float, float]:
-    """The rms error at a delay, over the samples that both delays reach: with offset and gain as they are, and fitted."""
+    """The rms error at a delay, over the samples within the range of both delays: with the given offset and gain, and
+    with fitted ones.
+    """
     inside = _inside(time, curve, delay, other)
     y, model = measured[inside], curve(time[inside] - delay)
     columns = np.column_stack([np.ones(len(model)), model])
-    left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
-    return float(np.sqrt(np.mean((y - model) ** 2))), float(np.sqrt(np.mean(left**2)))
+    residual = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+    return float(np.sqrt(np.mean((y - model) ** 2))), float(np.sqrt(np.mean(residual**2)))

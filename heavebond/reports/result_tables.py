@@ -1,5 +1,5 @@
-"""Results of `compare`, `fit`, `localize`, `diagnose` and `errors` as tables and lines, the same in the terminal and in the
-studio."""
+"""Results of `compare`, `fit`, `localize`, `diagnose`, `laws` and `errors` as tables and lines, the same in the
+terminal and in the studio."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from heavebond.diagnosis.search.step import Stage
 from heavebond.diagnosis.state import AddedEffect, LadderEntry, parameter_description
 from heavebond.estimation.comparison import Channel, Comparison
 from heavebond.estimation.fitting import Fit
+from heavebond.laws.find import Laws
 from heavebond.localise.misfit import Localization, PlaceEstimate, summary
 
 RANKED = 12  # candidates that are shown
@@ -239,6 +240,17 @@ def attempt_items(found: Attempt) -> list[Item]:
     return [ladder_table(found.ladder, "model"), effect_table(found.finding), *map(Line, ends),
             Line(f"BIC changes by {number(found.bic_difference, 4)} (below -10 is strong evidence for the effect); on "
                  f"held-out data {held_out}")]
+
+
+def laws_items(found: Laws) -> list[Item]:
+    """The formulas that were refitted in simulation beside laws of the catalogue, and the answer."""
+    rows = [(law.text, law.formula.place.name, f"{law.formula.count}", number(law.chi2_fit, 3), number(law.chi2_held_out, 3),
+             percent(law.probability)) for law in found.laws]
+    rows += [(f"{t.candidate.component} (catalogue)", "-".join(t.candidate.where), f"{len(t.candidate.numbers)}",
+              number(t.chi2_fit, 3), number(t.chi2_held_out, 3), "") for t in found.catalogue]
+    columns = ("formula", "place", "parameters", "fitted", "held out", "probability")
+    table = [ResultTable("Formulas refitted in simulation; reduced chi-square (1 = noise level)", columns, rows, text=2)]
+    return [*(table if rows else []), *map(Line, found.words)]
 
 
 def ladder_table(rungs: Sequence[LadderEntry], first: str) -> ResultTable:

@@ -11,6 +11,7 @@ from heavebond.equations.expanded import Medium
 from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
 from heavebond.equations.grounding import Circuit, circuits
 from heavebond.equations.state_selection import Column
+from heavebond.language.state_chart import STATE
 from heavebond.numerics.dae import Assembly
 from heavebond.numerics.dynamic_state_selection import StateChoices
 from heavebond.numerics.initialise import Start, StartLine
@@ -87,6 +88,8 @@ class Summary:
     placeholders: tuple[str, ...] = ()
     sheets: tuple[str, ...] = ()
     sampled: tuple[str, ...] = ()
+    machines: tuple[str, ...] = ()
+    transitions: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Everything, for machines; values in SI."""
@@ -116,6 +119,8 @@ class Summary:
         if self.events:
             rows.append(("events", f"{len(self.events)}: {listing(self.events, SHOWN_NAMES)}"))
         rows += [("sampled", words) for words in self.sampled]
+        rows += [("rates", words) for words in self.transitions]
+        rows += [("states", words) for words in self.machines]
         return [f"Diagram {self.model}", *columns(rows, width)]
 
     def _circuits(self, width: int) -> list[str]:
@@ -186,7 +191,17 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         start=tuple(_tidy(line, sizes.get(line.name, 0.0)) for line in table if line.name not in asked),
         solved=tuple(line for line in table if line.name in asked),
         placeholders=tuple(f"{path}: {leaf.component.placeholder}" for path, leaf in expanded.leaves.items()
-                           if leaf.component.placeholder), sampled=_sampled(assembly))
+                           if leaf.component.placeholder), sampled=_sampled(assembly),
+        transitions=tuple(t.text for t in assembly.update_order.transitions(assembly.p)),
+        machines=tuple(f"{path} begins in '{_first_state(assembly, path)}' of "
+                       f"{listing(state.name for state in leaf.component.states)}"
+                       for path, leaf in expanded.leaves.items() if leaf.component.states))
+
+
+def _first_state(assembly: Assembly, path: str) -> str:
+    """The state in which a state machine begins."""
+    held = next(h for h in assembly.flat.held if h.name == f"{path}.{STATE}")
+    return assembly.flat.expanded.leaves[path].component.states[int(assembly.p[held.index]) - 1].name
 
 
 def _sampled(assembly: Assembly) -> tuple[str, ...]:
@@ -197,10 +212,12 @@ def _sampled(assembly: Assembly) -> tuple[str, ...]:
     for e in order.at(assembly.p).sequence:
         if events[e].period is not None:
             clocks.setdefault((float(period[e]), float(first[e])), []).append(events[e].name.rpartition(".")[0])
+    irregular = [clock.text for clock in assembly.model.clocks.values()]
     if len({part for parts in clocks.values() for part in parts}) < 2:
-        return ()
+        return tuple(irregular)
     return tuple(f"every {readable_time(every)[0]}{f' from {readable_time(begin)[0]}' if begin else ''}: "
-                 f"{listing(dict.fromkeys(parts), SHOWN_NAMES)}" for (every, begin), parts in sorted(clocks.items()))
+                 f"{listing(dict.fromkeys(parts), SHOWN_NAMES)}"
+                 for (every, begin), parts in sorted(clocks.items())) + tuple(irregular)
 
 
 def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:

@@ -1,1 +1,1 @@
-"""Studies: many cases of one model, swept, tuned, measured and set beside published figures."""
+"""Studies: many cases of one model, swept, tuned, measured and compared with published figures."""

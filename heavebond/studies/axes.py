@@ -1,7 +1,7 @@
 """The cases of a study: every combination of the levels of its axes.
 
-An axis is a parameter with a list of values, words that stand for variants (values set, another diagram), or points drawn
-from what is declared of uncertain parameters:
+An axis is a parameter with a list of values, names of variants (values set, another diagram), or points that are sampled
+from the declared ranges of uncertain parameters:
 
     cases:
       ahc.valve.f_n: [0.25 Hz, 0.5 Hz, 1 Hz]                              # a parameter
@@ -38,8 +38,8 @@ INITIAL = "initial."
 
 @dataclass(frozen=True)
 class Level:
-    """One value on an axis: its name, what is set, the diagram where it is another one, the number (SI) of an axis of
-    numbers; of a point of a sample its numbers (SI), and the parameters by which slopes are wanted."""
+    """One value on an axis: its name, its settings, its diagram if it is another one, the number (SI) of a numeric axis;
+    for a point of a sample its numbers (SI), and the parameters for which slopes are computed."""
 
     name: str
     settings: dict[str, Setting]
@@ -51,7 +51,9 @@ class Level:
 
 @dataclass(frozen=True)
 class Axis:
-    """What is varied; `unit` is that of a parameter's values, None where the levels are variants or points of a sample."""
+    """A varied quantity; `unit` is the unit of a parameter's values, None if the levels are variants or points of a
+    sample.
+    """
 
     name: str
     levels: tuple[Level, ...]
@@ -62,7 +64,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class StudyCase:
-    """One combination: which level of each axis, and the diagram as it stands there."""
+    """One combination: the level of each axis, and the changed diagram."""
 
     index: tuple[int, ...]
     levels: tuple[Level, ...]
@@ -70,12 +72,12 @@ class StudyCase:
 
     @property
     def name(self) -> str:
-        """`without, 0.25 Hz`; of a study without axes the name of the diagram."""
+        """`without, 0.25 Hz`; for a study without axes the name of the diagram."""
         return ", ".join(level.name for level in self.levels) or self.model.name
 
 
 def indices(axes: Sequence[Axis]) -> list[tuple[int, ...]]:
-    """Every combination of the levels, the last axis running fastest."""
+    """Every combination of the levels, the last axis varying fastest."""
     return list(product(*(range(len(axis.levels)) for axis in axes)))
 
 
@@ -87,7 +89,7 @@ def case_at(axes: Sequence[Axis], model: Model, index: tuple[int, ...]) -> Study
 
 
 def changed(model: Model, settings: Sequence[dict[str, Setting]]) -> Model:
-    """The diagram with settings of a study file, each keeping its place there; `initial.x` is a value at the start."""
+    """The diagram with settings of a study file, each with its place there; `initial.x` is a value at the start."""
     together = {path: setting for level in settings for path, setting in level.items()}
     plain = {path: setting for path, setting in together.items() if not path.startswith(INITIAL)}
     conditions = dict(model.initial.conditions)
@@ -101,21 +103,21 @@ def changed(model: Model, settings: Sequence[dict[str, Setting]]) -> Model:
 def read_axes(node: Node | None, source: Source, problems: Problems) -> tuple[Axis, ...]:
     """The axes under `cases:`."""
     entries = reading.mapping(node, "cases", problems, "Write one axis a line: `valve.f_n: [0.5 Hz, 1 Hz]`.")
-    found = []
+    axes = []
     for name, item in (entries.items if entries else {}).items():
         place = entries.keys[name].place if entries else item.place
         axis = _axis(name, item, place, source, problems)
         if axis is not None and axis.levels:
-            found.append(axis)
-    _check_diagrams(found, problems)
-    for axis in [axis for axis in found if axis.sampling is not None][1:]:
+            axes.append(axis)
+    _check_diagrams(axes, problems)
+    for axis in [axis for axis in axes if axis.sampling is not None][1:]:
         problems.add("axes-samples", f"'{axis.name}' is a second sample; a study has one", axis.place,
                      hint="Write all uncertain parameters below one `over:`.")
-    return tuple(found)
+    return tuple(axes)
 
 
 def _check_diagrams(axes: Sequence[Axis], problems: Problems) -> None:
-    """Two axes that both name diagrams would contradict each other."""
+    """Refuse two axes that both name diagrams."""
     naming = [axis for axis in axes if any(level.model is not None for level in axis.levels)]
     for axis in naming[1:]:
         problems.add("axes-diagrams", f"'{axis.name}' and '{naming[0].name}' both name diagrams; a case has one", axis.place,
@@ -154,28 +156,29 @@ def _sampled(name: str, entry: Mapping, place: Place, problems: Problems) -> Axi
         settings = {}
         for path, value in values.items():
             unit, at = sampling.over[path].unit, over.items[path].place
-            own = None if sampling.kind == SEEDS else unit     # a whole number has none
-            settings[path] = Setting(path, Value(Number(value, own, 0), unit.written(value), at), at)
+            sample_unit = None if sampling.kind == SEEDS else unit  # a whole number has no unit
+            settings[path] = Setting(path, Value(Number(value, sample_unit, 0), unit.written(value), at), at)
         levels.append(Level(point, settings, values=values, along=tuple(sampling.over) if sampling.kind == "local" else ()))
     return Axis(name, tuple(levels), place, sampling=sampling)
 
 
 def _variant(name: str, node: Node, source: Source, problems: Problems) -> Level | None:
     entry = reading.mapping(node, f"'{name}'", problems,
-                            "Write what is set: `{gas.c: 40 kN/m}`, or `{}` for the diagram itself.")
+                            "Write the new values: `{gas.c: 40 kN/m}`, or `{}` for the diagram itself.")
     if entry is None:
         return None
     diagram = entry.items.get("model")
-    rest = {k: v for k, v in entry.items.items() if k != "model"}
-    settings = read_settings(Mapping(rest, {k: entry.keys[k] for k in rest}, entry.place), source, problems)
+    variant_settings = {k: v for k, v in entry.items.items() if k != "model"}
+    settings = read_settings(Mapping(variant_settings, {k: entry.keys[k] for k in variant_settings}, entry.place), source,
+                             problems)
     return Level(name, settings, load_beside(source, diagram, problems) if diagram is not None else None)
 
 
 def _numeric(name: str, paths: list[str], node: Mapping | Items, place: Place, problems: Problems) -> Axis | None:
-    found = read_numbers(node, name, problems)
-    if found is None:
+    numbers = read_numbers(node, name, problems)
+    if numbers is None:
         return None
-    texts, unit = found
+    texts, unit = numbers
     levels = tuple(Level(s.text, {path: Setting(path, value, s.place) for path in paths}, None, number)
                    for s, value, number in texts)
     return Axis(name, levels, place, unit)
@@ -195,50 +198,50 @@ def read_numbers(node: Node, name: str, problems: Problems) -> Numbers | None:
         scalars = spaced
     else:
         scalars = reading.words(items, name, problems)
-    found, unit = [], None
+    values, unit = [], None
     for scalar in scalars:
         value = reading.value(scalar, name, problems)
         number = constant(value.expr) if value is not None and not value.formula else None
         if value is None or number is None:
             if value is not None:
-                problems.add("not-a-quantity", f"{name}: '{value.text}' is no plain quantity", value.place)
+                problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain quantity", value.place)
             continue
-        own = getattr(value.expr, "unit", None) or read_unit("1")
-        unit = unit or own
-        if own.dimension != unit.dimension:
+        value_unit = getattr(value.expr, "unit", None) or read_unit("1")
+        unit = unit or value_unit
+        if value_unit.dimension != unit.dimension:
             problems.add("unit-wrong", f"{name}: '{scalar.text}' is not in {unit.text} as the first value is", scalar.place,
                          hint=f"Write it in {unit.text} or in a multiple of it.")
-        found.append((scalar, value, number))
+        values.append((scalar, value, number))
     if not scalars:
         problems.add("axis-empty", f"'{name}' has no values", node.place, hint="Write for example `[0.5 Hz, 1 Hz]`.")
-    return (found, unit) if found and unit is not None else None
+    return (values, unit) if values and unit is not None else None
 
 
 def _spaced(node: Mapping, name: str, problems: Problems) -> list[Scalar] | None:
-    """`{from:, to:, number:}` written out, in the unit of `from`."""
+    """`{from:, to:, number:}` as a list, in the unit of `from`."""
     reading.known_keys(node, ("set", *SPACED), f"'{name}'", problems, required=SPACED)
     ends = [_quantity(node.items.get(key), f"{name}, {key}", problems) for key in ("from", "to")]
     count = _quantity(node.items.get("number"), f"{name}, number", problems)
     if count is None or any(end is None for end in ends):
         return None
-    (low, unit), (high, other) = (end for end in ends if end is not None)
-    if unit.dimension != other.dimension:
+    (low, unit), (high, high_unit) = (end for end in ends if end is not None)
+    if unit.dimension != high_unit.dimension:
         problems.add("unit-wrong", f"{name}: the two ends are in different units", node.items["to"].place)
         return None
     number = int(count[0])
     if count[1].dimension or number != count[0] or not 2 <= number <= MOST_LEVELS:
-        problems.add("number-wrong", f"{name}: `number` is how many values there are, both ends among them",
+        problems.add("number-wrong", f"{name}: `number` is the number of values, including both ends",
                      node.items["number"].place, hint="Write for example `number: 11`.")
         return None
     return [Scalar(unit.written(value), node.items["from"].place) for value in np.linspace(low, high, number).tolist()]
 
 
-def _quantity(node: Node | None, what: str, problems: Problems) -> tuple[float, Unit] | None:
+def _quantity(node: Node | None, subject: str, problems: Problems) -> tuple[float, Unit] | None:
     if node is None:
         return None
     try:
-        number, unit = parse_quantity(reading.text(node, what, problems))
+        number, unit = parse_quantity(reading.text(node, subject, problems))
     except UnitProblem as problem:
-        problems.add(problem.code, f"{what}: {problem.message}", node.place, hint=problem.hint)
+        problems.add(problem.code, f"{subject}: {problem.message}", node.place, hint=problem.hint)
         return None
     return number, unit or read_unit("1")

@@ -40,7 +40,7 @@ from heavebond.studies.study import Calibration, Procedure, Study
 
 # Residual of each target of a failed case, in widths.
 BROKEN = 30.0
-# A gain within this share of its range from a bound is held at the bound when other parameters change.
+# A gain within this share of its range from a bound stays at the bound when other parameters change.
 AT_END = 1e-3
 MOST = 30  # largest number of evaluations by the least squares solver
 RETUNED = 12  # largest number of steps of a tuning that starts at the gains of the previous values
@@ -62,8 +62,8 @@ class Residual:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """Result of a calibration, in SI: values before and after, those that ended at a bound of their range (`low`, `high`),
-    the quantities with their targets, and the sum of squares after each evaluation."""
+    """Result of a calibration, in SI: values before and after, parameters at a bound of their range (`low`, `high`), the
+    quantities with their targets, and the sum of squares after each evaluation."""
 
     values: Mapping[str, tuple[float, float]]
     at_end: Mapping[str, str]
@@ -97,8 +97,8 @@ class Point:
 
 def calibrate(study: Study, executor: Executor | None = None, ahead: int = 1, progress: Progress | None = None
               ) -> Calibrated:
-    """Estimate the values under `calibrate:`. Cases run on `executor`, `ahead` at a time. Raises UsageError for parameters
-    that cannot be free, SimulationError where no case can be run at the diagram's own values."""
+    """Estimate the values under `calibrate:`. Cases run on `executor`, `ahead` at a time. Raises UsageError for
+    parameters that cannot be free, SimulationError if no case can be run at the diagram's values."""
     from scipy.optimize import least_squares
 
     solve: Any = least_squares
@@ -108,14 +108,15 @@ def calibrate(study: Study, executor: Executor | None = None, ahead: int = 1, pr
     if all(point.broken for point in first.points.values()):
         raise SimulationError([Problem("calibration-broken", "no case can be run with the diagram's own values", None,
                                        "Correct the diagram, or the ranges under `calibrate:`.")])
-    found = solve(lambda y: problem.at(y).residuals, problem.start, jac=lambda y: problem.at(y).jacobian,
-                  bounds=(0.0, 1.0), method="trf", x_scale="jac", ftol=SETTLED, xtol=SETTLED, gtol=1e-6, max_nfev=MOST)
-    best = problem.at(found.x)
-    after = problem.values(found.x)
-    ends = {name: "low" if y < AT_END else "high" if y > 1 - AT_END else "" for name, y in zip(after, found.x, strict=True)}
+    solution = solve(lambda y: problem.at(y).residuals, problem.start, jac=lambda y: problem.at(y).jacobian,
+                     bounds=(0.0, 1.0), method="trf", x_scale="jac", ftol=SETTLED, xtol=SETTLED, gtol=1e-6, max_nfev=MOST)
+    best = problem.at(solution.x)
+    after = problem.values(solution.x)
+    ends = {name: "low" if y < AT_END else "high" if y > 1 - AT_END else ""
+            for name, y in zip(after, solution.x, strict=True)}
     return Calibrated({name: (problem.before[name], value) for name, value in after.items()},
                       {name: end for name, end in ends.items() if end}, tuple(problem.compared(best.points)),
-                      tuple(problem.history), problem.simulations, str(found.message))
+                      tuple(problem.history), problem.simulations, str(solution.message))
 
 
 @dataclass(frozen=True)
@@ -132,8 +133,8 @@ class _Problem:
         self.study, self.calibration, self.executor, self.ahead, self.say = study, calibration, executor, ahead, say
         self.names, self.ranges = list(calibration.free), list(calibration.free.values())
         self.before = own_values(study.model, calibration)
-        given = study.beside[calibration.source].numbers
-        self.targets = {k: {q: given[q][case.index].value for q in calibration.targets if case.index in given[q]}
+        published = study.beside[calibration.source].numbers
+        self.targets = {k: {q: published[q][case.index].value for q in calibration.targets if case.index in published[q]}
                         for k, case in enumerate(study.cases)}
         self.cases = [k for k, targets in self.targets.items() if targets]
         self.seen: dict[bytes, _Seen] = {}
@@ -143,9 +144,9 @@ class _Problem:
 
     @property
     def start(self) -> Array:
-        """The diagram's own values, clipped to 1 % from the bounds: the search must start in the interior."""
-        own = [_share(wanted, self.before[name]) for name, wanted in zip(self.names, self.ranges, strict=True)]
-        return np.clip(own, 0.01, 0.99)
+        """The diagram's values, clipped to 1 % from the bounds: the search must start in the interior."""
+        shares = [_share(wanted, self.before[name]) for name, wanted in zip(self.names, self.ranges, strict=True)]
+        return np.clip(shares, 0.01, 0.99)
 
     def values(self, y: Array) -> dict[str, float]:
         """The parameters in SI."""
@@ -163,22 +164,22 @@ class _Problem:
         study = replace(self.study, calibrated={name: (self.before[name], value) for name, value in values.items()})
         jobs = [(k, (study, k, self.gains.get(k))) for k in self.cases]
         pairs = as_done(self.executor, at_point, jobs, self.ahead, instead=self._died) if self.executor is not None else \
-            ((k, at_point(*given)) for k, given in jobs)
-        found: dict[int, Point] = {}
+            ((k, at_point(*arguments)) for k, arguments in jobs)
+        points: dict[int, Point] = {}
         for k, point in pairs:
-            found[k] = point
+            points[k] = point
             best = f", sum {min(self.history):.4g}" if self.history else ""
-            self.say(f"calibrating, step {len(self.history) + 1}{best}: {len(found)} of {len(jobs)} cases")
+            self.say(f"calibrating, step {len(self.history) + 1}{best}: {len(points)} of {len(jobs)} cases")
         for k in self.cases:
-            self.simulations += found[k].simulations
-            if not found[k].broken:
-                self.gains[k] = found[k].gains
-        return found
+            self.simulations += points[k].simulations
+            if not points[k].broken:
+                self.gains[k] = points[k].gains
+        return points
 
     def _died(self, k: int, _: BaseException) -> Point:
         """Raise an error for a case whose process died twice: without it the sum of squares would be another function."""
         case = ", ".join(level.name for level in self.study.case(k).levels)
-        raise SimulationError([Problem("worker-died", f"the process that worked the case '{case}' of the calibration was "
+        raise SimulationError([Problem("worker-died", f"the process of the case '{case}' of the calibration was "
                                        "ended from outside, also alone: there may be too little memory", None,
                                        "Run fewer cases at a time (--processes 1), or use a machine with more memory.")])
 
@@ -204,13 +205,13 @@ class _Problem:
 
     def compared(self, points: Mapping[int, Point]) -> list[Residual]:
         """Every quantity with its target."""
-        found = []
+        residuals = []
         for k in self.cases:
             for quantity, target in self.targets[k].items():
                 value = points[k].numbers.get(quantity, float("nan"))
-                found.append(Residual(k, quantity, value, target,
-                                      (value - target) / (self.calibration.targets[quantity] * abs(target))))
-        return found
+                residuals.append(Residual(k, quantity, value, target,
+                                          (value - target) / (self.calibration.targets[quantity] * abs(target))))
+        return residuals
 
 
 def _share(wanted: Range, value: float) -> float:
@@ -232,10 +233,8 @@ def _slope(wanted: Range, value: float) -> float:
 
 # -- one case ----------------------------------------------------------------------------------------------------------
 def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Point:
-    """A case with the calibrated values of the study: tuned, starting at `gains` where they are given, simulated,
-    differentiated.
-
-    No state is kept between calls, so that the same values give the same point in every process.
+    """A case with the calibrated values of the study: tuned, starting at `gains` if they are given, simulated,
+    differentiated. No state is kept between calls, so that the same values give the same point in every process.
     """
     try:
         assembly, simulations = assembled(study, study.case(number)), 0.0
@@ -246,8 +245,8 @@ def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Po
             following = _following(objective, gains, _own(study, assembly))
             simulations = objective.simulations
             assembly = assembly.with_parameters(gains)
-        found = _differentiated(study, assembly, gains or {}, following)
-        return replace(found, simulations=simulations + found.simulations)
+        point = _differentiated(study, assembly, gains or {}, following)
+        return replace(point, simulations=simulations + point.simulations)
     except HeavebondError:
         return Point(broken=True)
 
@@ -261,7 +260,7 @@ def _tuned(study: Study, objective: Objective, gains: Mapping[str, float] | None
 
 
 def _own(study: Study, assembly: Assembly) -> dict[str, float]:
-    """The widths of the ranges of those calibrated parameters that are set in this case."""
+    """The widths of the ranges of the calibrated parameters that are set in this case."""
     assert study.calibration is not None
     return {name: wanted.high - wanted.low for name, wanted in study.calibration.free.items()
             if np.isclose(assembly.parameter_values[name], study.calibrated[name][1], rtol=1e-9, atol=0.0)}
@@ -269,66 +268,67 @@ def _own(study: Study, assembly: Assembly) -> dict[str, float]:
 
 def _differentiated(study: Study, assembly: Assembly, gains: Mapping[str, float], following: Mapping[str, Array]) -> Point:
     """The target quantities and their total derivatives; `following` has dg/dp (k,) for each calibrated parameter p."""
-    calibration, own = study.calibration, list(_own(study, assembly))
+    calibration, parameters = study.calibration, list(_own(study, assembly))
     assert calibration is not None
     measured = [name for name in calibration.targets if name in study.measures]
     times = run_times(study, assembly)
     evaluator = Evaluator(assembly, [read_cost(assembly, study.measures[name].text) for name in measured], study.begin,
-                          float(times[-1]), named=(*own, *gains), modes=study.modes or {})
+                          float(times[-1]), named=(*parameters, *gains), modes=study.modes or {})
     plain = Simulator(assembly, times=times, tolerances=TOLERANCES, dense=True)
     if evaluator.integrated:
         evaluator.resized(evaluator.largest(plain.run()))
     run = Simulator(assembly, times=times, tolerances=TOLERANCES, quadratures=evaluator.quadratures,
-                    factors=evaluator.factors, sensitivities=[*own, *gains], like=plain, dense=True).run()
+                    factors=evaluator.factors, sensitivities=[*parameters, *gains], like=plain, dense=True).run()
     assert run.along is not None
     numbers, slopes = evaluator.functional_values(run)
-    found = evaluator.cost_values(numbers, slopes, np.zeros(len(numbers)), run.p, run.along.p)
-    values = {**gains, **{name: value for name, (value, _) in zip(measured, found, strict=True)}}
-    ways = {name: [0.0] * len(calibration.free) for name in calibration.targets}
+    costs = evaluator.cost_values(numbers, slopes, np.zeros(len(numbers)), run.p, run.along.p)
+    values = {**gains, **{name: value for name, (value, _) in zip(measured, costs, strict=True)}}
+    slopes_by_target = {name: [0.0] * len(calibration.free) for name in calibration.targets}
     for k, name in enumerate(calibration.free):
-        moved = following.get(name, np.zeros(len(gains)))
-        for quantity, (_, slope) in zip(measured, found, strict=True):
-            ways[quantity][k] = float(slope[own.index(name)] + slope[len(own):] @ moved) if name in own else 0.0
-        for gain, by in zip(gains, moved, strict=True):
-            if gain in ways:
-                ways[gain][k] = float(by)
-    return Point(dict(gains), {name: values[name] for name in calibration.targets}, ways,
-                 1 + len(own) + len(gains) + bool(evaluator.integrated))
+        gain_slopes = following.get(name, np.zeros(len(gains)))
+        for quantity, (_, slope) in zip(measured, costs, strict=True):
+            slopes_by_target[quantity][k] = float(slope[parameters.index(name)] + slope[len(parameters):]
+                                                  @ gain_slopes) if name in parameters else 0.0
+        for gain, by in zip(gains, gain_slopes, strict=True):
+            if gain in slopes_by_target:
+                slopes_by_target[gain][k] = float(by)
+    return Point(dict(gains), {name: values[name] for name in calibration.targets}, slopes_by_target,
+                 1 + len(parameters) + len(gains) + bool(evaluator.integrated))
 
 
-def _following(objective: Objective, gains: Mapping[str, float], own: Mapping[str, float]) -> dict[str, Array]:
-    """d gains / d p (k,) for each calibrated parameter at an optimum. A gain at a bound of its range is held, and gains at
-    the stability boundary move along it."""
+def _following(objective: Objective, gains: Mapping[str, float], parameters: Mapping[str, float]) -> dict[str, Array]:
+    """d gains / d p (k,) for each calibrated parameter at an optimum. A gain at a bound of its range is constant, and
+    gains at the stability boundary move along it."""
     shares = objective.shares([gains[name] for name in objective.names])
     moving = [k for k, share in enumerate(shares) if AT_END < share < 1 - AT_END]
-    found = {name: np.zeros(len(gains)) for name in own}
+    gain_slopes = {name: np.zeros(len(gains)) for name in parameters}
     if not moving:
-        return found
-    values = {**{name: objective.assembly.parameter_values[name] for name in own}, **gains}
+        return gain_slopes
+    values = {**{name: objective.assembly.parameter_values[name] for name in parameters}, **gains}
 
     def bend(name: str, width: float) -> Array:
         low, high = (objective.gradient_anew({**values, name: values[name] + sign * STEP * width}) for sign in (-1, 1))
         return np.asarray((high - low) / (2 * STEP * width))
 
     by_gains = np.array([bend(objective.names[k], float(objective.span[k]))[moving] for k in moving]).T
-    edge = objective.boundary([*objective.names, *own], values)
-    for name, width in own.items():
+    edge = objective.boundary([*objective.names, *parameters], values)
+    for name, width in parameters.items():
         right = bend(name, width)[moving]
         if edge is None:
-            found[name][moving] = -np.linalg.lstsq(by_gains, right, rcond=None)[0]
+            gain_slopes[name][moving] = -np.linalg.lstsq(by_gains, right, rcond=None)[0]
         else:  # stationary along the stability boundary, to which the gains are constrained
-            along, moved = edge[moving], edge[len(objective.names) + list(own).index(name)]
+            along, slope = edge[moving], edge[len(objective.names) + list(parameters).index(name)]
             size = float(np.abs(by_gains).max()) / max(float(np.abs(along).max()), 1e-300)
             whole = np.block([[by_gains, size * along[:, None]], [size * along[None, :], np.zeros((1, 1))]])
-            found[name][moving] = -np.linalg.lstsq(whole, np.append(right, size * moved), rcond=None)[0][:-1]
-    return found
+            gain_slopes[name][moving] = -np.linalg.lstsq(whole, np.append(right, size * slope), rcond=None)[0][:-1]
+    return gain_slopes
 
 
-def calibrated_diagram(study: Study, found: Calibrated, path: Path) -> str:
+def calibrated_diagram(study: Study, calibrated: Calibrated, path: Path) -> str:
     """The text of a diagram at `path` that extends a study's diagram and sets the calibrated values."""
     assert study.calibration is not None
-    values = {name: study.calibration.free[name].unit.written(after) for name, (_, after) in found.values.items()}
-    notes = {name: f"at the {end} end of its range" for name, end in found.at_end.items()}
+    values = {name: study.calibration.free[name].unit.written(after) for name, (_, after) in calibrated.values.items()}
+    notes = {name: f"at the {end} end of its range" for name, end in calibrated.at_end.items()}
     source = study.beside[study.calibration.source].source
     head = [f"model: {path.stem}", f"summary: {study.model.name}, calibrated to what {source} gives.",
             f"extends: {extended_from(path, study.model.path)}"]

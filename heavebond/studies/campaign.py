@@ -1,5 +1,5 @@
-"""All cases of a study: side by side on any executor; what is done is kept in a folder, so that the same call goes on after
-it was stopped."""
+"""All cases of a study in parallel on any executor. Completed cases are stored in a folder, so that the same call
+continues after an interruption."""
 
 from __future__ import annotations
 
@@ -40,8 +40,7 @@ DIED = "the process that worked on this case died, also when it was tried again 
 @dataclass(frozen=True)
 class StudyResult:
     """The result of a study: the outcome of every case by every procedure, in order; fewer than `jobs` if interrupted.
-
-    `units` are those in which values are printed.
+    `units` are the display units.
     """
 
     study: Study
@@ -55,11 +54,11 @@ class StudyResult:
 
     @property
     def complete(self) -> bool:
-        """Whether every case has an outcome."""
+        """True if every case has an outcome."""
         return len(self.outcomes) == self.jobs
 
     def case_of(self, outcome: Outcome) -> StudyCase:
-        """The case that an outcome is of."""
+        """The case of an outcome."""
         return self.cases[outcome.case]
 
     @cached_property
@@ -68,25 +67,25 @@ class StudyResult:
         return self.study.cases
 
     def value(self, outcome: Outcome, quantity: str) -> float:
-        """A number in the unit in which it is told; NaN where there is none."""
+        """A number in its display unit; NaN without one."""
         value = outcome.values.get(quantity, math.nan)
         return float(self.units[quantity].from_si(value))
 
     def published(self, outcome: Outcome, quantity: str, source: int = 0) -> float:
-        """The number that a source gives for this case, in the same unit; NaN where it gives none."""
-        found = self.study.beside[source].at(quantity, self.case_of(outcome).index) if self.study.beside else None
-        return float(self.units[quantity].from_si(found)) if found is not None else math.nan
+        """The number of a source for this case, in the same unit; NaN without one."""
+        published_value = self.study.beside[source].at(quantity, self.case_of(outcome).index) if self.study.beside else None
+        return float(self.units[quantity].from_si(published_value)) if published_value is not None else math.nan
 
     def difference(self, outcome: Outcome, quantity: str, source: int = 0) -> float:
-        """(ours - theirs) / |theirs|, NaN where one is missing or theirs is zero, and where ours is of gains that are not
-        stable: no number of such a machine is met."""
+        """(ours - theirs) / |theirs|, NaN if one is missing or theirs is zero, and for unstable gains of ours: a number
+        of an unstable machine agrees with none."""
         ours, theirs = self.value(outcome, quantity), self.published(outcome, quantity, source)
         if outcome.unstable:
             return math.nan
         return (ours - theirs) / abs(theirs) if theirs else math.nan
 
     def of(self, *levels: str, procedure: str = "") -> Outcome:
-        """The outcome of the case with these levels (`"without", "0.75 Hz"`), by the first procedure if none is named."""
+        """The outcome of the case with these levels (`"without", "0.75 Hz"`), by default for the first procedure."""
         for outcome in self.outcomes:
             names = {level.name for level in self.case_of(outcome).levels}
             if set(levels) <= names and procedure in ("", outcome.procedure):
@@ -100,16 +99,16 @@ def run_study(study: Study | str | Path, *, folder: Path | None = None, processe
     """Run every case of a study, each by every procedure of its tuning.
 
     `study` is a Study, a path or a bundled name. With `folder` each finished case is stored there as JSON, and a later
-    call with the same files reads it (unless `fresh`). `processes` cases run in parallel, by default as many as there
-    are processors, or those that `executor` takes. A case whose process dies is repeated once and then reported as
-    failed. `progress` is called with a text after each case. Ctrl-C returns the cases finished so far. Raises ModelError
-    for what is wrong in the study.
+    call with the same files reads it (unless `fresh`). `processes` cases run in parallel, by default the number of
+    processors, or of the places of `executor`. A case whose process dies is repeated once and then reported as failed.
+    `progress` is called with a text after each case. Ctrl-C returns the cases finished so far. Raises ModelError for
+    mistakes in the study.
     """
     study = study if isinstance(study, Study) else load_study(study)
     units = checked(study)
     say = progress or (lambda text: None)
     jobs = len(study.cases) * max(1, len(study.procedures))
-    found: dict[int, Outcome] = {}
+    outcomes: dict[int, Outcome] = {}
     calibrated: Calibrated | None = None
     with ExitStack() as stack:
         number = executor.number if isinstance(executor, Cluster) else min(processes or processors(), jobs)
@@ -118,56 +117,56 @@ def run_study(study: Study | str | Path, *, folder: Path | None = None, processe
         try:
             study, calibrated = _calibrated(study, folder, fresh, executor, number, say)
             for k, outcome in _outcomes(study, CaseStore.at(folder, study), fresh, executor, number, say):
-                found[k] = outcome
+                outcomes[k] = outcome
         except KeyboardInterrupt:
             clear_signal()
             say("interrupted")
-    return StudyResult(study, tuple(found[k] for k in sorted(found)), units, jobs, calibrated)
+    return StudyResult(study, tuple(outcomes[k] for k in sorted(outcomes)), units, jobs, calibrated)
 
 
 def _calibrated(study: Study, folder: Path | None, fresh: bool, executor: Executor | None, number: int, say: Progress
                 ) -> tuple[Study, Calibrated | None]:
-    """The study with its calibrated values, where it asks for such."""
+    """The study with its calibrated values, if it requires them."""
     if study.calibration is None:
         return study, None
-    kept = CaseStore.at(folder, study)
-    told = kept.read(CALIBRATION) if kept is not None and not fresh else None
-    found = Calibrated.from_dict(told) if told is not None else calibrate(study, executor, number + 1, say)
-    if kept is not None and told is None:
-        kept.write(CALIBRATION, found.as_dict())
-    return replace(study, calibrated=found.values), found
+    store = CaseStore.at(folder, study)
+    stored = store.read(CALIBRATION) if store is not None and not fresh else None
+    calibrated = Calibrated.from_dict(stored) if stored is not None else calibrate(study, executor, number + 1, say)
+    if store is not None and stored is None:
+        store.write(CALIBRATION, calibrated.as_dict())
+    return replace(study, calibrated=calibrated.values), calibrated
 
 
-def _outcomes(study: Study, kept: CaseStore | None, fresh: bool, executor: Executor | None, number: int, say: Progress
+def _outcomes(study: Study, store: CaseStore | None, fresh: bool, executor: Executor | None, number: int, say: Progress
               ) -> Iterator[tuple[int, Outcome]]:
-    """Each job's number and what came out of it: first those done already, then the others as they are done."""
+    """The number and outcome of each job: first the stored ones, then the others in the order of completion."""
     jobs = [(k, procedure) for k in range(len(study.cases)) for procedure in study.procedures or (None,)]
     names = [f"{k:04}_{procedure.name}" if procedure is not None else f"{k:04}" for k, procedure in jobs]
-    done = 0
-    left = []
+    completed = 0
+    remaining = []
     for k, (name, job) in enumerate(zip(names, jobs, strict=True)):
-        told = kept.read(name) if kept is not None and not fresh else None
-        if told is not None:
-            done += 1
-            yield k, Outcome(**told)
+        stored = store.read(name) if store is not None and not fresh else None
+        if stored is not None:
+            completed += 1
+            yield k, Outcome(**stored)
         else:
-            left.append((k, job))
-    told_so_far = _StudyProgress(say, len(jobs), done)
+            remaining.append((k, job))
+    told_so_far = _StudyProgress(say, len(jobs), completed)
 
     def died(k: int, _: BaseException) -> Outcome:
         case, procedure = jobs[k]
         return Outcome(case, procedure.name if procedure is not None else "", problem=DIED)
 
     if executor is None:
-        done_now = _here(study, left, told_so_far)
+        done_now = _here(study, remaining, told_so_far)
     else:
         packed = study.packed()
-        given = ((k, (packed(case), case, procedure)) for k, (case, procedure) in left)
+        tasks = ((k, (packed(case), case, procedure)) for k, (case, procedure) in remaining)
         ahead = executor.ahead if isinstance(executor, Cluster) else number + 1
-        done_now = as_done(executor, worked, given, ahead, instead=died)
+        done_now = as_done(executor, worked, tasks, ahead, instead=died)
     for k, outcome in done_now:
-        if kept is not None and not outcome.problem:
-            kept.write(names[k], outcome.as_dict())
+        if store is not None and not outcome.problem:
+            store.write(names[k], outcome.as_dict())
         told_so_far.one_more()
         yield k, outcome
 
@@ -179,7 +178,7 @@ def _here(study: Study, left: Iterable[tuple[int, tuple[int, Procedure | None]]]
 
 
 class _StudyProgress:
-    """How far a study is: cases done, and the time left as those so far tell."""
+    """Progress of a study: completed cases, and the remaining time at their mean rate."""
 
     def __init__(self, say: Progress, jobs: int, done: int):
         self.say, self.jobs, self.first, self.done = say, jobs, done, done
@@ -195,22 +194,22 @@ class _StudyProgress:
         self.say(self.words)
 
     def inside(self, study: Study, number: int) -> Progress:
-        """Progress of a case that is worked here."""
+        """Progress of a case that runs in this process."""
         name = study.case(number).name
         return lambda text: self.say(f"{self.words}; {name}: {text}")
 
     @property
     def words(self) -> str:
-        here, left = self.done - self.first, self.jobs - self.done
+        completed_here, remaining = self.done - self.first, self.jobs - self.done
         begin = f"{self.done} of {self.jobs} done"
-        if not here or not left:
+        if not completed_here or not remaining:
             return begin
-        return f"{begin}, {duration((clock.perf_counter() - self.began) / here * left)} left"
+        return f"{begin}, {duration((clock.perf_counter() - self.began) / completed_here * remaining)} left"
 
 
-# -- what is kept ------------------------------------------------------------------------------------------------------
+# -- stored results ----------------------------------------------------------------------------------------------------
 class CaseStore:
-    """What is done as files in a folder, each with the fingerprint of what it is of."""
+    """Results stored as files in a folder, each with the fingerprint of its inputs."""
 
     def __init__(self, folder: Path, fingerprint: str):
         self.folder, self.fingerprint = folder / KEPT, fingerprint
@@ -218,26 +217,25 @@ class CaseStore:
 
     @classmethod
     def at(cls, folder: Path | None, study: Study) -> CaseStore | None:
-        """What is kept of a study in a folder, None without a folder."""
+        """The stored results of a study in a folder, None without a folder."""
         return cls(folder, fingerprint(study)) if folder is not None else None
 
     def read(self, name: str) -> dict[str, Any] | None:
-        """What was kept by that name, None where there is nothing of the same files."""
+        """The stored result of that name, None without one for the same files."""
         try:
-            told = json.loads((self.folder / f"{file_stem(name)}.json").read_text(encoding="utf-8"))
-            found = told["found"]
-            return found if told["fingerprint"] == self.fingerprint and isinstance(found, dict) else None
+            stored = json.loads((self.folder / f"{file_stem(name)}.json").read_text(encoding="utf-8"))
+            result = stored["found"]
+            return result if stored["fingerprint"] == self.fingerprint and isinstance(result, dict) else None
         except (OSError, ValueError, KeyError, TypeError):
-            return None  # half written, or somebody else's: it is worked out again
+            return None  # incomplete, or of another program: it is computed again
 
-    def write(self, name: str, found: Mapping[str, Any]) -> None:
-        """Keep something by that name."""
-        write_text(self.folder / f"{file_stem(name)}.json", json.dumps({"fingerprint": self.fingerprint, "found": found}))
+    def write(self, name: str, result: Mapping[str, Any]) -> None:
+        """Store a result by that name."""
+        write_text(self.folder / f"{file_stem(name)}.json", json.dumps({"fingerprint": self.fingerprint, "found": result}))
 
 
 def fingerprint(study: Study) -> str:
-    """What tells whether an outcome is still of the same study: its file, its diagrams, their components and records, the
-    program."""
+    """Digest of all inputs of an outcome: the study's file, its diagrams, their components and records, the program."""
     files = {study.path, *Path(__file__).parents[1].rglob("*.py")}
     for model in {id(case.levels): case.model for case in study.cases}.values():
         files |= {*model.files, *model.library.files.values()}

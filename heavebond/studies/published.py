@@ -1,4 +1,4 @@
-"""Numbers that others give, beside those of a study: per source, quantity and case.
+"""Published numbers for comparison with a study: per source, quantity and case.
 
     compare_with:
       published:
@@ -6,8 +6,8 @@
         controller.K_p: {0.75 Hz: {with: 3.02 1/m, without: 6.15 1/m}}
         frequency: 0.23 Hz
 
-A mapping names levels of an axis, a list goes along the first axis that is left, a single quantity holds for all that is
-left; `-` stands where there is no number.
+A mapping names levels of an axis, a list follows the first remaining axis, a single quantity holds for all remaining
+axes; `-` marks a missing number.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NONE = "-"
 
 @dataclass(frozen=True)
 class Published:
-    """A number in SI, the unit in which it is given, and where it stands."""
+    """A number in SI, its unit in the file, and its place."""
 
     value: float
     unit: Unit
@@ -38,83 +38,84 @@ class Published:
 
 @dataclass(frozen=True)
 class ReferenceValues:
-    """What one source gives: by quantity, by the index of the case."""
+    """The numbers of one source: by quantity, by the index of the case."""
 
     source: str
     numbers: Mapping[str, Mapping[tuple[int, ...], Published]]
 
     def at(self, quantity: str, index: tuple[int, ...]) -> float | None:
-        """The number in SI, None where the source gives none."""
-        found = self.numbers.get(quantity, {}).get(index)
-        return found.value if found is not None else None
+        """The number in SI, None if the source has none."""
+        published_value = self.numbers.get(quantity, {}).get(index)
+        return published_value.value if published_value is not None else None
 
 
 def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[str], problems: Problems
                 ) -> tuple[ReferenceValues, ...]:
-    """The sources under `compare_with:`; `quantities` are the names that they may give numbers for."""
+    """The sources under `compare_with:`; `quantities` are the permitted names."""
     sources = reading.mapping(node, "compare_with", problems, "Write `published: {QUANTITY: NUMBER}`.")
-    found = []
+    source_list = []
     for source, item in (sources.items if sources else {}).items():
         entries = reading.mapping(item, f"'{source}'", problems,
                                   "Write one quantity a line: `WOB variation: [15 kN, 6 kN]`.")
         numbers = {}
-        for name, given in (entries.items if entries else {}).items():
+        for name, entry in (entries.items if entries else {}).items():
             if name not in quantities:
-                problems.add("quantity-unknown", f"'{name}' is nothing that this study measures or tunes",
-                             entries.keys[name].place if entries else given.place,
+                problems.add("quantity-unknown", f"'{name}' is neither measured nor tuned in this study",
+                             entries.keys[name].place if entries else entry.place,
                              hint=suggest(name, quantities) or f"Known: {listing(quantities)}.")
                 continue
-            numbers[name] = dict(_spread(given, name, dict(enumerate(axes)), {}, problems, len(axes)))
-        found.append(ReferenceValues(source, numbers))
-    return tuple(found)
+            numbers[name] = dict(_spread(entry, name, dict(enumerate(axes)), {}, problems, len(axes)))
+        source_list.append(ReferenceValues(source, numbers))
+    return tuple(source_list)
 
 
 def _spread(node: Node, name: str, left: dict[int, Axis], chosen: dict[int, int], problems: Problems, number: int
             ) -> Iterator[tuple[tuple[int, ...], Published]]:
     """Each index of a case with its number; `left` are the axes that are not chosen yet."""
     if isinstance(node, Scalar):
-        given = _published(node, name, problems)
-        if given is not None:
+        published = _published(node, name, problems)
+        if published is not None:
             for index in product(*(range(len(axis.levels)) for axis in left.values())):
                 full = {**chosen, **dict(zip(left, index, strict=True))}
-                yield tuple(full[k] for k in range(number)), given
+                yield tuple(full[k] for k in range(number)), published
         return
     pairs = list(_levels(node, name, left, problems))
     for k, level, item in pairs:
-        rest = {j: axis for j, axis in left.items() if j != k}
-        yield from _spread(item, name, rest, {**chosen, k: level}, problems, number)
+        remaining = {j: axis for j, axis in left.items() if j != k}
+        yield from _spread(item, name, remaining, {**chosen, k: level}, problems, number)
 
 
-def _levels(node: Entries | Items, name: str, left: dict[int, Axis], problems: Problems) -> Iterator[tuple[int, int, Node]]:
-    """Which axis, which level of it, and what stands there."""
-    if not left:
+def _levels(node: Entries | Items, name: str, remaining: dict[int, Axis],
+            problems: Problems) -> Iterator[tuple[int, int, Node]]:
+    """Axis, level, and value of each entry."""
+    if not remaining:
         problems.add("beside-deep", f"{name}: no axis is left along which these numbers could go", node.place,
                      hint="Write one quantity here.")
     elif isinstance(node, Items):
-        k, axis = next(iter(left.items()))
+        k, axis = next(iter(remaining.items()))
         if len(node.items) != len(axis.levels):
-            problems.add("beside-number", f"{name}: {len(node.items)} numbers stand along '{axis.name}', which has "
-                         f"{len(axis.levels)} levels", node.place, hint=f"Write `{NONE}` where there is no number.")
+            problems.add("beside-number", f"{name}: {len(node.items)} numbers are given along '{axis.name}', which has "
+                         f"{len(axis.levels)} levels", node.place, hint=f"Write `{NONE}` for a missing number.")
         else:
             yield from ((k, level, item) for level, item in enumerate(node.items))
     else:
-        found = next(((k, places) for k, axis in left.items() if (places := _matched(node, axis))), None)
-        if found is None:
-            names = "; ".join(f"{axis.name}: {listing([lv.name for lv in axis.levels])}" for axis in left.values())
+        axis_match = next(((k, places) for k, axis in remaining.items() if (places := _matched(node, axis))), None)
+        if axis_match is None:
+            names = "; ".join(f"{axis.name}: {listing([lv.name for lv in axis.levels])}" for axis in remaining.values())
             problems.add("level-unknown", f"{name}: these are not levels of one axis", node.place, hint=f"Levels: {names}.")
         else:
-            yield from ((found[0], level, item) for level, item in found[1])
+            yield from ((axis_match[0], level, item) for level, item in axis_match[1])
 
 
 def _matched(node: Entries, axis: Axis) -> list[tuple[int, Node]]:
-    """The levels that the keys name; none where a key names no level."""
-    found = []
+    """The levels of the keys; empty if a key is not a level."""
+    levels = []
     for key, item in node.items.items():
         at = next((k for k, level in enumerate(axis.levels) if _same(key, level.name, level.value)), None)
         if at is None:
             return []
-        found.append((at, item))
-    return found
+        levels.append((at, item))
+    return levels
 
 
 def _same(key: str, name: str, value: float) -> bool:

@@ -1,4 +1,4 @@
-"""One case of a study worked out: assembled, tuned where that is asked, run, measured; and what is told before any run."""
+"""One case of a study: assembly, tuning if requested, run, measurement; and the checks before any run."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ from heavebond.studies.shared_runs import measured_together, run_times
 from heavebond.studies.study import COST, SIMULATIONS, Calibration, Measure, PackedCase, Procedure, Study
 from heavebond.text.expression import ExpressionProblem, names
 
-# Signals of pictures are kept to so many digits, on at most so many points.
+# Digits, and largest number of points, of stored signals of pictures.
 DIGITS = 7
 MOST_POINTS = 5000
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came out of one case by one procedure (empty where nothing is tuned): numbers in SI by name, the limits of the
-    tuning (above zero where exceeded), the modes, signals over time in their units; slopes of numbers by parameters and
-    these parameters (`at`), in SI, where that is asked for; the margins of stability of what was tuned, with its `words`,
-    and the parameters at an end of their range; what left its range (`outside`, a sentence); or the problem that kept it
-    from it: a run that means nothing is one; the `solver` of the run that was measured."""
+    """The outcome of one case by one procedure (empty without tuning): numbers in SI by name, the limits of the tuning
+    (above zero if exceeded), the modes, signals over time in their units; slopes of numbers by parameters and these
+    parameters (`at`), in SI, if requested; the margins of stability of the tuned machine, with its `words`, and the
+    parameters at an end of their range; the variables that left their range (`outside`, a sentence); or the problem
+    that prevented a result, which includes invalid runs; the `solver` of the measured run."""
 
     case: int
     procedure: str = ""
@@ -69,29 +69,28 @@ class Outcome:
 
     @property
     def unstable(self) -> bool:
-        """Whether what was tuned is known not to be stable: it meets nothing."""
+        """True if the tuned machine is known to be unstable: it agrees with no published number."""
         return self.stability.get("stable") is False
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
         return asdict(self)
 
 
 def worked(given: Study | PackedCase, number: int, procedure: Procedure | None, progress: Progress | None = None) -> Outcome:
-    """The case of that number; what goes wrong in this case is part of what came out."""
+    """Compute the case of that number; an error in this case is part of its outcome."""
     began = clock.perf_counter()
     study = given.study if isinstance(given, PackedCase) else given
     name = procedure.name if procedure is not None else ""
     try:
-        found = _worked(study, study.case(number), procedure, progress or check_cancelled)
+        outcome = _worked(study, study.case(number), procedure, progress or check_cancelled)
     except HeavebondError as error:
         first = error.problems[0]
-        found = Outcome(number, problem=first.message + (f" {first.hint}" if first.hint else ""))
+        outcome = Outcome(number, problem=first.message + (f" {first.hint}" if first.hint else ""))
     except Stopped:
         raise
-    except Exception as error:  # a fault of the program in one case must not cost the others, which may be hours of work
-        found = Outcome(number, problem=f"the program failed: {type(error).__name__}: {error}")
-    return replace(found, case=number, procedure=name, seconds=clock.perf_counter() - began)
+    except Exception as error:  # a fault of the program in one case must not discard the others, which may be hours of work
+        outcome = Outcome(number, problem=f"the program failed: {type(error).__name__}: {error}")
+    return replace(outcome, case=number, procedure=name, seconds=clock.perf_counter() - began)
 
 
 def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress: Progress | None) -> Outcome:
@@ -112,16 +111,16 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
         tuned = tuned_by(Objective(assembly, study.task), procedure, progress)
         values = {**tuned.values, COST: tuned.cost, SIMULATIONS: tuned.simulations}
         limits, message, at_end = tuned.limits, tuned.message, tuned.at_end
-        asked = study.task.stable is not False
-        stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=asked)),
-                     "summary": summary_sentences(tuned.stability, asked=asked)}
+        stability_required = study.task.stable is not False
+        stability = {**asdict(tuned.stability), "words": list(stability_words(tuned.stability, asked=stability_required)),
+                     "summary": summary_sentences(tuned.stability, asked=stability_required)}
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
-    (told, run, slopes), filled = with_filled_nodes(lambda machine: measured(study, machine, by), assembly,
-                                                     lambda found: found[1])
+    (numbers, run, slopes), filled = with_filled_nodes(lambda machine: measured(study, machine, by), assembly,
+                                                       lambda found: found[1], by)
     verdict = run.verdict.raise_if_failed() if run is not None else Verdict()
     time, signals = _signals(study, run)
-    return Outcome(0, values={**values, **told}, limits=dict(limits), message=message, modes=_modes(study, assembly),
+    return Outcome(0, values={**values, **numbers}, limits=dict(limits), message=message, modes=_modes(study, assembly),
                    time=time, signals=signals, slopes=slopes,
                    outside=" ".join([*([verdict.text] if verdict.findings else []), *([f"run {filled}"] if filled else [])]),
                    stability=stability, at_end=at_end,
@@ -134,15 +133,14 @@ def _solver(run: Result | None) -> str:
 
 
 def assembled(study: Study, case: StudyCase) -> Assembly:
-    """The diagram of a case, with what was calibrated: a case in which such a parameter has a value of its own keeps it."""
+    """The diagram of a case with calibrated values; a case that sets such a parameter keeps its value."""
     assembly = assemble(case.model, named_in(study))
-    own = assembly.parameter_values
+    parameter_values = assembly.parameter_values
     return assembly.with_parameters({name: after for name, (before, after) in study.calibrated.items()
-                                     if math.isclose(own[name], before, rel_tol=1e-9, abs_tol=0.0)})
+                                     if math.isclose(parameter_values[name], before, rel_tol=1e-9, abs_tol=0.0)})
 
 
 def tuned_by(problem: Objective, procedure: Procedure, progress: Progress | None = None) -> Tuned:
-    """The free parameters tuned by a procedure of a study."""
     if procedure.sweeps:
         return sweep_in_turn(problem, procedure.begin, procedure.sweeps, progress=progress)
     return tune(problem, problem.task, explore=procedure.explore, starts=procedure.starts, method=procedure.method,
@@ -152,8 +150,8 @@ def tuned_by(problem: Objective, procedure: Procedure, progress: Progress | None
 # -- measuring ---------------------------------------------------------------------------------------------------------
 def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
              ) -> tuple[dict[str, float], Result | None, dict[str, dict[str, float]]]:
-    """The measured numbers in SI, the run that they are of (none where only modes are asked for), and their exact
-    derivatives by parameters (`ref(...)` held)."""
+    """The measured numbers in SI, their run (None if only modes are requested), and their exact derivatives by parameters
+    (`ref(...)` constant)."""
     costs = [read_cost(assembly, measure.text) for measure in study.measures.values()]
     modes = study.modes or {}
     if not by and not study.signals and all(f.kind in NUMBERS for cost in costs for f in cost.functionals):
@@ -163,7 +161,7 @@ def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
     simulator = Simulator(assembly, times=times, dense=True)
     run = simulator.run()
     if evaluator.integrated:
-        # the sizes of signals first: a 32nd power of plain newtons would drown everything
+        # the sizes of signals first: a 32nd power of plain newtons would dominate
         evaluator.resized(evaluator.largest(run))
         simulator = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors,
                               dense=True)
@@ -175,16 +173,17 @@ def measured(study: Study, assembly: Assembly, by: Sequence[str] = ()
     if by:
         run = Simulator(assembly, times=times, quadratures=evaluator.quadratures, factors=evaluator.factors,
                         sensitivities=by, dense=True).run()
-    numbers, ways = evaluator.functional_values(run)
-    found = evaluator.cost_values(numbers, ways, references, run.p,
-                                  run.along.p if run.along is not None else np.zeros((0, len(run.p))))
-    return ({name: value for name, (value, _) in zip(study.measures, found, strict=True)}, run,
-            {name: dict(zip(by, slope.tolist(), strict=True)) for name, (_, slope) in zip(study.measures, found, strict=True)
+    numbers, slopes = evaluator.functional_values(run)
+    cost_gradients = evaluator.cost_values(numbers, slopes, references, run.p,
+                                           run.along.p if run.along is not None else np.zeros((0, len(run.p))))
+    return ({name: value for name, (value, _) in zip(study.measures, cost_gradients, strict=True)}, run,
+            {name: dict(zip(by, slope.tolist(), strict=True))
+             for name, (_, slope) in zip(study.measures, cost_gradients, strict=True)
              } if by else {})
 
 
 def _of_modes(assembly: Assembly, costs: Sequence[Cost], settings: Mapping[str, float | str]) -> Iterator[float]:
-    """Costs of modes alone."""
+    """Costs that contain modes only."""
     if not costs:
         return
     at_start = ModesAtStart(assembly.with_parameters(settings))
@@ -199,15 +198,16 @@ def _signals(study: Study, run: Result | None) -> tuple[tuple[float, ...], dict[
     if run is None or not study.signals:
         return (), {}
     step = math.ceil(len(run.time) / MOST_POINTS)
-    found = {name: [float(f"{v:.{DIGITS}g}") for v in values[::step]] for name, values in run.signals(study.signals).items()}
-    return tuple(float(f"{t:.{DIGITS}g}") for t in run.time[::step]), found
+    signals = {name: [float(f"{v:.{DIGITS}g}") for v in values[::step]]
+               for name, values in run.signals(study.signals).items()}
+    return tuple(float(f"{t:.{DIGITS}g}") for t in run.time[::step]), signals
 
 
 def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
     """The modes with the share of each component in them, the largest first."""
     if study.modes is None:
         return ()
-    found = []
+    mode_entries = []
     at_start = ModesAtStart(assembly.with_parameters(study.modes))
     first, modes = at_start.at({})
     held = held_lines(at_start.constant(first))
@@ -216,39 +216,39 @@ def _modes(study: Study, assembly: Assembly) -> tuple[dict[str, Any], ...]:
         for state, share in mode.participation.items():
             component = state.rpartition(".")[0] or state
             shares[component] = shares.get(component, 0.0) + share
-        found.append({"frequency": mode.frequency, "damping": mode.damping if mode.value else None, "real": mode.value.real,
-                      "imaginary": mode.value.imag, "swings": mode.swings,
-                      "components": dict(sorted(shares.items(), key=lambda pair: -pair[1])), "held": held})
-    return tuple(found)
+        mode_entries.append({"frequency": mode.frequency, "damping": mode.damping if mode.value else None,
+                             "real": mode.value.real,
+                             "imaginary": mode.value.imag, "swings": mode.swings,
+                             "components": dict(sorted(shares.items(), key=lambda pair: -pair[1])), "held": held})
+    return tuple(mode_entries)
 
 
-# -- what can be told before any run -----------------------------------------------------------------------------------
+# -- checks before any run -----------------------------------------------------------------------------------------------
 def checked(study: Study) -> dict[str, Unit]:
-    """The unit in which each number is told; ModelError with places in the study file for what is wrong in it.
-
-    Diagrams are assembled so often that every level of every axis has been met once.
+    """The display unit of each number; ModelError with places in the study file for mistakes in it. Diagrams are
+    assembled so often that every level of every axis occurs once.
     """
-    problems, found = Problems(), {}
+    problems, units = Problems(), {}
     for case in _covering(study):
         assembly = assemble(case.model, named_in(study))
         _check_along(study, assembly, problems)
-        found = _units(study, assembly, problems)
+        units = _units(study, assembly, problems)
         problems.raise_as(ModelError)
     if study.calibration is not None:
         with relocated(study.places["calibrate"], problems):
             own_values(study.model, study.calibration)
         problems.raise_as(ModelError)
-    return found
+    return units
 
 
 def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
-    """What slopes are taken by are parameters, with ranges of their kind."""
+    """Check that slopes are taken by parameters, with ranges in their units."""
     axis = study.sample
     units = {q.name: q.unit for q in assembly.flat.parameters}
     for name in axis.levels[0].along if axis is not None else ():
         assert axis is not None and axis.sampling is not None
         if name not in units:
-            problems.add("parameter-unknown", f"'{name}' is no parameter by which a slope could be taken", axis.place,
+            problems.add("parameter-unknown", f"'{name}' is not a parameter by which a slope could be taken", axis.place,
                          hint=suggest(name, units) or NAMES_LISTED)
         elif units[name].dimension != axis.sampling.over[name].unit.dimension:
             problems.add("unit-wrong", f"the range of {name} is in {axis.sampling.over[name].unit.text}; "
@@ -256,7 +256,7 @@ def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
 
 
 def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
-    """What the diagram has where something is to be calibrated; UsageError for no parameter, or another unit."""
+    """Values of the calibrated parameters in the diagram; UsageError for an unknown parameter or another unit."""
     assembly = assemble(model)
     check_ranges({q.name: q.unit for q in assembly.flat.parameters}, calibration.free, assembly.flat.limits,
                  assembly.flat.origins.of_name)
@@ -264,17 +264,17 @@ def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
 
 
 def _covering(study: Study) -> list[StudyCase]:
-    """Cases in which every variant occurs; of a parameter's values, which are of one kind, the first is enough."""
+    """Cases in which every variant occurs; for a parameter's values, which are of one kind, the first is sufficient."""
     numbers = [len(axis.levels) if axis.unit is None and axis.sampling is None else 1 for axis in study.axes]
     wanted = dict.fromkeys(tuple(min(k, number - 1) for number in numbers) for k in range(max(numbers, default=1)))
-    # of a sample all that is set anywhere, though one point may set one parameter only
+    # for a sample all parameters that any point sets
     sampled = [level.settings for axis in study.axes if axis.sampling is not None for level in axis.levels[-1:0:-1]]
     cases = [case_at(study.axes, study.model, index) for index in wanted]
     return [replace(case, model=changed(case.model, sampled)) for case in cases]
 
 
 def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Unit]:
-    found: dict[str, Unit] = {}
+    units: dict[str, Unit] = {}
     if study.task is not None:
         with relocated(study.places.get("cost"), problems):
             check_smooth(read_cost(assembly, study.task.cost))
@@ -283,12 +283,12 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
                 check_smooth(read_limit(assembly, limit))
         with relocated(study.places.get("free"), problems):
             check_free(assembly, study.task)
-        found = {name: wanted.unit for name, wanted in study.task.free.items()}
-        found |= {COST: read_unit("1"), SIMULATIONS: read_unit("1")}
+        units = {name: wanted.unit for name, wanted in study.task.free.items()}
+        units |= {COST: read_unit("1"), SIMULATIONS: read_unit("1")}
     for measure in study.measures.values():
         with relocated(measure.place, problems):
             cost = read_cost(assembly, measure.text)
-            found[measure.name] = _unit(measure, cost, problems)
+            units[measure.name] = _unit(measure, cost, problems)
             if study.calibration is not None and measure.name in study.calibration.targets and any(cost.references):
                 problems.add("target-reference", f"'{measure.name}' holds ref(...), and nothing is calibrated by that",
                              measure.place, hint="Take a number without it as a target.")
@@ -296,8 +296,8 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
         for name in picture.names:
             with relocated(picture.place, problems):
                 _check_signal(assembly, name)
-    _check_published(study, found, problems)
-    return found
+    _check_published(study, units, problems)
+    return units
 
 
 def _unit(measure: Measure, cost: Cost, problems: Problems) -> Unit:
@@ -322,23 +322,25 @@ def _check_signal(assembly: Assembly, name: str) -> None:
 
 
 def _check_published(study: Study, units: Mapping[str, Unit], problems: Problems) -> None:
-    """What others give is of the same kind as what is measured."""
+    """Check that published numbers have the units of the measured ones."""
     for beside in study.beside:
         for name, numbers in beside.numbers.items():
-            for given in numbers.values():
-                if name in units and given.unit.dimension != units[name].dimension:
-                    problems.add("unit-wrong", f"{name} is given in {given.unit.text}; {units[name].text} is needed",
-                                 given.place)
-                elif name in units and given.unit.offset and units[name].text == units[name].of_intervals.text \
+            for published_value in numbers.values():
+                if name in units and published_value.unit.dimension != units[name].dimension:
+                    problems.add("unit-wrong",
+                                 f"{name} is given in {published_value.unit.text}; {units[name].text} is needed",
+                                 published_value.place)
+                elif name in units and published_value.unit.offset and units[name].text == units[name].of_intervals.text \
                         and study.measures[name].unit and read_unit(study.measures[name].unit).offset:
-                    problems.add("unit-offset", f"{name} is a difference of temperatures, and {given.unit.text} counts from "
-                                 "an origin of its own", given.place,
-                                 hint=f"Write '{interval_text(given.value, given.unit)}'.")
+                    problems.add("unit-offset",
+                                 f"{name} is a difference of temperatures, and {published_value.unit.text} has an "
+                                 "offset", published_value.place,
+                                 hint=f"Write '{interval_text(published_value.value, published_value.unit)}'.")
 
 
 @contextmanager
 def relocated(place: Place | None, problems: Problems) -> Iterator[None]:
-    """Inside, what is wrong in a formula, or in a value that a file gives, is noted at its place in the file."""
+    """Inside, report an error in a formula, or in a value from a file, at its place in the file."""
     try:
         yield
     except UsageError as error:
@@ -349,11 +351,11 @@ def relocated(place: Place | None, problems: Problems) -> Iterator[None]:
 
 
 def named_in(study: Study) -> set[str]:
-    """Names that no equation may use and the study still wants: positions among them."""
+    """Names that the study needs although no equation uses them, for example positions."""
     texts = [*(m.text for m in study.measures.values()), *study.signals,
              *((study.task.cost, *study.task.limits) if study.task is not None else ())]
-    found: set[str] = set()
+    names_needed: set[str] = set()
     for text in texts:
         with suppress(ExpressionProblem):
-            found |= {name.text for name in names(study.model.library.formula(text, FUNCTIONALS))}
-    return found
+            names_needed |= {name.text for name in names(study.model.library.formula(text, FUNCTIONALS))}
+    return names_needed

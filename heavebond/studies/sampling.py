@@ -1,10 +1,10 @@
-"""Where uncertain parameters are tried: points drawn from what is declared of them.
+"""Sampling of uncertain parameters from their declared ranges.
 
 A range `20 .. 60 kN/m` is uniform. `42 kN/m +- 20 %` is normal about its middle, with half the tolerance as its standard
-deviation, and cut off at the tolerance: nothing lies beyond what is declared.
+deviation, and truncated at the tolerance: no point lies outside the declared range.
 
-Sobol sequence: I. M. Sobol, USSR Comput. Math. Math. Phys. 7 (1967) 86-112, doi:10.1016/0041-5553(67)90144-9, scrambled as
-in SciPy. Points for variance-based indices: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270,
+Sobol sequence: I. M. Sobol, USSR Comput. Math. Math. Phys. 7 (1967) 86-112, doi:10.1016/0041-5553(67)90144-9, scrambled
+as in SciPy. Points for variance-based indices: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270,
 doi:10.1016/j.cpc.2009.09.018.
 """
 
@@ -26,21 +26,21 @@ from heavebond.text.yaml_source import Mapping as Entries
 from heavebond.text.yaml_source import Node, Scalar
 
 Array = NDArray[np.float64]
-DRAWN = ("sobol", "latin_hypercube", "random", "sobol_indices")  # with the number of points
+DRAWN = ("sobol", "latin_hypercube", "random", "sobol_indices")  # kinds with a number of points
 SEEDS = "seeds"
 NAMED = ("one_at_a_time", "local", SEEDS)
 KINDS = (*DRAWN, *NAMED)
-BALANCED = ("sobol", "sobol_indices")  # need a power of two
+BALANCED = ("sobol", "sobol_indices")  # kinds that need a power of two
 MOST = 100_000
-CUT = 2.0  # standard deviations at which a normal distribution is cut off
+CUT = 2.0  # standard deviations at which a normal distribution is truncated
 AS_GIVEN = "as given"
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How points are drawn over parameters (ranges in SI): `number` of them for the kinds in DRAWN; `one_at_a_time` moves
-    each parameter to both ends, `local` asks for slopes at the diagram's own values, `seeds` takes every whole number of the
-    ranges, which are equally many: independent realisations of what is random in the diagram."""
+    """A sampling of parameters (ranges in SI): `number` points for the kinds in DRAWN; `one_at_a_time` moves each
+    parameter to both ends, `local` requests slopes at the diagram's values, `seeds` takes every whole number of the
+    ranges, which have equal lengths: independent realisations of random inputs of the diagram."""
 
     kind: str
     over: Mapping[str, Range]
@@ -49,7 +49,7 @@ class Sampling:
 
 
 def distribution(wanted: Range) -> Any:
-    """What is declared of a parameter as a distribution of SciPy."""
+    """The distribution of a declared range, from SciPy."""
     from scipy.stats import truncnorm, uniform
 
     if wanted.nominal is None:
@@ -59,10 +59,10 @@ def distribution(wanted: Range) -> Any:
 
 
 def points(sampling: Sampling) -> Array:
-    """The points (n, m) in SI; NaN where a parameter stays as it is in the diagram.
+    """The points (n, m) in SI; NaN for a parameter with its value in the diagram.
 
-    `sobol_indices` gives n = number (m + 2) points: the rows of A, of B, then for each parameter those of A with its column
-    from B. The same sampling gives the same points on every machine.
+    `sobol_indices` gives n = number (m + 2) points: the rows of A, of B, then for each parameter the rows of A with its
+    column from B. The same sampling gives the same points on every machine.
     """
     m = len(sampling.over)
     if sampling.kind == "local":
@@ -70,10 +70,10 @@ def points(sampling: Sampling) -> Array:
     if sampling.kind == SEEDS:
         return np.column_stack([np.arange(wanted.low, wanted.high + 0.5) for wanted in sampling.over.values()])
     if sampling.kind == "one_at_a_time":
-        found = np.full((1 + 2 * m, m), np.nan)
+        values = np.full((1 + 2 * m, m), np.nan)
         for k, wanted in enumerate(sampling.over.values()):
-            found[1 + 2 * k, k], found[2 + 2 * k, k] = wanted.low, wanted.high
-        return found
+            values[1 + 2 * k, k], values[2 + 2 * k, k] = wanted.low, wanted.high
+        return values
     shares = _shares(sampling, 2 * m if sampling.kind == "sobol_indices" else m)
     if sampling.kind == "sobol_indices":
         first, second = shares[:, :m], shares[:, m:]
@@ -94,7 +94,7 @@ def _shares(sampling: Sampling, dimensions: int) -> Array:
 
 
 def names(sampling: Sampling) -> list[str]:
-    """A name for each point: its number, or which parameter stands at which end."""
+    """A name for each point: its number, or the parameter and its end."""
     if sampling.kind == "local":
         return [AS_GIVEN]
     if sampling.kind == "one_at_a_time":
@@ -109,32 +109,32 @@ def read_sampling(entry: Entries, name: str, problems: Problems) -> Sampling | N
     """`{sample: {sobol: 64, seed: 1}, over: {spring.c: 42 kN/m +- 20 %}}`."""
     reading.known_keys(entry, ("sample", "over"), f"'{name}'", problems, required=("sample", "over"))
     over = read_ranges(entry.items.get("over"), "over", problems)
-    given = entry.items.get("sample")
-    if given is None or not over:
+    sample_node = entry.items.get("sample")
+    if sample_node is None or not over:
         if "over" in entry.items and not over and not problems.found:
             problems.add("sample-empty", f"'{name}' samples over nothing", entry.place,
                          hint="Write `over: {spring.c: 20 .. 60 kN/m}`.")
         return None
-    if isinstance(given, Scalar):
-        return _named(given, over, problems)
-    chosen = reading.mapping(given, "sample", problems, "Write for example `sample: {sobol: 64}`.")
+    if isinstance(sample_node, Scalar):
+        return _named(sample_node, over, problems)
+    chosen = reading.mapping(sample_node, "sample", problems, "Write for example `sample: {sobol: 64}`.")
     return _drawn(chosen, over, problems) if chosen is not None else None
 
 
-def read_ranges(node: Node | None, what: str, problems: Problems) -> dict[str, Range]:
+def read_ranges(node: Node | None, subject: str, problems: Problems) -> dict[str, Range]:
     """Parameters and their ranges: `spring.c: 20 .. 60 kN/m`, or `42 kN/m +- 20 %`."""
-    entries = reading.mapping(node, what, problems)
-    found: dict[str, Range] = {}
+    entries = reading.mapping(node, subject, problems)
+    ranges: dict[str, Range] = {}
     for name, item in (entries.items if entries else {}).items():
         try:
-            found[name] = parse_range(reading.text(item, name, problems))
+            ranges[name] = parse_range(reading.text(item, name, problems))
         except UnitProblem as problem:
             problems.add(problem.code, f"{name}: {problem.message}", item.place, hint=problem.hint)
-    return found
+    return ranges
 
 
 def _are_seeds(over: Mapping[str, Range]) -> bool:
-    """Whether the ranges have whole ends and hold equally many numbers."""
+    """True if the ranges have whole ends and contain equally many numbers."""
     ends = [(wanted.low, wanted.high) for wanted in over.values()]
     return all(low == round(low) and high == round(high) and 0 <= low <= high for low, high in ends) and \
         len({high - low for low, high in ends}) == 1 and all(wanted.nominal is None for wanted in over.values())
@@ -149,7 +149,7 @@ def _named(given: Scalar, over: Mapping[str, Range], problems: Problems) -> Samp
         return Sampling(given.text, over)
     hint = f"Write `sample: {{{given.text}: 64}}`." if given.text in DRAWN else \
         suggest(given.text, KINDS) or "Write for example `sample: {sobol: 64}` or `sample: one_at_a_time`."
-    problems.add("sample-unknown", f"'{given.text}' does not say how to sample", given.place, hint=hint)
+    problems.add("sample-unknown", f"'{given.text}' is not a sampling method", given.place, hint=hint)
     return None
 
 
@@ -157,8 +157,8 @@ def _drawn(chosen: Entries, over: Mapping[str, Range], problems: Problems) -> Sa
     kinds = [key for key in chosen.items if key != "seed"]
     if len(kinds) != 1 or kinds[0] not in DRAWN:
         near = suggest(kinds[0], DRAWN) if kinds else ""
-        problems.add("sample-unknown", "it is not said how to sample" if len(kinds) != 1 else
-                     f"'{kinds[0]}' is no way to sample", chosen.place,
+        problems.add("sample-unknown", "the sampling method is missing" if len(kinds) != 1 else
+                     f"'{kinds[0]}' is not a sampling method", chosen.place,
                      hint=near or f"Write `{{sobol: 64}}`; there are {', '.join(DRAWN)} and the words {', '.join(NAMED)}.")
         return None
     kind = kinds[0]
@@ -168,16 +168,16 @@ def _drawn(chosen: Entries, over: Mapping[str, Range], problems: Problems) -> Sa
         return None
     if kind in BALANCED and number & (number - 1):
         below = 2 ** int(math.log2(number))
-        problems.add("sample-unbalanced", f"{kind}: {number} points are no power of two, which Sobol's sequence needs",
+        problems.add("sample-unbalanced", f"{kind}: {number} points are not a power of two, which Sobol's sequence needs",
                      chosen.items[kind].place, hint=f"Write {below} or {2 * below}.")
         return None
     return Sampling(kind, over, number, seed)
 
 
-def _whole(node: Node, what: str, least: int, problems: Problems) -> int | None:
-    text = reading.text(node, what, problems)
+def _whole(node: Node, subject: str, least: int, problems: Problems) -> int | None:
+    text = reading.text(node, subject, problems)
     number = whole(text)
     if number is None or not least <= number <= MOST:
-        problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} to {MOST}", node.place)
+        problems.add("count-wrong", f"{subject}: '{text}' is not a whole number from {least} to {MOST}", node.place)
         return None
     return number

@@ -1,13 +1,13 @@
-"""Cases of a large study that differ in the values of parameters alone: assembled once, and run by compiled code.
+"""Cases of a large study that differ only in the values of parameters: assembled once, and run by compiled code.
 
-A case is usually assembled by itself, and run twice: for the sizes of its signals, and with the integrals of what is
-measured. In a study of many cases a process does once what they share: the equations, the formulas of what is measured,
-the simulators, and, after some runs, the compiled equations (see `numerics.compiled_cvodes`). CVODES takes the place of
-IDAS, with the same tolerances. Which cases are worked out in this way depends on the study alone, and no case depends on
-those before it, so that the results are the same in any number of processes.
+A case is usually assembled separately, and run twice: for the sizes of its signals, and with the integrals of the measured
+quantities. In a study of many cases a process performs the common steps once: the equations, the formulas of the measured
+quantities, the simulators, and, after some runs, the compiled equations (see `numerics.compiled_cvodes`). CVODES replaces
+IDAS, with the same tolerances. The choice of these cases depends on the study only, and no case depends on earlier ones, so
+the results are the same in any number of processes.
 
-Where a value is outside its range, where a study varies what shapes the equations, and where such a run fails, the case is
-worked out by itself, which also explains what is wrong.
+If a value is outside its range, if a study varies a parameter that shapes the equations, or if such a run fails, the case
+is computed separately, which also explains the error.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class SharedRunConstants:
     """The constants of the cases that share their equations.
 
     min_cases: cases of a study from which on they do. Origin: the program in C and the equations take half a second to
-        compile, some ten short cases. Doubled: studies of 20 to 40 cases take up to four times as long.
+    compile, some ten short cases. Doubled: studies of 20 to 40 cases take up to four times as long.
     kept: sets of equations that a process keeps, one for each combination of variants. Origin: some megabytes each.
-        Doubled: memory; fewer are assembled again where variants alternate.
+    Doubled: memory; fewer are assembled again if variants alternate.
     """
 
     min_cases: int = 20
@@ -60,7 +60,7 @@ SHARED_RUNS = SharedRunConstants()
 
 
 class _Known(local):
-    """The sets of equations of a thread, the last one used at the end."""
+    """The sets of equations of a thread, the last used one at the end."""
 
     def __init__(self) -> None:
         self.shared: list[_Shared] = []
@@ -70,44 +70,44 @@ _KNOWN = _Known()
 
 
 def measured_together(study: Study, case: StudyCase, named: set[str]) -> tuple[dict[str, float], Result] | None:
-    """The measured numbers (SI) of a case and the run that they are of; None where the case has to be worked out by itself.
-    `named` are the signals that the study names."""
+    """The measured numbers (SI) of a case and their run; None if the case must be computed separately. `named` are the
+    signals that the study names."""
     if study.total < SHARED_RUNS.min_cases or study.task is not None or any(level.along for level in case.levels):
         return None
-    numbers, others = _numbers(case.levels)
+    numbers, variants = _numbers(case.levels)
     if not numbers:
         return None
     model = next((level.model for level in case.levels if level.model is not None), study.model)
     try:
-        shared = _shared(study, model, others, named)
+        shared = _shared(study, model, variants, named)
         values = shared.values(numbers) if shared.runs is not None else None
-        found = shared.runs.measured(values) if values is not None and shared.runs is not None else None
-        return found if found is not None and all(map(isfinite, found[0].values())) else None
+        measured_case = shared.runs.measured(values) if values is not None and shared.runs is not None else None
+        return measured_case if measured_case is not None and all(map(isfinite, measured_case[0].values())) else None
     except HeavebondError:
-        return None  # the case by itself tells what is wrong
+        return None  # the separate case reports the error
 
 
 def _numbers(levels: Sequence[Level]) -> tuple[dict[str, Value], tuple[Level, ...]]:
-    """The values that are plain numbers, and the levels with anything else: variants."""
-    numbers, others = dict[str, Value](), list[Level]()
+    """The values that are plain numbers, and the other levels: variants."""
+    numbers, variants = dict[str, Value](), list[Level]()
     for level in levels:
-        given = {path: setting.value for path, setting in level.settings.items()
-                 if isinstance(setting.value, Value) and isinstance(setting.value.expr, Number)}
-        if level.model is None and len(given) == len(level.settings):
-            numbers |= given
+        plain_values = {path: setting.value for path, setting in level.settings.items()
+                        if isinstance(setting.value, Value) and isinstance(setting.value.expr, Number)}
+        if level.model is None and len(plain_values) == len(level.settings):
+            numbers |= plain_values
         else:
-            others.append(level)
-    return numbers, tuple(others)
+            variants.append(level)
+    return numbers, tuple(variants)
 
 
-def _shared(study: Study, model: Model, others: tuple[Level, ...], named: set[str]) -> _Shared:
-    """What the cases with these variants share; made at the first of them."""
+def _shared(study: Study, model: Model, variants: tuple[Level, ...], named: set[str]) -> _Shared:
+    """Common equations of the cases with these variants; created at the first of them."""
     for known in _KNOWN.shared:
-        if known.measures is study.measures and known.model is model and known.variants == tuple(o.name for o in others):
+        if known.measures is study.measures and known.model is model and known.variants == tuple(o.name for o in variants):
             _KNOWN.shared.remove(known)
             break
     else:
-        known = _Shared(study, model, others, named)
+        known = _Shared(study, model, variants, named)
     _KNOWN.shared.append(known)
     del _KNOWN.shared[:-SHARED_RUNS.kept]
     return known
@@ -129,10 +129,10 @@ class _Shared:
         self.allowed = _allowed(self.assembly.flat)
 
     def values(self, numbers: Mapping[str, Value]) -> dict[str, float] | None:
-        """All parameters with these set; None where one of them is none, shapes the equations, or is not allowed."""
+        """All parameters with these set; None if one of them is unknown, shapes the equations, or is not permitted."""
         if not numbers.keys() <= self.units.keys():
             return None
-        found = self.assembly.parameter_values
+        values = self.assembly.parameter_values
         for name, value in numbers.items():
             assert isinstance(value.expr, Number)
             try:
@@ -140,25 +140,27 @@ class _Shared:
                     check_unit(value.expr.unit, self.units[name], value.expr.value, value.text)
             except UnitProblem:
                 return None
-            found[name] = value.expr.value
-        found |= {name: after for name, (before, after) in self.calibrated.items()
-                  if isclose(found[name], before, rel_tol=1e-9, abs_tol=0.0)}
+            values[name] = value.expr.value
+        values |= {name: after for name, (before, after) in self.calibrated.items()
+                   if isclose(values[name], before, rel_tol=1e-9, abs_tol=0.0)}
         rows, low, high = self.allowed
-        inside = rows(np.array([found[name] for name in self.assembly.parameter_names]))["o0"].ravel()
-        return found if np.all((inside >= low) & (inside <= high)) else None
+        inside = rows(np.array([values[name] for name in self.assembly.parameter_names]))["o0"].ravel()
+        return values if np.all((inside >= low) & (inside <= high)) else None
 
 
 def _allowed(flat: Flat) -> tuple[Buffered, Array, Array]:
-    """A function of the independent parameters, and the range of each of its outputs: every parameter of a component within
-    its bounds, every requirement fulfilled (not zero)."""
+    """A function of the independent parameters, and the range of each of its outputs: every parameter of a component
+    within its bounds, every requirement satisfied (not zero)."""
     expanded = flat.expanded
     declared = [(flat.constants[name], parameter) for name, parameter, _ in with_declaration(expanded)]
     network = connect(expanded, formula_order(expanded))
     truths = []
     for path, leaf in expanded.leaves.items():
         if leaf.component.requires:
-            made = template(leaf.component, expanded.model.library.domains, network.domains[path], leaf.integers)
-            truths.append(made.requirements(stack([flat.constants[f"{path}.{name}"] for name in made.parameters])))
+            component_template = template(leaf.component, expanded.model.library.domains, network.domains[path],
+                                          leaf.integers)
+            truths.append(component_template.requirements(stack([flat.constants[f"{path}.{name}"]
+                                                                 for name in component_template.parameters])))
     true = stack(truths)
     rows = stack([*(value for value, _ in declared), ca.if_else(true != 0, 1, 0)])
     low = [-inf if parameter.low is None else parameter.low for _, parameter in declared]
@@ -169,7 +171,7 @@ def _allowed(flat: Flat) -> tuple[Buffered, Array, Array]:
 
 @dataclass
 class _Runs:
-    """The simulator of the cases, and what is measured."""
+    """The simulator of the cases, and the measured quantities."""
 
     study: Study
     evaluator: Evaluator
@@ -177,7 +179,7 @@ class _Runs:
 
     @classmethod
     def of(cls, study: Study, assembly: Assembly) -> _Runs | None:
-        """None where the compiled program cannot integrate the equations, and where nothing has to be integrated."""
+        """None if the compiled program cannot integrate the equations, or if nothing has to be integrated."""
         times = run_times(study, assembly)
         evaluator = Evaluator(assembly, [read_cost(assembly, measure.text) for measure in study.measures.values()],
                               study.begin, float(times[-1]), modes=study.modes or {})
@@ -188,7 +190,7 @@ class _Runs:
         return cls(study, evaluator, simulator) if simulator.compiled else None
 
     def measured(self, values: Mapping[str, float]) -> tuple[dict[str, float], Result]:
-        """The measured numbers at these parameters (SI), and the run; HeavebondError where it fails."""
+        """The measured numbers at these parameters (SI), and the run; HeavebondError if it fails."""
         evaluator, simulator = self.evaluator, self.simulator
         if evaluator.integrated:
             # the sizes of signals first, from a run whose integrals are zero
@@ -201,12 +203,12 @@ class _Runs:
         if any(any(cost.references) for cost in evaluator.costs):
             passive = simulator.assembly.with_parameters(values).with_parameters(self.study.reference)
             references = evaluator.functional_values(simulator.run(passive.parameter_values))[0]
-        numbers, ways = evaluator.functional_values(run)
-        found = evaluator.cost_values(numbers, ways, references, run.p, np.zeros((0, len(run.p))))
-        return {name: value for name, (value, _) in zip(self.study.measures, found, strict=True)}, run
+        numbers, slopes = evaluator.functional_values(run)
+        costs = evaluator.cost_values(numbers, slopes, references, run.p, np.zeros((0, len(run.p))))
+        return {name: value for name, (value, _) in zip(self.study.measures, costs, strict=True)}, run
 
 
 def run_times(study: Study, assembly: Assembly) -> Array:
-    """Output times of a measured run: the diagram's own, to the end of what is evaluated."""
-    own = grid(assembly.model, study.end, None)
-    return np.union1d(own, [study.begin])
+    """Output times of a measured run: the diagram's, to the end of the evaluated time."""
+    times = grid(assembly.model, study.end, None)
+    return np.union1d(times, [study.begin])

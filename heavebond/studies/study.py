@@ -1,4 +1,4 @@
-"""A study as a file: a diagram, its cases, what is tuned in each, what is measured, and what others say of it."""
+"""A study as a file: a diagram, its cases, the tuning of each, the measured quantities, and published numbers for them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ TUNE_KEYS = ("free", "cost", "limits", "stable", "over", "uncertain", "by")
 ASKED = {"on": True, "off": False}
 GRADIENT_KEYS = ("explore", "starts", "method")
 PICTURES = ("signals", "curves", "map", "histogram", "tornado", "indices")
-# the kinds of samples that a picture can be drawn of
+# the kinds of samples that have pictures
 SAMPLES_OF = {"histogram": ("sobol", "latin_hypercube", "random", "sobol_indices", "seeds"),
               "tornado": ("one_at_a_time", "local"),
               "indices": ("sobol_indices", "local")}
@@ -47,7 +47,7 @@ SIMULATIONS = "simulations"
 
 @dataclass(frozen=True)
 class Measure:
-    """A number of each case: a formula as costs have them, and the unit in which it is told (empty: the base unit)."""
+    """A number of each case: a formula in the syntax of costs, and its display unit (empty: the base unit)."""
 
     name: str
     text: str
@@ -57,8 +57,8 @@ class Measure:
 
 @dataclass(frozen=True)
 class Procedure:
-    """A way of tuning: a sweep of one parameter after the other (values in SI, from `begin` on), or without these a search
-    by gradients."""
+    """A method of tuning: a sweep of one parameter after the other (values in SI, from `begin` on), or without these a
+    search by gradients."""
 
     name: str
     begin: Dictionary[str, float | str] = field(default_factory=dict)
@@ -70,9 +70,9 @@ class Procedure:
 
 @dataclass(frozen=True)
 class Picture:
-    """What is drawn of `names`. `signals`: over time, a line per case; measured numbers as `curves` over the first axis of
-    numbers, a line per other level, as `map` over the first two, as `histogram` of a sample, as `tornado` of what moves
-    them, or their `indices` of sensitivity."""
+    """A picture of `names`. `signals`: over time, a line per case; measured numbers as `curves` over the first numeric
+    axis, a line per other level, as `map` over the first two, as `histogram` of a sample, as `tornado` of the
+    influences, or their sensitivity `indices`."""
 
     name: str
     title: str
@@ -85,8 +85,8 @@ class Picture:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What is sought so that measured or tuned quantities come near the numbers of a source (its index under
-    `compare_with:`): parameters and ranges, and how near each quantity should come, relative to the number given."""
+    """Calibration of measured or tuned quantities to the numbers of a source (its index under `compare_with:`):
+    parameters and ranges, and the permitted deviation of each quantity, relative to the given number."""
 
     free: Dictionary[str, Range]
     targets: Dictionary[str, float]
@@ -95,9 +95,9 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Study:
-    """What a study file says. `task` is what is tuned in each case, by each of the procedures; None where nothing is.
-    `calibrated` are parameters that are set on top (SI: before, after), in the cases in which they have the value before.
-    `first` is the number of its first case, where the others were left out (`PackedCase`), of `in_all` cases."""
+    """Content of a study file. `task` is the tuning of each case, by each of the procedures; None without tuning.
+    `calibrated` are parameters that are set in addition (SI: before, after), in the cases in which they have the value
+    before. `first` is the number of its first case, if others were removed (`PackedCase`), of `in_all` cases."""
 
     name: str
     summary: str
@@ -124,7 +124,7 @@ class Study:
 
     @property
     def total(self) -> int:
-        """The number of cases, also where all but one were left out."""
+        """The number of cases, including removed ones."""
         return self.in_all or prod(len(axis.levels) for axis in self.axes)
 
     @property
@@ -137,7 +137,7 @@ class Study:
         return case_at(self.axes, self.model, self._index(number))
 
     def packed(self) -> Callable[[int], PackedCase]:
-        """Case `number` as it is sent to a worker; what all cases share is serialised once."""
+        """Case `number` in the form that is sent to a worker; common data are serialised once."""
         shared = packed(replace(self, axes=(), in_all=self.total))
 
         def one(number: int) -> PackedCase:
@@ -172,7 +172,7 @@ class Study:
 
 @dataclass(frozen=True)
 class PackedCase:
-    """One case of a study on its way to a worker; small however many cases there are."""
+    """One case of a study for a worker; its size is independent of the number of cases."""
 
     shared: bytes
     axes: tuple[Axis, ...]
@@ -180,21 +180,21 @@ class PackedCase:
 
     @property
     def study(self) -> Study:
-        """The study of that case alone, which keeps its number."""
+        """The study reduced to that case, which keeps its number."""
         return replace(_unpacked(self.shared), axes=self.axes, first=self.number)
 
 
 @lru_cache(maxsize=4)
 def _unpacked(shared: bytes) -> Study:
-    found = unpacked(shared)
-    assert isinstance(found, Study)
-    return found
+    study = unpacked(shared)
+    assert isinstance(study, Study)
+    return study
 
 
 def load_study(name: str | Path) -> Study:
     """Load a study: the path of a file, or the `name` of a bundled one (`cmc_ahc/quality_index`).
 
-    Raises UsageError where there is no such file, ModelError with the lines that are wrong.
+    Raises UsageError if the file does not exist, ModelError with the lines that are wrong.
     """
     return study_from_source(read(find(name, "study")))
 
@@ -204,7 +204,7 @@ def study_from_source(source: Source) -> Study:
     problems = Problems()
     root = source.root
     if "study" not in root.items:
-        raise ModelError([Problem("not-a-study", f"{source.name} is no study: it has no `study:`", root.place,
+        raise ModelError([Problem("not-a-study", f"{source.name} is not a study: it has no `study:`", root.place,
                                   suggest("study", root.items) or "A study begins with `study: name`.")])
     _known_keys(root, problems)
     problems.raise_as(ModelError)
@@ -215,11 +215,11 @@ def study_from_source(source: Source) -> Study:
 
 
 def _known_keys(root: Mapping, problems: Problems) -> None:
-    """What is meant for `tune:` is told to belong there."""
+    """Report keys outside `tune:` that belong there."""
     strayed = [key for key in TUNE_KEYS if key in root.items]
     for key in strayed:
         problems.add("key-strayed", f"'{key}' belongs under `tune:`", root.keys[key].place,
-                     hint=f"Write `tune:` on a line of its own, and `{key}:` below it, indented.")
+                     hint=f"Write `tune:` on a separate line, and `{key}:` below it, indented.")
     if strayed:
         return
     reading.known_keys(root, STUDY_KEYS, "a study", problems, required=("model",))
@@ -245,7 +245,7 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
         procedures = _procedures(entry.items.get("by"), source, task, problems)
     tuned = (*task.free, COST, SIMULATIONS) if task is not None else ()
     for name in set(measures) & set(tuned):
-        problems.add("name-twice", f"'{name}' is told by the tuning already", measures[name].place,
+        problems.add("name-twice", f"'{name}' is a result of the tuning already", measures[name].place,
                      hint="Take another name.")
     places = {key: item.place for key, item in (entry.items if entry else {}).items()}
     beside = read_beside(items.get("compare_with"), axes, [*measures, *tuned], problems)
@@ -266,7 +266,7 @@ def _task(entry: Mapping, source: Source, window: tuple[float, float | None], re
         stable = True
     for word in words if stable is False else ():
         if word.text == STABLE:
-            problems.add("stable-twice", "`stable` stands under `limits:` and is off", word.place,
+            problems.add("stable-twice", "`stable` is under `limits:` and is off", word.place,
                          hint="Remove one of them.")
     return TuningProblem(read_ranges(items.get("free"), "free", problems),
                          reading.text(items.get("cost"), "cost", problems), limits,
@@ -275,29 +275,29 @@ def _task(entry: Mapping, source: Source, window: tuple[float, float | None], re
 
 
 def _stable(node: Node | None, problems: Problems) -> bool | None:
-    """Whether the tuned machine must be stable at rest: it must unless `stable: off` is said; None without the key."""
+    """True if the tuned machine must be stable at rest, False for `stable: off`; None without the key."""
     if node is None:
         return None
-    said = reading.text(node, "stable", problems, "on")
-    if said not in ASKED:
-        problems.add("stable-unknown", f"`stable: {said}` has no meaning", node.place,
+    word = reading.text(node, "stable", problems, "on")
+    if word not in ASKED:
+        problems.add("stable-unknown", f"`stable: {word}` has no meaning", node.place,
                      hint="Write `stable: off` where the tuned machine need not be stable at rest; without it, it must.")
-    return ASKED.get(said, True)
+    return ASKED.get(word, True)
 
 
-def _window(node: Node | None, what: str, problems: Problems) -> tuple[float | None, float | None]:
-    entries = reading.mapping(node, what, problems)
+def _window(node: Node | None, subject: str, problems: Problems) -> tuple[float | None, float | None]:
+    entries = reading.mapping(node, subject, problems)
     if entries is None:
         return None, None
-    reading.known_keys(entries, ("from", "to"), what, problems)
+    reading.known_keys(entries, ("from", "to"), subject, problems)
     times = {name: reading.seconds(item, name, problems) for name, item in entries.items.items()}
     return times.get("from"), times.get("to")
 
 
 def _widths(node: Node | None, problems: Problems) -> dict[str, str]:
-    """Uncertainties as written; they are compared with the parameters where these are known."""
+    """Uncertainties as written; they are compared with the parameters later."""
     entries = reading.mapping(node, "uncertain", problems)
-    found: dict[str, str] = {}
+    widths: dict[str, str] = {}
     for name, item in (entries.items if entries else {}).items():
         text = reading.text(item, name, problems)
         try:
@@ -308,36 +308,36 @@ def _widths(node: Node | None, problems: Problems) -> dict[str, str]:
         if width <= 0:
             problems.add("uncertainty-not-positive", f"{name}: an uncertainty is above 0", item.place,
                          hint="Write `20 %` or `3 kN`.")
-        found[name] = text
-    return found
+        widths[name] = text
+    return widths
 
 
 def _values(node: Node | None, source: Source, problems: Problems) -> dict[str, float | str]:
-    """Quantities as written; their units are checked where they are set."""
-    found: dict[str, float | str] = {}
+    """Quantities as written; their units are checked when they are set."""
+    values: dict[str, float | str] = {}
     for path, setting in read_settings(node, source, problems).items():
         if isinstance(setting.value, FileInput) or setting.value.formula:
             problems.add("not-a-quantity", f"{path} must be a plain quantity here", setting.place)
         else:
-            found[path] = setting.value.text
-    return found
+            values[path] = setting.value.text
+    return values
 
 
 def _over(node: Node | None, source: Source, problems: Problems) -> tuple[Case, ...]:
     """The conditions over which the cost is averaged."""
     entries = reading.mapping(node, "over", problems)
-    found = []
+    cases = []
     for name, item in (entries.items if entries else {}).items():
         weight = 1.0
         if isinstance(item, Mapping) and "weight" in item.items:
-            given = item.items["weight"]
-            value = reading.value(given, "weight", problems)
+            weight_node = item.items["weight"]
+            value = reading.value(weight_node, "weight", problems)
             number = constant(value.expr) if value is not None else None
             weight = number if number is not None and number > 0 else 1.0
-            rest = {k: v for k, v in item.items.items() if k != "weight"}
-            item = Mapping(rest, {k: item.keys[k] for k in rest}, item.place)
-        found.append(Case(name, _values(item, source, problems), weight))
-    return tuple(found)
+            settings = {k: v for k, v in item.items.items() if k != "weight"}
+            item = Mapping(settings, {k: item.keys[k] for k in settings}, item.place)
+        cases.append(Case(name, _values(item, source, problems), weight))
+    return tuple(cases)
 
 
 # -- procedures --------------------------------------------------------------------------------------------------------
@@ -345,12 +345,12 @@ def _procedures(node: Node | None, source: Source, task: TuningProblem, problems
     entries = reading.mapping(node, "by", problems, "Write one procedure a line: `gradients: {}`.")
     if entries is None:
         return (Procedure("gradients"),)
-    found = []
+    procedures = []
     for name, item in entries.items.items():
         entry = reading.mapping(item, f"'{name}'", problems)
         if entry is not None and reading.identifier(entries.keys[name], "a procedure", problems):
-            found.append(_procedure(name, entry, source, task, problems))
-    return tuple(found)
+            procedures.append(_procedure(name, entry, source, task, problems))
+    return tuple(procedures)
 
 
 def _procedure(name: str, entry: Mapping, source: Source, task: TuningProblem, problems: Problems) -> Procedure:
@@ -378,14 +378,14 @@ def _procedure(name: str, entry: Mapping, source: Source, task: TuningProblem, p
     return Procedure(name, _values(entry.items.get("begin"), source, problems), tuple(sweeps))
 
 
-def _count(node: Node | None, what: str, least: int, problems: Problems) -> int | None:
+def _count(node: Node | None, subject: str, least: int, problems: Problems) -> int | None:
     if node is None:
         return None
-    text = reading.text(node, what, problems)
+    text = reading.text(node, subject, problems)
     number = whole(text)
     if number is None or number < least:
-        problems.add("count-wrong", f"{what}: '{text}' is not a whole number from {least} on", node.place,
-                     hint=f"Write for example `{what}: {max(least, 20)}`.")
+        problems.add("count-wrong", f"{subject}: '{text}' is not a whole number from {least} on", node.place,
+                     hint=f"Write for example `{subject}: {max(least, 20)}`.")
         return None
     return number
 
@@ -400,12 +400,12 @@ def _calibration(node: Node | None, beside: Many[ReferenceValues], problems: Pro
     wanted = reading.text(entry.items.get("to"), "to", problems, sources[0] if len(sources) == 1 else "")
     if wanted not in sources:
         problems.add("source-unknown", f"'{wanted}' gives no numbers under `compare_with:`" if wanted else
-                     "it is not said whose numbers under `compare_with:` are the targets", entry.place,
+                     "`to:` does not name the source under `compare_with:` with the targets", entry.place,
                      hint=suggest(wanted, sources) or (f"Write `to: {sources[0]}`." if sources else "Add `compare_with:`."))
         return None
     source = sources.index(wanted)
     targets = _widths(entry.items.get("targets"), problems)
-    found = {}
+    target_widths = {}
     for name, text in targets.items():
         width, unit = parse_quantity(text)
         place = entry.items["targets"].place
@@ -413,55 +413,55 @@ def _calibration(node: Node | None, beside: Many[ReferenceValues], problems: Pro
             problems.add("target-unknown", f"{wanted} gives no '{name}'", place,
                          hint=suggest(name, beside[source].numbers) or f"It gives {listing(beside[source].numbers)}.")
         elif name in (COST, SIMULATIONS) or (unit is not None and unit.dimension):
-            problems.add("target-wrong", f"'{name}: {text}' is no target: a measured quantity or a gain, and how near it "
+            problems.add("target-wrong", f"'{name}: {text}' is not a target: a measured quantity or a gain, and how near it "
                          "should come", place, hint="Write for example `WOB variation: 25 %`.")
-        found[name] = width
-    return Calibration(read_ranges(entry.items.get("free"), "free", problems), found, source)
+        target_widths[name] = width
+    return Calibration(read_ranges(entry.items.get("free"), "free", problems), target_widths, source)
 
 
 # -- measured quantities and pictures ----------------------------------------------------------------------------------
 def _measures(node: Node | None, problems: Problems) -> dict[str, Measure]:
     entries = reading.mapping(node, "measure", problems,
                               "Write one quantity a line: `WOB: {is: largest(bit.F - 30 kN), unit: kN}`.")
-    found = {}
+    measures = {}
     for name, item in (entries.items if entries else {}).items():
         unit, formula = "", item
         if isinstance(item, Mapping):
             reading.known_keys(item, ("is", "unit"), f"'{name}'", problems, required=("is",))
             unit = reading.text(item.items.get("unit"), "unit", problems)
             formula = item.items.get("is", item)
-            if isinstance(given := item.items.get("unit"), Scalar):
-                reading.unit_text(given, problems)
+            if isinstance(unit_node := item.items.get("unit"), Scalar):
+                reading.unit_text(unit_node, problems)
         if isinstance(formula, Scalar):
             place = formula.place.moved(1 if formula.quoted else 0, len(formula.text))
-            found[name] = Measure(name, formula.text, unit, place)
+            measures[name] = Measure(name, formula.text, unit, place)
         elif not isinstance(formula, Mapping):
             problems.add("not-text", f"'{name}' is {formula.kind}; a formula is expected", formula.place)
-    return found
+    return measures
 
 
 def _pictures(node: Node | None, axes: Many[Axis], quantities: Many[str], problems: Problems) -> tuple[Picture, ...]:
     entries = reading.mapping(node, "pictures", problems, "Write one picture a line: `wob: {signals: [WOB]}`.")
-    found = []
+    pictures = []
     for name, item in (entries.items if entries else {}).items():
         key = entries.keys[name] if entries else Scalar(name, item.place)
         entry = reading.mapping(item, f"'{name}'", problems)
         if entry is None or not reading.identifier(key, "a picture", problems):
             continue
         reading.known_keys(entry, ("title", *PICTURES, "from", "to"), f"'{name}'", problems)
-        shown = {kind: tuple(w.text for w in reading.words(entry.items[kind], kind, problems)) for kind in PICTURES
-                 if kind in entry.items}
-        if len(shown) != 1:
+        names_by_kind = {kind: tuple(w.text for w in reading.words(entry.items[kind], kind, problems)) for kind in PICTURES
+                         if kind in entry.items}
+        if len(names_by_kind) != 1:
             problems.add("picture-kind", f"picture '{name}' shows one of {', '.join(PICTURES)}", key.place,
                          hint="Write `signals: [WOB]` or `curves: [WOB variation]`.")
             continue
-        (kind, names), = shown.items()
+        (kind, names), = names_by_kind.items()
         _check_picture(name, kind, names, axes, quantities, key.place, problems)
         ends = {k: v for k, v in entry.items.items() if k in ("from", "to")}
         window = Mapping(ends, {k: entry.keys[k] for k in ends}, entry.place)
-        found.append(Picture(name, reading.text(entry.items.get("title"), "title", problems), kind, names,
-                             *_window(window, name, problems), key.place))
-    return tuple(found)
+        pictures.append(Picture(name, reading.text(entry.items.get("title"), "title", problems), kind, names,
+                                *_window(window, name, problems), key.place))
+    return tuple(pictures)
 
 
 def _check_picture(name: str, kind: str, names: Many[str], axes: Many[Axis], quantities: Many[str], place: Place,
@@ -480,5 +480,5 @@ def _check_picture(name: str, kind: str, names: Many[str], axes: Many[Axis], qua
                      hint=f"Add `uncertain: {{sample: ..., over: {{...}}}}` to `cases:`, sampled by {listing(fitting)}.")
     for quantity in names:
         if quantity not in quantities:
-            problems.add("quantity-unknown", f"'{quantity}' is nothing that this study measures or tunes", place,
+            problems.add("quantity-unknown", f"'{quantity}' is neither measured nor tuned in this study", place,
                          hint=suggest(quantity, quantities) or f"Known: {listing(quantities)}.")

@@ -1,4 +1,4 @@
-"""Many runs asked for in a few words, written as the study that they are: a file to go on from."""
+"""Sweeps from command line options, written as a study file that can be run again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EXAMPLE = "Write for example --over controller.K_p='1 .. 4 1/m; 9', or a list: -
 
 @dataclass(frozen=True)
 class SweepAxis:
-    """What is varied: a list of values, or a range with a number of steps, or a range alone, which is sampled."""
+    """A varied parameter: a list of values, or a range with a number of steps, or a range that is sampled."""
 
     path: str
     values: tuple[str, ...] = ()
@@ -30,9 +30,9 @@ class SweepAxis:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep of a diagram: what is varied, how ranges are sampled (`sobol:64`, `one_at_a_time`; empty: on a grid), the
-    formulas that are measured, each with its unit or an empty text, the window (times as text), and which extreme is sought
-    instead. It is the sweep of `name`, without one of the file's."""
+    """A sweep of a diagram: the axes, the sampling of ranges (`sobol:64`, `one_at_a_time`; empty: on a grid), the
+    measured formulas, each with its unit or an empty text, the window (times as text), and the extreme that is sought
+    instead. `name` replaces a sweep in the file."""
 
     model: Path
     overs: tuple[SweepAxis, ...]
@@ -47,10 +47,10 @@ class Sweep:
 
 def read_over(text: str) -> SweepAxis:
     """`controller.K_p=1 .. 4 1/m; 9`, `wave.T=8 s, 10 s`, `gas.c=42 kN/m +- 20 %`; UsageError for another form."""
-    path, sign, given = (part.strip() for part in text.partition("="))
-    if not sign or not path or not given:
+    path, sign, values_text = (part.strip() for part in text.partition("="))
+    if not sign or not path or not values_text:
         raise UsageError([Problem("over-form", f"--over {text}: this is not PATH=VALUES", None, EXAMPLE)])
-    words, _, steps = (part.strip() for part in given.partition(";"))
+    words, _, steps = (part.strip() for part in values_text.partition(";"))
     if ".." not in words and "+-" not in words:
         return SweepAxis(path, tuple(value.strip() for value in words.split(",")))
     try:
@@ -64,20 +64,20 @@ def read_over(text: str) -> SweepAxis:
 
 
 def read_measure(text: str) -> tuple[str, str]:
-    """`peak(WOB - 30 kN) in kN` as formula and unit; the unit is empty where none is said."""
+    """`peak(WOB - 30 kN) in kN` as formula and unit; the unit may be empty."""
     formula, word, unit = text.rpartition(" in ")
     return (formula.strip(), unit.strip()) if word else (text.strip(), "")
 
 
 def study_text(sweep: Sweep, folder: Path) -> str:
-    """The study of a sweep, to stand in a folder; UsageError where it is not said how a range is to be tried."""
+    """The study of a sweep, for a folder; UsageError if a range has no steps and no sampling."""
     sampled = [over for over in sweep.overs if over.range and not over.number]
     if sampled and not (sweep.sample or sweep.worst):
         first = f"{sampled[0].path}='{sampled[0].range}"
-        raise UsageError([Problem("over-open", f"--over {first}': it is not said which values are tried", None,
+        raise UsageError([Problem("over-open", f"--over {first}': the number of values or the sampling is missing", None,
                                   f"Write --over {first}; 9' for nine of them, or add --sample sobol:64.")])
     if (sweep.sample or sweep.worst) and not sampled:
-        raise UsageError([Problem("sample-nothing", "there is no range to be sampled", None,
+        raise UsageError([Problem("sample-nothing", "no range is given for the sample", None,
                                   "Write --over spring.c='20 .. 60 kN/m' without a number of steps.")])
     if sweep.worst and len(sweep.measures) != 1:
         raise UsageError([Problem("worst-many", "the worst is sought of one number", None, "Give --measure once.")])
@@ -100,7 +100,7 @@ def study_text(sweep: Sweep, folder: Path) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A text as YAML has it, whatever stands in it."""
+    """A text as a YAML scalar, for any content."""
     return json.dumps(text, ensure_ascii=False)
 
 
@@ -125,24 +125,24 @@ def _sample(sweep: Sweep) -> str:
         return kind
     points = whole(number)
     if kind not in DRAWN or points is None:
-        said = f"{kind}:64" if kind in DRAWN else ""
-        raise UsageError([Problem("sample-unknown", f"--sample {sweep.sample}: this does not say how to sample", None,
-                                  f"Write --sample {said}." if said else suggest(kind, KINDS) or
+        suggestion_text = f"{kind}:64" if kind in DRAWN else ""
+        raise UsageError([Problem("sample-unknown", f"--sample {sweep.sample}: this is not a sampling method", None,
+                                  f"Write --sample {suggestion_text}." if suggestion_text else suggest(kind, KINDS) or
                                   f"Write {listing([f'{k}:64' for k in DRAWN] + list(NAMED), 9)}.")])
     if kind in BALANCED and points & (points - 1):
-        raise UsageError([Problem("sample-unbalanced", f"--sample {sweep.sample}: {number} is no power of two", None,
+        raise UsageError([Problem("sample-unbalanced", f"--sample {sweep.sample}: {number} is not a power of two", None,
                                   f"Write --sample {kind}:{1 << points.bit_length() - 1} or "
                                   f"{kind}:{1 << points.bit_length()}.")])
     return f"{{{kind}: {number}, seed: {sweep.seed}}}"
 
 
 def _pictures(sweep: Sweep) -> list[str]:
-    """What can be drawn of what is varied."""
-    shown = f"[{', '.join(_quoted(text) for text, _ in sweep.measures)}]"
+    """The pictures that suit the axes."""
+    measure_list = f"[{', '.join(_quoted(text) for text, _ in sweep.measures)}]"
     number = sum(1 for over in sweep.overs if over.number or over.values)
     kind = sweep.sample.partition(":")[0].strip()
     kinds = {**{name: kind in fitting for name, fitting in SAMPLES_OF.items()},
              "curves": number > 0 and not sweep.sample and not sweep.worst, "map": number > 1 and not sweep.sample}
-    found = [f"  {name}: {{{name}: {shown}}}" for name, wanted in kinds.items() if wanted]
-    found += [f"  signals: {{signals: [{', '.join(map(_quoted, sweep.signals))}]}}"] if sweep.signals else []
-    return ["pictures:", *found] if found else []
+    lines = [f"  {name}: {{{name}: {measure_list}}}" for name, wanted in kinds.items() if wanted]
+    lines += [f"  signals: {{signals: [{', '.join(map(_quoted, sweep.signals))}]}}"] if sweep.signals else []
+    return ["pictures:", *lines] if lines else []

@@ -1,4 +1,4 @@
-"""What came out of a study as a table: a row per case and procedure, for people, for spreadsheets and for programs."""
+"""The results of a study as a table: a row per case and procedure, for people, for spreadsheets and for programs."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ Row = list[Any]
 
 
 def table(result: StudyResult) -> tuple[list[str], list[Row]]:
-    """Head and rows with plain numbers (None where there is none): the axes, the procedure, every number in its unit, behind
-    it what others give and the relative difference."""
+    """Head and rows with plain numbers (None for a missing one): the axes, the procedure, every number in its unit,
+    followed by the published number and the relative difference."""
     head = [f"{axis.name} [{axis.unit.text}]" if axis.unit is not None else axis.name for axis in result.study.axes]
     head += [f"{name} [{wanted.unit.text}]" for name, wanted in _sampled(result).items()]
     head += ["procedure"] if result.study.procedures else []
@@ -66,7 +66,7 @@ def _sampled(result: StudyResult) -> Mapping[str, Range]:
 
 
 def _point(result: StudyResult, outcome: Outcome, name: str) -> float:
-    """A parameter of the sample in its unit; NaN where it is as in the diagram."""
+    """A parameter of the sample in its unit; NaN for the value in the diagram."""
     axis = result.study.sample
     assert axis is not None
     level = result.case_of(outcome).levels[result.study.axes.index(axis)]
@@ -78,8 +78,8 @@ def _plain(value: float) -> float | None:
 
 
 def shown(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
-    """Head, rows and the number of columns that are words, as a terminal shows them: what others give with the difference in
-    brackets, names without their blocks where that is clear, nothing that is empty everywhere."""
+    """Head, rows and the number of text columns for a terminal: published numbers with the difference in brackets, names
+    without their blocks if they are unambiguous, no empty columns."""
     study = result.study
     columns = [(_axis_head(result, k), [_level(result, o, k) for o in result.outcomes]) for k in range(len(study.axes))]
     words = next((k for k, axis in enumerate(study.axes) if axis.unit is not None), len(study.axes))
@@ -115,9 +115,9 @@ def _level(result: StudyResult, outcome: Outcome, k: int) -> str:
 
 
 def _clear(result: StudyResult, name: str) -> str:
-    """`K_p` of `controller.K_p`, unless another one ends like it."""
+    """`K_p` of `controller.K_p`, unless another name has the same end."""
     short = name.rpartition(".")[2]
-    alone = sum(other.rpartition(".")[2] == short for other in result.units) == 1
+    alone = sum(name_of_other.rpartition(".")[2] == short for name_of_other in result.units) == 1
     return short if alone and not set(" (") & set(name) else name
 
 
@@ -138,7 +138,7 @@ def percent(share: float) -> str:
 
 
 def mode_rows(result: StudyResult) -> Iterator[tuple[str, str, str, str]]:
-    """Case, frequency, damping and components of every mode that swings."""
+    """Case, frequency, damping and components of every oscillating mode."""
     for outcome in result.outcomes:
         first = True
         for mode in outcome.modes:
@@ -150,31 +150,31 @@ def mode_rows(result: StudyResult) -> Iterator[tuple[str, str, str, str]]:
 
 
 def stability_rows(result: StudyResult) -> Iterator[tuple[str, str, str]]:
-    """Case, procedure and what is to be said of the stability of what was tuned."""
+    """Case, procedure and sentence on the stability of the tuned machine."""
     for outcome in result.outcomes:
-        for k, said in enumerate(stability_summary(outcome)):
-            yield (result.case_of(outcome).name if not k else "", outcome.procedure if not k else "", said)
+        for k, sentence in enumerate(stability_summary(outcome)):
+            yield (result.case_of(outcome).name if not k else "", outcome.procedure if not k else "", sentence)
 
 
 def stability_summary(outcome: Outcome) -> list[str]:
-    """Whether it is stable with its damping and its loop, and the parameters that ended at an end of their range."""
-    said: list[str] = outcome.stability.get("summary", [])
-    return said + [f"{name} ended at the {end} end of its range" for name, end in outcome.at_end.items()]
+    """Stability with damping and loop, and the parameters at an end of their range."""
+    sentences: list[str] = outcome.stability.get("summary", [])
+    return sentences + [f"{name} ended at the {end} end of its range" for name, end in outcome.at_end.items()]
 
 
 def calibration_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
-    """Parameter, before, calibrated, range, and the end of it where it ended there."""
-    found, calibration = result.calibrated, result.study.calibration
-    assert found is not None and calibration is not None
-    for name, (before, after) in found.values.items():
+    """Parameter, before, calibrated, range, and the end of it if it is there."""
+    calibrated, calibration = result.calibrated, result.study.calibration
+    assert calibrated is not None and calibration is not None
+    for name, (before, after) in calibrated.values.items():
         wanted = calibration.free[name]
         written = wanted.unit.written
         yield (name, written(before), written(after), f"{written(wanted.low)} .. {written(wanted.high)}",
-               f"at its {found.at_end[name]} end" if name in found.at_end else "")
+               f"at its {calibrated.at_end[name]} end" if name in calibrated.at_end else "")
 
 
 def residual_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
-    """Quantity, case, ours, target, the relative difference, and that in widths."""
+    """Quantity, case, ours, target, the relative difference, and the difference in widths."""
     assert result.calibrated is not None
     for r in result.calibrated.residuals:
         unit = result.units[r.quantity]
@@ -193,7 +193,7 @@ def spread_rows(result: StudyResult) -> list[tuple[str, ...]]:
 
 
 def mean_rows(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
-    """Head, rows and the number of columns that are words: the mean of each quantity with half its 95 % interval, a row per
+    """Head, rows and the number of text columns: the mean of each quantity with half its 95 % interval, a row per
     combination of the other axes; empty unless a sample of independent points is taken at several of them."""
     found: dict[str, dict[str, Spread]] = {}
     for spread in spreads(result):
@@ -205,8 +205,8 @@ def mean_rows(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
     rows = []
     for others, outcomes in groups(result):
         one = next(iter(outcomes.values()))
-        told = [_level(result, one, k) for k in at] + ([one.procedure] if len(result.study.procedures) > 1 else [])
-        rows.append(told + [_with_interval(found.get(others, {}).get(name)) for name in names])
+        row_start = [_level(result, one, k) for k in at] + ([one.procedure] if len(result.study.procedures) > 1 else [])
+        rows.append(row_start + [_with_interval(found.get(others, {}).get(name)) for name in names])
     head = [_axis_head(result, k) for k in at] + (["procedure"] if len(result.study.procedures) > 1 else [])
     words = next((n for n, k in enumerate(at) if result.study.axes[k].unit is not None), len(at))
     return [*head, *(_column_head(result, name) for name in names)], rows, words
@@ -226,10 +226,10 @@ def _with_interval(spread: Spread | None) -> str:
 
 def index_rows(result: StudyResult) -> list[tuple[str, ...]]:
     """Quantity, other levels, parameter, Sobol indices of first and total order with their 95 % intervals."""
-    return [(found.quantity if k == 0 else "", found.others if k == 0 else "", name,
-             f"{found.first[k]:.3f}", _interval(found.first_interval[k]), f"{found.total[k]:.3f}",
-             _interval(found.total_interval[k]))
-            for found in indices(result) for k, name in enumerate(found.parameters)]
+    return [(sobol.quantity if k == 0 else "", sobol.others if k == 0 else "", name,
+             f"{sobol.first[k]:.3f}", _interval(sobol.first_interval[k]), f"{sobol.total[k]:.3f}",
+             _interval(sobol.total_interval[k]))
+            for sobol in indices(result) for k, name in enumerate(sobol.parameters)]
 
 
 def _interval(ends: tuple[float, float]) -> str:
@@ -237,15 +237,15 @@ def _interval(ends: tuple[float, float]) -> str:
 
 
 def slope_rows(result: StudyResult) -> list[tuple[str, ...]]:
-    """Quantity, other levels, parameter, what 1 % more of it does, and its share of the variance to first order."""
-    return [(_titled(result, found.quantity) if k == 0 else "", found.others if k == 0 else "", name,
-             f"{found.percent[k]:+.3g}", f"{found.swing[k]:+.3g}", f"{100 * found.share[k]:.1f} %")
-            for found in slopes(result) for k, name in enumerate(found.parameters)]
+    """Quantity, other levels, parameter, change by 1 % more of it, and its share of the variance to first order."""
+    return [(_titled(result, slope.quantity) if k == 0 else "", slope.others if k == 0 else "", name,
+             f"{slope.percent[k]:+.3g}", f"{slope.swing[k]:+.3g}", f"{100 * slope.share[k]:.1f} %")
+            for slope in slopes(result) for k, name in enumerate(slope.parameters)]
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
 def write_files(result: StudyResult, folder: Path) -> list[Path]:
-    """table.csv, study.json, and signals.csv where there are signals; their paths."""
+    """Write table.csv, study.json, and signals.csv if there are signals; returns their paths."""
     head, rows = table(result)
     files: dict[str, str] = {"table.csv": _csv([head, *rows]),
              "study.json": json.dumps(as_dict(result), indent=1, ensure_ascii=False) + "\n"}
@@ -268,7 +268,7 @@ def to_pandas(result: StudyResult) -> pd.DataFrame:
 
 
 def _parquet(result: StudyResult, folder: Path) -> list[Path]:
-    """table.parquet, where pyarrow is installed."""
+    """Write table.parquet if pyarrow is installed."""
     if find_spec("pyarrow") is None:
         return []
     path = folder / "table.parquet"
@@ -284,7 +284,7 @@ def _csv(rows: Sequence[Sequence[Any]]) -> str:
 
 
 def _signal_rows(result: StudyResult) -> list[Row]:
-    """Case, procedure, time and signals, one row per time: cases may have times of their own."""
+    """Case, procedure, time and signals, one row per time: cases may have different times."""
     names = result.study.signals
     units = next((o.signal_units for o in result.outcomes if o.signals), {})
     rows: list[Row] = [["case", "procedure", "time [s]", *(f"{name} [{units.get(name, '1')}]" for name in names)]]
@@ -296,7 +296,7 @@ def _signal_rows(result: StudyResult) -> list[Row]:
 
 
 def as_dict(result: StudyResult) -> dict[str, Any]:
-    """Everything but signals, for programs: the same files give the same."""
+    """All results except signals, for programs: the same files give the same result."""
     head, rows = table(result)
     return {"study": result.study.name, "summary": result.study.summary, "complete": result.complete,
             "axes": [axis.name for axis in result.study.axes],

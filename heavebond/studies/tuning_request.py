@@ -1,4 +1,4 @@
-"""What is to be tuned: the task of a study, or of a diagram with free parameters and a cost."""
+"""Tuning of a study, or of a diagram with free parameters and a cost, from command line options."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from heavebond.numerics.dae import Assembly
 from heavebond.optimise.objective import TuningProblem
 from heavebond.studies.study import load_study
 
-TIMES = 3  # a free parameter without a range may grow to so many times its value
+TIMES = 3  # upper limit of a free parameter without a range, as a multiple of its value
 
 
 @dataclass(frozen=True)
 class TuningRequest:
-    """What is to be tuned in which diagram, and how that is called."""
+    """The tuning task, its diagram, and its name."""
 
     name: str
     model: Model
@@ -28,7 +28,7 @@ class TuningRequest:
 
 def tuning_request(name: str, cost: str | None, limits: Sequence[str], evaluate: str | None,
                    reference: Mapping[str, str]) -> TuningRequest:
-    """The task of the study `name`, with what is given besides in its place; for a diagram what is given alone."""
+    """The task of the study `name`, with options in place of its entries; for a diagram the options only."""
     try:
         study = load_study(name)
         model, task, name = study.model, study.tuning, study.name
@@ -49,28 +49,28 @@ def tuning_request(name: str, cost: str | None, limits: Sequence[str], evaluate:
 
 def _seconds(text: str) -> tuple[float, float]:
     try:
-        found = parse_range(text)
-        if found.unit.dimension != unit("s").dimension:
-            raise UnitProblem("unit-wrong", f"'{text}' is no time", "Write for example --evaluate '72 .. 96 s'.")
+        time_range = parse_range(text)
+        if time_range.unit.dimension != unit("s").dimension:
+            raise UnitProblem("unit-wrong", f"'{text}' is not a time", "Write for example --evaluate '72 .. 96 s'.")
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"--evaluate: {problem.message}", None, problem.hint)]) from None
-    return found.low, found.high
+    return time_range.low, time_range.high
 
 
 def with_free(assembly: Assembly, task: TuningProblem, texts: Sequence[str]) -> TuningProblem:
-    """The task with further free parameters, `NAME` or `NAME=RANGE`; one without a range may go from 0 to three times its
-    value."""
-    found: dict[str, Range] = {}
+    """The task with further free parameters, `NAME` or `NAME=RANGE`; one without a range may vary from 0 to three times
+    its value."""
+    free_ranges: dict[str, Range] = {}
     units = {q.name: q.unit for q in assembly.flat.parameters}
     for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
         name, sign, text = (piece.strip() for piece in part.partition("="))
         if sign:
-            found |= ranges({name: text})
+            free_ranges |= ranges({name: text})
             continue
         assembly.parameter_indices([name])  # UsageError for a name that cannot be set
         value = assembly.parameter_values[name]
         if not value:
-            raise UsageError([Problem("range-missing", f"{name} is 0, which says nothing about its range", None,
+            raise UsageError([Problem("range-missing", f"{name} is 0, so it has no default range", None,
                                       f"Write for example --free {name}='0 .. 10 {units[name].text}'.")])
-        found[name] = Range(min(0.0, TIMES * value), max(0.0, TIMES * value), units[name])
-    return replace(task, free={**task.free, **found}) if found else task
+        free_ranges[name] = Range(min(0.0, TIMES * value), max(0.0, TIMES * value), units[name])
+    return replace(task, free={**task.free, **free_ranges}) if free_ranges else task

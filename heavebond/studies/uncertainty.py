@@ -1,10 +1,10 @@
 """Uncertainty and sensitivity analysis of a sample: statistics, Sobol indices, derivatives at one point.
 
-With y = f(x) and independent x, the index of first order is S_i = Var(E(y | x_i))/Var(y), that of total order
-1 - Var(E(y | all but x_i))/Var(y): the share of x_i alone, and with all interactions. Both are estimated by
-`scipy.stats.sobol_indices` (A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270,
-doi:10.1016/j.cpc.2009.09.018), with bootstrapped intervals. To first order at one point the share is
-(dy/dx_i s_i)**2 / sum_j (dy/dx_j s_j)**2, s the standard deviations.
+With y = f(x) and independent x, the index of first order is S_i = Var(E(y | x_i))/Var(y), the index of total order 1 -
+Var(E(y | all but x_i))/Var(y): the share of x_i alone, and with all interactions. Both are estimated by
+`scipy.stats.sobol_indices` (A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270, doi:10.1016/j.cpc.2009.09.018),
+with bootstrapped intervals. To first order at one point the share is (dy/dx_i s_i)**2 / sum_j (dy/dx_j s_j)**2, s the
+standard deviations.
 """
 
 from __future__ import annotations
@@ -25,15 +25,16 @@ from heavebond.studies.study import SIMULATIONS
 QUANTILES = (0.05, 0.5, 0.95)
 RESAMPLED = 500  # bootstrap samples for an interval
 CONFIDENCE = 0.95
-INDEPENDENT = ("random", SEEDS)  # kinds of samples whose points are independent, so that their mean has an interval
+INDEPENDENT = ("random", SEEDS)  # kinds of samples with independent points, so that their mean has an interval
 LEAST = 8  # smallest number of points for indices
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Statistics of a quantity over the sample, in its display unit, at levels `others` of the other axes; `failed` is the
-    number of cases without a value. Of a sample for Sobol indices only the independently drawn points count. `interval` is
-    the 95 % interval of the mean, mean +- t s/sqrt(n) with Student's t; NaN where the points are not independent."""
+    """Statistics of a quantity over the sample, in its display unit, at levels `others` of the other axes; `failed` is
+    the number of cases without a value. In a sample for Sobol indices only the independently drawn points count.
+    `interval` is the 95 % interval of the mean, mean +- t s/sqrt(n) with Student's t; NaN if the points are not
+    independent."""
 
     quantity: str
     others: str
@@ -63,7 +64,7 @@ class Indices:
 
 @dataclass(frozen=True)
 class Slopes:
-    """First-order changes of a quantity at the diagram's own values (m,): `percent` for 1 % more of a parameter, `swing` for
+    """First-order changes of a quantity at the diagram's values (m,): `percent` for 1 % more of a parameter, `swing` for
     half the width of its range, both in the display unit; `share` of the variance to first order."""
 
     quantity: str
@@ -77,7 +78,7 @@ class Slopes:
 
 @dataclass(frozen=True)
 class TornadoBar:
-    """A quantity at the diagram's own values (`value`), and with one parameter at the ends of its range."""
+    """A quantity at the diagram's values (`value`), and with one parameter at the ends of its range."""
 
     parameter: str
     value: float
@@ -91,14 +92,14 @@ def groups(result: StudyResult) -> Iterator[tuple[str, dict[int, Outcome]]]:
     if axis is None:
         return
     at = result.study.axes.index(axis)
-    found: dict[tuple[tuple[int, ...], str], dict[int, Outcome]] = {}
+    outcomes_by_level: dict[tuple[tuple[int, ...], str], dict[int, Outcome]] = {}
     for outcome in result.outcomes:
         index = result.case_of(outcome).index
-        found.setdefault((index[:at] + index[at + 1:], outcome.procedure), {})[index[at]] = outcome
-    for (_, procedure), outcomes in found.items():
+        outcomes_by_level.setdefault((index[:at] + index[at + 1:], outcome.procedure), {})[index[at]] = outcome
+    for (_, procedure), outcomes in outcomes_by_level.items():
         case = result.case_of(next(iter(outcomes.values())))
-        levels = [level.name if other.unit is None else f"{other.name} {level.name}"
-                  for k, (other, level) in enumerate(zip(result.study.axes, case.levels, strict=True)) if k != at]
+        levels = [level.name if other_axis.unit is None else f"{other_axis.name} {level.name}"
+                  for k, (other_axis, level) in enumerate(zip(result.study.axes, case.levels, strict=True)) if k != at]
         yield ", ".join([*levels, *([procedure] if len(result.study.procedures) > 1 else [])]), outcomes
 
 
@@ -113,7 +114,7 @@ def _sampling(result: StudyResult, *kinds: str) -> Sampling | None:
 
 
 def drawn(result: StudyResult, quantity: str, outcomes: dict[int, Outcome]) -> Array:
-    """A quantity at the independently drawn points (n,), NaN where a case failed."""
+    """A quantity at the independently drawn points (n,), NaN if a case failed."""
     sampling = _sampling(result, *DRAWN, SEEDS)
     assert sampling is not None
     if sampling.kind == SEEDS:
@@ -124,8 +125,8 @@ def drawn(result: StudyResult, quantity: str, outcomes: dict[int, Outcome]) -> A
 
 def spreads(result: StudyResult) -> list[Spread]:
     """The statistics of every quantity over a random or quasi-random sample."""
-    found, sampling = [], _sampling(result, *DRAWN, SEEDS)
-    for others, outcomes in groups(result) if sampling is not None else ():
+    statistics, sampling = [], _sampling(result, *DRAWN, SEEDS)
+    for level_text, outcomes in groups(result) if sampling is not None else ():
         for quantity in quantities(result):
             values = drawn(result, quantity, outcomes)
             known = values[np.isfinite(values)]
@@ -134,9 +135,9 @@ def spreads(result: StudyResult) -> list[Spread]:
                 deviation = float(known.std(ddof=1)) if len(known) > 1 else math.nan
                 assert sampling is not None
                 interval = interval_of_mean(known) if sampling.kind in INDEPENDENT else (math.nan, math.nan)
-                found.append(Spread(quantity, others, float(known.mean()), interval, deviation, (low, middle, high),
-                                    float(known.min()), float(known.max()), len(known), len(values) - len(known)))
-    return found
+                statistics.append(Spread(quantity, level_text, float(known.mean()), interval, deviation, (low, middle, high),
+                                         float(known.min()), float(known.max()), len(known), len(values) - len(known)))
+    return statistics
 
 
 def interval_of_mean(values: Array) -> tuple[float, float]:
@@ -152,20 +153,20 @@ def interval_of_mean(values: Array) -> tuple[float, float]:
 def indices(result: StudyResult) -> list[Indices]:
     """Sobol indices of every quantity, for a sample of kind `sobol_indices` with at least LEAST complete rows."""
     sampling = _sampling(result, "sobol_indices")
-    found = []
-    for others, outcomes in groups(result) if sampling is not None else ():
+    results = []
+    for level_text, outcomes in groups(result) if sampling is not None else ():
         for quantity in quantities(result):
             assert sampling is not None
             values = np.full((len(sampling.over) + 2) * sampling.number, np.nan)
             for k, outcome in outcomes.items():
                 values[k] = result.value(outcome, quantity)
-            # rows in which A, B and all mixtures have a value; the largest power of two of them
+            # rows in which A, B and all mixtures have a value, reduced to a power of two
             table = values.reshape(len(sampling.over) + 2, sampling.number)
             table = table[:, np.isfinite(table).all(axis=0)]
             if table.shape[1] >= LEAST:
                 table = table[:, :2 ** int(math.log2(table.shape[1]))]
-                found.append(_indices(quantity, others, tuple(sampling.over), table))
-    return found
+                results.append(_indices(quantity, level_text, tuple(sampling.over), table))
+    return results
 
 
 def _indices(quantity: str, others: str, parameters: tuple[str, ...], table: Array) -> Indices:
@@ -184,30 +185,30 @@ def _estimated(table: Array) -> tuple[Array, Array]:
     """Indices of first and total order (m,)."""
     from scipy.stats import sobol_indices
 
-    # duplicated, as SciPy drops the axes of one quantity of one parameter
+    # duplicated, because SciPy drops the axes of one quantity of one parameter
     both = np.stack([table, table], axis=1)
-    found: Any = sobol_indices(func={"f_A": both[0], "f_B": both[1], "f_AB": both[2:]}, n=table.shape[1])
-    first, total = (np.reshape(values, (2, len(table) - 2))[0] for values in (found.first_order, found.total_order))
+    estimate: Any = sobol_indices(func={"f_A": both[0], "f_B": both[1], "f_AB": both[2:]}, n=table.shape[1])
+    first, total = (np.reshape(values, (2, len(table) - 2))[0] for values in (estimate.first_order, estimate.total_order))
     return first, total
 
 
 def slopes(result: StudyResult) -> list[Slopes]:
-    """Derivatives of every measured quantity at the diagram's own values by sensitivities, the largest share first."""
+    """Derivatives of every measured quantity at the diagram's values by sensitivities, the largest share first."""
     sampling = _sampling(result, "local")
-    found = []
-    for others, outcomes in groups(result) if sampling is not None else ():
+    results = []
+    for level_text, outcomes in groups(result) if sampling is not None else ():
         for outcome in outcomes.values():
             for quantity, by in outcome.slopes.items():
                 assert sampling is not None
                 scale = result.units[quantity].scale
-                moved = np.array([by[name] * distribution(wanted).std() for name, wanted in sampling.over.items()])
-                total = float((moved**2).sum())
+                scaled_slopes = np.array([by[name] * distribution(wanted).std() for name, wanted in sampling.over.items()])
+                total = float((scaled_slopes**2).sum())
                 rows = [(name, 0.01 * by[name] * outcome.at[name] / scale, by[name] * (wanted.high - wanted.low) / 2 / scale,
                          float(part**2 / total) if total else 0.0)
-                        for (name, wanted), part in zip(sampling.over.items(), moved, strict=True)]
+                        for (name, wanted), part in zip(sampling.over.items(), scaled_slopes, strict=True)]
                 names, percent, swing, share = zip(*sorted(rows, key=lambda row: -row[3]), strict=True)
-                found.append(Slopes(quantity, others, names, result.value(outcome, quantity), percent, swing, share))
-    return found
+                results.append(Slopes(quantity, level_text, names, result.value(outcome, quantity), percent, swing, share))
+    return results
 
 
 def swings(result: StudyResult, quantity: str) -> list[tuple[str, list[TornadoBar]]]:
@@ -218,14 +219,14 @@ def swings(result: StudyResult, quantity: str) -> list[tuple[str, list[TornadoBa
             zip(s.parameters, s.swing, strict=True), key=lambda pair: -abs(pair[1]))])
             for s in slopes(result) if s.quantity == quantity]
     sampling = _sampling(result, "one_at_a_time")
-    found = []
-    for others, outcomes in groups(result) if sampling is not None else ():
+    tornado_rows = []
+    for level_text, outcomes in groups(result) if sampling is not None else ():
         assert sampling is not None
-        told = {result.case_of(o).levels[_at(result)].name: result.value(o, quantity) for o in outcomes.values()}
-        rows = [TornadoBar(name, told.get(AS_GIVEN, math.nan), told.get(f"{name} low", math.nan),
-                           told.get(f"{name} high", math.nan)) for name in sampling.over]
-        found.append((others, sorted(rows, key=lambda row: -np.nan_to_num(abs(row.high - row.low)))))
-    return found
+        values = {result.case_of(o).levels[_at(result)].name: result.value(o, quantity) for o in outcomes.values()}
+        rows = [TornadoBar(name, values.get(AS_GIVEN, math.nan), values.get(f"{name} low", math.nan),
+                           values.get(f"{name} high", math.nan)) for name in sampling.over]
+        tornado_rows.append((level_text, sorted(rows, key=lambda row: -np.nan_to_num(abs(row.high - row.low)))))
+    return tornado_rows
 
 
 def _at(result: StudyResult) -> int:

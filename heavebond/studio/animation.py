@@ -1,4 +1,4 @@
-"""What moves on the drawing along a run: effort, flow and power of the wires, energy and losses of the parts."""
+"""Animated quantities on the drawing of a run: effort, flow and power of the wires, energy and losses of the parts."""
 
 from __future__ import annotations
 
@@ -18,35 +18,37 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Result
 from heavebond.studio.contents import Entry
 
-FRAMES = 400  # instants at most; the page shows one after the other
+FRAMES = 400  # largest number of instants that the page shows in sequence
 SIGNAL = "signal"
 
 
 def animation(result: Result) -> tuple[Entry, Array]:
-    """For each node `effort`, `flow` and `power`, for each part `energy` and `loss`: the row of its course, its unit and
-    its largest size; and the courses, (1 + rows, F), the first of them the time in s.
+    """For each node `effort`, `flow` and `power`, for each part `energy` and `loss`: the row of its time series, its unit
+    and its largest size; and the time series, (1 + rows, F), the first of them the time in s.
 
-    What the ports of a node share stands with its sign, what they share out by the size of the largest; the power through
-    a node is half the sum of the sizes of the powers over its ports. `loss` is the power that a part dissipates.
+      The across variable of a node keeps its sign; its through variable is the size of the largest at its ports; the
+      power through a node is half the sum of the sizes of the powers at its ports. `loss` is the power that a part
+      dissipates.
     """
     flat = result.assembly.flat
     wanted = [*_of_nodes(flat), *_of_parts(flat)]
     chosen = _instants(result.time)
     values = result.evaluate(stack([expr for *_, expr in wanted]))[:, chosen] if wanted else np.zeros((0, len(chosen)))
-    told: dict[str, dict[str, Entry]] = {"nodes": {}, "parts": {}}
+    entries: dict[str, dict[str, Entry]] = {"nodes": {}, "parts": {}}
     rows = [result.time[chosen]]
     for (kind, path, quantity, unit, domain, _), row in zip(wanted, values, strict=True):
         size = float(np.abs(row).max(initial=0.0))
         if not np.isfinite(size) or (size == 0.0 and kind == "parts"):
             continue
-        shown = readable_unit(unit, size)
-        told[kind].setdefault(path, {"domain": domain})[quantity] = [len(rows), "" if shown == "1" else shown]
-        rows.append(converted(row, unit, shown))
-    return dict(told), np.vstack(rows)
+        display_unit = readable_unit(unit, size)
+        entries[kind].setdefault(path, {"domain": domain})[quantity] = [len(rows), "" if display_unit == "1"
+                                                                        else display_unit]
+        rows.append(converted(row, unit, display_unit))
+    return dict(entries), np.vstack(rows)
 
 
 def _instants(time: Array) -> NDArray[np.intp]:
-    """The numbers of output points that are about evenly spread over the time."""
+    """Indices of output points that are about evenly spread over the time."""
     if len(time) <= FRAMES:
         return np.arange(len(time))
     return np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], FRAMES)))
@@ -65,14 +67,15 @@ def _of_nodes(flat: Flat) -> Iterable[Wanted]:
                 for quantity in ("effort", "flow"):
                     yield "nodes", path, quantity, flat.unknowns[k].unit.text, SIGNAL, values[k]
             continue
-        found = [bonds[end] for end in ends if end in bonds]
-        if not found:
+        bonds_at_node = [bonds[end] for end in ends if end in bonds]
+        if not bonds_at_node:
             continue
-        yield "nodes", path, "power", "W", domain.name, 0.5 * sum((ca.fabs(bond.power(values)) for bond in found), ca.SX(0))
+        yield "nodes", path, "power", "W", domain.name, 0.5 * sum((ca.fabs(bond.power(values)) for bond in bonds_at_node),
+                                                                  ca.SX(0))
         if domain.effort is None or domain.flow is None:  # several pairs, or one power
             continue
         for quantity, name, number in (("effort", domain.effort, _effort), ("flow", domain.flow, _flow)):
-            numbers = [number(bond) for bond in found]
+            numbers = [number(bond) for bond in bonds_at_node]
             shared = name not in domain.through
             value = values[numbers[0]] if shared else _largest([values[k] for k in numbers])
             yield "nodes", path, quantity, flat.unknowns[numbers[0]].unit.text, domain.name, value
@@ -87,17 +90,18 @@ def _flow(bond: Bond) -> int:
 
 
 def _largest(values: list[ca.SX]) -> ca.SX:
-    found = ca.fabs(values[0])
+    largest = ca.fabs(values[0])
     for value in values[1:]:
-        found = ca.fmax(found, ca.fabs(value))
-    return found
+        largest = ca.fmax(largest, ca.fabs(value))
+    return largest
 
 
 def _of_parts(flat: Flat) -> Iterable[Wanted]:
-    """The energy stored in each part and its loss, those of a block summed over what is in it."""
+    """The energy stored in each part and its loss, summed over the parts of a block."""
     for path in flat.expanded.leaves:
-        own = [e for e in flat.energetics if e.owner == path or e.owner.startswith(f"{path}.")]
-        for quantity, unit, terms in (("energy", "J", [e.energy for e in own]), ("loss", "W", [e.dissipated for e in own])):
+        part_energetics = [e for e in flat.energetics if e.owner == path or e.owner.startswith(f"{path}.")]
+        for quantity, unit, terms in (("energy", "J", [e.energy for e in part_energetics]),
+                                      ("loss", "W", [e.dissipated for e in part_energetics])):
             total = sum(terms, ca.SX(0))
             if not total.is_zero():
                 yield "parts", path, quantity, unit, "", total
@@ -106,17 +110,17 @@ def _of_parts(flat: Flat) -> Iterable[Wanted]:
 def modes(assembly: Assembly, settings: Mapping[str, float | str]) -> Entry:
     """The modes at the start with the shares of the parts in their energy, as `heavebond modes` lists them."""
     at_start = ModesAtStart(assembly)
-    first, found = at_start.at(settings)
+    first, modes_at_start = at_start.at(settings)
     point = at_start.point(first)
-    shares = energy_shares(assembly, point, found)
+    shares = energy_shares(assembly, point, modes_at_start)
     held = [h.name for h in at_start.constant(first) if h.acts]
     return {"modes": [{"frequency": mode.frequency, "damping": mode.damping if mode.value else None, "swings": mode.swings,
                        "held": held, "energy": _with_blocks(assembly.flat, share.energy)}
-                      for mode, share in zip(found, shares, strict=True)]}
+                      for mode, share in zip(modes_at_start, shares, strict=True)]}
 
 
 def _with_blocks(flat: Flat, shares: Mapping[str, float]) -> dict[str, float]:
-    """The shares, with those of a block summed over what is in it."""
+    """The shares, with sums over the parts of each block."""
     sums = {path: sum(share for owner, share in shares.items() if owner == path or owner.startswith(f"{path}."))
             for path in flat.expanded.leaves}
     return {path: share for path, share in sums.items() if share > 0}

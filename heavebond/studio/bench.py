@@ -1,4 +1,4 @@
-"""The work of the studio's workers: diagrams checked and drawn, simulated, and their signals looked up."""
+"""The tasks of the studio's workers: check and draw diagrams, simulate them, and look up their signals."""
 
 from __future__ import annotations
 
@@ -50,9 +50,10 @@ from heavebond.studio.job import Job
 from heavebond.studio.palette import component_entry, palette
 from heavebond.text.yaml_source import parse
 
-# of runs while a slider moves: on the screen the width of a line is a thousandth of the range; the run that follows is exact
+# tolerance of runs while a slider moves: the width of a line on the screen is a thousandth of the range; the final run is
+# exact
 PREVIEWED = Tolerances(rtol=1e-6, atol=1e-8)
-KEPT = 24  # runs whose results a worker keeps; older ones are simulated again where a further signal of them is asked for
+KEPT = 24  # results that a worker keeps; older runs are repeated if a further signal of them is requested
 
 
 def read(job: Job) -> Model:
@@ -62,12 +63,12 @@ def read(job: Job) -> Model:
 
 
 def stamps(files: Sequence[Path]) -> tuple[Any, ...]:
-    """By what a change of the other files that a diagram reads is noticed."""
+    """Fingerprints by which a change of the other files of a diagram is detected."""
     return tuple((str(p), p.stat().st_mtime_ns) for p in files if p.exists())
 
 
 def dependencies(model: Model, path: Path) -> list[Path]:
-    """The files beside its own that a diagram is made of: those that it extends, lists of values, and the components in its
+    """Other files that a diagram consists of: diagrams that it extends, lists of values, and the components in its
     folder."""
     folder = path.parent.resolve()
     library = [p for p in model.library.files.values() if folder in p.resolve().parents]
@@ -76,57 +77,61 @@ def dependencies(model: Model, path: Path) -> list[Path]:
 
 # -- check and drawing -----------------------------------------------------------------------------------------------
 def view(job: Job, opened: Sequence[str] = ()) -> Entry:
-    """The drawing and the contents of a diagram, with the problems that `heavebond check` finds; as far as it goes."""
-    problems, found, parts = Problems(), Entry(), dict[str, tuple[int, int]]()
+    """The drawing and the contents of a diagram, with the problems that `heavebond check` finds; incomplete after an
+    error.
+    """
+    problems, entry, parts = Problems(), Entry(), dict[str, tuple[int, int]]()
     experiment = study = None
     try:
         source = parse(job.text, Path(job.path), job.name)
         parts = part_lines(source.root)
         if is_block(source):
-            found |= block_entry(read_block(source), job.name, opened, problems)
-            return {**found, "problems": [problem_entry(p, job.name, parts) for p in problems.found]}
+            entry |= block_entry(read_block(source), job.name, opened, problems)
+            return {**entry, "problems": [problem_entry(p, job.name, parts) for p in problems.found]}
         if "experiment" in source.root.items:
-            found["evidence"] = True
+            entry["evidence"] = True
             experiment = experiment_from_source(source)
-            found["experiment"] = experiment_entry(experiment)
+            entry["experiment"] = experiment_entry(experiment)
         elif "study" in source.root.items:
-            found["study"] = {"name": "", "summary": ""}
+            entry["study"] = {"name": "", "summary": ""}
             study = study_from_source(source)
-            found["study"] = {"name": study.name, "summary": study.summary, "cases": len(study.cases)}
+            entry["study"] = {"name": study.name, "summary": study.summary, "cases": len(study.cases)}
             checked(study)
         model = experiment.model if experiment is not None else study.model if study is not None else from_source(source)
         files = [*dependencies(model, Path(job.path)), *(files_of(experiment) if experiment is not None else [])]
-        found["files"] = [str(p) for p in dict.fromkeys(files) if p.resolve() != Path(job.path).resolve()]
+        entry["files"] = [str(p) for p in dict.fromkeys(files) if p.resolve() != Path(job.path).resolve()]
         expanded, faults = expand_as_far(model)
         network, mixed = connect_as_far(expanded)
         blocks = [name for name in opened if name in expanded.blocks]
         drawn = None
-        found |= {"svg": "", "opened": blocks, "whole": all(_is_known(i, expanded) for i in model.body.instances.values())}
+        entry |= {"svg": "", "opened": blocks, "whole": all(_is_known(i, expanded) for i in model.body.instances.values())}
         if expanded.leaves:
-            found["svg"], drawn = draw_expanded(expanded, network, open=blocks)
-            found["grid"] = grid_of(drawn)
+            entry["svg"], drawn = draw_expanded(expanded, network, open=blocks)
+            entry["grid"] = grid_of(drawn)
         unfinished = faults.found or mixed.found
         problems.found += unfinished
         assembly = None if unfinished else _checked(model, problems) if experiment is None else _driven(experiment, problems)
-        found |= contents(expanded, network, assembly, job.name, drawn)
-        found["runs"] = assembly is not None
+        entry |= contents(expanded, network, assembly, job.name, drawn)
+        entry["runs"] = assembly is not None
     except HeavebondError as error:
         problems.extend(error)
     order = sorted(problems.found, key=lambda p: (p.place.file != job.name, p.place.line, p.place.column) if p.place else
                    (True, 0, 0))
-    return {**found, "problems": [problem_entry(p, job.name, parts) for p in order]}
+    return {**entry, "problems": [problem_entry(p, job.name, parts) for p in order]}
 
 
 def block_entry(block: Block, text_name: str, opened: Sequence[str], problems: Problems) -> Entry:
-    """The inside of a block as a diagram is shown; of a component that has no parts its symbol."""
+    """The inside of a block, in the form of a diagram; for a component without parts its symbol."""
     problems.found += block.problems.found
     inside = block.component.composite
-    shown = [name for name in opened if name in block.expanded.blocks]
-    svg, drawn = draw_expanded(block.whole, block.network, open=shown) if inside else \
+    opened_blocks = [name for name in opened if name in block.expanded.blocks]
+    svg, drawn = draw_expanded(block.whole, block.network, open=opened_blocks) if inside else \
         (symbol_picture(block.component), None)
-    own = {"name": block.component.name, "ports": own_port_entries(block.component, block.network, block.expanded, drawn)
-           if drawn is not None else []}
-    return {**contents(block.expanded, block.network, None, text_name, drawn), "svg": svg, "opened": shown, "component": own,
+    leaf_entry = {"name": block.component.name,
+                  "ports": own_port_entries(block.component, block.network, block.expanded, drawn)
+                  if drawn is not None else []}
+    return {**contents(block.expanded, block.network, None, text_name, drawn), "svg": svg, "opened": opened_blocks,
+            "component": leaf_entry,
             "parameters": own_parameters(block.component), "settings": None, "runs": False,
             "files": [str(p) for p in block.model.library.files.values() if p.parent == block.model.path.parent
                       and p != block.model.path], "grid": grid_of(drawn) if drawn is not None else None,
@@ -134,12 +139,12 @@ def block_entry(block: Block, text_name: str, opened: Sequence[str], problems: P
 
 
 def _is_known(instance: Instance, expanded: Expanded) -> bool:
-    """Whether a part is drawn: its component is found."""
+    """True if the component of a part is known, so that it can be drawn."""
     return instance.repeat is not None or instance.name in expanded.leaves
 
 
 def _checked(model: Model, problems: Problems) -> Assembly | None:
-    """The assembled diagram with the problems of its structure, its start and the power of its components noted."""
+    """Assemble the diagram and add the problems of its structure, its start and the power of its components."""
     try:
         assembly = assemble(model)
     except HeavebondError as error:
@@ -160,7 +165,7 @@ def _checked(model: Model, problems: Problems) -> Assembly | None:
 
 
 def _driven(experiment: Experiment, problems: Problems) -> Assembly | None:
-    """The assembled diagram as the first record drives it, with what is wrong in the experiment noted."""
+    """Assemble the diagram with the inputs of the first record, and add the mistakes in the experiment."""
     try:
         return assembled(experiment)
     except HeavebondError as error:
@@ -170,16 +175,16 @@ def _driven(experiment: Experiment, problems: Problems) -> Assembly | None:
 
 # -- runs ------------------------------------------------------------------------------------------------------------
 class Bench:
-    """Runs of one page: the diagram assembled once for as long as its text stays, and the results that were made last."""
+    """Runs of one page: the assembly of the present text, and the latest results."""
 
     def __init__(self) -> None:
         self._assembled: tuple[Any, Assembly, Sequence[Path]] | None = None
         self._quick: tuple[Any, QuickSimulator] | None = None
-        self._probe: tuple[Any, Probe] | None = None  # of the signals that previews show
+        self._probe: tuple[Any, Probe] | None = None  # reduced to the signals that previews show
         self._results: OrderedDict[Any, Result] = OrderedDict()
 
     def _assembly(self, job: Job) -> tuple[Any, Assembly]:
-        """The diagram as it is written, without the values of sliders."""
+        """The diagram as written, without the values of sliders."""
         if self._assembled is not None:
             key, assembly, files = self._assembled
             if key == (job.text, job.path, job.name, stamps(files)):
@@ -191,33 +196,33 @@ class Bench:
         return key, self._assembled[1]
 
     def run(self, job: Job, names: Sequence[str] = ()) -> tuple[Entry, Array]:
-        """A run as `heavebond run` makes it, by `--set` with the values of the sliders."""
+        """A run as by `heavebond run`, with the values of the sliders as `--set`."""
         result = self._result(job)
-        shown = list(result.assembly.model.show) or result.assembly.state_names
-        figures = _figures(result, list(dict.fromkeys([*shown, *names])))
-        told: Entry = {
+        output_names = list(result.assembly.model.show) or result.assembly.state_names
+        figures = _figures(result, list(dict.fromkeys([*output_names, *names])))
+        entry: Entry = {
             "outputs": figures, "verdict": {"status": result.verdict.status, "text": result.verdict.text},
             "events": len(result.events), "until": float(result.time[-1]), "points": len(result.time),
             "solver": str(result.statistics.get("solver", "")), "notes": changes_of(result)}
-        return _with_series(told, result, names)
+        return _with_series(entry, result, names)
 
     def _result(self, job: Job) -> Result:
         key, assembly = self._assembly(job)
-        which = (key, tuple(sorted(job.values.items())))
-        if which not in self._results:
+        run_key = (key, tuple(sorted(job.values.items())))
+        if run_key not in self._results:
             if job.values:
-                # assembled with the values, so that their limits and all that depends on them are checked
+                # assembled with the values, so that their limits and all dependent values are checked
                 assembly = assemble(read(job))
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RunWarning)  # the page shows the verdict itself
-                self._results[which] = simulate(assembly)
+                warnings.simplefilter("ignore", RunWarning)  # the page shows the verdict
+                self._results[run_key] = simulate(assembly)
             while len(self._results) > KEPT:
                 self._results.popitem(last=False)
-        self._results.move_to_end(which)
-        return self._results[which]
+        self._results.move_to_end(run_key)
+        return self._results[run_key]
 
     def prepare(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
-        """Build what sliders run with and show these signals with, which may take a second (a program is compiled)."""
+        """Build the simulator for sliders and these signals, which may take a second (a program is compiled)."""
         self._previewer(job, names)
         return {}, np.zeros((0, 0))
 
@@ -225,25 +230,25 @@ class Bench:
         key, assembly = self._assembly(job)
         if self._quick is None or self._quick[0] != key:
             self._quick = (key, QuickSimulator(assembly, tolerances=PREVIEWED))
-        which = (key, tuple(names))
-        if self._probe is None or self._probe[0] != which:
-            self._probe = (which, Probe(assembly, names))
+        previewer_key = (key, tuple(names))
+        if self._probe is None or self._probe[0] != previewer_key:
+            self._probe = (previewer_key, Probe(assembly, names))
         return self._quick[1], self._probe[1]
 
     def preview(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
-        """A run while a slider moves: the same equations with other numbers, by the integrator of searches, which does not
-        look for the reason where it fails, with tolerances for the eye."""
+        """A run while a slider moves: the same equations with other numbers, by the integrator of searches, which does
+        not analyse failures, with tolerances for display."""
         names = list(dict.fromkeys(names))
         quick, probe = self._previewer(job, names)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = quick.run(dict(job.values))
-        told: Entry = {"verdict": {"status": "clean", "text": ""}, "signals": names,
-                       **_units({name: result.unit(name) for name in names})}
-        return told, np.vstack([result.time, *(probe.values(result) if names else [])])
+        entry: Entry = {"verdict": {"status": "clean", "text": ""}, "signals": names,
+                        **_units({name: result.unit(name) for name in names})}
+        return entry, np.vstack([result.time, *(probe.values(result) if names else [])])
 
     def animation(self, job: Job) -> tuple[Entry, Array]:
-        """What moves on the drawing along a run."""
+        """Animated quantities on the drawing of a run."""
         return animation(self._result(job))
 
     def film(self, job: Job) -> tuple[Entry, None]:
@@ -257,22 +262,22 @@ class Bench:
         return modes(self._assembly(job)[1], job.values), None
 
     def signals(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
-        """Further signals of a run; one that is no longer kept is made again."""
+        """Further signals of a run; a run that is not stored any more is repeated."""
         return _with_series({}, self._result(job), names)
 
 
-def _with_series(told: Entry, result: Result, names: Sequence[str]) -> tuple[Entry, Array]:
-    """What is told of a run, with the units of signals, and their values: the time in s, then each signal."""
+def _with_series(entry: Entry, result: Result, names: Sequence[str]) -> tuple[Entry, Array]:
+    """Description of a run with the units of signals, and their values: the time in s, then each signal."""
     names = list(dict.fromkeys(names))
     signals = result.signals(names) if names else {}
-    told = {**told, "signals": names, **_units({name: result.unit(name) for name in names})}
-    return told, np.vstack([result.time, *(signals[name] for name in names)])
+    entry = {**entry, "signals": names, **_units({name: result.unit(name) for name in names})}
+    return entry, np.vstack([result.time, *(signals[name] for name in names)])
 
 
 def _units(units: dict[str, str]) -> Entry:
-    """The units of signals, and in which ones the charts show values in base units, by the size of the values."""
+    """The units of signals, and the display units of the charts for values in base units, by the size of the values."""
     steps = {unit: readable_units(unit) for unit in units.values()}
-    return {"units": units, "readable": {unit: found for unit, found in steps.items() if found}}
+    return {"units": units, "readable": {unit: display_steps for unit, display_steps in steps.items() if display_steps}}
 
 
 def _figures(result: Result, names: Sequence[str]) -> dict[str, Entry]:
@@ -281,7 +286,7 @@ def _figures(result: Result, names: Sequence[str]) -> dict[str, Entry]:
 
 
 def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
-    """What a worker does, by the name of the task."""
+    """The functions of a worker, by the name of the task."""
     bench, evidence = Bench(), Evidence()
     return {"view": lambda job, opened: (view(job, opened), None), "run": bench.run, "prepare": bench.prepare,
             "preview": bench.preview, "signals": bench.signals, "animation": bench.animation,

@@ -1,4 +1,4 @@
-"""Blocks: components that are made of others, drawn and edited in their own files as diagrams are."""
+"""Blocks: components that consist of others, drawn and edited in their files like diagrams."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from heavebond.language.model import Model
 from heavebond.text.expression import Number, calling
 from heavebond.text.yaml_source import Source
 
-OUTSIDE = Place("", 0)  # where the block would be used; what is missing there is not a fault of its file
-NAME = "block"  # of the only part of the diagram in which it is expanded
+OUTSIDE = Place("", 0)  # problems that depend on the diagram which uses the block; they are not mistakes of its file
+NAME = "block"  # name of the only part of the diagram in which it is expanded
 
 
 @dataclass(frozen=True)
 class EditedLibrary(Library):
-    """A library in which one component is as the editor has it."""
+    """A library in which one component has the text of the editor."""
 
     edited: Component | None = None
 
@@ -40,8 +40,8 @@ class EditedLibrary(Library):
 
 @dataclass(frozen=True)
 class Block:
-    """A component with its inside as a diagram of its own (`model`, `expanded`, `network`), in which the ports of the block
-    are ends without a part, and what is wrong with it. `leaf` is the block itself."""
+    """A component with its inside as a diagram (`model`, `expanded`, `network`), in which the ports of the block are ends
+    without a part, and its problems. `leaf` is the block itself."""
 
     component: Component
     model: Model
@@ -52,24 +52,25 @@ class Block:
 
     @property
     def whole(self) -> Expanded:
-        """The inside with the block itself, whose ports are drawn at its frame."""
+        """The inside with the block itself, whose ports are drawn on its frame."""
         if self.leaf is None:
             return self.expanded
         return replace(self.expanded, leaves={"": replace(self.leaf, path=""), **self.expanded.leaves})
 
 
 def is_block(source: Source) -> bool:
-    """Whether a file describes a component."""
     return "component" in source.root.items
 
 
 def beside(path: Path) -> list[Path]:
-    """The folders whose components a component file knows: its own, and that of the diagrams that it belongs to."""
+    """The folders whose components a component file may use: its folder, and the folder of the diagrams that it belongs
+    to.
+    """
     return [path.parent, *(p.parent for p in path.parents if p.name == "components")]
 
 
 def read_block(source: Source) -> Block:
-    """A component, which may be unfinished; ModelError for a text that cannot be read as one."""
+    """Read a component, which may be unfinished; ModelError for a text that cannot be read as one."""
     known = library(beside(source.path))
     with calling(known.functions):
         component = parse_component(source, known.domains, known.base(source.path) if source.path.is_file() else None)
@@ -96,7 +97,7 @@ def _cut(path: str) -> str:
 
 
 def _inside(around: Expanded, model: Model) -> Expanded:
-    """What is in the block, by paths that begin there."""
+    """The parts inside the block, with paths relative to it."""
     def bounds(given: dict[str, Bound]) -> dict[str, Bound]:
         return {name: replace(bound, scope=bound.scope.removeprefix(f"{NAME}.")) for name, bound in given.items()}
 
@@ -116,6 +117,6 @@ def _inside_network(network: Network) -> Network:
 
 
 def unrunnable(name: str) -> Problem:
-    """Why a component is not simulated."""
+    """Reason why a component is not simulated."""
     return Problem("usage", f"'{name}' is a component: it runs as a part of a diagram", None,
                    f"A diagram uses it under `components:`, as in `part: {{is: {name}, ...}}`.")

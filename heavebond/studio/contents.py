@@ -1,4 +1,6 @@
-"""What the page shows of a diagram besides its drawing: parts, nodes, parameters with their units and limits, signals."""
+"""Contents of a diagram for the page, in addition to its drawing: parts, nodes, parameters with their units and limits,
+signals.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,12 @@ if TYPE_CHECKING:
     from heavebond.pictures.layout import Drawn
 
 Entry = dict[str, object]
-DECADE = 10.0  # a slider goes from a tenth of a positive value to ten times it, where no limit is nearer
+DECADE = 10.0  # a slider ranges from a tenth of a positive value to ten times it, unless a limit is nearer
 
 
 def contents(expanded: Expanded, network: Network, assembly: Assembly | None, text_name: str,
              drawn: Drawn | None) -> Entry:
-    """Parts and nodes by their paths, the diagram's own parameters, and its outputs; signals where it is assembled."""
+    """Parts and nodes by their paths, the diagram's parameters, and its outputs; signals if it is assembled."""
     ports = port_entries(expanded, network, drawn) if drawn is not None else {}
     joined = {end.name for junction in expanded.junctions.values() for end in junction.ends if end.sign > 0}
     names = _signals(assembly) if assembly is not None else {}
@@ -48,56 +50,56 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
                     "ends": [f"{end.leaf}.{end.port}" for end in j.ends if end.sign > 0],
                     "signals": owned.get(path, [])} for path, j in expanded.junctions.items()}
     model = expanded.model
-    shown = [{"name": name, "unit": output.unit, "doc": output.text} for name, output in model.show.items()]
-    if not shown and assembly is not None:
-        shown = [{"name": name, **names[name]} for name in assembly.state_names if name in names]
+    output_entries = [{"name": name, "unit": output.unit, "doc": output.text} for name, output in model.show.items()]
+    if not output_entries and assembly is not None:
+        output_entries = [{"name": name, **names[name]} for name in assembly.state_names if name in names]
     return {"name": model.name, "summary": model.summary, "parts": parts, "nodes": nodes,
-            "parameters": given.get("", []), "outputs": shown, "named": bool(model.show),
+            "parameters": given.get("", []), "outputs": output_entries, "named": bool(model.show),
             "moves": bool(model.view), "settings": _run_settings(model)}
 
 
 def _run_settings(model: Model) -> Entry:
-    """How a run begins and ends: duration, output interval, kind of start, and the values asked for at the start."""
+    """Begin and end of a run: duration, output interval, kind of start, and the required values at the start."""
     return {"until": model.until.text if model.until else "", "every": model.every.text if model.every else "",
             "start": model.initial.mode or "",
             "initial": {name: f"{'~ ' if c.guess else ''}{c.value.text}" for name, c in model.initial.conditions.items()}}
 
 
 def port_entries(expanded: Expanded, network: Network, drawn: Drawn) -> dict[str, list[Entry]]:
-    """The ports of the parts on the outermost sheet: what they carry, where wires end at them, the node they are on."""
-    # a node inside a block may reach out to a part of the sheet: `block.node: [+part.port]`
+    """The ports of the parts on the outermost sheet: domain, end points of wires, node."""
+    # a node inside a block may extend to a part of the sheet: `block.node: [+part.port]`
     on = {end.name: path for path, junction in expanded.junctions.items()
           for end in junction.ends if end.sign > 0 and "." not in end.leaf}
-    found: dict[str, list[Entry]] = {}
+    entries: dict[str, list[Entry]] = {}
     for item in drawn.items:
         leaf = expanded.leaves[item.part.path]
         for port in item.part.ports:
             if port.startswith(":"):
-                continue  # a node inside of a block that reaches out of it
+                continue  # a node inside a block that extends out of it
             base, path = port.partition("[")[0], f"{item.part.path}.{port}"
             signal = leaf.component.signal(base)
             domain = "signal" if signal else network.domains.get(leaf.path, {}).get(base, "")
-            found.setdefault(item.part.path, []).append({
+            entries.setdefault(item.part.path, []).append({
                 "name": port, "path": path, "domain": domain, "direction": signal.direction if signal else "",
                 "doc": signal.doc if signal else leaf.component.ports[base].doc, "node": on.get(path, ""),
                 "value": base in leaf.inputs, "at": [[a.x, a.y, a.side] for a in item.anchors(port)]})
-    return found
+    return entries
 
 
 def own_port_entries(block: Component, network: Network, expanded: Expanded, drawn: Drawn) -> list[Entry]:
-    """The ports of a block that is drawn by itself, as `port_entries` tells those of its parts."""
+    """The ports of a block that is drawn by itself, in the form of `port_entries`."""
     on = {end.name: path for path, junction in expanded.junctions.items() for end in junction.ends if not end.leaf}
-    found: list[Entry] = []
+    entries: list[Entry] = []
     for anchor in drawn.anchors:
         base = anchor.port.partition("[")[0]
         signal = block.signal(base)
         domain = "signal" if signal else network.domains.get("", {}).get(base, "")
-        found.append({"name": anchor.port, "path": anchor.port, "domain": domain,
-                      "direction": signal.direction if signal else "",
-                      "doc": signal.doc if signal else block.ports[base].doc,
-                      "node": on.get(anchor.port, ""), "value": False, "inner": True,
-                      "at": [[anchor.x, anchor.y, anchor.side]]})
-    return found
+        entries.append({"name": anchor.port, "path": anchor.port, "domain": domain,
+                        "direction": signal.direction if signal else "",
+                        "doc": signal.doc if signal else block.ports[base].doc,
+                        "node": on.get(anchor.port, ""), "value": False, "inner": True,
+                        "at": [[anchor.x, anchor.y, anchor.side]]})
+    return entries
 
 
 def own_parameters(block: Component) -> list[Entry]:
@@ -113,32 +115,32 @@ def _domain(network: Network, path: str) -> str:
 
 
 def _signals(assembly: Assembly) -> dict[str, dict[str, str]]:
-    """Every variable by its name, with unit and meaning."""
+    """Every variable by its name, with unit and description."""
     flat = assembly.flat
-    found = {name: {"unit": flat.unknowns[j].unit.text, "doc": flat.unknowns[j].doc} for name, j in flat.names.items()}
-    return found | {h.name: {"unit": h.unit.text, "doc": h.doc} for h in flat.held}
+    entries = {name: {"unit": flat.unknowns[j].unit.text, "doc": flat.unknowns[j].doc} for name, j in flat.names.items()}
+    return entries | {h.name: {"unit": h.unit.text, "doc": h.doc} for h in flat.held}
 
 
 def _by_owner(names: dict[str, dict[str, str]], owners: Iterable[str]) -> dict[str, list[Entry]]:
-    """Variables by the innermost part or node whose path they begin with; a part and a node may share a name."""
-    known, found = set(owners), dict[str, list[Entry]]()
-    for name, told in names.items():
+    """Variables by the innermost part or node at the beginning of their path; a part and a node may have the same name."""
+    known, entries_by_owner = set(owners), dict[str, list[Entry]]()
+    for name, entry in names.items():
         owner = name.rpartition(".")[0]
         while owner and owner not in known:
             owner = owner.rpartition(".")[0]
-        found.setdefault(owner, []).append({"name": name, **told})
-    # what a part computes itself before what stands at its ports
-    return {owner: sorted(entries, key=lambda e: str(e["name"]).count(".")) for owner, entries in found.items()}
+        entries_by_owner.setdefault(owner, []).append({"name": name, **entry})
+    # inner variables of a part before the variables of its ports
+    return {owner: sorted(entries, key=lambda e: str(e["name"]).count(".")) for owner, entries in entries_by_owner.items()}
 
 
 def _inputs(leaf: Leaf, free: set[str]) -> list[Entry]:
-    """Signal inputs that a value is given to."""
+    """Signal inputs with a given value."""
     return [_parameter(f"{leaf.path}.{name}", name, bound, leaf.component.signals[name], f"{leaf.path}.{name}" in free)
             for name, bound in leaf.inputs.items()]
 
 
 def _missing(leaf: Leaf, joined: set[str]) -> list[Entry]:
-    """Parameters that need a value, and inputs on no node that may be given one, without any so far."""
+    """Parameters that need a value, and inputs on no node, if they have none yet."""
     needed: list[Parameter | SignalPort] = [
         p for name, p in leaf.component.parameters.items() if name not in leaf.parameters and not p.medium]
     needed += [s for name, s in leaf.component.signals.items() if s.direction == "in" and name not in leaf.inputs
@@ -148,12 +150,12 @@ def _missing(leaf: Leaf, joined: set[str]) -> list[Entry]:
 
 
 def _parameter(path: str, name: str, bound: Bound, declaration: Parameter | SignalPort | None, free: bool) -> Entry:
-    """A parameter with its value as it is written, and the range of its slider where it is one number that may be changed
-    without assembling the diagram anew."""
+    """A parameter with its value as written, and the range of its slider if it is one number that may be changed without
+    a new assembly."""
     value = bound.value
     text = value.file.name if isinstance(value, FileInput) else value.text
     if isinstance(value, Value) and value.si and isinstance(value.expr, Number) and declaration is not None:
-        text = readable(value.expr.value, declaration.unit.text)  # one that no text has, such as that of an absent effect
+        text = readable(value.expr.value, declaration.unit.text)  # a value that is in no text, such as for an absent effect
     entry: Entry = {"path": path, "name": name, "text": text, "doc": declaration.doc if declaration else "",
                     "unit": declaration.unit.text if declaration else ""}
     low = declaration.low if isinstance(declaration, Parameter) else None
@@ -167,42 +169,42 @@ def _parameter(path: str, name: str, bound: Bound, declaration: Parameter | Sign
 
 
 def _slider(value: Value, written: str, low: float | None, high: float | None) -> Entry | None:
-    """Value, ends and limits in the unit that is `written` behind the value; logarithmic where all are positive."""
+    """Value, ends and limits in the `written` unit of the value; logarithmic if all are positive."""
     if not isinstance(value.expr, Number) or value.formula:
         return None
     try:
         unit = read_unit(written) if written else Unit("1", 1.0, 0.0, ())
     except UnitProblem:
         return None
-    now = unit.from_si(value.expr.value)
+    current = unit.from_si(value.expr.value)
     least, most = (None if end is None else unit.from_si(end) for end in (low, high))
-    if now > 0 and not unit.offset:
-        begin, end = now / DECADE, now * DECADE
-    elif now < 0 and not unit.offset:
-        begin, end = 2 * now, 0.0
+    if current > 0 and not unit.offset:
+        begin, end = current / DECADE, current * DECADE
+    elif current < 0 and not unit.offset:
+        begin, end = 2 * current, 0.0
     elif unit.offset:
-        begin, end = now - 50.0, now + 50.0
+        begin, end = current - 50.0, current + 50.0
     else:
         begin, end = -1.0 if least is None or least < 0 else 0.0, 1.0
     begin = begin if least is None else max(begin, least)
     end = end if most is None else min(end, most)
-    if least is not None and most is not None and not (most > 100 * max(least, now / DECADE) > 0):
+    if least is not None and most is not None and not (most > 100 * max(least, current / DECADE) > 0):
         begin, end = least, most
     if not begin < end:
         return None
-    return {"value": now, "unit": written, "from": begin, "to": end, "low": least, "high": most,
+    return {"value": current, "unit": written, "from": begin, "to": end, "low": least, "high": most,
             "log": begin > 0 and end / begin >= DECADE}
 
 
 def problem_entry(problem: Problem, text_name: str, parts: dict[str, tuple[int, int]]) -> Entry:
-    """A problem with its place in the text, and the part of the diagram that is written there."""
+    """A problem with its place in the text, and the part of the diagram in which it lies."""
     place = problem.place
-    here = place is not None and place.file == text_name
-    owners = [name for name, (first, last) in parts.items() if place is not None and here and first <= place.line <= last]
+    in_text = place is not None and place.file == text_name
+    owners = [name for name, (first, last) in parts.items() if place is not None and in_text and first <= place.line <= last]
     return {"code": problem.code, "message": problem.message, "hint": problem.hint, "notes": list(problem.notes),
-            "file": place.file if place and not here else "", "line": place.line if place and here else None,
-            "other_line": place.line if place and not here else None,
-            "column": place.column if place and here else 1, "length": place.length if place and here else 0,
+            "file": place.file if place and not in_text else "", "line": place.line if place and in_text else None,
+            "other_line": place.line if place and not in_text else None,
+            "column": place.column if place and in_text else 1, "length": place.length if place and in_text else 0,
             "part": owners[-1] if owners else ""}
 
 
@@ -214,7 +216,7 @@ def part_lines(root: Mapping) -> dict[str, tuple[int, int]]:
 
 
 def last_line(node: Node) -> int:
-    """The last line on which something of a node begins."""
+    """The last line of a node's entries."""
     inner: list[Node] = []
     if isinstance(node, Mapping):
         inner = list(node.items.values())

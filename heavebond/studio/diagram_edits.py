@@ -1,4 +1,4 @@
-"""Edits of a drawing as changes of its text: parts placed, moved, turned, renamed, copied and deleted, ports joined."""
+"""Edits of a drawing as changes of its text: place, move, turn, rename, copy and delete parts, join ports."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ Entry = dict[str, Any]
 
 @dataclass(frozen=True)
 class Written:
-    """The text of a diagram while it is edited, and what it says as YAML: values may still be wrong."""
+    """The text of a diagram while it is edited, and its YAML tree: values may still be wrong."""
 
     text: str
     said: dict[str, Tree]
     def section(self, name: str) -> dict[str, Tree]:
-        """The entries of a section of this file; none where it is missing."""
-        found = self.said.get(name)
-        return found if isinstance(found, dict) else {}
+        """The entries of a section of this file; empty if it is missing."""
+        entries = self.said.get(name)
+        return entries if isinstance(entries, dict) else {}
 
 
 @dataclass(frozen=True)
 class Diagram(Written):
-    """A diagram while it is edited, with its parts, ports and nodes as far as they are known."""
+    """A diagram while it is edited, with its known parts, ports and nodes."""
 
     model: Model
     expanded: Expanded
@@ -51,14 +51,15 @@ class Diagram(Written):
 
     @property
     def taken(self) -> set[str]:
-        """Names of parts, nodes and parameters, in a block of its ports and variables, too."""
+        """Names of parts, nodes and parameters, in a block also of its ports and variables."""
         block = self.expanded.leaves.get("")
-        own = block.component if block is not None else None
+        component = block.component if block is not None else None
         return {*self.model.body.instances, *self.model.body.wires, *self.model.parameters,
-                *((*own.ports, *own.signal_names, *own.parameters, *own.variables) if own is not None else ())}
+                *((*component.ports, *component.signal_names, *component.parameters, *component.variables)
+                  if component is not None else ())}
 
     def named(self, name: str) -> Named:
-        """What the name of a part or node means in formulas."""
+        """Meaning of a part or node name in formulas."""
         leaf = self.expanded.leaves.get(name)
         members: set[str] = set()
         if leaf is not None:
@@ -68,7 +69,7 @@ class Diagram(Written):
         return Named(name, frozenset(members), name in self.model.body.instances, name in self.model.body.wires)
 
     def own(self, name: str) -> str:
-        """The name of a part that this file declares; UsageError for others."""
+        """Check that this file declares the part; UsageError for others."""
         if name not in self.section("components"):
             known = name in self.model.body.instances
             raise UsageError([Problem("part-inherited" if known else "part-unknown",
@@ -79,53 +80,53 @@ class Diagram(Written):
         return name
 
     def node_of(self, port: str) -> str:
-        """The node on which a port is, empty where it is on none."""
+        """The node of a port, empty if it is on none."""
         return next((name for name, wire in self.model.body.wires.items()
                      if any(end.path == port for end in wire.ends)), "")
 
 
 def read_text_only(text: str, job: Job) -> Written:
-    """What stands in a text; ModelError where it is no YAML."""
-    said = tree(parse(text, Path(job.path), job.name).root)
-    assert isinstance(said, dict)
-    return Written(text, said)
+    """Read a text as YAML; ModelError if it is malformed."""
+    root_tree = tree(parse(text, Path(job.path), job.name).root)
+    assert isinstance(root_tree, dict)
+    return Written(text, root_tree)
 
 
 def read_diagram(text: str, job: Job) -> Diagram:
-    """A diagram or a block that may be unfinished; ModelError for a text that cannot be read."""
+    """Read a diagram or a block that may be unfinished; ModelError for a text that cannot be read."""
     source = parse(text, Path(job.path), job.name)
-    said = tree(source.root)
+    root_tree = tree(source.root)
     if is_block(source):
         block = read_block(source)
-        assert isinstance(said, dict)
-        return Diagram(text, said, block.model, block.whole, block.network)
+        assert isinstance(root_tree, dict)
+        return Diagram(text, root_tree, block.model, block.whole, block.network)
     model = from_source(source)
     expanded, _ = expand_as_far(model)
     network, _ = connect_as_far(expanded)
-    assert isinstance(said, dict)
-    return Diagram(text, said, model, expanded, network)
+    assert isinstance(root_tree, dict)
+    return Diagram(text, root_tree, model, expanded, network)
 
 
 # -- parts -----------------------------------------------------------------------------------------------------------------
 def place_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """A new part of a kind at a place, with the values that its component cannot do without, from its example."""
+    """Add a part of a kind at a place, with required values from the example of its component."""
     kind = str(action["kind"])
     component = diagram.model.library.component(kind)
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", kind.removesuffix(".fmu"))
     name = free_name(re.sub(r"\W+", "_", words).lower(), diagram.taken)
     needed = [n for n, p in component.parameters.items() if p.default is None and p.neutral is None and not p.medium]
-    shown = _example_values(component, kind)
-    given: dict[str, Tree] = {n: shown[n] for n in needed if n in shown}
+    example_values = _example_values(component, kind)
+    settings: dict[str, Tree] = {n: example_values[n] for n in needed if n in example_values}
     text, at = _at(diagram, Grid.read(action), action)
-    text = with_entry(text, "components", name, {"is": kind, **given, "at": at})
+    text = with_entry(text, "components", name, {"is": kind, **settings, "at": at})
     return {"text": text, "part": name}
 
 
 def _example_values(component: Any, kind: str) -> dict[str, Tree]:
-    """What the component's example gives to its parameters, formulas of other parts left out."""
+    """Parameter values in the component's example, without formulas of other parts."""
     path = example(component)
-    found = tree(read(path, bundled=True).root) if path is not None else {}
-    parts = found.get("components", {}) if isinstance(found, dict) else {}
+    example_tree = tree(read(path, bundled=True).root) if path is not None else {}
+    parts = example_tree.get("components", {}) if isinstance(example_tree, dict) else {}
     for part in parts.values() if isinstance(parts, dict) else ():
         if isinstance(part, dict) and part.get("is") == kind:
             return {k: v for k, v in part.items() if k not in ("is", "at", "repeat") and "=" not in str(v)}
@@ -133,8 +134,8 @@ def _example_values(component: Any, kind: str) -> dict[str, Tree]:
 
 
 def move_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """A part to another place. Where others, which have no place of their own, would then stand elsewhere, theirs are
-    written too: the drawing stays as it was but for the part that is moved."""
+    """Move a part. If other parts without a place would move too, their places are written, so that the rest of the
+    drawing stays."""
     name, grid = diagram.own(str(action["part"])), Grid.read(action)
     text, at = _at(diagram, grid, action)
     turn = position(diagram, name)[2:]
@@ -144,33 +145,33 @@ def move_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 
 def others_stay(text: str, diagram: Diagram, job: Job, grid: Grid, moved: set[str]) -> str:
-    """The text with places written for the parts that have none, where they would stand elsewhere after others moved."""
+    """Write places for parts without one that would move after `moved` parts have been moved."""
     before = {k: cell for k, cell in grid.cells.items() if k not in moved}
     moved_diagram = read_diagram(text, job)
     after = {k: cell for k, cell in cells_of(moved_diagram.expanded, moved_diagram.network).items() if k in before}
     if _order(before) != _order(after):
-        for other, cell in before.items():
-            if other in diagram.section("components") and not position(diagram, other):
-                text = set_entry(text, ("components", other, "at"), list(grid.place(*cell)))
+        for other_part, cell in before.items():
+            if other_part in diagram.section("components") and not position(diagram, other_part):
+                text = set_entry(text, ("components", other_part, "at"), list(grid.place(*cell)))
     return text
 
 
 def _order(cells: dict[str, tuple[float, float]]) -> dict[str, tuple[int, int]]:
-    """Columns and rows counted, those left out where nothing stands."""
+    """Numbers of columns and rows in order, without empty ones."""
     columns, rows = (sorted({cell[k] for cell in cells.values()}) for k in (0, 1))
     return {name: (columns.index(c), rows.index(r)) for name, (c, r) in cells.items()}
 
 
 def position(diagram: Diagram, name: str) -> list[Tree]:
-    """What stands under `at:` of a part; nothing where it has no place of its own."""
+    """The value of `at:` of a part; empty if it has none."""
     part = diagram.section("components").get(name)
     at = part.get("at") if isinstance(part, dict) else None
     return at if isinstance(at, list) else []
 
 
 def _at(diagram: Diagram, grid: Grid, action: Entry) -> tuple[str, list[Tree]]:
-    """What to write for a column and a row of the drawing, `k + 0.5` between two; where there is no number left between
-    them, the parts that have a place are numbered anew."""
+    """Text of `at:` for a column and a row of the drawing, `k + 0.5` between two; if there is no number left between
+    them, the parts with a place are renumbered."""
     column, row = float(action["column"]), float(action["row"])
     at = grid.place(column, row)
     if at:
@@ -184,18 +185,19 @@ def _at(diagram: Diagram, grid: Grid, action: Entry) -> tuple[str, list[Tree]]:
 
 
 def turn_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """A part turned clockwise from how it stands (`turn`, degrees), as far as its symbol may be turned."""
+    """Turn a part clockwise by `turn` degrees from its present direction, if its symbol may be turned."""
     name, grid = diagram.own(str(action["part"])), Grid.read(action)
     at = position(diagram, name) or grid.place(*grid.cells[name])
-    allowed, now = facings(sheet(diagram.expanded, diagram.network, frozenset()).parts[name]), int(action["turn"])
+    allowed, present_turn = facings(sheet(diagram.expanded, diagram.network, frozenset()).parts[name]), int(action["turn"])
     if len(allowed) < 2:
         raise UsageError([Problem("part-upright", f"the symbol of '{name}' is never turned")])
-    turn = min((degrees for degrees in allowed if degrees != now), key=lambda degrees: (degrees - now) % 360)
+    turn = min((degrees for degrees in allowed if degrees != present_turn),
+               key=lambda degrees: (degrees - present_turn) % 360)
     return {"text": set_entry(diagram.text, ("components", name, "at"), [*at[:2], str(turn)]), "part": name}
 
 
 def rename_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Another name for a part, in wires and formulas too; that of a node on which it is is allowed."""
+    """Rename a part, in wires and formulas too. The new name may be the name of a node on one of its ports."""
     old, new = diagram.own(str(action["part"])), str(action["name"])
     if old == new:
         return {"text": diagram.text, "part": old}
@@ -206,7 +208,7 @@ def rename_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 
 def rename_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Another name for a node, in formulas too; that of a part which is on it is allowed."""
+    """Rename a node, in formulas too. The new name may be the name of a part on it."""
     old, new = str(action["node"]), str(action["name"])
     if old == new:
         return {"text": diagram.text, "node": old}
@@ -224,20 +226,20 @@ def _check_name(name: str, diagram: Diagram, allowed: Iterable[str] = ()) -> Non
     reading.identifier(Scalar(name, parse("a: 1").root.place), "a part", problems)
     if problems.found or len(name) > 80:
         raise UsageError([Problem("name-bad", f"'{name[:80]}' cannot be a name", None, "A name has letters, digits and _, a "
-                                  "letter first, and is no word of the formula language.")])
+                                  "letter first, and is not a word of the formula language.")])
     if name in diagram.taken - set(allowed):
         raise UsageError([Problem("name-twice", f"there is already a part, a node or a parameter '{name}'")])
 
 
-def free_name(first: str, taken: Iterable[str]) -> str:
-    """`first`, or `first2`, `first3`, ... where that is taken or no name."""
-    known = {*taken, *reading.RESERVED}
+def free_name(first: str, used_names: Iterable[str]) -> str:
+    """`first`, or `first2`, `first3`, ... if that is taken or not a valid name."""
+    known = {*used_names, *reading.RESERVED}
     stem = first if first[:1].isalpha() else f"part_{first}"
     return next(name for k in range(1, len(known) + 3) if (name := stem if k == 1 else f"{stem}{k}") not in known)
 
 
 def copy_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """The same part once more with another name, one row below, joined to nothing."""
+    """Copy a part with a new name, one row below, without wires."""
     name, grid = diagram.own(str(action["part"])), Grid.read(action)
     fresh = free_name(re.sub(r"[0-9]+$", "", name) or name, diagram.taken)
     part = diagram.section("components")[name]
@@ -250,7 +252,7 @@ def copy_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 
 def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Parts and nodes, with wires, outputs, initial conditions and settings that mention them."""
+    """Delete parts and nodes, with wires, outputs, initial conditions and settings that mention them."""
     text, before = diagram.text, diagram
     for name in map(str, action.get("parts", ())):
         diagram = read_diagram(text, job)
@@ -266,13 +268,13 @@ def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 
 def _removed(before: dict[str, Tree], after: dict[str, Tree]) -> list[str]:
-    """What else went with parts and nodes: outputs, initial conditions, settings and shapes."""
-    found = []
-    for section, what in (("show", "output"), ("initial", "initial value"), ("set", "setting"), ("view", "shape")):
+    """Entries that were removed with parts and nodes: outputs, initial conditions, settings and shapes."""
+    removed_entries = []
+    for section, word in (("show", "output"), ("initial", "initial value"), ("set", "setting"), ("view", "shape")):
         old, new = before.get(section), after.get(section)
-        left = new if isinstance(new, dict) else {}
-        found += [f"{what} {name}" for name in old if name not in left] if isinstance(old, dict) else []
-    return found
+        remaining = new if isinstance(new, dict) else {}
+        removed_entries += [f"{word} {name}" for name in old if name not in remaining] if isinstance(old, dict) else []
+    return removed_entries
 
 
 def _without_part(diagram: Diagram, name: str, job: Job) -> str:
@@ -297,7 +299,7 @@ def without_node(diagram: Diagram, name: str) -> str:
 
 # -- values ----------------------------------------------------------------------------------------------------------------
 def set_value(diagram: Written, job: Job, action: Entry) -> Entry:
-    """A parameter or input by its path, as it is written; with nothing, the entry goes."""
+    """Set a parameter or input by its path, as written; an empty value removes the entry."""
     path, value = str(action["path"]), str(action["value"]).strip()
     keys: tuple[Key, ...] = place_of(parse(diagram.text).root, path)
     part = {"part": path.rpartition(".")[0]} if "." in path else {}
@@ -310,12 +312,12 @@ def set_value(diagram: Written, job: Job, action: Entry) -> Entry:
 
 
 def with_entry(text: str, section: str, name: str, value: Tree) -> str:
-    """A new entry in a section, which comes where the language lists it if it is missing."""
+    """Add an entry to a section, which is inserted in the order of the language if it is missing."""
     return set_entry(text, (section, name), value, after=section_before(text, section))
 
 
 def section_before(text: str, section: str) -> str:
-    """The last of the sections that come before another one."""
+    """The last existing section before another one."""
     present = list(parse(text).root.items)
     if section in present:
         return ""

@@ -1,45 +1,177 @@
-"""The edits of a drawing by their names, as the page asks for them."""
+"""Edits of several parts and of the settings of a run, and the table of all edits by the names that the page sends."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping, Sequence
 
-from heavebond.core.errors import ModelError, Problem, UsageError
+from heavebond.core.errors import ModelError, Problem, UsageError, listing
+from heavebond.core.presentation import readable_unit
 from heavebond.studio import diagram_edits as one
-from heavebond.studio import group_edits as group
-from heavebond.studio import run_edits as run
 from heavebond.studio import wire_edits as wire
 from heavebond.studio.blocks import unrunnable
-from heavebond.studio.diagram_edits import Diagram, Entry, Written, read_diagram, read_text_only
+from heavebond.studio.diagram_edits import (
+    Diagram,
+    Entry,
+    Written,
+    free_name,
+    others_stay,
+    position,
+    read_diagram,
+    read_text_only,
+    section_before,
+)
+from heavebond.studio.grid import Grid
 from heavebond.studio.job import Job
+from heavebond.text.yaml_edits import Key, Tree, delete_entry, set_entry
 
+STARTS = ("steady", "rest")
+
+
+# -- several parts -----------------------------------------------------------------------------------------------------
+def move_parts(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """Move parts together so that `part`, one of them, reaches a place; their distances do not change."""
+    grid, names = Grid.read(action), [diagram.own(str(name)) for name in action["parts"]]
+    places, lead = _places(grid, names), str(action["part"])
+    to = grid.place(float(action["column"]), float(action["row"]))
+    if not to:
+        raise UsageError([Problem("edit-refused", "there is no room between these columns or rows", None,
+                                  "Move the parts beyond them, or one by one.")])
+    dx, dy = float(to[0]) - places[lead][0], float(to[1]) - places[lead][1]
+    occupied = {place: name for name, place in _places(grid, [n for n in grid.cells if n not in names]).items()}
+    text = diagram.text
+    for name, (x, y) in places.items():
+        if (occupant := occupied.get((x + dx, y + dy))) is not None:
+            raise UsageError([Problem("place-taken", f"'{name}' would cover '{occupant}'")])
+        text = set_entry(text, ("components", name, "at"), [f"{x + dx:g}", f"{y + dy:g}", *position(diagram, name)[2:]])
+    return {"text": others_stay(text, diagram, job, grid, set(names)), "part": lead, "parts": names}
+
+
+def _places(grid: Grid, names: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """The numbers of column and row of parts."""
+    return {name: (grid.columns[int(grid.cells[name][0])], grid.rows[int(grid.cells[name][1])]) for name in names}
+
+
+def copy_parts(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """Copy parts below all others, with the wires between them; formulas in a copy refer to the copies."""
+    grid, names = Grid.read(action), [diagram.own(str(name)) for name in action["parts"]]
+    parts, places, taken_names = diagram.section("components"), _places(grid, names), set(diagram.taken)
+    if plain := [name for name in names if not isinstance(parts[name], dict)]:
+        raise UsageError([Problem("edit-refused", f"{listing(plain)} cannot be copied")])
+    fresh: dict[str, str] = {}
+    for name in names:
+        fresh[name] = free_name(re.sub(r"[0-9]+$", "", name) or name, taken_names)
+        taken_names.add(fresh[name])
+    below = max(grid.rows) + 1 - min(y for _, y in places.values())
+    text, last = diagram.text, names[-1]
+    for name, (x, y) in places.items():
+        at: list[Tree] = [f"{x:g}", f"{y + below:g}", *position(diagram, name)[2:]]
+        entry = {**_renamed(parts[name], fresh), "at": at}
+        text = set_entry(text, ("components", fresh[name]), entry, after=last)
+        last = fresh[name]
+    for node, ends in diagram.section("nodes").items():
+        joined = [str(end) for end in ends if str(end).partition(".")[0] in fresh] if isinstance(ends, list) else []
+        if len(joined) > 1:
+            new = fresh.get(node) or free_name(re.sub(r"[0-9]+$", "", node) or node, taken_names)
+            taken_names.add(new)
+            copied: list[Tree] = [f"{fresh[end.partition('.')[0]]}.{end.partition('.')[2]}" for end in joined]
+            text = set_entry(text, ("nodes", new), copied)
+    return {"text": text, "part": fresh[str(action["part"])], "parts": list(fresh.values())}
+
+
+def _renamed(part: Tree, fresh: Mapping[str, str]) -> dict[str, Tree]:
+    """The entries of a part; formulas that name one of the copied parts name its copy."""
+    assert isinstance(part, dict)
+    known = re.compile(r"(?<![\w.])(" + "|".join(map(re.escape, sorted(fresh, key=len, reverse=True))) + r")(?=\.)")
+
+    def written(value: Tree) -> Tree:
+        return known.sub(lambda m: fresh[m.group()], value) if isinstance(value, str) and "=" in value else value
+
+    return {key: written(value) for key, value in part.items()}
+
+
+# -- outputs, begin and end of a run -----------------------------------------------------------------------------------
+def show_signal(diagram: Diagram, job: Job, action: Entry) -> Entry:
+    """Add a signal with its unit to `show:`, or remove it; UsageError for an output of the diagram that is extended."""
+    signal, unit, back = str(action["signal"]), str(action.get("unit", "")), _selected(action)
+    if action["on"]:
+        name = free_name(re.sub(r"\W+", "_", signal).strip("_"), diagram.model.show)
+        output: dict[str, Tree] = {"is": signal, **({"unit": readable_unit(unit, 1.0)} if unit not in ("", "1") else {})}
+        return {"text": _set(diagram.text, ("show", name), output), **back}
+    name = next((n for n, output in diagram.model.show.items() if output.text == signal), "")
+    if name not in diagram.section("show"):
+        raise UsageError([Problem("output-inherited", f"'{signal}' is not an output of this file", None,
+                                  "Remove it in the diagram that this one extends." if name else "")])
+    return {"text": _without(diagram, "show", name), **back}
+
+
+def initial_value(diagram: Written, job: Job, action: Entry) -> Entry:
+    """Set the value of a variable at the start; an empty value removes it."""
+    signal, value = str(action["signal"]), str(action["value"]).strip()
+    if value:
+        return {"text": _set(diagram.text, ("initial", signal), value), **_selected(action)}
+    return {"text": _without(diagram, "initial", signal), **_selected(action)}
+
+
+def run_setting(diagram: Written, job: Job, action: Entry) -> Entry:
+    """Set `until` and `every` under `simulate:`, or the kind of start under `initial:`; an empty value removes the entry."""
+    key, value = str(action["key"]), str(action["value"]).strip()
+    if key == "start":
+        if value and value not in STARTS:
+            raise UsageError([Problem("edit-refused", f"a run starts steady or at rest, not '{value}'")])
+        section = "initial"
+    elif key in ("until", "every"):
+        section = "simulate"
+    else:
+        raise UsageError([Problem("usage", "the page asked for something unknown")])
+    return {"text": _set(diagram.text, (section, key), value) if value else _without(diagram, section, key)}
+
+
+def _selected(action: Entry) -> Entry:
+    """Keep the selection."""
+    return {key: str(action[key]) for key in ("part", "node") if action.get(key)}
+
+
+def _set(text: str, keys: tuple[Key, ...], value: Tree) -> str:
+    return set_entry(text, keys, value, after=section_before(text, str(keys[0])))
+
+
+def _without(diagram: Written, section: str, key: str) -> str:
+    """Remove an entry, and its section if it is empty then."""
+    entries = diagram.section(section)
+    if key not in entries:
+        return diagram.text
+    return delete_entry(diagram.text, (section, key) if len(entries) > 1 else (section,))
+
+
+# -- all edits ---------------------------------------------------------------------------------------------------------
 ACTIONS: dict[str, Callable[[Diagram, Job, Entry], Entry]] = {
     "place": one.place_part, "move": one.move_part, "turn": one.turn_part, "rename": one.rename_part,
     "rename_node": one.rename_node, "copy": one.copy_part, "delete": one.delete, "join": wire.join_ports,
-    "leave": wire.leave_node, "move_parts": group.move_parts, "copy_parts": group.copy_parts, "show": run.show_signal}
-# what is written without knowing the diagram, and so where one of its values cannot be read, too
+    "leave": wire.leave_node, "move_parts": move_parts, "copy_parts": copy_parts, "show": show_signal}
+# edits that need no valid diagram, and so also work if one of its values cannot be read
 VALUES: dict[str, Callable[[Written, Job, Entry], Entry]] = {
-    "set": one.set_value, "initial": run.initial_value, "setting": run.run_setting}
-RUNS = ("show", "initial", "setting")  # what only a diagram has that is simulated
+    "set": one.set_value, "initial": initial_value, "setting": run_setting}
+RUNS = ("show", "initial", "setting")  # edits of diagrams that are simulated
 
 
 def edited(job: Job, action: Entry) -> Entry:
-    """The text after an action, and what is selected then. UsageError with the reason where it cannot be done, or where it
-    would write a value that cannot be read into a diagram that can."""
+    """The text after an action, and the new selection. UsageError with the reason if it is not possible, or if it would
+    add an unreadable value to a readable diagram."""
     name = str(action["act"])
     written = read_text_only(job.text, job)
     if name in RUNS and "component" in written.said:
         raise UsageError([unrunnable(str(written.said["component"]))])
     if name not in VALUES:
         return ACTIONS[name](read_diagram(job.text, job), job, action)
-    found = VALUES[name](written, job, action)
-    if (problems := _unread(str(found["text"]), job)) and not _unread(job.text, job):
+    answer = VALUES[name](written, job, action)
+    if (problems := _unread(str(answer["text"]), job)) and not _unread(job.text, job):
         raise UsageError(problems)
-    return found
+    return answer
 
 
 def _unread(text: str, job: Job) -> list[Problem]:
-    """Why a text cannot be read as a diagram; nothing where it can."""
+    """Problems that prevent a text from being read as a diagram; empty if there are none."""
     try:
         read_diagram(text, job)
     except ModelError as error:

@@ -1,4 +1,4 @@
-"""Records beside a model, as the page shows them: what an experiment says, its comparison, its residuals over a signal."""
+"""Records and models on the page: the contents of an experiment, its comparison, its residuals over a signal."""
 
 from __future__ import annotations
 
@@ -32,57 +32,57 @@ from heavebond.text.yaml_source import parse
 
 def read_experiment(job: Job) -> Experiment:
     """The experiment of a text, with the values of sliders as `heavebond compare --set` takes them."""
-    found = experiment_from_source(parse(job.text, Path(job.path), job.name))
-    return found.with_parameters(dict(job.values)) if job.values else found
+    experiment = experiment_from_source(parse(job.text, Path(job.path), job.name))
+    return experiment.with_parameters(dict(job.values)) if job.values else experiment
 
 
 def experiment_entry(experiment: Experiment) -> Entry:
-    """What an experiment says, for the page."""
+    """The contents of an experiment, for the page."""
     return {
         "name": experiment.name, "diagram": experiment.model.name,
         "records": [{"name": r.name, "file": r.file.name, "use": r.use} for r in experiment.records.values()],
-        "inputs": {name: given.column for name, given in experiment.inputs.items()},
+        "inputs": {name: source.column for name, source in experiment.inputs.items()},
         "outputs": [{"name": name, "unit": o.shown.unit, "formula": o.shown.text} for name, o in experiment.outputs.items()],
         "free": {name: {"low": f.range.low / f.range.unit.scale, "high": f.range.high / f.range.unit.scale,
                         "unit": f.range.unit.text} for name, f in experiment.free.items()}}
 
 
 def files_of(experiment: Experiment) -> list[Path]:
-    """The files that an experiment reads besides its own: those that it extends, its diagram's, its records."""
+    """Other files of an experiment: those that it extends, its diagram's, its records."""
     records = [path for r in experiment.records.values() for path in (
         r.file, *(o.file for o in r.origins.values() if o.file), *(g.file for g in r.inputs.values() if g.file != Path()))]
-    own = [g.file for g in experiment.inputs.values() if g.file != Path()]
-    return list(dict.fromkeys([*experiment.files, experiment.model.path, *experiment.model.sources, *records, *own]))
+    input_files = [g.file for g in experiment.inputs.values() if g.file != Path()]
+    return list(dict.fromkeys([*experiment.files, experiment.model.path, *experiment.model.sources, *records, *input_files]))
 
 
 def assembled(experiment: Experiment) -> Assembly:
-    """The diagram as its first record drives it; ModelError for outputs or free parameters that it does not have."""
+    """Assemble the diagram with the inputs of its first record; ModelError for unknown outputs or free parameters."""
     return assemble_for(experiment, next(iter(experiment.records.values())))
 
 
 def item_entries(items: Sequence[Item]) -> list[Entry]:
     """Tables and lines of a result for the page."""
-    found: list[Entry] = []
+    entries: list[Entry] = []
     for item in items:
         if isinstance(item, ResultTable):
-            found.append({"title": item.title, "head": list(item.head), "rows": [list(row) for row in item.rows],
-                          "text": item.text})
+            entries.append({"title": item.title, "head": list(item.head), "rows": [list(row) for row in item.rows],
+                            "text": item.text})
         elif isinstance(item, Line):
-            found.append({"line": item.text, "warning": item.warning})
+            entries.append({"line": item.text, "warning": item.warning})
         else:
-            found.append({"notes": [list(row) for row in item.rows]})
-    return found
+            entries.append({"notes": [list(row) for row in item.rows]})
+    return entries
 
 
 # -- comparison ----------------------------------------------------------------------------------------------------------
 class Evidence:
-    """The comparison that was made last, kept for its charts."""
+    """The latest comparison, stored for its charts."""
 
     def __init__(self) -> None:
         self._kept: tuple[Any, Comparison] | None = None
 
     def compare(self, job: Job) -> tuple[Entry, None]:
-        """The figures of `heavebond compare` and what there is to draw."""
+        """The results of `heavebond compare` and a list of the charts."""
         comparison = self._comparison(job)
         parts = [{"record": part.name, "use": part.use, "of": name,
                   "channels": [{"name": c.name, "unit": c.unit, "noise": c.noise, "error": c.error, "chi2": c.chi2}
@@ -93,39 +93,39 @@ class Evidence:
                 "advice": list(comparison.advice), "verdicts": verdicts, "variables": _variables(comparison)}, None
 
     def channel(self, job: Job, record: str, name: str) -> tuple[Entry, Array]:
-        """Of a channel its times in s, measured values, model, residual (measured - model) in a unit that reads well,
-        and which samples count (1 fitted, 2 held out, 0 left out)."""
-        found, channel = self._channel(job, record, name)
+        """Times in s, measured values, model and residual (measured - model) of a channel in a readable unit, and the use
+        of each sample (1 fitted, 2 held out, 0 left out)."""
+        compared, channel = self._channel(job, record, name)
         counts = channel.counts.astype(float)
-        held = found.validate.channels.get(name) if found.validate is not None else None
+        held = compared.validate.channels.get(name) if compared.validate is not None else None
         if held is not None:
             counts = np.where(held.counts, 2.0, counts)
-        shown, scale = _drawn_unit(channel)
+        display_unit, scale = _drawn_unit(channel)
         rows = np.vstack([channel.time, *(scale * row for row in (
             channel.measured, channel.model, channel.measured - channel.model)), counts])
         largest = max(channel.error, channel.noise)
         rms, noise = (readable(v, channel.unit, 3, beside=largest) for v in (channel.error, channel.noise))
-        return {"unit": shown, "noise": scale * channel.noise, "rms": rms, "noise_words": noise}, rows
+        return {"unit": display_unit, "noise": scale * channel.noise, "rms": rms, "noise_words": noise}, rows
 
     def against(self, job: Job, record: str, name: str, signal: str) -> tuple[Entry, Array]:
-        """The residual of a channel over a signal of the run at the same instants, those that count in any way."""
-        found, channel = self._channel(job, record, name)
-        result = found.result
+        """The residual of a channel over a signal of the run at the same instants, for fitted and held-out samples."""
+        compared, channel = self._channel(job, record, name)
+        result = compared.result
         unit = _unit_of(result.assembly, signal)
         course = Probe(result.assembly, [signal], si=True).values(result)[0]
         shift = self._comparison(job).experiment.outputs[name].shift
-        shown = readable_unit(unit, float(np.max(np.abs(course), initial=0.0)))
-        x = np.interp(channel.time - shift, result.time, course) / read_unit(shown).scale
-        counts = channel.counts | (found.validate.channels[name].counts if found.validate is not None
-                                   and name in found.validate.channels else False)
+        display_unit = readable_unit(unit, float(np.max(np.abs(course), initial=0.0)))
+        x = np.interp(channel.time - shift, result.time, course) / read_unit(display_unit).scale
+        counts = channel.counts | (compared.validate.channels[name].counts if compared.validate is not None
+                                   and name in compared.validate.channels else False)
         rising = np.gradient(x) > 0 if len(x) > 1 else np.zeros(len(x), dtype=bool)
         residual, scale = _drawn_unit(channel)
         rows = np.vstack([x, scale * (channel.measured - channel.model), rising.astype(float)])[:, counts]
-        return {"unit": residual, "across": shown}, rows
+        return {"unit": residual, "across": display_unit}, rows
 
     def _channel(self, job: Job, record: str, name: str) -> tuple[Any, Channel]:
-        found = self._comparison(job).records[record]
-        return found, found.channels[name]
+        compared = self._comparison(job).records[record]
+        return compared, compared.channels[name]
 
     def _comparison(self, job: Job) -> Comparison:
         experiment = read_experiment(job)
@@ -133,19 +133,19 @@ class Evidence:
         key = (job.text, job.path, tuple(sorted(job.values.items())), files)
         if self._kept is None or self._kept[0] != key:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # the page shows the verdicts itself
+                warnings.simplefilter("ignore")  # the page shows the verdicts
                 self._kept = (key, compare(experiment))
         return self._kept[1]
 
 
 def _drawn_unit(channel: Channel) -> tuple[str, float]:
-    """The unit in which a channel is drawn, and the factor from its own unit."""
-    shown = readable_unit(channel.unit, float(np.max(np.abs(channel.measured), initial=0.0)))
-    return shown, 1.0 if shown == channel.unit else read_unit(channel.unit).scale / read_unit(shown).scale
+    """The display unit of a channel, and the factor from its unit."""
+    unit = readable_unit(channel.unit, float(np.max(np.abs(channel.measured), initial=0.0)))
+    return unit, 1.0 if unit == channel.unit else read_unit(channel.unit).scale / read_unit(unit).scale
 
 
 def _unit_of(assembly: Assembly, signal: str) -> str:
-    """The SI unit of a formula in the diagram's signals; UsageError where it cannot be read."""
+    """The SI unit of a formula in the diagram's signals; UsageError if it cannot be read."""
     try:
         formula = assembly.model.library.formula(signal)
         return dimension_text(assembly.resolver().dimension(formula) or ())
@@ -155,7 +155,9 @@ def _unit_of(assembly: Assembly, signal: str) -> str:
 
 
 def _variables(comparison: Comparison) -> list[Entry]:
-    """What a residual may be drawn over: velocity, position or pressure of each node, and their differences across parts."""
+    """Variables over which a residual can be drawn: velocity, position or pressure of each node, and their differences
+    across parts.
+    """
     flat = next(iter(comparison.records.values())).result.assembly.flat
     nodes = nodes_of(flat)
     members = {path: [m for m in (*node.domain.across, node.domain.position) if m and f"{path}.{m}" in flat.names]
@@ -169,22 +171,25 @@ def _variables(comparison: Comparison) -> list[Entry]:
 
 # -- records that become an experiment -----------------------------------------------------------------------------------
 def proposal(job: Job, file: str) -> tuple[Entry, None]:
-    """The columns of a record with what they are likely to be for the diagram of the page."""
+    """The columns of a record with their likely meaning for the diagram of the page."""
     assembly = assemble(load(job.path))
-    found = propose(read_table(Path(file)), assembly)
-    return {"columns": [asdict(c) for c in found.columns], "inputs": {k: list(v) for k, v in found.inputs.items()},
-            "outputs": {k: list(v) for k, v in found.outputs.items()}, "remarks": list(found.remarks)}, None
+    proposal_found = propose(read_table(Path(file)), assembly)
+    return {"columns": [asdict(c) for c in proposal_found.columns],
+            "inputs": {k: list(v) for k, v in proposal_found.inputs.items()},
+            "outputs": {k: list(v) for k, v in proposal_found.outputs.items()},
+            "remarks": list(proposal_found.remarks)}, None
 
 
 def written_experiment(path: str, name: str, title: str, model: str, files: Mapping[str, str],
                        columns: Sequence[Mapping[str, str]], free: Mapping[str, str]) -> tuple[Entry, None]:
-    """The text of the experiment that a form describes, read once as it would stand at `path`: what is wrong in it is told
-    before anything is written."""
+    """The text of the experiment that a form describes, read once as a file at `path`, so that mistakes are reported
+    before it is written."""
     chosen = [Chosen(c["column"], c["role"], c["unit"] or "1", c.get("target", ""), c.get("interpolation") or "linear")
               for c in columns]
     for c in chosen:
         if c.role in ("input", "output") and not c.target.strip():
-            raise UsageError([Problem("record-roles", f"column '{c.column}' is an {c.role}, but of what is not chosen", None,
+            raise UsageError([Problem("record-roles", f"column '{c.column}' is an {c.role}, but its signal is not "
+                                                      "chosen", None,
                                       "Choose a signal for it, or 'not used'.")])
     if twice := next((c.target for k, c in enumerate(chosen) if c.target and any(
             c.target == d.target and c.role == d.role for d in chosen[:k])), ""):

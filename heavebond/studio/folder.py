@@ -1,4 +1,6 @@
-"""The opened folder: its diagrams and the bundled ones, read and saved to the byte, and never a file outside."""
+"""The opened folder: its diagrams and the bundled ones, read and saved without changes of other bytes, and no file
+outside.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ from typing import Any
 
 try:
     import fcntl
-except ImportError:  # Windows: only tabs of one studio exclude each other
+except ImportError:  # Windows: only tabs of the same studio exclude each other
     fcntl = None  # type: ignore[assignment]
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
@@ -31,10 +33,10 @@ from heavebond.language.library import bundled
 from heavebond.text.yaml_source import Scalar, decoded_text, read, unreadable
 
 BUNDLED = model.BUNDLED
-LOCKED = 5.0  # s for which a save waits while another studio saves in the same folder
+LOCKED = 5.0  # s that a save waits while another studio saves in the same folder
 _saving = threading.Lock()
-LISTED, DEPTH = 500, 4  # files of the folder that the first page lists, and how deep it looks for them
-KINDS = ("study", "experiment", "model", "component")  # of files; an experiment and a study name their model as well
+LISTED, DEPTH = 500, 4  # largest number of files on the first page, and depth of the search for them
+KINDS = ("study", "experiment", "model", "component")  # kinds of files; an experiment and a study name their model as well
 SUMMARY = re.compile(r"^summary:[ \t]*(?:[>|][-+]?[ \t]*\n)?(.*(?:\n[ \t]+.*)*)", re.MULTILINE)
 BOM = b"\xef\xbb\xbf"
 NEW = """\
@@ -63,8 +65,8 @@ simulate: {until: 5 s, every: 5 ms}
 
 @dataclass(frozen=True)
 class Document:
-    """A diagram as it stands on disk: its `name` on the page, its text with `\\n` at the ends of lines, and the `version`
-    of its bytes by which a change beside the page is noticed."""
+    """A diagram on disk: its `name` on the page, its text with `\n` at the ends of lines, and the `version` of its bytes,
+    by which changes by other programs are detected."""
 
     name: str
     path: Path
@@ -75,12 +77,12 @@ class Document:
 
 @dataclass(frozen=True)
 class Folder:
-    """What the page may see: YAML files below `root`, and the bundled machines, which it cannot write."""
+    """The files that the page may access: YAML files below `root`, and the bundled machines, which are read only."""
 
     root: Path
 
     def path(self, name: str) -> Path:
-        """The file of a document; UsageError for any that lies outside, is hidden or is no YAML file."""
+        """The file of a document; UsageError for a file outside, a hidden one or another kind of file."""
         if name.startswith(BUNDLED):
             machines = {entry["name"]: entry["path"] for entry in bundled_machines()}
             if name not in machines:
@@ -92,12 +94,12 @@ class Folder:
         return path
 
     def inside(self, name: str, kind: str = "file") -> Path:
-        """The resolved path of a name below the folder; UsageError for any that lies outside or is hidden. Every path that
-        the server takes from a page goes through here, and is then opened by `opened` or written within `writing`."""
+        """The resolved path of a name below the folder; UsageError for a file outside or a hidden one. Every path that
+        the server receives from a page is resolved here, and is then opened by `opened` or written within `writing`."""
         try:
             path = (self.root.resolve() / name).resolve()
             os.fsencode(path)
-        except (OSError, ValueError, RuntimeError):  # a NUL or half a character in it, links in a circle
+        except (OSError, ValueError, RuntimeError):  # a NUL or a lone surrogate in it, circular links
             raise _outside(name, kind) from None
         if not self._shown(path):
             raise _outside(name, kind)
@@ -105,8 +107,8 @@ class Folder:
 
     @contextmanager
     def opened(self, path: Path) -> Iterator[io.BufferedReader]:
-        """An ordinary file below the folder, or a bundled one, to read; OSError for all else. No link on the way is
-        followed, also one that was put there after the path was resolved, and no pipe is waited for."""
+        """Open an ordinary file below the folder, or a bundled one, to read; OSError for all others. No link is followed,
+        also none that was created after the path was resolved, and a pipe does not block."""
         flags, root = os.O_RDONLY | NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0), self.root.resolve()
         machines = bundled("models")
         if DESCRIPTORS and not (path.is_relative_to(machines) or path.is_relative_to(machines.resolve())):
@@ -122,13 +124,13 @@ class Folder:
             if stat.S_ISDIR(mode):
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
             if not stat.S_ISREG(mode):
-                raise PermissionError(errno.EACCES, "it is no ordinary file", str(path))
+                raise PermissionError(errno.EACCES, "it is not an ordinary file", str(path))
             yield file
 
     @contextmanager
     def writing(self, path: Path) -> Iterator[None]:
-        """What is written within it stays below the folder. Nobody else saves in the folder of `path` meanwhile: neither
-        another tab nor another studio, which a lock on that folder shows. UsageError where another one keeps the lock."""
+        """Restrict writing to the folder, and lock the folder of `path` against other tabs and other studios. UsageError
+        if another one keeps the lock."""
         with _saving, confined(self.root):
             lock = -1
             try:
@@ -141,35 +143,35 @@ class Folder:
                     os.close(lock)
 
     def document(self, path: Path) -> str:
-        """The name of the document in a file of the folder; empty for others."""
+        """The document name of a file in the folder; empty for others."""
         path = path.resolve()
         return path.relative_to(self.root.resolve()).as_posix() if self._shown(path) else ""
 
     def _shown(self, path: Path) -> bool:
-        """Whether a resolved path lies in the folder, and in no hidden part of it."""
+        """True if a resolved path lies in the folder, and in no hidden part of it."""
         root = self.root.resolve()
         return path.is_relative_to(root) and path != root and \
             not any(part.startswith(".") for part in path.relative_to(root).parts)
 
     def record(self, name: str, *, exists: bool = True) -> Path:
-        """The file of a record in the folder; UsageError for any that lies outside, is hidden, or is not there."""
+        """The file of a record in the folder; UsageError for a file outside, a hidden or a missing one."""
         path = self.inside(name)
         if exists and not path.is_file():
             raise _outside(name, "file")
         return path
 
     def new_name(self, name: str, beside: str = "") -> str:
-        """The document `name`.yaml in the folder `beside` of the opened one; UsageError for what is no plain name."""
+        """The document `name`.yaml in the folder `beside` below the opened one; UsageError for an invalid name."""
         if not re.fullmatch(r"[A-Za-z]\w{0,60}", name, flags=re.ASCII):
-            said = f"'{name[:80]}' cannot name a file: letters, digits and _, a letter first"
-            raise UsageError([Problem("name-bad", said)])
-        found = (PurePosixPath(beside) / f"{name}.yaml").as_posix()
-        if os.path.lexists(self.path(found)):
-            raise UsageError([Problem("file-exists", f"{found} exists already", None, "Give another name.")])
-        return found
+            message = f"'{name[:80]}' cannot name a file: letters, digits and _, a letter first"
+            raise UsageError([Problem("name-bad", message)])
+        document = (PurePosixPath(beside) / f"{name}.yaml").as_posix()
+        if os.path.lexists(self.path(document)):
+            raise UsageError([Problem("file-exists", f"{document} exists already", None, "Give another name.")])
+        return document
 
     def read(self, name: str) -> Document:
-        """A document; ModelError where it cannot be read."""
+        """Read a document; ModelError if it cannot be read."""
         path = self.path(name)
         try:
             with self.opened(path) as file:
@@ -180,8 +182,8 @@ class Folder:
         return Document(name, path, _decoded(raw), version(raw), not name.startswith(BUNDLED) and os.access(path, os.W_OK))
 
     def save(self, name: str, text: str, base: str) -> Document:
-        """Write a text in place of the version `base`, in the line ends of the file, or anew where the file was removed;
-        UsageError `file-changed` where another version stands on disk."""
+        """Replace the version `base` by a text, with the line ends of the file, or write a removed file again; UsageError
+        `file-changed` if another version is on disk."""
         if name.startswith(BUNDLED):
             raise UsageError([Problem("file-bundled", "a bundled diagram cannot be changed", None,
                                       "Copy the machine into your folder, and change the copy.")])
@@ -203,14 +205,14 @@ class Folder:
         return self.read(name)
 
     def create(self, name: str, text: str = NEW) -> str:
-        """A new diagram `name`, by default one to begin with; the name of its document."""
+        """Create a diagram `name`, by default a first example; returns the name of its document."""
         if not re.fullmatch(r"[A-Za-z]\w{0,60}", name, flags=re.ASCII):
             raise UsageError([Problem("name-bad", f"'{name}' cannot name a diagram: letters, digits and _, a letter first")])
         self.write_new(f"{name}.yaml", text.replace("NAME", name, 1))
         return self.path(f"{name}.yaml").name
 
     def write_new(self, document: str, text: str) -> None:
-        """Write a document that does not exist yet; UsageError where it does."""
+        """Write a new document; UsageError if it exists."""
         path = self.path(document)
         try:
             with self.writing(path), new_file(path, exclusive=True) as fresh:
@@ -218,11 +220,11 @@ class Folder:
         except FileExistsError:
             raise UsageError([Problem("file-exists", f"{document} exists already", None, "Give another name.")]) from None
         except OSError as error:
-            said = f"{document} cannot be made: {error.strerror or error}"
-            raise UsageError([Problem("file-unwritable", said)]) from None
+            message = f"{document} cannot be created: {error.strerror or error}"
+            raise UsageError([Problem("file-unwritable", message)]) from None
 
     def derive(self, name: str, origin: str, values: Mapping[str, str]) -> str:
-        """A new diagram that extends `origin` and sets some of its parameters; the name of its document."""
+        """Create a diagram that extends `origin` and sets some of its parameters; returns the name of its document."""
         path = self.path(origin)
         base = path.relative_to(bundled("models").resolve() if origin.startswith(BUNDLED) else self.root.resolve())
         lines = ["model: NAME", f"extends: {json.dumps(base.as_posix(), ensure_ascii=False)}"]
@@ -233,32 +235,32 @@ class Folder:
         return self.create(name, "\n".join(lines) + "\n")
 
     def diagrams(self) -> list[dict[str, str]]:
-        """The files of the language below the folder, by name, with their `kind` and `summary`; without links out of it and
-        hidden folders."""
-        found, root = [], self.root.resolve()
+        """The files of the language below the folder, by name, with their `kind` and `summary`; links out of the folder
+        and hidden folders are excluded."""
+        entries, root = [], self.root.resolve()
         for folder, folders, files in os.walk(root):
-            here = Path(folder)
-            deep = len(here.relative_to(root).parts)
+            current_folder = Path(folder)
+            deep = len(current_folder.relative_to(root).parts)
             folders[:] = sorted(d for d in folders if not d.startswith((".", "__")) and deep + 1 < DEPTH)
             for name in sorted(files):
-                relative = (here / name).relative_to(root).as_posix()
-                if name.endswith((".yaml", ".yml")) and not name.startswith(".") and (said := self._head(relative)):
-                    found.append({"name": relative, **said})
-                if len(found) >= LISTED:
-                    return found
-        return found
+                relative = (current_folder / name).relative_to(root).as_posix()
+                if name.endswith((".yaml", ".yml")) and not name.startswith(".") and (head := self._head(relative)):
+                    entries.append({"name": relative, **head})
+                if len(entries) >= LISTED:
+                    return entries
+        return entries
 
     def _head(self, name: str) -> dict[str, str]:
-        """The `kind` (`model`, `experiment`, `study` or `component`) and the `summary` of a file as it begins, as far as can
-        be told without reading all of it; nothing for another file."""
+        """The `kind` (`model`, `experiment`, `study` or `component`) and the `summary` of a file, read from its beginning
+        only; empty for another file."""
         try:
             with self.opened(self.path(name)) as file:
                 head = file.read(4000).decode("utf-8", "replace").replace("\r\n", "\n")
         except (OSError, HeavebondError):
             return {}
         kind = next((kind for kind in KINDS if re.search(rf"^{kind}\s*:", head, re.MULTILINE)), "")
-        said = SUMMARY.search(head)
-        return {"kind": kind, "summary": " ".join(said.group(1).split()).strip("'\"") if said else ""} if kind else {}
+        summary = SUMMARY.search(head)
+        return {"kind": kind, "summary": " ".join(summary.group(1).split()).strip("'\"") if summary else ""} if kind else {}
 
 
 def _plain_or_quoted(value: str) -> str:
@@ -267,12 +269,12 @@ def _plain_or_quoted(value: str) -> str:
 
 
 def version(data: bytes) -> str:
-    """A version of a file's bytes, by which another one is told from it."""
+    """A digest of a file's bytes."""
     return hashlib.sha256(data).hexdigest()
 
 
 def _lock(folder: int, path: Path) -> None:
-    """Lock a folder by its descriptor, until that is closed; nothing where the file system has no locks."""
+    """Lock a folder by its descriptor, until that is closed; without effect if the file system has no locks."""
     until = time.monotonic() + LOCKED
     while True:
         try:
@@ -288,17 +290,17 @@ def _lock(folder: int, path: Path) -> None:
 
 
 def _outside(name: str, kind: str) -> UsageError:
-    return UsageError([Problem("file-outside", f"'{name[:100]}' is no {kind} in the opened folder")])
+    return UsageError([Problem("file-outside", f"'{name[:100]}' is not a {kind} in the opened folder")])
 
 
 def _decoded(raw: bytes) -> str:
-    """The text; where every line ends with CR LF, with LF alone, as editors show it."""
+    """Decode the text; CR LF becomes LF if every line ends with it."""
     raw = raw.removeprefix(BOM)
     return (raw.replace(b"\r\n", b"\n") if _with_cr(raw) else raw).decode("utf-8")
 
 
 def _encoded(data: bytes, before: bytes) -> bytes:
-    """The bytes of a text with the mark and the line ends that the file had before."""
+    """Encode a text with the byte order mark and the line ends of the former file."""
     data = data.replace(b"\n", b"\r\n") if _with_cr(before) else data
     return BOM + data if before.startswith(BOM) else data
 
@@ -308,7 +310,7 @@ def _with_cr(raw: bytes) -> bool:
 
 
 def _complete(path: Path) -> bool:
-    """Whether all records of a bundled experiment are there: some may not be given away."""
+    """True if all records of a bundled experiment exist: the licences of some do not permit distribution."""
     from heavebond.estimation.experiment import load_experiment
 
     return all(record.file.is_file() for record in load_experiment(path).records.values())
@@ -316,9 +318,9 @@ def _complete(path: Path) -> bool:
 
 @lru_cache(maxsize=1)
 def bundled_machines() -> tuple[dict[str, Any], ...]:
-    """The bundled diagrams with their summaries: those of each machine together, its own first; and how many studies a copy
-    of the machine has."""
-    root, found = bundled("models"), []
+    """The bundled diagrams with their summaries, by machine, the main diagram first; and the number of studies of each
+    machine."""
+    root, machines = bundled("models"), []
     for folder in sorted(p for p in root.iterdir() if p.is_dir() and p.name != "examples"):
         main = folder / f"{folder.name}.yaml"
         texts = (path.read_text(encoding="utf-8") for path in folder.rglob("*.yaml"))
@@ -328,8 +330,8 @@ def bundled_machines() -> tuple[dict[str, Any], ...]:
             kind = next(iter(items))
             if kind not in ("model", "experiment") or (kind == "experiment" and not _complete(path)):
                 continue
-            said = items.get("summary") or items.get("experiment")
+            title = items.get("summary") or items.get("experiment")
             name = folder.name if path == main else f"{folder.name}/{path.stem}"
-            found.append({"name": BUNDLED + name, "path": str(path), "machine": folder.name, "kind": kind,
-                          "studies": studies, "summary": said.text if isinstance(said, Scalar) else ""})
-    return tuple(found)
+            machines.append({"name": BUNDLED + name, "path": str(path), "machine": folder.name, "kind": kind,
+                             "studies": studies, "summary": title.text if isinstance(title, Scalar) else ""})
+    return tuple(machines)

@@ -1,4 +1,4 @@
-"""What the studio asks its workers to work on: a diagram as it stands in the editor."""
+"""The input of the studio's workers: a diagram in the state of the editor."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Job:
-    """A diagram's text, its file, the name under which problems call it, and the values that sliders set."""
+    """A diagram's text, its file, its name in problems, and the values of sliders."""
 
     text: str
     path: str

@@ -1,8 +1,8 @@
 """The process of a long computation of the studio: an estimation, a localisation, a diagnosis, a tuning.
 
-It computes what the command of the same name computes, tells how far it has come, ends early with its best so far when it is
-asked to, and then waits with its result until the page wants it written. If the studio is killed, it ends what it does and
-writes what it has found, as the command line does, so that nothing is lost.
+It runs the computation of the command of the same name, reports its progress, ends early with its best result on request,
+and then keeps the result until the page requests its files. If the studio is killed, it ends the computation and writes
+the result like the command line, so that nothing is lost.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from heavebond.core.cancellation import check, clear_signal, is_interrupt, liste
 from heavebond.core.writable import confined
 from heavebond.studio.workers import reasons
 
-EVERY = 0.1  # s between two words on the progress
+EVERY = 0.1  # s between two progress reports
 Arrays = dict[str, Any]
 Writing = Callable[[Mapping[str, Any]], list[Path]]
 STOP, QUIT, WRITE, LOST = "stop", "quit", "write", "lost"
@@ -37,23 +37,23 @@ class JobProcess:
         self.busy, self.lost, self._last = True, False, 0.0
 
     def listen(self) -> None:
-        """What the server asks, from a thread of its own: to stop acts at once, the rest in its turn."""
+        """Handle requests of the server in a separate thread: a stop at once, others in sequence."""
         while True:
             try:
-                what, given = self.pipe.recv()
+                request, arguments = self.pipe.recv()
             except (EOFError, OSError):
-                what, given, self.lost = LOST, None, True
-            if what == QUIT:
-                os._exit(0)  # the studio was ended by its user
-            if what in (STOP, LOST) and self.busy:
+                request, arguments, self.lost = LOST, None, True
+            if request == QUIT:
+                os._exit(0)  # the user has ended the studio
+            if request in (STOP, LOST) and self.busy:
                 _thread.interrupt_main()
-            if what != STOP:
-                self.asked.put((what, given))
-            if what == LOST:
+            if request != STOP:
+                self.asked.put((request, arguments))
+            if request == LOST:
                 return
 
     def tell(self, kind: str, *told: Any) -> None:
-        """A message to the server, if it is still there."""
+        """Send a message to the server, if it exists."""
         with contextlib.suppress(OSError, ValueError):
             if not self.lost:
                 self.pipe.send((kind, *told))
@@ -61,13 +61,13 @@ class JobProcess:
     def progress(self, text: str) -> None:
         """The progress callback of the computation."""
         check()
-        now = time.monotonic()
-        if now - self._last >= EVERY:
-            self._last = now
+        time_now = time.monotonic()
+        if time_now - self._last >= EVERY:
+            self._last = time_now
             self.tell("progress", text)
 
-    def serve(self, kind: str, path: str, given: Mapping[str, Any]) -> None:
-        """Compute, then write what is asked for until the server leaves."""
+    def serve(self, kind: str, path: str, options: Mapping[str, Any]) -> None:
+        """Compute, then write the requested files until the server leaves."""
         from heavebond.studio.long_tasks import TASKS
 
         threading.Thread(target=self.listen, daemon=True).start()
@@ -75,9 +75,9 @@ class JobProcess:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                told, arrays, write = TASKS[kind](Path(path), given, self)
+                entry, arrays, write = TASKS[kind](Path(path), options, self)
             self.busy = False
-            self.tell("done", told, arrays)
+            self.tell("done", entry, arrays)
         except KeyboardInterrupt:
             self.tell("stopped")
         except Exception as error:
@@ -89,26 +89,26 @@ class JobProcess:
     def _wait(self, write: Writing | None) -> None:
         while write is not None:
             try:
-                what, given = self.asked.get()
-                if what == WRITE:
-                    self.tell("written", [str(p) for p in write(given)])
-                elif what == LOST:
+                request, arguments = self.asked.get()
+                if request == WRITE:
+                    self.tell("written", [str(p) for p in write(arguments)])
+                elif request == LOST:
                     write({"lost": True})
                     return
             except Exception as error:
                 self.tell("unwritten", reasons(error))
-            except KeyboardInterrupt:  # a stop that came as the computation ended
+            except KeyboardInterrupt:  # a stop that arrived at the end of the computation
                 clear_signal()
 
 
-def serve(pipe: Connection, kind: str, path: str, given: Mapping[str, Any]) -> None:
+def serve(pipe: Connection, kind: str, path: str, options: Mapping[str, Any]) -> None:
     """The main function of the process."""
     with contextlib.suppress(OSError, AttributeError):
-        os.setsid()  # Ctrl-C is the server's
+        os.setsid()  # the server handles Ctrl-C
     with contextlib.suppress(OSError, AttributeError):
         os.nice(5)
-    # the opened folder; without one, where the results go
-    root = Path(str(given.get("root") or given.get("folder") or Path(path).parent))
+    # the opened folder; without one, the folder for results
+    root = Path(str(options.get("root") or options.get("folder") or Path(path).parent))
     with listening(), confined(root):
-        JobProcess(pipe).serve(kind, path, given)
+        JobProcess(pipe).serve(kind, path, options)
 

@@ -1,4 +1,4 @@
-"""Long computations of the studio: each in a process of its own, which outlives the tab that began it."""
+"""Long computations of the studio: each in a separate process, which continues if its tab is closed."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from heavebond.studio.contents import Entry
 from heavebond.studio.job_process import QUIT, STOP, WRITE, serve
 
 KINDS = ("fit", "where", "diagnose", "try", "tune", "study")  # of computations
-RUNNING = 4  # computations at a time: each one uses all processors
-KEPT = 3  # processes of computations that are done, kept with their results until they are written
-GRACE = 2.0  # s that a process has to end when the studio does
+RUNNING = 4  # simultaneous computations: each one uses all processors
+KEPT = 3  # processes of finished computations that are kept with their results until these are written
+GRACE = 2.0  # s for a process to end when the studio does
 COUNTED = re.compile(r"\b([0-9]+) of ([0-9]+)\b")
 BEST = re.compile(r", best so far (.+) with chi-square (\S+)$")
-FINISHING = "finishing what was found; Ctrl-C once more ends without it"
+FINISHING = "completing the result; a second Ctrl-C discards it"
 LOST = Problem("worker-ended", "the computation ended before it was done", None,
                "If nobody stopped it, this machine's memory did not suffice.")
 
@@ -54,20 +54,20 @@ class LongJob:
         threading.Thread(target=_listen, args=(self._pipe, self._loop, self._hear), daemon=True).start()
 
     def entry(self) -> Entry:
-        """How it stands, for the page."""
+        """Its state, for the page."""
         counts = list(COUNTED.finditer(self.text))
         best = BEST.search(self.text)
-        done, of = (int(counts[-1].group(1)), int(counts[-1].group(2))) if counts else (0, 0)
+        steps_done, of = (int(counts[-1].group(1)), int(counts[-1].group(2))) if counts else (0, 0)
         seconds = self.seconds or time.monotonic() - self.began
         problems = [{**p.as_dict(), "text": str(p)} for p in self.problems]
         return {"number": self.number, "kind": self.kind, "name": self.name, "version": self.version, "state": self.state,
-                "text": BEST.sub("", self.text), "stopping": self.stopping, "seconds": seconds, "done": done, "of": of,
+                "text": BEST.sub("", self.text), "stopping": self.stopping, "seconds": seconds, "done": steps_done, "of": of,
                 "best": {"name": best.group(1), "chi2": best.group(2)} if best else None, "ladder": self.ladder,
                 "result": self.told or None, "problems": problems,
                 "can_write": self._process.is_alive() and self.state == "done"}
 
     def stop(self) -> None:
-        """End it with its best so far; asked twice, at once and without."""
+        """End it with its best result so far; a second call ends it at once without a result."""
         if self.state != "running":
             return
         if self.stopping:
@@ -78,21 +78,21 @@ class LongJob:
             self._send(STOP, None)
         self.push(self)
 
-    async def write(self, given: Mapping[str, Any]) -> list[str]:
-        """Write what was found; the files. HeavebondError where that is not possible."""
+    async def write(self, options: Mapping[str, Any]) -> list[str]:
+        """Write the result; returns the files. HeavebondError if that is not possible."""
         if self.state != "done" or not self._process.is_alive():
             raise UsageError([Problem("job-gone", "this result is no longer at hand", None, "Compute it again.")])
         if self._writing is not None:
             raise UsageError([Problem("job-busy", "it is being written already")])
         self._writing = self._loop.create_future()
-        self._send(WRITE, dict(given))
+        self._send(WRITE, dict(options))
         try:
             return await self._writing
         finally:
             self._writing = None
 
     def close(self) -> None:
-        """End the process for good, without what it has found."""
+        """End the process without its result."""
         self._send(QUIT, None)
         self._process.join(GRACE)
         if self._process.is_alive():
@@ -100,33 +100,33 @@ class LongJob:
             self._process.join(GRACE)
         self._pipe.close()
 
-    def _send(self, what: str, given: Any) -> None:
+    def _send(self, request: str, given: Any) -> None:
         with contextlib.suppress(OSError, ValueError):
-            self._pipe.send((what, given))
+            self._pipe.send((request, given))
 
     def _end(self, state: str) -> None:
         if self.state == "running":
             self.state, self.seconds = state, time.monotonic() - self.began
 
     def _hear(self, message: tuple[Any, ...]) -> None:
-        """What the process tells, on the server's own thread."""
-        kind, *told = message
+        """Handle a message of the process, on the server's thread."""
+        kind, *content = message
         if kind == "progress" and self.state == "running":
-            self.text = told[0].replace(FINISHING, "finishing what was found; Stop once more ends without it")
+            self.text = content[0].replace(FINISHING, "completing the result; a second Stop discards it")
         elif kind == "ladder":
-            self.ladder = _plain(told[0])
+            self.ladder = _plain(content[0])
         elif kind == "done":
-            result: dict[str, Any] = _plain(told[0])
-            self.told, self.arrays = result, told[1]
+            result: dict[str, Any] = _plain(content[0])
+            self.told, self.arrays = result, content[1]
             self.ladder = result.get("ladder") or self.ladder
             self._end("done")
         elif kind == "problems":
-            self.problems = told[0]
+            self.problems = content[0]
             self._end("failed")
         elif kind == "stopped":
             self._end("stopped")
         elif kind in ("written", "unwritten", "gone"):
-            self._written(kind, told)
+            self._written(kind, content)
         self.push(self)
 
     def _written(self, kind: str, told: list[Any]) -> None:
@@ -142,14 +142,14 @@ class LongJob:
 
 
 def known(kind: str) -> str:
-    """The name of a computation; UsageError for another one."""
+    """Check the name of a computation; UsageError for another one."""
     if kind not in KINDS:
         raise UsageError([Problem("usage", "the page asked for something unknown")])
     return kind
 
 
 def _listen(pipe: Connection, loop: asyncio.AbstractEventLoop, hear: Callable[[tuple[Any, ...]], None]) -> None:
-    """Pass on what a process tells, until it is gone."""
+    """Forward the messages of a process until it ends."""
     while True:
         try:
             message = pipe.recv()
@@ -162,7 +162,7 @@ def _listen(pipe: Connection, loop: asyncio.AbstractEventLoop, hear: Callable[[t
 
 
 def _plain(value: Any) -> Any:
-    """The same without numbers that JSON does not know."""
+    """Replace numbers that JSON does not have."""
     if isinstance(value, dict):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -171,14 +171,14 @@ def _plain(value: Any) -> Any:
 
 
 class LongJobs:
-    """The computations of the studio, one for each document and kind; tabs are told of theirs."""
+    """The computations of the studio, one for each document and kind; tabs receive the messages of theirs."""
 
     def __init__(self) -> None:
         self.jobs: dict[tuple[str, str], LongJob] = {}
         self.watchers: set[Push] = set()
 
-    def begin(self, kind: str, name: str, path: Path, version: str, given: Mapping[str, Any]) -> LongJob:
-        """Begin a computation in place of the one before; UsageError where one runs on this document."""
+    def begin(self, kind: str, name: str, path: Path, version: str, options: Mapping[str, Any]) -> LongJob:
+        """Begin a computation in place of the former one; UsageError if one runs on this document."""
         if any(job.name == name and job.state == "running" for job in self.jobs.values()):
             raise UsageError([Problem("job-running", f"a computation runs on {name} already", None,
                                       "Stop it, or wait until it is done.")])
@@ -187,18 +187,18 @@ class LongJobs:
                                       "Stop one of them, or wait until it is done.")])
         if (before := self.jobs.pop((name, kind), None)) is not None:
             before.close()
-        done = [key for key, job in self.jobs.items() if job.state != "running"]
-        for key in done[:max(0, len(done) - KEPT + 1)]:
+        finished = [key for key, job in self.jobs.items() if job.state != "running"]
+        for key in finished[:max(0, len(finished) - KEPT + 1)]:
             self.jobs.pop(key).close()
-        self.jobs[name, kind] = job = LongJob(kind, name, path, version, given, self._push)
+        self.jobs[name, kind] = job = LongJob(kind, name, path, version, options, self._push)
         return job
 
     def of(self, name: str) -> list[LongJob]:
-        """Those of a document."""
+        """The computations on a document."""
         return [job for job in self.jobs.values() if job.name == name]
 
     def numbered(self, number: int) -> LongJob:
-        """The one with a number; UsageError where it is gone."""
+        """The computation with a number; UsageError if it does not exist any more."""
         for job in self.jobs.values():
             if job.number == number:
                 return job

@@ -1,5 +1,5 @@
-"""What the long computations of the studio compute: the same calls as those of the commands `fit`, `localize`, `diagnose`,
-`try` and `tune`, their results as the page shows them, and how they are written."""
+"""The long computations of the studio: the functions of the commands `fit`, `localize`, `diagnose`, `try` and `tune`,
+their results for the page, and the files to write."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ from heavebond.studio.evidence import item_entries
 Arrays = dict[str, Any]
 Writing = Callable[[Mapping[str, Any]], list[Path]]
 Done = tuple[Entry, Arrays, Writing | None]
-ALTERNATIVES = 8  # candidates beside the chosen one that can be added in its place
+ALTERNATIVES = 8  # alternatives to the chosen candidate that can be added in its place
 
 
 class Teller(Protocol):
-    """Who a computation tells how far it has come."""
+    """Receiver of the progress of a computation."""
 
     def progress(self, text: str) -> None:
         """The progress callback."""
 
     def tell(self, kind: str, *told: Any) -> None:
-        """Anything else, such as the ladder as it grows."""
+        """Send other data, such as the growing table of models."""
 
 
 def _result(kind: str, items: Sequence[Item], figures: Mapping[str, object], partial: bool, **more: object) -> Entry:
@@ -52,25 +52,25 @@ def _result(kind: str, items: Sequence[Item], figures: Mapping[str, object], par
 
 
 # -- fit -----------------------------------------------------------------------------------------------------------------
-def fitted(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond fit`; written are the diagram with the fitted values and an experiment on it."""
-    found = fit(load_experiment(path), progress=job.progress, partial=True)
-    early = found.message == ENDED_EARLY
-    items = [*fit_items(found), *([Line("ended early: these are the best values so far", True)] if early else [])]
-    return _result("fit", items, found.as_dict(), early, adds=[{"label": "the fitted values"}]), {}, \
-        lambda asked: [] if asked.get("lost") else _write_fit(found, path, _folder(path, given))
+def fitted(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
+    """As `heavebond fit`; the diagram with the fitted values and an experiment on it can be written."""
+    fit_result = fit(load_experiment(path), progress=job.progress, partial=True)
+    early = fit_result.message == ENDED_EARLY
+    items = [*fit_items(fit_result), *([Line("ended early: these are the best values so far", True)] if early else [])]
+    return _result("fit", items, fit_result.as_dict(), early, adds=[{"label": "the fitted values"}]), {}, \
+        lambda asked: [] if asked.get("lost") else _write_fit(fit_result, path, _folder(path, options))
 
 
-def _folder(path: Path, given: Mapping[str, Any]) -> Path:
-    """Where results go: beside the file, for a bundled one into the opened folder."""
-    return Path(str(given["folder"])) if given.get("folder") else path.parent
+def _folder(path: Path, options: Mapping[str, Any]) -> Path:
+    """Folder for results: the folder of the file, for a bundled one the opened folder."""
+    return Path(str(options["folder"])) if options.get("folder") else path.parent
 
 
-def _write_fit(found: Fit, path: Path, folder: Path) -> list[Path]:
+def _write_fit(fit_result: Fit, path: Path, folder: Path) -> list[Path]:
     experiment = _free_path(folder / f"{path.stem}_fitted.yaml")
-    diagram = _free_path(folder / f"{found.experiment.model.path.stem}_fitted.yaml", experiment)
-    write(diagram, fitted_diagram(found, diagram))
-    write(experiment, _experiment_on(f"{found.experiment.name}, fitted", experiment, path, diagram))
+    diagram = _free_path(folder / f"{fit_result.experiment.model.path.stem}_fitted.yaml", experiment)
+    write(diagram, fitted_diagram(fit_result, diagram))
+    write(experiment, _experiment_on(f"{fit_result.experiment.name}, fitted", experiment, path, diagram))
     return [diagram, experiment]
 
 
@@ -80,26 +80,28 @@ def _experiment_on(name: str, path: Path, before: Path, diagram: Path) -> str:
 
 
 def _free_path(path: Path, *others: Path) -> Path:
-    """The path, with the next number where it is taken."""
+    """The path, with the next free number if it exists."""
     names = (path.with_stem(f"{path.stem}_{k}") if k > 1 else path for k in itertools.count(1))
     return next(p for p in names if not os.path.lexists(p) and p not in others)
 
 
 # -- localize ------------------------------------------------------------------------------------------------------------
-def localized(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond localize` (`where`), with what would have to act at each place of the diagram."""
-    found = localize(load_experiment(path), progress=job.progress)
+def localized(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
+    """As `heavebond localize`, with the estimated input at each place of the diagram."""
+    localization = localize(load_experiment(path), progress=job.progress)
     arrays: Arrays = {}
-    places = [_place(k, suspect, arrays) for k, suspect in enumerate(found.suspects)]
-    return _result("where", places_items(found), found.as_dict(), False, places=places, states=_states(found, arrays),
-                   sections=[{"record": s.record, "from": s.begin, "to": s.end, "chi2": s.chi2} for s in found.stretches]), \
+    places = [_place(k, suspect, arrays) for k, suspect in enumerate(localization.suspects)]
+    return _result("where", places_items(localization), localization.as_dict(), False, places=places,
+                   states=_states(localization, arrays),
+                   sections=[{"record": s.record, "from": s.begin, "to": s.end, "chi2": s.chi2}
+                             for s in localization.stretches]), \
         arrays, None
 
 
 def _place(k: int, suspect: PlaceEstimate, arrays: Arrays) -> Entry:
     """A place with the names of its arrays: over time for each record, and over the variables around it."""
-    shown = readable_unit(suspect.place.unit.text, suspect.rms)
-    scale = read_unit(suspect.place.unit.text).scale / read_unit(shown).scale
+    display_unit = readable_unit(suspect.place.unit.text, suspect.rms)
+    scale = read_unit(suspect.place.unit.text).scale / read_unit(display_unit).scale
     for name, implied in suspect.implied.items():
         arrays[f"place/{k}/{name}"] = np.vstack([implied.time, implied.value * scale, 2 * implied.deviation * scale])
     curve, over = suspect.curve, []
@@ -107,14 +109,14 @@ def _place(k: int, suspect: PlaceEstimate, arrays: Arrays) -> Entry:
         best = curve.variable.formula
         for n, formula in enumerate([best, *(f for f in curve.scores if f != best)][:4]):
             over.append(_over(f"place/{k}/over/{n}", suspect, formula, scale, arrays))
-    return {"name": suspect.place.name, "words": suspect.words, "what": noun(suspect), "unit": shown,
+    return {"name": suspect.place.name, "words": suspect.words, "what": noun(suspect), "unit": display_unit,
             "nodes": [n.name for n in suspect.place.nodes], "components": list(suspect.place.components),
             "explained": suspect.explained, "behind": suspect.behind, "alike": list(suspect.alike),
             "records": list(suspect.implied), "over": over}
 
 
 def _over(name: str, suspect: PlaceEstimate, formula: str, scale: float, arrays: Arrays) -> Entry:
-    """What acts at a place over one variable: the cloud of its samples, and the curve through it where that is the best."""
+    """The estimated input at a place over one variable: its samples, and the curve through them if that form is the best."""
     curve = suspect.curve
     assert curve is not None
     x = np.concatenate([i.local[formula] for i in suspect.implied.values()])
@@ -132,69 +134,70 @@ def _over(name: str, suspect: PlaceEstimate, formula: str, scale: float, arrays:
             "curve": best and not curve.times, "loop": bool(curve.y_down.size)}
 
 
-def _states(found: Localization, arrays: Arrays) -> list[Entry]:
-    """The variables that tell the error of a channel, with the curve of the error over each."""
-    told = []
-    for k, state in enumerate(found.states):
-        shown = readable_unit(state.unit, float(np.max(np.abs(state.x)))) if state.unit else ""
-        per = read_unit(state.unit).scale / read_unit(shown).scale if state.unit else 1.0
+def _states(localization: Localization, arrays: Arrays) -> list[Entry]:
+    """The variables on which the error of a channel depends, with the curve of the error over each."""
+    state_entries = []
+    for k, state in enumerate(localization.states):
+        display_unit = readable_unit(state.unit, float(np.max(np.abs(state.x)))) if state.unit else ""
+        per = read_unit(state.unit).scale / read_unit(display_unit).scale if state.unit else 1.0
         arrays[f"state/{k}"] = np.vstack([state.x * per, state.y])
-        told.append({"key": f"state/{k}", "channel": state.channel, "variable": state.variable, "unit": shown,
-                     "r2": state.r2, "of": found.experiment.outputs[state.channel].shown.unit})
-    return told
+        state_entries.append({"key": f"state/{k}", "channel": state.channel, "variable": state.variable,
+                              "unit": display_unit,
+                              "r2": state.r2, "of": localization.experiment.outputs[state.channel].shown.unit})
+    return state_entries
 
 
 # -- diagnose and try ----------------------------------------------------------------------------------------------------
-def diagnosed(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond diagnose`; written are the diagrams and experiments of what was found, when it is added."""
+def diagnosed(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
+    """As `heavebond diagnose`; the diagrams and experiments of the selected effects can be written."""
     experiment = load_experiment(path)
-    found = diagnose(experiment, steps=int(given.get("steps", 5)), seconds=float(given.get("seconds", 600)),
-                     classes=[str(c) for c in given.get("classes", ())], progress=job.progress,
+    found = diagnose(experiment, steps=int(options.get("steps", 5)), seconds=float(options.get("seconds", 600)),
+                     classes=[str(c) for c in options.get("classes", ())], progress=job.progress,
                      growing=lambda rungs: job.tell("ladder", rungs))
     adds = [{"label": f"{f.candidate.kind} {f.candidate.place}", "count": k} for k, f in enumerate(found.added, 1)]
     chosen = {f.candidate.label for f in found.added}
-    others = [{"label": f"{e['effect']} {e.candidate.place}", "kind": e.candidate.kind, "component": e["effect"],
-               "where": list(e.candidate.where), "chi2": e["chi2_held_out"]}
-              for step in found.steps[:1] for e in entries(step)
-              if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
-    return _result("diagnose", diagnosis_items(found), found.as_dict(), found.partial, adds=adds, others=others,
+    alternatives = [{"label": f"{e['effect']} {e.candidate.place}", "kind": e.candidate.kind, "component": e["effect"],
+                     "where": list(e.candidate.where), "chi2": e["chi2_held_out"]}
+                    for step in found.steps[:1] for e in entries(step)
+                    if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
+    return _result("diagnose", diagnosis_items(found), found.as_dict(), found.partial, adds=adds, others=alternatives,
                    ladder=[rung_entry(r.as_dict()) for r in found.ladder], verdict=found.verdict), {}, \
-        lambda asked: [_write_report(found, _folder(path, given))] if asked.get("report") else \
-        _write_added(experiment, found.added[:int(asked.get("count", len(found.added)))], _folder(path, given))
+        lambda asked: [_write_report(found, _folder(path, options))] if asked.get("report") else \
+        _write_added(experiment, found.added[:int(asked.get("count", len(found.added)))], _folder(path, options))
 
 
-def _write_report(found: Diagnosis, folder: Path) -> Path:
-    """The report that `heavebond diagnose` writes, without the files of what was found."""
+def _write_report(diagnosis: Diagnosis, folder: Path) -> Path:
+    """Write the report of `heavebond diagnose` without its other files."""
     from heavebond.reports.report import report
 
-    target = Targets.beside(found.experiment, folder).report
-    write_text(target, report(found, found.localization))
+    target = Targets.beside(diagnosis.experiment, folder).report
+    write_text(target, report(diagnosis, diagnosis.localization))
     return target
 
 
-def tried(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond try`: one effect added by hand."""
+def tried(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
+    """As `heavebond try`: add one effect by hand."""
     experiment = load_experiment(path)
-    found = attempt(experiment, str(given["component"]), [str(p) for p in given.get("where", ())], progress=job.progress)
+    found = attempt(experiment, str(options["component"]), [str(p) for p in options.get("where", ())], progress=job.progress)
     label = f"{found.finding.candidate.kind} {found.finding.candidate.place}"
     return _result("try", attempt_items(found), found.as_dict(), False, adds=[{"label": label, "count": 1}],
                    ladder=[rung_entry(r.as_dict()) for r in found.ladder]), {}, \
-        lambda asked: [] if asked.get("lost") else _write_added(experiment, [found.finding], _folder(path, given))
+        lambda asked: [] if asked.get("lost") else _write_added(experiment, [found.finding], _folder(path, options))
 
 
 def rung_entry(rung: Mapping[str, object]) -> Entry:
-    """A row of the ladder, what is not known as null."""
+    """A row of the table of models, with null for unknown values."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in rung.items()}
 
 
 def _write_added(experiment: Experiment, findings: Sequence[AddedEffect], folder: Path) -> list[Path]:
-    """The files of findings: each experiment, the last one last."""
+    """Write the files of the effects; returns each experiment, the last one last."""
     return write_findings(experiment, findings, Targets.beside(experiment, folder)) if findings else []
 
 
 # -- tune ----------------------------------------------------------------------------------------------------------------
-def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond tune`; written is the diagram with the tuned values."""
+def tuned(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
+    """As `heavebond tune`; the diagram with the tuned values can be written."""
     from heavebond.numerics.dae import assemble
     from heavebond.optimise.objective import Objective
     from heavebond.optimise.robustness import robustness
@@ -202,10 +205,10 @@ def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     from heavebond.reports.tuning_tables import tuning_figures, tuning_items
     from heavebond.studies.tuning_request import tuning_request, with_free
 
-    asked = tuning_request(str(path), str(given["cost"]) if given.get("cost") else None,
-                           [str(t) for t in given.get("limits", ())], given.get("evaluate") or None, {})
+    asked = tuning_request(str(path), str(options["cost"]) if options.get("cost") else None,
+                           [str(t) for t in options.get("limits", ())], options.get("evaluate") or None, {})
     assembly = assemble(asked.model)
-    task = with_free(assembly, asked.task, [str(t) for t in given.get("free", ())])
+    task = with_free(assembly, asked.task, [str(t) for t in options.get("free", ())])
     objective = Objective(assembly, task)
     result = tune(objective, task, progress=job.progress, partial=True)
     early = result.message == ENDED_EARLY
@@ -216,7 +219,7 @@ def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
     def write_tuned(said: Mapping[str, Any]) -> list[Path]:
         if said.get("lost"):
             return []
-        target = _free_path(_folder(path, given) / f"{asked.model.path.stem}_tuned.yaml")
+        target = _free_path(_folder(path, options) / f"{asked.model.path.stem}_tuned.yaml")
         write(target, tuned_diagram(asked.model, task, result, target, {}))
         return [target]
 
@@ -225,21 +228,21 @@ def tuned(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
 
 
 # -- study ---------------------------------------------------------------------------------------------------------------
-def studied(path: Path, given: Mapping[str, Any], job: Teller) -> Done:
-    """As `heavebond study`, which leaves its cases, tables and pictures in a folder of its name."""
+def studied(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
+    """As `heavebond study`, which writes its cases, tables and pictures to a folder of its name."""
     from heavebond.reports.study_tables import study_items, write_study
     from heavebond.studies.campaign import run_study
     from heavebond.studies.study import load_study
     from heavebond.studies.tables import as_dict
 
-    folder = _folder(path, given) / path.stem
+    folder = _folder(path, options) / path.stem
     result = run_study(load_study(path), folder=folder, progress=job.progress)
-    clear_signal()  # a stop has ended the cases; what is done is told
+    clear_signal()  # a stop has ended the cases; the completed ones are reported
     files = write_study(result, folder)
     pictures = {p.stem: p.read_text(encoding="utf-8") for p in files if p.suffix == ".svg"}
     titles = {file_stem(p.name): p.title or p.name for p in result.study.pictures}
     items = [*study_items(result), *([] if result.complete else [Line(
-        f"stopped with {len(result.outcomes)} of {result.jobs} cases done; run it again to go on", True)])]
+        f"stopped with {len(result.outcomes)} of {result.jobs} cases done; run it again to continue", True)])]
     return _result("study", items, as_dict(result), False, folder=folder.name, files=[p.name for p in files],
                    pictures=[{"title": titles.get(k, k), "svg": svg} for k, svg in pictures.items()]), {}, None
 

@@ -15,27 +15,27 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 HOSTS = ("127.0.0.1", "localhost")
-# of a page in the opened folder: what it shows is in it, and its script reaches nothing
+# policy of a page in the opened folder: it contains all its data, and its script has no access to anything
 ALONE = ("sandbox allow-scripts; default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; "
          "base-uri 'none'; form-action 'none'; frame-ancestors 'none'")
 
 
 def new_token() -> str:
-    """A token that nobody can guess (256 bits)."""
+    """A random token of 256 bits."""
     return secrets.token_urlsafe(32)
 
 
 def policy(nonce: str, port: int) -> bytes:
-    """The content security policy: scripts and styles of the studio alone (and the styles that the editor makes, by their
-    nonce), connections to it alone, no frames, no forms."""
+    """The content security policy: scripts and styles of the studio only (and the styles that the editor creates, by
+    their nonce), connections to it only, no frames, no forms."""
     return (f"default-src 'none'; script-src 'self'; style-src 'self' 'nonce-{nonce}'; img-src 'self' data: blob:; "
             f"connect-src 'self' ws://127.0.0.1:{port} ws://localhost:{port}; "
             "base-uri 'none'; form-action 'none'; frame-ancestors 'none'").encode()
 
 
 class Guard:
-    """The middleware in front of everything: other hosts, other origins and other addresses get nothing, and what fails
-    behind it is answered here, with no trace of the fault in the answer or on the terminal."""
+    """The middleware in front of the application: it refuses other hosts, other origins and other addresses, and answers
+    for requests that fail, with no trace of the fault in the answer or on the terminal."""
 
     def __init__(self, app: ASGIApp, token: str, port: int):
         self.app, self.token = app, token
@@ -54,7 +54,7 @@ class Guard:
             await _plain(send, 403, REFUSED)
 
     async def _answered(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """The answer of the application; status 500, or the end of the socket, where it raises an exception."""
+        """The answer of the application; status 500, or the end of the socket, if it raises an exception."""
         begun, socket = False, scope["type"] == "websocket"
 
         async def noted(message: Message) -> None:
@@ -65,25 +65,25 @@ class Guard:
         try:
             await self.app(scope, receive, noted)
         except Exception as error:
-            gone = isinstance(error, ClientDisconnect)
-            if not gone:
+            disconnected = isinstance(error, ClientDisconnect)
+            if not disconnected:
                 print(f"the studio could not answer a request: {type(error).__name__}: {error}", file=sys.stderr)
-            with contextlib.suppress(Exception):  # the page may have gone meanwhile
+            with contextlib.suppress(Exception):  # the page may have closed meanwhile
                 if socket:
                     await send({"type": "websocket.close", "code": 1011})
-                elif not begun and not gone:
+                elif not begun and not disconnected:
                     await _plain(send, 500, FAILED)
 
     def _admits(self, scope: Scope) -> bool:
-        """Against pages of other sites: their Origin is their own, and a name of theirs that leads here (DNS rebinding) is
-        the Host. A socket needs an Origin; browsers send it always."""
+        """Refuse pages of other sites, which have another Origin, and another Host if their name resolves to this machine
+        (DNS rebinding). A socket needs an Origin; browsers always send it."""
         headers = list(scope["headers"])
         host, origin = _values(headers, b"host"), _values(headers, b"origin")
         if len(host) != 1 or host[0] not in self.hosts or len(origin) > 1:
             return False
         if (origin and origin[0] not in self.origins) or (scope["type"] == "websocket" and not origin):
             return False
-        first = str(scope["path"]).split("/")[1:2]  # none for the path of `OPTIONS *` and of CONNECT
+        first = str(scope["path"]).split("/")[1:2]  # the path of `OPTIONS *` and of CONNECT has none
         return bool(first) and hmac.compare_digest(first[0].encode("utf-8", "replace"), self.token.encode())
 
 

@@ -1,4 +1,4 @@
-"""The components that a diagram may use: by domain for the palette, and one in full."""
+"""The components for a diagram: by domain for the palette, and one in full."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ OWN = "this folder"
 
 
 def palette(folder: Path) -> Entry:
-    """Name, summary, symbol and ports of each component, by the folders of the library; those beside the diagram first."""
+    """Name, summary, symbol and ports of each component, by the folders of the library; those in the folder of the
+    diagram first.
+    """
     known = library([folder])
     root = bundled("components").resolve()
     groups: dict[str, list[Entry]] = {}
@@ -25,10 +27,10 @@ def palette(folder: Path) -> Entry:
         inside = path.is_relative_to(root)
         group = path.relative_to(root).parts[0].replace("_", " ") if inside else OWN
         try:
-            found = _of_library(name) if inside else _brief(known.component(name))
+            entry = _of_library(name) if inside else _brief(known.component(name))
         except HeavebondError:
-            continue  # a file that is being written; `check` tells of it where it is used
-        groups.setdefault(group, []).append(found)
+            continue  # a file that is being written; `check` reports it if it is used
+        groups.setdefault(group, []).append(entry)
     order = sorted(groups, key=lambda group: (group != OWN, group == "bond graph", group))
     return {"groups": [{"name": group, "components": sorted(groups[group], key=lambda c: str(c["name"]).lower())}
                        for group in order]}
@@ -47,7 +49,7 @@ def _brief(component: Component) -> Entry:
 
 
 def component_entry(folder: Path, name: str) -> Entry:
-    """What the page of a component says: what it neglects, its ports, parameters, equations and source."""
+    """The page of a component: its restrictions, ports, parameters, equations and source."""
     component = library([folder]).component(name)
     ports = [{"name": p.name, "what": p.domain, "doc": p.doc} for p in component.ports.values()]
     ports += [{"name": s.name, "what": f"signal {s.direction}put", "doc": s.doc} for s in component.signals.values()]

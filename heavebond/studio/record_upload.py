@@ -1,5 +1,5 @@
-"""Records that are dropped on the page, stored beside the diagram: under a plain name, whole or not at all, and never over
-another file."""
+"""Records that are dropped on the page, stored in the folder of the diagram: under a plain name, completely or not at
+all, and never over another file."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from heavebond.core.writable import confined, make_folder, new_file
 from heavebond.records.measurements import SUFFIXES
 from heavebond.studio.folder import BUNDLED, Folder
 
-RECORD_BYTES = 500_000_000  # of one file
-PLACE = "data"  # the folder beside a diagram in which its records are put
+RECORD_BYTES = 500_000_000  # bytes of one file
+PLACE = "data"  # the folder for records in the folder of a diagram
 LONGEST = 80  # characters of a name without its suffix
 
 
 def plain_name(name: str) -> str:
-    """The name under which a file is stored: its last part, of letters, digits, `_`, `-` and single dots. UsageError for a
-    kind of file that is no record."""
+    """The name under which a file is stored: its last part, of letters, digits, `_`, `-` and single dots. UsageError for
+    a kind of file that is not a record."""
     last = re.split(r"[/\\]", name)[-1]
     suffix = Path(last).suffix.lower()
     if suffix not in SUFFIXES:
-        raise UsageError([Problem("record-suffix", f"'{last[:80]}' is not a kind of record that is read here", None,
-                                  f"Export it as CSV. Read are {listing(SUFFIXES, 12)}.")])
+        raise UsageError([Problem("record-suffix", f"'{last[:80]}' is not a supported format of records", None,
+                                  f"Export it as CSV. Supported are {listing(SUFFIXES, 12)}.")])
     stem = re.sub(r"[^\w-]+", "_", last[:-len(suffix)]).strip("_-")[:LONGEST]
     return f"{stem or 'record'}{suffix}"
 
 
 async def store(folder: Folder, beside: str, name: str, parts: AsyncIterator[bytes]) -> str:
-    """Store a file beside the document `beside`; its name in the opened folder. A file of the same name is kept: where its
-    content is the same it is used, else the new one gets a number."""
+    """Store a file in the folder of the document `beside`; returns its name in the opened folder. An existing file of the
+    same name is kept: it is used if its content is the same, else the new one gets a number."""
     base = folder.root if not beside or beside.startswith(BUNDLED) else folder.path(beside).parent
     if not base.is_dir():
-        raise UsageError([Problem("file-missing", f"there is no folder '{base}'")])
+        raise UsageError([Problem("file-missing", f"cannot find the folder '{base}'")])
     target = base.resolve() / PLACE / plain_name(name)
     folder.record(target.relative_to(folder.root.resolve()).as_posix(), exists=False)
     for k in range(1, 1000):
         path = target if k == 1 else target.with_stem(f"{target.stem}_{k}")
-        if not os.path.lexists(path):  # a link that leads nowhere takes a name as well
+        if not os.path.lexists(path):  # a broken link occupies a name as well
             break
     try:
         size, digest = 0, hashlib.sha256()
@@ -62,13 +62,13 @@ async def store(folder: Folder, beside: str, name: str, parts: AsyncIterator[byt
     except _Known as known:
         path = known.path
     except OSError as error:
-        said = f"'{target.name}' cannot be stored: {error.strerror or error}"
-        raise UsageError([Problem("file-unwritable", said)]) from None
+        message = f"'{target.name}' cannot be stored: {error.strerror or error}"
+        raise UsageError([Problem("file-unwritable", message)]) from None
     return path.relative_to(folder.root.resolve()).as_posix()
 
 
 class _Known(Exception):
-    """A file with the same content is there already."""
+    """A file with the same content exists."""
 
     def __init__(self, path: Path):
         super().__init__()
@@ -77,12 +77,12 @@ class _Known(Exception):
 
 def _before(target: Path, path: Path) -> list[Path]:
     """The files with the name of `target` and a smaller number than `path`."""
-    found = [target, *(target.with_stem(f"{target.stem}_{k}") for k in range(2, 1000))]
-    return found[:found.index(path)]
+    candidates = [target, *(target.with_stem(f"{target.stem}_{k}") for k in range(2, 1000))]
+    return candidates[:candidates.index(path)]
 
 
 def _digest(folder: Folder, path: Path) -> bytes:
-    """The digest of a file; empty where it cannot be read, as for a link."""
+    """The digest of a file; empty if it cannot be read, as for a link."""
     try:
         with folder.opened(path) as file:
             return hashlib.file_digest(file, "sha256").digest()

@@ -20,22 +20,20 @@ from starlette.websockets import WebSocket
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.limits import FILE_BYTES
-from heavebond.studio import evidence_requests, file_requests, run_requests
 from heavebond.studio.folder import Folder
 from heavebond.studio.long_jobs import LongJobs
 from heavebond.studio.page_safety import ALONE, Guard, new_token, policy
 from heavebond.studio.record_upload import store
-from heavebond.studio.tab import Handler, Tab
+from heavebond.studio.requests import HANDLERS
+from heavebond.studio.tab import Tab
 from heavebond.studio.workers import Pool, reasons
 
-# by what a page asks
-HANDLERS: dict[str, Handler] = {**file_requests.HANDLERS, **run_requests.HANDLERS, **evidence_requests.HANDLERS}
-PORT, PORTS = 8437, 20  # the first port that is tried, and how many; the same one finds the drafts of unsaved texts again
+PORT, PORTS = 8437, 20  # the first port that is tried, and their number; the browser keeps drafts of unsaved texts by port
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
 
 class Studio:
-    """The opened folder with the workers that its tabs share."""
+    """The opened folder with the workers of all tabs."""
 
     def __init__(self, folder: Folder, first: str, port: int):
         self.folder, self.first, self.port, self.token = folder, first, port, new_token()
@@ -45,7 +43,7 @@ class Studio:
 
     @property
     def address(self) -> str:
-        """What to open in the browser."""
+        """The address for the browser."""
         return f"http://127.0.0.1:{self.port}/{self.token}/"
 
     def app(self) -> Guard:
@@ -77,19 +75,19 @@ class Studio:
         return self._answer(self.page[name], Path(name).suffix, "")
 
     async def _record(self, request: Request) -> Response:
-        """A file that was dropped on the page, stored in the opened folder."""
+        """Store a file that was dropped on the page in the opened folder."""
         try:
             name = await store(self.folder, request.query_params.get("beside", ""), request.query_params.get("name", ""),
                                request.stream())
-            told: dict[str, object] = {"file": name}
+            answer: dict[str, object] = {"file": name}
         except ClientDisconnect:
             raise
         except Exception as error:
-            told = {"problems": [{**p.as_dict(), "text": str(p)} for p in reasons(error)]}
-        return Response(json.dumps(told), 200, self._headers(""), "application/json")
+            answer = {"problems": [{**p.as_dict(), "text": str(p)} for p in reasons(error)]}
+        return Response(json.dumps(answer), 200, self._headers(""), "application/json")
 
     async def _report(self, request: Request) -> Response:
-        """A report in the opened folder, alone in its origin: its script reaches neither the studio nor the network."""
+        """A report in the opened folder, isolated in its origin: its script reaches neither the studio nor the network."""
         name = request.path_params["name"]
         try:
             if not name.endswith(".html"):
@@ -122,30 +120,30 @@ class Studio:
 
 
 def _page_files() -> dict[str, bytes]:
-    """The files of the page by their names, read once; nothing else is served."""
-    found, folders = {}, [("", resources.files("heavebond").joinpath("studio", "page"))]
+    """The files of the page by their names, read once; no other files are served."""
+    contents, folders = {}, [("", resources.files("heavebond").joinpath("studio", "page"))]
     for prefix, folder in folders:
         for entry in folder.iterdir():
             if entry.is_dir():
                 folders.append((f"{prefix}{entry.name}/", entry))
             elif Path(entry.name).suffix in KINDS:
-                found[prefix + entry.name] = entry.read_bytes()
-    return found
+                contents[prefix + entry.name] = entry.read_bytes()
+    return contents
 
 
 def bind(port: int | None) -> socket.socket:
-    """A socket on 127.0.0.1: at `port`, else at the first of the usual ones that is free; UsageError where none is."""
+    """A socket on 127.0.0.1: at `port`, else at the first of the usual ones that is free; UsageError if there is none."""
     ports = [port] if port is not None else [*range(PORT, PORT + PORTS), 0]
     for number in ports:
-        found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            found.bind(("127.0.0.1", number))
-            return found
+            listener.bind(("127.0.0.1", number))
+            return listener
         except OSError as error:
-            found.close()
-            said = error.strerror or str(error)
-    raise UsageError([Problem("port-taken", f"port {port} of this machine cannot be had: {said.lower()}", None,
+            listener.close()
+            reason = error.strerror or str(error)
+    raise UsageError([Problem("port-taken", f"port {port} of this machine cannot be opened: {reason.lower()}", None,
                               "Give another one, or leave --port out.")])
 
 

@@ -1,4 +1,4 @@
-"""One page that is open: what it asks is answered by a table of handlers, and it is told of what changes on disk."""
+"""One open page: its requests are answered by a table of handlers, and it is informed of changes on disk."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from heavebond.studio.job import Job
 from heavebond.studio.long_jobs import LongJob, LongJobs
 from heavebond.studio.workers import Answer, Pool, Worker, reasons
 
-WATCH = 0.4  # s between two looks at the files on disk
-# what the values of a request that no page sends lead to
+WATCH = 0.4  # s between two checks of the files on disk
+# exceptions that result from values in a request that no page sends
 MALFORMED = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 UNKNOWN = Problem("usage", "the page asked for something unknown")
-PENDING = 64  # requests of a page that are answered at a time; further ones are read when one of these is done
+PENDING = 64  # simultaneous requests of a page; further ones are read when one of these is finished
 GONE = "gone"  # the version of a document whose file was removed
 Handler = Callable[["Tab", dict[str, Any]], Awaitable[Answer]]
 
 
 class Tab:
-    """One page that is open: the document in it, watched on disk, and the workers that check and run it."""
+    """One open page: its document, watched on disk, and the workers that check and run it."""
 
     def __init__(self, websocket: WebSocket, folder: Folder, first: str, handlers: Dictionary[str, Handler], jobs: LongJobs,
                  pool: Pool):
         self.websocket, self.folder, self.first, self.handlers, self.jobs = websocket, folder, first, handlers, jobs
         self.checker, self.runner, self.librarian = Worker(pool), Worker(pool), Worker(pool)
         self.document: Document | None = None
-        self.checked = ""  # the document that was checked last
-        self.others: dict[str, float] = {}  # the files that the diagram reads besides its own, with their times
+        self.checked = ""  # the latest checked document
+        self.others: dict[str, float] = {}  # the other files of the diagram, with their times
         self.sending, self.pending = asyncio.Lock(), asyncio.Semaphore(PENDING)
         self.tasks: set[asyncio.Task[None]] = set()
 
     async def serve(self) -> None:
-        """Answer what the page asks until it goes."""
+        """Answer the requests of the page until it closes."""
         self._begin(self._watch())
         self.jobs.watchers.add(self._push_job)
         try:
@@ -60,7 +60,7 @@ class Tab:
             return
 
     def close(self) -> None:
-        """End what it does and its workers; long computations go on."""
+        """End its requests and its workers; long computations continue."""
         self.jobs.watchers.discard(self._push_job)
         for task in self.tasks:
             task.cancel()
@@ -68,7 +68,7 @@ class Tab:
             worker.close()
 
     def expect_runs(self) -> None:
-        """Start the worker of runs, so that the first one need not wait for it."""
+        """Start the worker of runs, so that the first run need not wait for it."""
         self._begin(self.runner.begin())
 
     def _push_job(self, job: LongJob) -> None:
@@ -85,40 +85,40 @@ class Tab:
     async def _handle(self, message: dict[str, Any]) -> None:
         number = message.get("id") if isinstance(message.get("id"), (int, str)) else None
         try:
-            kind, told, values = await self.handlers[str(message.get("do"))](self, message)
+            kind, answer, values = await self.handlers[str(message.get("do"))](self, message)
             if kind == "problems":
-                told = {"problems": [_problem(p) for p in told]}
-            await self.send({"id": number, "kind": kind, **told}, values)
-        except Exception as error:  # a request without an answer would leave the page waiting
+                answer = {"problems": [_problem(p) for p in answer]}
+            await self.send({"id": number, "kind": kind, **answer}, values)
+        except Exception as error:  # the page would wait for ever for a request without an answer
             problems = [_problem(p) for p in ([UNKNOWN] if isinstance(error, MALFORMED) else reasons(error))]
             await self.send({"id": number, "kind": "problems", "problems": problems})
 
-    async def send(self, told: dict[str, Any], values: Any = None) -> None:
-        """JSON as text; with an array as bytes: the length of the JSON (4 bytes), the JSON filled up with blanks to a
+    async def send(self, entry: dict[str, Any], values: Any = None) -> None:
+        """Send JSON as text; with an array as bytes: the length of the JSON (4 bytes), the JSON padded with blanks to a
         multiple of 8, the numbers row by row (float64, little endian)."""
-        text = json.dumps(_finite(told), allow_nan=False)  # in ASCII, as names of files may hold half characters
+        text = json.dumps(_finite(entry), allow_nan=False)  # in ASCII, because file names may contain lone surrogates
         async with self.sending:
-            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page has gone
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page has closed
                 if values is None:
                     await self.websocket.send_text(text)
                     return
-                told = {**told, "shape": list(values.shape)}
-                head = json.dumps(_finite(told), allow_nan=False).encode("ascii")
+                entry = {**entry, "shape": list(values.shape)}
+                head = json.dumps(_finite(entry), allow_nan=False).encode("ascii")
                 head += b" " * (-(4 + len(head)) % 8)
                 await self.websocket.send_bytes(len(head).to_bytes(4, "little") + head
                                                 + np.ascontiguousarray(values, "<f8").tobytes())
 
     async def _watch(self) -> None:
-        """Tell the page of what changes on disk beside it."""
+        """Inform the page of changes on disk by other programs."""
         while True:
             await asyncio.sleep(WATCH)
             document = self.document
             if document is None:
                 continue
-            if (now := await asyncio.to_thread(_again, self.folder, document)) is not None \
+            if (changed := await asyncio.to_thread(_again, self.folder, document)) is not None \
                     and self.document is document:
-                self.document = now
-                await self.send({"push": "disk", **document_entry(now)})
+                self.document = changed
+                await self.send({"push": "disk", **document_entry(changed)})
             elif await asyncio.to_thread(_missing, self.folder, document) and document.version != GONE:
                 await asyncio.sleep(WATCH)  # some programs remove a file before they write it again
                 if await asyncio.to_thread(_missing, self.folder, document) and self.document is document:
@@ -130,7 +130,7 @@ class Tab:
                 await self.send({"push": "others"})
 
     def job(self, message: dict[str, Any]) -> Job:
-        """The diagram as the page holds it: its `name`, its `text`, and the `values` of its sliders."""
+        """The diagram in the state of the page: its `name`, its `text`, and the `values` of its sliders."""
         name, text = str(message["name"]), str(message["text"])
         if len(text) > FILE_BYTES:
             raise UsageError([Problem("file-too-large", f"the text is larger than {FILE_BYTES // 10**6} MB")])
@@ -139,21 +139,21 @@ class Tab:
 
 
 def document_entry(document: Document) -> dict[str, Any]:
-    """A document as the page is told of it."""
+    """A document in the form for the page."""
     return {"name": document.name, "text": document.text, "version": document.version, "writable": document.writable}
 
 
 def _again(folder: Folder, document: Document) -> Document | None:
-    """The document as it stands on disk now, if that is another one that can be read."""
+    """The document as it is on disk, if it has changed and can be read."""
     try:
-        now = folder.read(document.name)
+        current = folder.read(document.name)
     except (HeavebondError, OSError):
-        return None  # deleted or being written; what is on the page can be saved again
-    return now if now.version != document.version else None
+        return None  # deleted or being written; the text of the page can be saved again
+    return current if current.version != document.version else None
 
 
 def _missing(folder: Folder, document: Document) -> bool:
-    """Whether there is no file of the document any more."""
+    """True if the file of the document does not exist any more."""
     try:
         return not folder.path(document.name).exists()
     except (HeavebondError, OSError):
@@ -161,14 +161,14 @@ def _missing(folder: Folder, document: Document) -> bool:
 
 
 def times(files: list[str]) -> dict[str, float]:
-    """When files were written last; 0 for one that is gone."""
-    found = {}
+    """Times of the last change of files; 0 for a missing one."""
+    times_of = {}
     for file in files:
         try:
-            found[file] = Path(file).stat().st_mtime
+            times_of[file] = Path(file).stat().st_mtime
         except OSError:
-            found[file] = 0.0
-    return found
+            times_of[file] = 0.0
+    return times_of
 
 
 def _problem(problem: Problem) -> dict[str, Any]:
@@ -176,7 +176,7 @@ def _problem(problem: Problem) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """What JSON has no word for as null."""
+    """Replace values that JSON does not have by null."""
     if isinstance(value, dict):
         return {str(k): _finite(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,4 +1,4 @@
-"""Values of sliders written into the text of a diagram, on the lines where they belong and no others."""
+"""Writing of slider values into the text of a diagram, without changes of other lines."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from heavebond.text.yaml_source import Mapping, parse
 
 
 def with_values(text: str, values: Dictionary[str, str]) -> str:
-    """The text with values of parameters by their paths; see `set_entry`."""
+    """Set values of parameters by their paths; see `set_entry`."""
     for path, value in values.items():
         text = set_entry(text, place_of(parse(text).root, path), value)
     return text
 
 
 def with_records(text: str, files: Sequence[str]) -> tuple[str, list[str]]:
-    """The text of an experiment with further records, and their names; one that it has already is passed over."""
+    """Add records to the text of an experiment; returns it and their names. Existing records are skipped."""
     names = []
     for file in files:
         entries = parse(text).root.items.get("records")
@@ -34,10 +34,10 @@ def with_records(text: str, files: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def place_of(root: Mapping, path: str) -> tuple[str, ...]:
-    """The keys under which a parameter is set: where `set:` has it already, else at the diagram's own parameter (a
-    component's: its default) or at the part, else under `set:`, which also decides over a diagram that is extended."""
-    given = root.items.get("set")
-    if isinstance(given, Mapping) and path in given.items:
+    """The keys under which a parameter is set: in `set:` if it is there already, else at the diagram's parameter (for a
+    component: its default) or at the part, else under `set:`, which also overrides a diagram that is extended."""
+    settings = root.items.get("set")
+    if isinstance(settings, Mapping) and path in settings.items:
         return "set", path
     owner, _, name = path.rpartition(".")
     if not owner:

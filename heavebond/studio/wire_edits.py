@@ -1,4 +1,4 @@
-"""Edits of wires: ports joined and taken off their nodes, and why two ports cannot be joined."""
+"""Edits of wires: join ports, remove them from their nodes, and the reason why two ports cannot be joined."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SIGNAL = "signal"
 
 
 def join_ports(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Two ports on one node: a new one, that of either, or those of both made one."""
+    """Join two ports on one node: a new one, the node of either, or both nodes merged."""
     one, two = str(action["from"]), str(action["to"])
     for reason in filter(None, [why_not(diagram, one, two)]):
         raise UsageError([Problem("ports-unfit", reason)])
@@ -30,15 +30,15 @@ def join_ports(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 
 def node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
-    """A name for a new node: that of a part with one port of power, a mass or a source, whose variables have other names
-    than those of the node; else `part_port` of the output, or of the first port."""
+    """A name for a new node: the name of a part with one power port, a mass or a source, whose variables have other names
+    than the variables of the node; else `part_port` of the output, or of the first port."""
     parts = list(dict.fromkeys(port.partition(".")[0] for port in ports))
     domain = diagram.model.library.domains.get(next(filter(None, (_port_facts(diagram, port)[0] for port in ports)), ""))
     if domain is not None:
-        own = {*domain.members}
+        members = {*domain.members}
         for part in parts:
             single = part in diagram.expanded.leaves and len(diagram.expanded.leaves[part].component.ports) == 1
-            if single and part not in diagram.model.body.wires and not own & diagram.named(part).members:
+            if single and part not in diagram.model.body.wires and not members & diagram.named(part).members:
                 return part
     named = next((port for port in ports if _port_facts(diagram, port)[1]), ports[0])
     return free_name(re.sub(r"\W+", "_", named).strip("_"), diagram.taken)
@@ -50,7 +50,7 @@ def _added(diagram: Diagram, node: str, port: str) -> str:
 
 
 def _merged(diagram: Diagram, first: str, second: str) -> str:
-    """The ports of the second node on the first, and the second's name in formulas replaced."""
+    """Move the ports of the second node to the first, and replace the second's name in formulas."""
     ends = diagram.section("nodes").get(second)
     if "extends" in diagram.said or not isinstance(ends, list):
         raise UsageError([Problem("edit-refused", f"'{first}' and '{second}' are nodes of the diagram that this one extends",
@@ -62,7 +62,7 @@ def _merged(diagram: Diagram, first: str, second: str) -> str:
 
 
 def leave_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """A port taken off its node; the node goes with its last port."""
+    """Remove a port from its node; the node is removed with its last port."""
     port = str(action["port"])
     node = diagram.node_of(port)
     ends = diagram.section("nodes").get(node)
@@ -75,7 +75,7 @@ def leave_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 
 def why_not(diagram: Diagram, one: str, two: str) -> str:
-    """Why two ports cannot be joined; empty where they can."""
+    """Reason why two ports cannot be joined; empty if they can."""
     if one == two:
         return "a wire joins two ports"
     facts = [_port_facts(diagram, port) for port in (one, two)]
@@ -87,8 +87,8 @@ def why_not(diagram: Diagram, one: str, two: str) -> str:
         return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port: a signal acts through a source (ForceSource, "
                 "FlowSource, ...) and comes from a sensor")
     if first and second and first != second:
-        return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port. What couples the two domains is found in the "
-                f"library by the words '{first} {second}'")
+        return (f"'{one}' is {_a(first)} port and '{two}' {_a(second)} port. Find a component that couples the two "
+                f"domains by `heavebond library` with the words '{first} {second}'")
     if out and drives:
         return f"'{one}' and '{two}' are both outputs; a signal has exactly one. Add them with a Sum"
     for port in (one, two):
@@ -100,13 +100,13 @@ def why_not(diagram: Diagram, one: str, two: str) -> str:
 
 
 def _outputs_on_nodes(diagram: Diagram, one: str, two: str) -> str:
-    """A second output on a node that has one."""
-    found = []
+    """Reason about a second output on a node that has one."""
+    outputs = []
     for port in (one, two):
         wire = diagram.model.body.wires.get(diagram.node_of(port))
         on = [end.path for end in wire.ends] if wire else [port]
-        found += [p for p in dict.fromkeys([*on, port]) if _port_facts(diagram, p)[1]]
-    return f"the signal would have two outputs, {listing(found)}; add them with a Sum" if len(found) > 1 else ""
+        outputs += [p for p in dict.fromkeys([*on, port]) if _port_facts(diagram, p)[1]]
+    return f"the signal would have two outputs, {listing(outputs)}; add them with a Sum" if len(outputs) > 1 else ""
 
 
 def _value_text(value: Any) -> str:
@@ -118,8 +118,8 @@ def _a(domain: str) -> str:
 
 
 def _port_facts(diagram: Diagram, path: str) -> tuple[str, bool]:
-    """The domain of a port, empty where nothing tells it yet, and whether it is an output (of a block, seen from inside, an
-    input); UsageError for no port."""
+    """The domain of a port, empty if it is not known yet, and whether it is an output (for a block, seen from inside, an
+    input); UsageError for an unknown port."""
     part, _, port = path.partition(".") if "." in path else ("", "", path)
     leaf = diagram.expanded.leaves.get(part)
     base = port.partition("[")[0]
@@ -127,5 +127,5 @@ def _port_facts(diagram: Diagram, path: str) -> tuple[str, bool]:
         raise UsageError([Problem("port-unknown", f"there is no port '{path[:100]}'")])
     if (signal := leaf.component.signal(base)) is not None:
         return SIGNAL, signal.direction == ("out" if part else "in")
-    found = leaf.component.ports[base].domain
-    return ("" if found.startswith("$") else found) or diagram.network.domains.get(part, {}).get(base, ""), False
+    domain = leaf.component.ports[base].domain
+    return ("" if domain.startswith("$") else domain) or diagram.network.domains.get(part, {}).get(base, ""), False

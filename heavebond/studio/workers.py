@@ -1,4 +1,4 @@
-"""Worker processes of the studio: the page's server never computes, and what hangs is ended without it."""
+"""Worker processes of the studio: the page's server never computes, and ends workers that hang."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from heavebond.core.errors import HeavebondError, Problem
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
 
-# processes for all tabs: a tab has three, and each takes some 200 MB
+# processes of all tabs: a tab has three, and each takes some 200 MB
 MOST = 9
-Answer = tuple[str, Any, Any]  # what kind, what is told, an array
+Answer = tuple[str, Any, Any]  # kind, content, array
 SUPERSEDED: Answer = ("superseded", {}, None)
 ENDED = Problem("worker-ended", "the computation ended before it was done", None,
                 "If nobody stopped it, this machine's memory did not suffice.")
@@ -28,7 +28,7 @@ LOST: Answer = ("problems", [ENDED], None)
 
 
 def reasons(error: Exception) -> list[Problem]:
-    """What the page shows for an exception."""
+    """Problems that the page shows for an exception."""
     if isinstance(error, HeavebondError):
         return list(error.problems)
     if isinstance(error, OSError):
@@ -42,29 +42,29 @@ def reasons(error: Exception) -> list[Problem]:
 
 
 class Pool:
-    """The processes of all tabs, `most` at a time. A worker that needs one more takes the place of the worker that has been
-    idle longest; if none is idle, it waits for one."""
+    """The processes of all tabs, at most `most`. A worker that needs a further one takes the process of the worker that
+    has been idle longest; if none is idle, it waits."""
 
     def __init__(self, most: int = MOST) -> None:
         self.most = most
-        self.workers: list[Worker] = []  # those that have a process, the one that worked last at the end
+        self.workers: list[Worker] = []  # workers with a process, the latest active one at the end
         self._idle = asyncio.Condition()
 
     async def admit(self, worker: Worker) -> None:
         """Wait until `worker` may have a process."""
         async with self._idle:
             while worker not in self.workers and len(self.workers) >= self.most:
-                idle = next((other for other in self.workers if not other.busy), None)
+                idle = next((worker_found for worker_found in self.workers if not worker_found.busy), None)
                 if idle is None:
                     await self._idle.wait()
                 else:
                     self.workers.remove(idle)
-                    async with idle.turn:  # what it is asked meanwhile waits
+                    async with idle.turn:  # requests wait meanwhile
                         await asyncio.to_thread(idle.end)
             self.used(worker)
 
     def used(self, worker: Worker) -> None:
-        """Put a worker behind all others."""
+        """Move a worker to the end of the queue."""
         self.remove(worker)
         self.workers.append(worker)
 
@@ -74,13 +74,13 @@ class Pool:
             self.workers.remove(worker)
 
     async def tell_idle(self) -> None:
-        """Let workers that wait for a process look again."""
+        """Let workers that wait for a process check again."""
         async with self._idle:
             self._idle.notify_all()
 
 
 class Worker:
-    """One process that does one task after the other; it is started when it is first needed and after it was ended."""
+    """One process that performs one task after the other; it is started at its first use and after it was ended."""
 
     def __init__(self, pool: Pool | None = None) -> None:
         self.pool = pool or Pool()
@@ -88,22 +88,22 @@ class Worker:
         self._pipe: Connection | None = None
         self.turn, self._asked = asyncio.Lock(), 0
         self._newest: object = None
-        self._since = 0.0  # when it began what it does; 0 if it does nothing
+        self._since = 0.0  # begin of the running task; 0 if there is none
         self.stopped = self._killed = False
 
     async def ask(self, task: str, *given: Any) -> Answer:
-        """The answer to a task, after those that were asked for before."""
+        """The answer to a task, after earlier tasks."""
         async with self._at_work():
             return await self._do(task, given)
 
     async def ask_again(self, task: str, *given: Any) -> Answer:
-        """The same for a short task: where its process was ended from outside, it is done once more by a new one."""
+        """The same for a short task: if its process was ended from outside, it is repeated by a new one."""
         answer = await self.ask(task, *given)
         return await self.ask(task, *given) if answer == LOST else answer
 
     async def ask_newest(self, task: str, *given: Any, patience: float = float("inf")) -> Answer:
-        """The same, but a task that waits is dropped as soon as a newer one comes, and one that takes longer than `patience`
-        (s) is ended for it."""
+        """The same, but a waiting task is dropped if a newer one arrives, and one that takes longer than `patience` (s)
+        is ended for it."""
         ticket = self._newest = object()
         if self.turn.locked() and self._since and time.monotonic() - self._since > patience:
             self.stop()
@@ -111,18 +111,18 @@ class Worker:
             return SUPERSEDED if self._newest is not ticket else await self._do(task, given)
 
     async def begin(self) -> None:
-        """Start the process before it is needed, as that takes a while."""
+        """Start the process before it is needed, because that takes some time."""
         async with self._at_work():
             await self._ready()
 
     @property
     def busy(self) -> bool:
-        """Whether it works on a task, or one waits for it."""
+        """True if it performs a task, or one waits for it."""
         return self._asked > 0
 
     @asynccontextmanager
     async def _at_work(self) -> AsyncIterator[None]:
-        """The turn of one task; workers that wait for a process look again after it."""
+        """Exclusive use of the process by one task; workers that wait for a process check again after it."""
         self._asked += 1
         try:
             async with self.turn:
@@ -132,21 +132,21 @@ class Worker:
             await self.pool.tell_idle()
 
     async def _ready(self) -> None:
-        """Have a process: another one if the last one was ended."""
+        """Provide a process: a new one if the last one was ended."""
         if self._process is not None and (self._killed or not self._process.is_alive()):
             self.end()
         await self.pool.admit(self)
         if self._process is None:
             await asyncio.to_thread(self._start)
 
-    async def _do(self, task: str, given: tuple[Any, ...]) -> Answer:
+    async def _do(self, task: str, arguments: tuple[Any, ...]) -> Answer:
         self.stopped, self._since = False, time.monotonic()
         try:
             await self._ready()
             if self.stopped:
                 return "stopped", {}, None
             assert self._pipe is not None
-            self._pipe.send((task, given))
+            self._pipe.send((task, arguments))
             answer: Answer = await asyncio.to_thread(self._pipe.recv)
             return answer
         except (EOFError, OSError):
@@ -165,7 +165,7 @@ class Worker:
         self._process = process
 
     def stop(self) -> None:
-        """End the process with what it does; nothing if it does nothing."""
+        """End the process and its task; without effect if there is no task."""
         if not self._since:
             return
         self.stopped = self._killed = True
@@ -179,7 +179,7 @@ class Worker:
         self.pool.remove(self)
 
     def end(self) -> None:
-        """End the process; the next task has another one."""
+        """End the process; the next task starts a new one."""
         if self._process is not None:
             self._process.kill()
             self._process.join(5)
@@ -190,20 +190,20 @@ class Worker:
 
 
 def work(pipe: Connection) -> None:
-    """The worker's loop, until the server is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's, which ends its workers
+    """The worker's loop, until the server ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server handles Ctrl-C and ends its workers
     from heavebond.studio.bench import tasks
 
     known = tasks()
     while True:
         try:
-            task, given = pipe.recv()
+            task, arguments = pipe.recv()
         except (EOFError, OSError):
             return
         answer: Answer
         try:
-            told, values = known[task](*given)
-            answer = ("done", told, values)
+            entry, values = known[task](*arguments)
+            answer = ("done", entry, values)
         except Exception as error:
             # the integrator of searches gives no reason
             failed = task in ("preview", "prepare") and isinstance(error, RuntimeError)

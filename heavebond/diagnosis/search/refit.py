@@ -238,17 +238,26 @@ def polished(base: Base, trial: Refit, guesses: Sequence[Score] = (), lender: Re
 def refitted_from(base: Base, candidate: Candidate, lender: Refit, progress: Progress | None = None) -> Refit | None:
     """A candidate refitted from what a refit of the same law found in another diagram, in the same ranges; None where the
     diagram with it cannot be simulated there."""
-    ranges = {n.name.rpartition(".")[2]: lender.experiment.free[n.name].range for n in lender.candidate.numbers
-              if n.name in lender.experiment.free}
+    spans = {n.name.rpartition(".")[2]: lender.experiment.free[n.name].range for n in lender.candidate.numbers
+             if n.name in lender.experiment.free}
+    ranges = {n.name: spans[key] for n in candidate.numbers if (key := n.name.rpartition(".")[2]) in spans}
+    return refitted_at(base, candidate, _lent(lender, candidate), ranges, lender.own, progress)
+
+
+def refitted_at(base: Base, candidate: Candidate, values: Mapping[str, float], ranges: Mapping[str, Range],
+                own: Mapping[str, Mapping[str, float]] | None = None, progress: Progress | None = None) -> Refit | None:
+    """A candidate refitted from values (SI) of its numbers and of free parameters, of which records may have their `own`;
+    its numbers are sought in `ranges`. None where the diagram with it cannot be simulated there."""
     try:
         refit = _RefitProblem(base, candidate, ())
-        refit.sought({name: ranges[key] for name in refit.ranges if (key := name.rpartition(".")[2]) in ranges})
-        lent, first = _lent(lender, candidate), base.problem.runs[0].record.name
-        values = {name: {**base.problem.values_of(base.inner, name or first), **lent, **lender.own.get(name, {})}
-                  for name in {c.record for c in refit.problem.columns}}
-        there = [c.inner(values[c.record].get(c.free.name, c.before)) for c in refit.problem.columns]
-        start = refit.problem.allowed(np.clip(there, refit.problem.low, refit.problem.high))
-        return refit.judged(refit.arrive(start, progress or (lambda text: None)))
+        refit.sought({name: span for name, span in ranges.items() if name in refit.ranges})
+        first = base.problem.runs[0].record.name
+        start = {name: {**base.problem.values_of(base.inner, name or first), **values, **(own or {}).get(name, {})}
+                 for name in {c.record for c in refit.problem.columns}}
+        there = [c.inner(start[c.record].get(c.free.name, c.before)) for c in refit.problem.columns]
+        end = refit.arrive(refit.problem.allowed(np.clip(there, refit.problem.low, refit.problem.high)),
+                           progress or (lambda text: None))
+        return refit.judged(end)
     except HeavebondError:
         return None
 

@@ -208,7 +208,7 @@ export class Jobs {
     const shown = this.shown(this.evidence.tab);
     if (shown?.number !== job.number) return true;
     if (job.of) { bar.max = job.of; bar.value = job.done; } else bar.removeAttribute("value");
-    byId("progress-text").textContent = job.stopping ? "stopping: finishing with the best so far; Stop once more ends without it" : job.text;
+    byId("progress-text").textContent = job.stopping ? "stopping: completing the result with the best so far; a second Stop discards it" : job.text;
     byId("best").textContent = job.best ? `best so far: ${job.best.name}, reduced chi-square ${job.best.chi2} on held-out data` : "";
     document.getElementById("ladder")?.replaceChildren(...this.ladder(job));
     return !job.ladder.length || document.getElementById("ladder") !== null;

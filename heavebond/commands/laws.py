@@ -1,0 +1,50 @@
+"""`heavebond laws`: a formula for the law that a model lacks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from heavebond.commands.arguments import check_picture, json_option, picture_option
+
+
+@click.command(short_help="Find a formula for the law that a model lacks.")
+@click.argument("experiment")
+@click.option("--at", "at", metavar="NODE", multiple=True,
+              help="The node at which the law acts; twice for a law between two nodes. Without it the likeliest places.")
+@click.option("--write", "written", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
+              help="Write the formula as a component, the diagram with it, and the experiment on it, into FOLDER (made if "
+              "needed). Names of earlier results are counted up.")
+@picture_option("Draw the formula over its variable with the input that the records ask for")
+@json_option
+def laws(experiment: str, at: tuple[str, ...], written: Path | None, output: Path | None) -> dict[str, object]:
+    """Find a formula, with units, for the law that the model of EXPERIMENT lacks at a place of its diagram.
+
+    Closed forms of the variables at the place (relative position, speed, pressure, signals) are composed to formulas and
+    refitted in simulation beside laws of the catalogue. The answer is the simplest formula that the records cannot
+    distinguish from the best one. It is meant for laws outside the catalogue: `heavebond diagnose` comes first.
+    """
+    from heavebond.commands import terminal
+    from heavebond.diagnosis.answer.files import Targets
+    from heavebond.estimation.experiment import load_experiment
+    from heavebond.laws.find import find_laws, write_law
+    from heavebond.pictures.plot import save
+    from heavebond.pictures.plot_law import plot_law
+    from heavebond.reports.result_tables import laws_items
+
+    check_picture(output)
+    given = load_experiment(experiment)
+    targets = Targets.beside(given, written) if written is not None else None
+    with terminal.working("searching formulas") as progress:
+        found = find_laws(given, at=at, progress=progress)
+    console = terminal.output()
+    terminal.show(laws_items(found))
+    files = write_law(found, targets) if targets is not None else []
+    if output is not None and found.simplest is not None:
+        files.append(save(plot_law(found), output))
+    for path in files:
+        console.print(f"wrote {path}", soft_wrap=True)
+    if targets is not None and files:
+        console.print(f"next: heavebond compare {next(p for p in reversed(files) if p.suffix == '.yaml')}", soft_wrap=True)
+    return {"experiment": given.name, **found.as_dict(), "files": list(map(str, files))}

@@ -1,0 +1,432 @@
+"""Search of the law that a model lacks, as a formula with units.
+
+1. The unknown input at each place is estimated from the records (see `localise`).
+2. At the likeliest places closed forms are fitted to the innovations and composed to formulas (see `laws.regression`).
+3. The formulas that leave least with each number of parameters are put into the diagram as components and refitted in
+   simulation, with all free parameters, by exact sensitivities; so are the laws of the catalogue at the same place.
+4. They are compared by their errors on data to which their parameters were not fitted (cross-validated, and held out). Of
+   those that the records cannot distinguish from the best, the one with the fewest parameters is the simplest.
+
+The probability of a formula is its weight by bootstrapped predictive likelihoods (pseudo-BMA+; Y. Yao, A. Vehtari, D.
+Simpson, A. Gelman, 2018, doi:10.1214/17-BA1091) times exp(-k/2 ln b) for its k parameters, with b the number of
+independent blocks that the records are worth. The rest is the probability of another form, with the odds that a diagnosis
+gives to a law outside its catalogue (see `diagnosis.evidence.probability`): they grow with the prediction error that the
+best formula leaves above the noise.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
+from heavebond.core.presentation import brief, number
+from heavebond.core.progress import Progress
+from heavebond.core.reporting import reporting
+from heavebond.core.threads import single_threaded
+from heavebond.diagnosis.answer.files import Targets, write_findings
+from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, fresh, quantity, site_of, snake
+from heavebond.diagnosis.candidates.places import candidates
+from heavebond.diagnosis.evidence.comparison import compared, loss
+from heavebond.diagnosis.evidence.prediction import SELECTION, TEST, block_length, predictive_errors
+from heavebond.diagnosis.evidence.probability import CALIBRATION, law_weights, percent
+from heavebond.diagnosis.search.base_model import Base
+from heavebond.diagnosis.search.refit import Refit, begun, followed, refitted_at
+from heavebond.diagnosis.search.scoring import scored
+from heavebond.diagnosis.search.step import UNKNOWN, fitted_base
+from heavebond.diagnosis.state import AddedEffect, ladder_entry
+from heavebond.equations.places import Place
+from heavebond.estimation.channel_noise import with_noise
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Free, changed_experiment, load_experiment
+from heavebond.estimation.fitting import fit
+from heavebond.language.definition import SearchRange
+from heavebond.language.edits import Change, Part, write_new
+from heavebond.laws.formula import Formula
+from heavebond.laws.regression import Composed, at_place, composed, leading
+from heavebond.localise.constants import INPUT_ESTIMATION
+from heavebond.localise.input_estimation import Estimate, Search
+from heavebond.localise.ltv_model import with_values
+from heavebond.localise.misfit import ImpliedInput, beginning, estimated_inputs, input_at
+from heavebond.numerics.dae import Array
+
+NOISE = 2.0  # mean squared prediction error, in noise variances, from which on a formula is only an approximation
+PLACES = 2  # at most, at which formulas are sought
+VARIABLES = 4  # of a place that are tried: those across it and its positions first
+FORMULAS = 8  # of a place that are refitted in simulation
+CATALOGUE = 5  # laws of the catalogue at the place that are refitted beside them: one of each class, by their scores
+
+
+def _digits(value: float, ends: tuple[float, float] | None) -> int:
+    """Digits with which a value is shown, so that its interval has two."""
+    if ends is None or not ends[1] > ends[0] or value == 0:
+        return 4
+    return int(np.clip(np.ceil(np.log10(abs(value) / (ends[1] - ends[0]))) + 2, 3, 9))
+
+
+@dataclass(frozen=True)
+class FoundLaw:
+    """A formula after its refit in simulation.
+
+    place: names of the nodes; text: the formula; name: of its component; numbers: fitted values (SI) by name, with 95 %
+    intervals in `intervals` (of the simplest formula), and their `covariance` (SI) in the order of the fitted ones of
+    `formula.numbers`; covered: the range of each variable in the fitted records (SI), by its formula in the diagram;
+    implied: the input that the records ask for at the place; finding: the law in the diagram, fitted to all samples;
+    chi2_fit, chi2_held_out: chi-square per sample; loss: mean squared prediction error of all samples in units of the
+    noise; probability: see the module.
+    """
+
+    formula: Formula
+    refit: Refit
+    numbers: Mapping[str, float]
+    probability: float
+    name: str = ""
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    implied: tuple[ImpliedInput, ...] = field(default=(), repr=False)
+    finding: AddedEffect | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        return brief(self, self.text, self.values_text)
+
+    @property
+    def place(self) -> tuple[str, ...]:
+        """The names of its nodes."""
+        return tuple(node.name for node in self.formula.place.nodes)
+
+    @property
+    def text(self) -> str:
+        """The formula with the names of its parameters."""
+        return self.formula.text
+
+    @property
+    def values_text(self) -> str:
+        """The parameters with their values, and 95 % intervals if they are known."""
+        shown = []
+        for n in self.formula.numbers:
+            value, ends = self.numbers.get(n.name, n.value), self.intervals.get(n.name)
+            digits = _digits(value, ends)
+            interval = f" ({number(ends[0], digits)} to {number(ends[1], digits)})" if ends is not None else \
+                " (not fitted)" if not n.fitted else ""
+            unit = "" if n.unit.text == "1" else f" {n.unit.text}"
+            shown.append(f"{n.name} = {number(value, digits)}{unit}{interval}")
+        return ", ".join(shown)
+
+    @property
+    def chi2_fit(self) -> float:
+        """Chi-square per sample of the fitted records."""
+        return self.refit.chi2_fit
+
+    @property
+    def chi2_held_out(self) -> float:
+        """Chi-square per sample of the data that were held out."""
+        return self.refit.chi2_held_out
+
+    @property
+    def loss(self) -> float:
+        """Mean squared prediction error of all samples in units of the noise."""
+        return loss(self.refit)
+
+    @property
+    def covered(self) -> dict[str, tuple[float, float]]:
+        """The range of each variable in the fitted records, in SI."""
+        return {name: (motion.low, motion.high) for name, motion in self.formula.motions.items()
+                if name in self.formula.variables}
+
+    def value(self, motion: Mapping[str, Array], time: Array) -> Array:
+        """The law (N,) in SI at values (N,) of its variables (SI), by their formulas in the diagram, at times (N,) in s."""
+        return self.formula.value(motion, time, self.numbers)
+
+    def component(self, name: str = "") -> str:
+        """The text of a component file with the law, its values and intervals."""
+        notes = {key: f"({number(low, digits)} to {number(high, digits)})" for key, (low, high) in self.intervals.items()
+                 for digits in [_digits(self.numbers[key], (low, high))]}
+        ranges = ", ".join(f"{low:.4g} .. {high:.4g} {v.unit} of the {v.phrase}" for v, _ in self.formula.variables.values()
+                           for low, high in [self.covered[v.formula]])
+        restrictions = f"Found for {ranges}; beyond that it is an extrapolation."
+        return self.formula.component(name or self.name, self.numbers, notes, restrictions)
+
+    def as_dict(self) -> dict[str, object]:
+        """The figures, for machines; values in SI."""
+        return {"place": list(self.place), "formula": self.text, "numbers": dict(self.numbers),
+                "chi2_held_out": self.chi2_held_out, "covered": {k: list(v) for k, v in self.covered.items()},
+                "intervals": {k: list(v) for k, v in self.intervals.items()},
+                "probability": self.probability, "chi2_fit": self.chi2_fit}
+
+
+@dataclass(frozen=True)
+class Laws:
+    """The answer: whether an effect is missing at all, the formulas (most probable first), the laws of the catalogue at the
+    same places, and the formula with the fewest parameters among those that the records cannot distinguish from the best;
+    `known` is the law of the catalogue that predicts as well as it with no more parameters."""
+
+    experiment: Experiment
+    missing: bool
+    laws: tuple[FoundLaw, ...]
+    catalogue: tuple[Refit, ...] = ()
+    simplest: FoundLaw | None = None
+    known: Refit | None = None
+    chi2: tuple[float, float] = (np.nan, np.nan)
+
+    def __repr__(self) -> str:
+        return brief(self, self.experiment.name, *self.words)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The answer in sentences."""
+        if not self.missing:
+            return ("No effect is missing: the parameters explain the records to the noise.",)
+        best = self.simplest
+        if best is None and not self.laws:
+            return ("An effect is missing, but no formula could be simulated at the likeliest places. `heavebond diagnose` "
+                    "tries the laws of the catalogue.",)
+        if best is None:
+            return ("No formula at the likeliest places explains the records better than the model without it.",)
+        words = [f"{best.formula.place.words[:1].upper()}{best.formula.place.words[1:]}: {best.text}",
+                 f"with {best.values_text}.",
+                 f"Probability {percent(best.probability)}. Chi-square per sample falls from {number(self.chi2[0], 3)} to "
+                 f"{number(best.chi2_fit, 3)} on fitted data and from {number(self.chi2[1], 3)} to "
+                 f"{number(best.chi2_held_out, 3)} on held-out data."]
+        if best.loss > NOISE:
+            words.append(f"It leaves {number(best.loss, 3)} times the noise: the law has another form, or more is missing. "
+                         "The formula is an approximation within the motion of the records. `heavebond diagnose` searches "
+                         "several effects at once.")
+        if self.known is not None:
+            words.append(f"The catalogue's {self.known.candidate.label} predicts as well with no more parameters "
+                         f"(chi-square {number(self.known.chi2_held_out, 3)} held out): use that law.")
+        return tuple(words)
+
+    def as_dict(self) -> dict[str, object]:
+        """The answer, for machines; values in SI."""
+        return {"missing": self.missing, "words": list(self.words), "laws": [law.as_dict() for law in self.laws],
+                "simplest": self.simplest.as_dict() if self.simplest is not None else None,
+                "catalogue": [{**t.candidate.as_dict(), "chi2_fit": t.chi2_fit, "chi2_held_out": t.chi2_held_out}
+                              for t in self.catalogue],
+                "known": self.known.candidate.label if self.known is not None else None}
+
+
+@reporting
+@single_threaded
+def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), progress: Progress | None = None) -> Laws:
+    """Search a formula, with units, for the law that the model of an experiment lacks.
+
+    `at` names the nodes of the place (one, or two that a component joins); without it the likeliest places are searched.
+    `progress` is called with a text at each step. Raises UsageError for an unknown place and what `compare` raises.
+    """
+    say = progress or (lambda text: None)
+    given = with_noise(load_experiment(experiment))
+    searched = beginning(given, None)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        search, found = estimated_inputs(searched, folder, None, say)
+        if found.chance >= INPUT_ESTIMATION.level and not at:
+            return Laws(given, False, ())
+        formulas, places = list[tuple[Formula, Composed]](), _places(search, found, at)
+        for k, place in places:
+            say(f"composing formulas {place.words}")
+            formulas += _formulas(search, found, k, place)
+        say("fitting the free parameters")
+        base = fitted_base(_with_components(searched, formulas, folder))
+        known = [refit for _, place in places for refit in _of_catalogue(base, place, say)]
+        answer = _answer(given, base, _refitted(base, search, formulas, say), known)
+        if answer.simplest is None:
+            return answer
+        say(f"fitting all samples with {answer.simplest.text}")
+        k = next(k for k, place in places if place is answer.simplest.formula.place)
+        start = next(c for formula, c in formulas if formula is answer.simplest.formula)
+        exact = replace(_confirmed(given, answer.simplest, folder, say),
+                        implied=_implied(search, found, k, answer.simplest.formula.place, start))
+        return replace(answer, simplest=exact, laws=tuple(
+            exact if law is answer.simplest else law for law in answer.laws))
+
+
+def _places(search: Search, found: Estimate, at: Sequence[str]) -> list[tuple[int, Place]]:
+    """The places at which formulas are sought, each with the number of its group; of places that act alike the first
+    pair."""
+    if at:
+        for k, ranked in enumerate(found.full):
+            for place in ranked.group.places:
+                if {node.name for node in place.nodes} == set(at):
+                    return [(k, place)]
+        names = [place.name for ranked in found.full for place in ranked.group.places]
+        raise UsageError([Problem("place-unknown", f"nothing was estimated at '{'-'.join(at)}'", None,
+                                  suggest("-".join(at), names) or f"Places: {', '.join(names)}.")])
+    best = found.full[0].likelihood
+    return [(k, next((p for p in ranked.group.places if len(p.nodes) == 2), ranked.group.places[0]))
+            for k, ranked in enumerate(found.full) if best - ranked.likelihood < INPUT_ESTIMATION.distinct][:PLACES]
+
+
+def _formulas(search: Search, found: Estimate, k: int, place: Place) -> list[tuple[Formula, Composed]]:
+    """The formulas at a place that are worth a refit."""
+    around = input_at(search, found, k, found.full[k])[3]
+    variables = [v for v in around.variables(place) if v.kind != "rate"]
+    own = [v for v in variables if v.kind in ("across", "position")]
+    problem = at_place(search, found, place, [*own, *(v for v in variables if v not in own)][:VARIABLES])
+    found_here = [(Formula(place, c.parts, problem.motions, tuple(problem.fixed(part) for part in c.parts)), c)
+                  for c in leading(composed(problem), FORMULAS)]
+    return [(formula, c) for formula, c in found_here if formula.possible]
+
+
+def _kind(k: int) -> str:
+    """The name of the component of the k-th formula."""
+    return f"FoundLaw{k + 1}"
+
+
+def _with_components(experiment: Experiment, formulas: Sequence[tuple[Formula, Composed]], folder: Path) -> Experiment:
+    """The experiment with a component for each formula in its library, in files of a folder."""
+    paths = {_kind(k): folder / f"{_kind(k)}.yaml" for k in range(len(formulas))}
+    for (kind, path), (formula, _) in zip(paths.items(), formulas, strict=True):
+        path.write_text(formula.component(kind, effect=False), encoding="utf-8")
+    model = experiment.model
+    library = replace(model.library, files={**model.library.files, **paths})
+    return replace(experiment, model=replace(model, library=library))
+
+
+def _refitted(base: Base, search: Search, formulas: Sequence[tuple[Formula, Composed]], say: Progress
+              ) -> list[tuple[Formula, Refit]]:
+    """The formulas refitted in simulation, each as a component in the diagram."""
+    made = []
+    for k, (formula, start) in enumerate(formulas):
+        say(f"refitting {k + 1} of {len(formulas)}: {formula.text}")
+        candidate = candidate_of(base.problem.experiment, formula, _kind(k))
+        numbers = {f"{candidate.name}.{n.name}": n for n in formula.numbers if n.range is not None}
+        values = {**with_values(search.known, start.q[search.columns(search.sides[0].record.name)]),
+                  **{name: n.value for name, n in numbers.items()}}
+        trial = refitted_at(base, candidate, values, {name: n.range for name, n in numbers.items() if n.range is not None},
+                            progress=say)
+        if trial is not None and trial.errors is not None:
+            made.append((formula, trial))
+    return made
+
+
+def candidate_of(experiment: Experiment, formula: Formula, kind: str) -> Candidate:
+    """The law of a formula as a candidate at its place, with a component of the library."""
+    site = site_of(experiment)
+    name = fresh(site, snake(kind))
+    ends: dict[str, tuple[str, ...]] = {}
+    for port, node in zip("ab", formula.place.nodes, strict=False):
+        ends[node.name] = (f"+{name}.{port}",)
+    inputs = {s: f"={variable.formula}" for s, variable in formula.inputs.items()}
+    numbers = tuple(EffectNumber(f"{name}.{n.name}", n.unit, None, None, SearchRange(n.range, ""), False, n.value)
+                    for n in formula.numbers if n.range is not None)
+    return Candidate(name, kind, "empirical law", formula.text, formula.place.words, tuple(ends),
+                     Change({name: Part(kind, inputs)}, ends), numbers, "across" if len(ends) == 2 else "at")
+
+
+def _of_catalogue(base: Base, place: Place, say: Progress) -> list[Refit]:
+    """The laws of the catalogue at a place with the largest scores, refitted."""
+    nodes = {node.name for node in place.nodes}
+    here = [c for c in candidates(base.problem.experiment) if c.kind != UNKNOWN and set(c.where) == nodes
+            and c.attaches in ("across", "at") and not c.members]
+    scores = []
+    for candidate in here:
+        with suppress(HeavebondError):
+            own = scored(base, candidate)
+            if own:
+                scores.append((max(s.gain for s in own), candidate, own))
+    refits = []
+    best_of_each = {candidate.kind: (gain, candidate, own) for gain, candidate, own in sorted(scores, key=lambda s: s[0])}
+    for _, candidate, own in sorted(best_of_each.values(), key=lambda entry: -entry[0])[:CATALOGUE]:
+        say(f"refitting {candidate.label}")
+        trial = begun(base, candidate, own)
+        if trial is not None:
+            refits.append(followed(base, trial, own))
+    return [t for t in refits if t.errors is not None]
+
+
+def _answer(given: Experiment, base: Base, laws: Sequence[tuple[Formula, Refit]], known: Sequence[Refit]) -> Laws:
+    before = predictive_errors(base.problem, base.inner, base.exact, base.r)
+    trials = [refit for _, refit in laws if len(refit.errors.sums if refit.errors is not None else ()) == len(before.sums)]
+    chi2 = (float(base.r @ base.r) / len(base.r), before.mean(SELECTION, TEST))
+    if not trials:
+        return Laws(given, True, (), tuple(known), chi2=chi2)
+    best = min(trials, key=loss)
+    alike = compared(best, trials, before).members
+    weights = law_weights(trials)[CALIBRATION.temperature]
+    assert best.errors is not None
+    length = block_length(np.asarray(best.errors.sums, float), best.errors.stretch)[0]
+    blocks = max(2.0, len(before.sums) / max(length, 1.0))
+    counts = {id(refit): formula.count for formula, refit in laws}
+    odds = np.array([w * blocks**(-0.5 * (counts[id(t)] - counts[id(best)])) for t, w in zip(trials, weights, strict=True)])
+    left = max(1.0, loss(best))
+    other = CALIBRATION.outside * float(np.exp(CALIBRATION.excess * (1 - 1 / left)))
+    shares = odds / odds.sum() / (1 + other)
+    found = [_law(formula, refit, float(shares[trials.index(refit)])) for formula, refit in laws if refit in trials]
+    simplest = min((law for law in found if law.refit in alike), key=lambda law: (law.formula.count, law.loss))
+    catalogue = sorted(known, key=loss)
+    as_good = next((t for t in catalogue if len(t.candidate.numbers) <= simplest.formula.count
+                    and loss(t) <= loss(simplest.refit)), None)
+    if loss(simplest.refit) >= before.mean():
+        return Laws(given, True, tuple(found), tuple(catalogue), chi2=chi2)
+    ordered = sorted(found, key=lambda law: -law.probability)
+    return Laws(given, True, tuple(ordered), tuple(catalogue), simplest, as_good, chi2)
+
+
+def _law(formula: Formula, refit: Refit, probability: float) -> FoundLaw:
+    own = f"{refit.candidate.name}."
+    return FoundLaw(formula, refit, {name.removeprefix(own): value for name, value in refit.values.items()
+                                     if name.startswith(own)} | {n.name: n.value for n in formula.numbers if not n.fitted},
+                    probability)
+
+
+def _confirmed(given: Experiment, law: FoundLaw, folder: Path, say: Progress) -> FoundLaw:
+    """The law in the diagram under a name of its own, fitted to all samples with all free parameters, with intervals."""
+    words = re.findall(r"[A-Za-z0-9]+", law.formula.place.name)
+    base = "Law" + "".join(word[:1].upper() + word[1:] for word in words)
+    files = given.model.library.files
+    name = next(n for n in (base, *(f"{base}{k}" for k in range(2, 99))) if n not in files)
+    path = folder / f"{snake(name)}.yaml"
+    path.write_text(law.formula.component(name), encoding="utf-8")
+    library = replace(given.model.library, files={**files, name: path})
+    experiment = replace(given, model=replace(given.model, library=library))
+    candidate = candidate_of(experiment, law.formula, name)
+    free = {n.name: n for n in law.formula.numbers if n.range is not None}
+    change = candidate.change.with_values({f"{candidate.name}.{n.name}": quantity(law.numbers[n.name], n.unit)
+                                           for n in free.values()})
+    changed = changed_experiment(experiment, change)
+    place = next(iter(changed.records.values())).place
+    own = {f"{candidate.name}.{n.name}": Free(f"{candidate.name}.{n.name}", n.range, place)
+           for n in free.values() if n.range is not None}
+    before = {key: value for key, value in law.refit.values.items()
+              if key in changed.free and not key.startswith("initial.")}
+    model = changed.model.with_parameters(before)
+    try:
+        fitted = fit(replace(changed, model=model, free={**changed.free, **own}), progress=say)
+    except HeavebondError:
+        return replace(law, name=name)
+    index = [k for k, p in enumerate(fitted.parameters) if p.name in own]
+    numbers = {fitted.parameters[k].name.rpartition(".")[2]: fitted.parameters[k] for k in index}
+    deviations = np.array([(p.interval[1] - p.interval[0]) / 3.92 for p in numbers.values()])
+    finding = AddedEffect(replace(candidate, change=change), tuple(fitted.parameters[k] for k in index),
+                          ladder_entry(f"+ {candidate.label}", fitted.after), fitted, (law.refit,))
+    return replace(law, name=name, numbers={**law.numbers, **{key: p.value for key, p in numbers.items()}},
+                   intervals={key: p.interval for key, p in numbers.items()},
+                   covariance=fitted.correlation[np.ix_(index, index)] * np.outer(deviations, deviations), finding=finding)
+
+
+def _implied(search: Search, found: Estimate, k: int, place: Place, start: Composed) -> tuple[ImpliedInput, ...]:
+    """The input that each record asks for at a place of the k-th group, with the free parameters that the formula has."""
+    w, deviation, moved, around = input_at(search, found, k, found.full[k])
+    ratio = found.full[k].group.ratios[found.full[k].group.places.index(place)]
+    value = (w + moved @ (start.q + search.centre(found.systems))) * ratio
+    local = {v.formula: v.values for v in around.variables(place)}
+    ends = np.cumsum([0, *(len(side.time) for side in search.sides)])
+    return tuple(ImpliedInput(side.record.name, side.time, value[i:j], deviation[i:j] * abs(ratio), place.unit.text,
+                              {name: course[i:j] for name, course in local.items()})
+                 for side, i, j in zip(search.sides, ends[:-1], ends[1:], strict=True))
+
+
+def write_law(laws: Laws, targets: Targets) -> list[Path]:
+    """The component of the simplest formula, the diagram with it, and the experiment on that, in the folder of the
+    targets; the paths that were written. None if no formula was found."""
+    law = laws.simplest
+    if law is None or law.finding is None:
+        return []
+    path = targets.folder / f"{snake(law.name)}.yaml"
+    write_new(path, law.component())
+    return [path, *write_findings(laws.experiment, [law.finding], targets)]

@@ -1,0 +1,214 @@
+"""Answers to the requests of a page: files, drawings and runs, records and long computations."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from pathlib import Path
+from typing import Any
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import confined
+from heavebond.studio.folder import BUNDLED, EMPTY, NEW, bundled_machines
+from heavebond.studio.long_jobs import known
+from heavebond.studio.tab import Handler, Tab, document_entry, times
+from heavebond.studio.values import with_records, with_values
+from heavebond.studio.workers import LOST, Answer
+
+HANGS = 10.0  # s of a check after which a newer one replaces it
+LEFT = 1.5  # s after which a check of a closed diagram is replaced by that of another
+USES = ("fit", "validate", "test")
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+async def _home(tab: Tab, _: dict[str, Any]) -> Answer:
+    tab.document = None
+    diagrams = await asyncio.to_thread(tab.folder.diagrams)
+    machines = [{k: v for k, v in entry.items() if k != "path"} for entry in bundled_machines()]
+    folder_exists = await asyncio.to_thread(tab.folder.root.is_dir)
+    return "done", {"folder": str(tab.folder.root), "there": folder_exists, "diagrams": diagrams, "machines": machines,
+                    "first": tab.first}, None
+
+
+async def _open(tab: Tab, message: dict[str, Any]) -> Answer:
+    tab.document = await asyncio.to_thread(tab.folder.read, str(message["name"]))
+    tab.others = {}
+    return "done", document_entry(tab.document), None
+
+
+async def _new(tab: Tab, message: dict[str, Any]) -> Answer:
+    text = EMPTY if message.get("empty") else NEW
+    return "done", {"name": await asyncio.to_thread(tab.folder.create, str(message["name"]), text)}, None
+
+
+async def _copy(tab: Tab, message: dict[str, Any]) -> Answer:
+    """Copy a bundled machine with all its files to a folder of the opened folder."""
+    from heavebond.estimation.starter_folder import start_folder
+
+    name = str(message["name"])
+    folder = tab.folder.path(f"{name}/{name}.yaml").parent
+    if folder.parent != tab.folder.root.resolve():
+        raise UsageError([Problem("name-bad", f"'{name}' cannot name a folder here")])
+    with confined(tab.folder.root):
+        starter = await asyncio.to_thread(start_folder, folder, str(message["origin"]).removeprefix(BUNDLED))
+    return "done", {"name": starter.diagrams[0].relative_to(folder.parent).as_posix()}, None
+
+
+async def _derive(tab: Tab, message: dict[str, Any]) -> Answer:
+    values = {str(k): str(v) for k, v in message["values"].items()}
+    document = await asyncio.to_thread(tab.folder.derive, str(message["name"]), str(message["origin"]), values)
+    return "done", {"name": document}, None
+
+
+async def _write(tab: Tab, message: dict[str, Any]) -> Answer:
+    values = {str(k): str(v) for k, v in message["values"].items()}
+    return "done", {"text": await asyncio.to_thread(with_values, str(message["text"]), values)}, None
+
+
+async def _save(tab: Tab, message: dict[str, Any]) -> Answer:
+    name, text, base = (str(message[k]) for k in ("name", "text", "base"))
+    saved = await asyncio.to_thread(tab.folder.save, name, text, base)
+    if tab.document is not None and tab.document.name == name:
+        tab.document = saved
+    return "done", document_entry(saved), None
+
+
+# -- drawings and runs -------------------------------------------------------------------------------------------------
+async def _view(tab: Tab, message: dict[str, Any]) -> Answer:
+    job = tab.job(message)
+    opened = [str(name) for name in message.get("opened", ())]
+    patience, tab.checked = HANGS if tab.checked == job.name else LEFT, job.name
+    answer = await tab.checker.ask_newest("view", job, opened, patience=patience)
+    if answer == LOST:
+        answer = await tab.checker.ask_newest("view", job, opened, patience=patience)
+    for part in answer[1].get("parts", {}).values() if answer[0] == "done" else ():
+        part["file"] = tab.folder.document(Path(part.pop("path")))
+    if answer[0] == "done" and tab.document is not None and tab.document.name == job.name:
+        tab.others = await asyncio.to_thread(times, answer[1].get("files", []))
+        tab.expect_runs()
+    return answer
+
+
+async def _edit(tab: Tab, message: dict[str, Any]) -> Answer:
+    return await tab.checker.ask_again("edit", tab.job(message), dict(message["action"]))
+
+
+async def _palette(tab: Tab, message: dict[str, Any]) -> Answer:
+    return await tab.librarian.ask("palette", tab.job({"text": "", **message}))
+
+
+async def _component(tab: Tab, message: dict[str, Any]) -> Answer:
+    return await tab.librarian.ask("component", tab.job({"text": "", **message}), str(message["kind"]))
+
+
+async def _run(tab: Tab, message: dict[str, Any]) -> Answer:
+    job, task = tab.job(message), str(message["do"])
+    arguments = () if task in ("animation", "modes", "film") else ([str(name) for name in message.get("names", ())],)
+    ask = tab.runner.ask_newest if task in ("run", "preview") else tab.runner.ask
+    return await ask(task, job, *arguments)
+
+
+async def _stop(tab: Tab, _: dict[str, Any]) -> Answer:
+    tab.runner.stop()
+    return "done", {}, None
+
+
+# -- records and long computations -------------------------------------------------------------------------------------
+async def _compare(tab: Tab, message: dict[str, Any]) -> Answer:
+    return await tab.runner.ask_newest("compare", tab.job(message))
+
+
+async def _channel(tab: Tab, message: dict[str, Any]) -> Answer:
+    return await tab.runner.ask("channel", tab.job(message), str(message["record"]), str(message["channel"]))
+
+
+async def _against(tab: Tab, message: dict[str, Any]) -> Answer:
+    return await tab.runner.ask("against", tab.job(message), str(message["record"]), str(message["channel"]),
+                                str(message["signal"]))
+
+
+# -- records that become an experiment -----------------------------------------------------------------------------------
+async def _propose(tab: Tab, message: dict[str, Any]) -> Answer:
+    file = tab.folder.record(str(message["file"]))
+    return await tab.checker.ask("propose", tab.job(message), str(file))
+
+
+async def _experiment(tab: Tab, message: dict[str, Any]) -> Answer:
+    """Write an experiment for a diagram into its folder, or into the opened folder for a bundled one; existing files are
+    unchanged.
+    """
+    model, name = tab.folder.path(str(message["model"])), str(message["name"])
+    root = tab.folder.root.resolve()
+    beside = root if str(message["model"]).startswith(BUNDLED) else model.parent
+    document = tab.folder.new_name(name, beside.relative_to(root).as_posix())
+    files = {str(tab.folder.record(str(file))): str(use) for file, use in message["files"].items()}
+    if not files or not set(files.values()) <= set(USES):
+        raise UsageError([Problem("usage", "an experiment needs records, each to fit, to validate or to test")])
+    columns = [{str(k): str(v) for k, v in column.items()} for column in message["columns"]]
+    free = {str(k): str(v) for k, v in message.get("free", {}).items()}
+    answer = await tab.checker.ask("experiment", str(tab.folder.path(document)), document, str(message.get("title") or name),
+                                   str(model), files, columns, free)
+    if answer[0] != "done":
+        return answer
+    await asyncio.to_thread(tab.folder.write_new, document, str(answer[1]["text"]))
+    return "done", {"name": document}, None
+
+
+async def _join(tab: Tab, message: dict[str, Any]) -> Answer:
+    """Add records to the text of an experiment, held out until the user changes it."""
+    path = tab.folder.path(str(message["name"])).parent
+    files = [os.path.relpath(tab.folder.record(str(file)), path) for file in message["files"]]
+    text, names = await asyncio.to_thread(with_records, str(message["text"]), [Path(f).as_posix() for f in files])
+    return "done", {"text": text, "names": names}, None
+
+
+# -- long computations ---------------------------------------------------------------------------------------------------
+async def _jobs(tab: Tab, message: dict[str, Any]) -> Answer:
+    """State of the computations on a document; from now on this page receives their progress."""
+    return "done", {"jobs": [job.entry() for job in tab.jobs.of(str(message["name"]))]}, None
+
+
+async def _begin(tab: Tab, message: dict[str, Any]) -> Answer:
+    name, kind = str(message["name"]), known(str(message["kind"]))
+    document = await asyncio.to_thread(tab.folder.read, name)
+    options = message.get("given", {})
+    if not isinstance(options, dict):
+        raise TypeError(options)
+    options = {**options, "folder": str(tab.folder.root) if name.startswith(BUNDLED) else "", "root": str(tab.folder.root)}
+    return "done", {"job": tab.jobs.begin(kind, name, document.path, document.version, options).entry()}, None
+
+
+async def _end(tab: Tab, message: dict[str, Any]) -> Answer:
+    job = tab.jobs.numbered(int(message["number"]))
+    job.stop()
+    return "done", {"job": job.entry()}, None
+
+
+async def _array(tab: Tab, message: dict[str, Any]) -> Answer:
+    job = tab.jobs.numbered(int(message["number"]))
+    return "done", {}, job.arrays[str(message["key"])]
+
+
+async def _add(tab: Tab, message: dict[str, Any]) -> Answer:
+    """Write the result as a diagram and an experiment that extend the former ones; returns the experiment's name."""
+    options = message.get("given", {})
+    if not isinstance(options, dict):
+        raise TypeError(options)
+    job = tab.jobs.numbered(int(message["number"]))
+    files = await job.write(options)
+    if not files:
+        raise UsageError([Problem("nothing-found", "the computation has no result to write")])
+    return "done", {"files": [_name(tab, Path(file)) for file in files], "open": _name(tab, Path(files[-1]))}, None
+
+
+def _name(tab: Tab, path: Path) -> str:
+    root = tab.folder.root.resolve()
+    return path.resolve().relative_to(root).as_posix() if path.resolve().is_relative_to(root) else path.name
+
+
+HANDLERS: dict[str, Handler] = {
+    "home": _home, "open": _open, "new": _new, "copy": _copy, "derive": _derive, "write": _write, "save": _save,
+    "view": _view, "edit": _edit, "palette": _palette, "component": _component, "stop": _stop,
+    **dict.fromkeys(("run", "prepare", "preview", "signals", "animation", "modes", "film"), _run),
+    "compare": _compare, "channel": _channel, "against": _against, "propose": _propose, "experiment": _experiment,
+    "join": _join, "jobs": _jobs, "begin": _begin, "end": _end, "array": _array, "add": _add}

@@ -1,0 +1,163 @@
+"""Formulas for laws outside the catalogue: the closed forms, their components, the search and its answer."""
+
+from dataclasses import replace
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.integrate import solve_ivp
+
+import heavebond as hb
+from benchmarks.diagnosis import laws as machines
+from benchmarks.diagnosis.beds import write
+from heavebond.cli import main
+from heavebond.core.units import read_unit
+from heavebond.diagnosis.answer.files import Targets
+from heavebond.equations.places import Place, nodes_of, places_of
+from heavebond.language.library import library
+from heavebond.laws.find import find_laws, write_law
+from heavebond.laws.forms import MEMORY, ONE_VARIABLE, TWO_VARIABLES, Form, Motion, remembered, values
+from heavebond.laws.formula import Formula
+from heavebond.laws.regression import Part
+from heavebond.localise import compiled_kalman
+from heavebond.localise.curves import Variable
+from heavebond.localise.whitening import Whitening
+
+TIME = np.linspace(0.0, 4.0, 801)
+SPEED = Variable("across", "speed slide.v", "slide.v", "m/s", np.sin(3 * TIME), np.cos(3 * TIME) > 0)
+TRAVEL = Variable("position", "position slide.x", "slide.x", "m", 0.2 - np.cos(3 * TIME) / 3, np.sin(3 * TIME) > 0)
+
+
+@pytest.fixture(scope="module")
+def place() -> Place:
+    flat = hb.assemble(hb.load("linear_motor")).flat
+    return next(p for p in places_of(flat, nodes_of(flat)) if p.name == "frame-slide")
+
+
+def motion(variable: Variable) -> Motion:
+    return Motion(float(variable.values.min()), float(variable.values.max()),
+                  np.quantile(variable.values, np.linspace(0.1, 0.9, 9)), TIME[1])
+
+
+def formula(place: Place, form: Form) -> Formula:
+    """A form with amplitudes of 2, 3, ... and the shape in the middle of its grid."""
+    first = TRAVEL if form.first == "position" else SPEED
+    part = Part(form, first, TRAVEL if form.second else None)
+    of = {"w": part.second or first}
+    shapes = []
+    for shape in form.shapes:
+        tried = shape.tried(motion(of.get(shape.unit, first)))
+        shapes.append(float(tried[len(tried) // 2]))
+    amplitudes = tuple(float(k + 2) for k in range(len(form.terms)))
+    part = replace(part, shapes=tuple(shapes), amplitudes=amplitudes)
+    return Formula(place, (part,), {v.formula: motion(v) for v in (SPEED, TRAVEL)}, ({"u_r": 1.0, "u_t": 0.005},))
+
+
+FORMS = [*ONE_VARIABLE, *TWO_VARIABLES, *MEMORY]
+
+
+def test_every_form_is_a_component_that_gives_the_value_of_the_formula(place: Place, tmp_path: Path) -> None:
+    """The units and equations of every component agree; between a slide on a prescribed course and the frame its force is
+    the formula."""
+    laws = [formula(place, form) for form in FORMS]
+    for k, law in enumerate(laws):
+        (tmp_path / f"law{k}.yaml").write_text(law.component(f"Law{k}"), encoding="utf-8")
+    known = library([tmp_path])
+    assert all(known.checked(f"Law{k}").effects for k in range(len(laws)))  # raises ModelError
+    (tmp_path / "d.yaml").write_text("\n".join([
+        "model: d", "components:", '  drive: {is: PositionSource, u: "=0.2 m - 1/3*1 m*cos(3*time/1 s)"}',
+        "  frame: {is: Fixed}",
+        *(f"  law_{k}: {{is: Law{k}}}" for k in range(len(laws))), "nodes:",
+        f"  slide: [drive.a, {', '.join(f'law_{k}.b' for k in range(len(laws)))}]",
+        f"  frame: [frame.a, {', '.join(f'law_{k}.a' for k in range(len(laws)))}]"]), encoding="utf-8")
+    run = hb.simulate(hb.load(str(tmp_path / "d.yaml")), "4 s", every="5 ms", rtol=1e-9)
+    motion_of_slide = {"slide.v": run.si["slide.v"], "slide.x": run.si["slide.x"]}
+    wrong = {}
+    for k, law in enumerate(laws):
+        written = {n.name: float(f"{n.value:.6g}") for n in law.numbers}  # in the file
+        expected = law.value(motion_of_slide, run.time, written)
+        # a memory of the formula is integrated in steps of 5 ms by a method of second order; a sign changes within one step
+        error = float(np.abs(run.si[f"law_{k}.F"] - expected).max() / np.abs(expected).max())
+        if not error < (1e-2 if law.memories else 1e-8):
+            wrong[FORMS[k].name] = error
+    assert not wrong
+
+
+def test_a_memory_follows_its_differential_equation() -> None:
+    found = remembered("(u*abs(u) - s)/tau", TIME, {"u": SPEED.values}, {"tau": np.array([0.1, 0.5])})
+    for k, tau in enumerate((0.1, 0.5)):
+        exact = solve_ivp(lambda t, s, tau=tau: (np.sin(3 * t) * abs(np.sin(3 * t)) - s) / tau, (0, 4), [0.0], t_eval=TIME,
+                          rtol=1e-10, atol=1e-12).y[0]
+        assert found[:, k] == pytest.approx(exact, abs=1e-4)  # steps of 5 ms, of second order
+
+
+def test_terms_broadcast_over_values_and_shapes() -> None:
+    found = values("sin(2*pi*u/p)", {"u": np.array([0.0, 0.25]), "p": np.array([[1.0], [0.5]])})
+    assert found == pytest.approx(np.array([[0.0, 1.0], [0.0, 0.0]]), abs=1e-12)
+
+
+def test_compiled_responses_of_a_filter_are_those_of_numpy() -> None:
+    rng = np.random.default_rng(0)
+    count, n, m, width = 40, 3, 2, 5
+    filtering = Whitening(rng.normal(size=(count, m, n)), rng.normal(size=(count, m, m)),
+                          0.3 * rng.normal(size=(count - 1, n, n)), 0.3 * rng.normal(size=(count - 1, n, m)))
+    given = rng.normal(size=(count, width)), rng.normal(size=(count - 1, n)), rng.normal(size=(count, m))
+    found = filtering.responses(*given)
+    with patch.object(compiled_kalman, "program", lambda: None):
+        assert found == pytest.approx(filtering.responses(*given), rel=1e-12, abs=1e-12)
+
+
+def test_a_periodic_force_is_found_with_its_pitch_and_written_as_a_component(tmp_path: Path) -> None:
+    found = find_laws("linear_motor/cogging")
+    law = found.simplest
+    assert law is not None and law.text == "F = F_0*sin(2*pi*x/pitch)" and law.place == ("frame", "slide")
+    # the truth of the records is 14 N and 32 mm
+    assert law.numbers["F_0"] == pytest.approx(14.0, rel=0.01) and law.numbers["pitch"] == pytest.approx(0.032, rel=1e-3)
+    low, high = law.intervals["F_0"]
+    assert low < 14.0 < high and law.chi2_held_out < 1.1 and law.probability > 0.5
+    paths = write_law(found, Targets.beside(found.experiment, tmp_path))
+    assert [p.name for p in paths] == ["law_frame_slide.yaml", "cogging_2.yaml"]
+    after = hb.compare(paths[-1])
+    assert max(part.chi2 for part in after.parts) < 1.1
+    names = [c.component for c in hb.candidates(paths[-1])]  # the law is in the user's catalogue from then on
+    assert "LawFrameSlide" in names
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["magnet", "squeeze", "norton", "barus"])
+def test_laws_of_handbooks_are_found(name: str, tmp_path: Path) -> None:
+    """One variable, two variables beside dry friction, memory, and a leak."""
+    law = machines.LAWS[name]
+    file = write(law.bed, tmp_path)
+    found = find_laws(file).simplest
+    assert found is not None and set(found.place) == set(law.place)
+    near, beyond = machines.differences(law, found, *machines.motion_of(law, file))
+    assert near < machines.NEAR and beyond < machines.BEYOND
+
+
+def test_no_formula_is_found_where_nothing_is_missing() -> None:
+    found = find_laws("passive_rig/nothing")
+    assert not found.missing and found.simplest is None
+    assert found.words == ("No effect is missing: the parameters explain the records to the noise.",)
+
+
+def test_an_unknown_place_is_named_with_the_places_that_there_are() -> None:
+    with pytest.raises(hb.UsageError, match="nothing was estimated at 'slied'"):
+        find_laws("linear_motor/cogging", at=["slied"])
+
+
+@pytest.mark.long
+def test_the_command_shows_the_formula_and_draws_it(tmp_path: Path) -> None:
+    picture = tmp_path / "law.png"
+    done = CliRunner().invoke(main, ["laws", "linear_motor/cogging", "--at", "slide", "--at", "frame", "-o", str(picture),
+                                     "--write", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "F = F_0*sin(2*pi*x/pitch)" in done.output and picture.stat().st_size > 10_000
+
+
+def test_units_of_amplitudes_follow_from_the_law(place: Place) -> None:
+    law = formula(place, next(f for f in TWO_VARIABLES if f.name == "drag times w"))
+    amplitude, = (n for n in law.numbers if n.fitted)
+    assert amplitude.unit.dimension == read_unit("N*s**2/m**3").dimension
