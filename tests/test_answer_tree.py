@@ -35,7 +35,8 @@ PLACES = Places.of(EXPERIMENT)
 def _step(found: list[Candidate], partial: bool = False, planned: int = 0) -> Any:
     """A step with these candidates, the scores of which are equal, and no refits."""
     scores = tuple(SimpleNamespace(candidate=c, gain=1.0) for c in found)
-    return SimpleNamespace(experiment=EXPERIMENT, scores=scores, trials=(), places=PLACES, partial=partial, planned=planned)
+    return SimpleNamespace(experiment=EXPERIMENT, scores=scores, trials=(), places=PLACES, partial=partial, planned=planned,
+                           joint=())
 
 
 def _evidence(weights: dict[str, float], left: float = 1.0, missing: float = 0.0) -> Evidence:
@@ -178,8 +179,8 @@ def _trial(label: str, bic: float, held: float, share: float = 1.0) -> Any:
 
 def _judged_step(trials: list[Any], held: float) -> Any:
     errors = SimpleNamespace(mean=lambda *_: held, samples=lambda *_: 1000)
-    return SimpleNamespace(trials=trials, cluster=(), chosen=None, bic=0.0, chi2_held_out=held, samples_held_out=1000,
-                           errors=errors, merit=1e9, shown_held_out=True, partial=True, chi2_fit=held)
+    return SimpleNamespace(trials=trials, joint=(), cluster=(), chosen=None, bic=0.0, chi2_held_out=held,
+                           samples_held_out=1000, errors=errors, merit=1e9, shown_held_out=True, partial=True, chi2_fit=held)
 
 
 def test_a_table_does_not_say_by_chance_beside_strong_evidence(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from benchmarks.diagnosis.compensator import CASES, LEAKAGE, made
+from heavebond.diagnosis.answer.sentences import left_out_words
 from heavebond.diagnosis.attempt import attempt
 from heavebond.diagnosis.candidates.catalogue import single_candidates
 from heavebond.diagnosis.candidates.places import candidates
@@ -50,6 +52,16 @@ def test_effects_are_tried_on_nodes_inside_blocks(tmp_path: Path) -> None:
     assert ("CoulombFriction", frozenset({"drilling.hook", "drilling.bit"})) in there
     assert ("SeriesCompliance", frozenset({"falls", "drilling"})) in there
     assert ("ProportionalValve43", frozenset({"ahc.valve"})) in there
+
+
+def test_each_reason_why_effects_are_not_tried_is_stated(tmp_path: Path) -> None:
+    """Each input of the active compensator leads to one valve: an effect before it is the same inside and outside."""
+    experiment, _ = made(replace(CASES["friction passive"], seconds=2), tmp_path)
+    excluded: dict[str, str] = {}
+    signals = {c.signal for c in candidates(experiment, excluded) if c.attaches == "input"}
+    assert "ahc.command" in signals and "ahc.valve.u" not in signals
+    words, = left_out_words([SimpleNamespace(excluded=excluded)])  # type: ignore[list-item]
+    assert excluded and all(f"({reason})" in words for reason in excluded.values())
 
 
 def test_nodes_that_a_rope_joins_are_one_place(tmp_path: Path) -> None:

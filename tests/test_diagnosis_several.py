@@ -80,8 +80,9 @@ Table = Mapping[str, float]
 
 
 def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True, most: int = 5,
-            left: float = np.inf) -> tuple[str, list[str]]:
-    """The effects that are found, and the diagrams on which a step was made; what is not in the table leaves what is left
+            left: float = np.inf, pairs: dict[str, float] | None = None) -> tuple[str, list[str]]:
+    """The effects that are found, and the diagrams on which a step was made; `pairs` takes what each leading law leaves in
+    its best pair; what is not in the table leaves what is left
     without any one of its effects, at best. `B+A` is what A leaves when it is added to B, in a valley of its own."""
     made: list[str] = []
 
@@ -92,7 +93,8 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
     def trial(effects: str, new: str) -> Refit:
         chi2 = table.get(f"{effects}+{new}", chi2_of(effects + new))
         candidate = SimpleNamespace(label=new, component=new, kind=new, where=(), change=SimpleNamespace(moved={}),
-                                    attaches="across", place="", signal="", numbers=(), vanishing=())
+                                    attaches="across", place="", signal="", numbers=(), vanishing=(),
+                                    acts_on=lambda effects: False)
         return Refit(candidate, experiment(effects + new), {}, chi2 * SAMPLES, chi2, chi2, SAMPLES,
                      SAMPLES, len(effects) + 1, (), 0.0, 0, errors=errors(chi2))
 
@@ -114,8 +116,13 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
 
     monkeypatch.setattr(stepwise, "following", lambda made: made.chosen.experiment)
     monkeypatch.setattr(stepwise, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
+    monkeypatch.setattr(stepwise, "between_all_nodes", lambda at: [])
     monkeypatch.setattr(stepwise, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
+    monkeypatch.setattr(stepwise, "fitted_base", lambda at: at)
+    monkeypatch.setattr(stepwise, "refitted_from", lambda at, candidate, lender: trial(at.effects, candidate.label))
     *_, (way, _) = select_stepwise(experiment(""), stepping, lambda text: None, most, lambda: left)
+    if pairs is not None and way:
+        pairs.update({t.candidate.label: t.chi2_fit for t in way[0].step.joint})
     return "".join(added.candidate.label for added in way), made
 
 
@@ -127,6 +134,17 @@ def test_the_best_first_effect_need_not_be_one_of_the_two(monkeypatch: pytest.Mo
     found, made = climbed(monkeypatch, MISLED)
     assert found == "AB"
     assert made == ["", "C", "A", "B"]  # noise beside A ends the search; then A is looked back on
+
+
+def test_the_leading_laws_are_compared_in_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Alone, the imitator C leaves a quarter of what A leaves; in pairs A leaves less. B is not completed by A or C, which
+    leave less alone. D explains less than half of what C explains, and is in no pair."""
+    pairs: dict[str, float] = {}
+    climbed(monkeypatch, {"": 1000, "A": 40, "B": 60, "C": 10, "AB": 1.6, "AC": 6, "BC": 7}, pairs=pairs)
+    assert pairs == {"A": 1.6, "C": 6, "B": 60}
+    pairs.clear()
+    climbed(monkeypatch, {"": 1000, "A": 1}, pairs=pairs)  # A leaves noise: there is nothing to complete
+    assert not pairs
 
 
 def test_one_step_is_one_effect(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +21,7 @@ from heavebond.diagnosis.candidates.catalogue import single_candidates
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.candidates.places import Places
 from heavebond.diagnosis.evidence import probability
+from heavebond.diagnosis.evidence.prediction import PredictiveErrors
 from heavebond.diagnosis.evidence.probability import (
     NOTHING,
     OTHER,
@@ -29,12 +31,14 @@ from heavebond.diagnosis.evidence.probability import (
     Calibration,
     Event,
     Evidence,
+    compared_step,
     factor_bound,
     probabilities,
     stated,
 )
 from heavebond.diagnosis.evidence.residual_tests import ResidualTests
 from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.search.step import Stage
 
 FRICTION = Event("dry friction", 0.0, "between bed and slide", ("bed", "slide"), ("CoulombFriction between bed and slide",))
 DRAG = Event("quadratic damping", 0.0, "between bed and slide", ("bed", "slide"), ("Drag between bed and slide",))
@@ -73,13 +77,56 @@ def test_an_effect_that_is_found_beside_the_first_is_no_sign_of_a_law_outside(mo
     """What is left is counted after all steps."""
     def step(left: float | None) -> Any:
         chosen = SimpleNamespace(errors=True, left=left) if left is not None else None
-        return SimpleNamespace(trials=(), errors=None, left=ResidualTests(1, 1, 1, 0), chosen=chosen, partial=False)
+        return SimpleNamespace(trials=(), errors=None, left=ResidualTests(1, 1, 1, 0), chosen=chosen, partial=False,
+                               joint=())
 
     monkeypatch.setattr(probability, "loss", lambda trial: trial.left)
     assert probability.evidence([step(40.0)]).left == 1  # of the first, trials that were refitted count
     assert probability.evidence([step(40.0), step(7.0)]).left == 7
     assert probability.evidence([step(40.0), step(7.0), step(0.9)]).left == 1
     assert probability.evidence([step(40.0), step(7.0), step(None)]).left == 7
+
+
+def stage(*laws: tuple[str, str, float], joint: Sequence[Refit] = ()) -> Stage:
+    """A step with refits of these kinds and names that leave so much of a large misfit."""
+    trials = tuple(refit(*law) for law in laws)
+    return Stage(cast(Any, None), {}, 4e5, 1000, 400, 400, 1000, (), ResidualTests(0, 0, 0, 9), (), trials, None, (), {}, (),
+                 False, 0.0, errors=trials[0].errors, joint=tuple(joint))
+
+
+def refit(kind: str, name: str, chi2: float) -> Refit:
+    candidate: Any = SimpleNamespace(kind=kind, name=name, where=(name,), label=f"{kind} at {name}")
+    experiment: Any = SimpleNamespace(noise_given=True)
+    counts = np.full(50, 20.0)
+    errors = PredictiveErrors(chi2 * counts, counts, np.zeros(50, np.int64), np.zeros(50, np.int64))
+    return replace(REFIT, candidate=candidate, experiment=experiment, chi2_fit=chi2, chi2_held_out=chi2, errors=errors)
+
+
+def test_the_leading_laws_count_with_what_they_leave_in_pairs() -> None:
+    """Drag leaves less than friction alone, and more in the best pairs. A review beside one further effect does not count,
+    but if it reaches the noise, as then nothing else is missing."""
+    friction, drag = ("dry friction", "slide", 60.0), ("quadratic damping", "slide", 40.0)
+    pairs = [refit("dry friction", "slide", 2.0), refit("quadratic damping", "slide", 20.0)]
+    step, other = stage(friction, drag, joint=pairs), stage(("quadratic damping", "slide", 9.0), ("end stop", "slide", 30.0))
+
+    def left(made: Stage) -> list[float]:
+        return sorted(t.chi2_fit for t in made.trials)
+
+    assert left(compared_step(stage(friction, drag), None)) == [40, 60]
+    assert left(compared_step(stage(friction, drag), other)) == [9, 30]
+    assert left(compared_step(step, None)) == left(compared_step(step, other)) == [2, 20]
+    assert left(compared_step(step, stage(("quadratic damping", "slide", 1.0)))) == [1]
+
+
+def test_a_value_of_the_diagram_is_compared_with_effects_alone() -> None:
+    """A wrong mass leaves as much as friction alone, and many times what friction leaves in a pair."""
+    step = stage(("dry friction", "slide", 40.0), joint=[refit("dry friction", "slide", 2.0)])
+    values = stage((VALUE, "slide.m", 40.0))
+    made = compared_step(step, None)
+    best = [*made.trials, *values.trials]
+    found = probability._beside_values(best, probability.law_weights(best), [[*step.trials], [*values.trials]])
+    assert found[16.0] == pytest.approx([0.5, 0.5])
+    assert probability.law_weights(best)[16.0][1] < 0.05
 
 
 def test_a_law_that_only_refines_a_simpler_one_counts_with_it() -> None:

@@ -151,6 +151,10 @@ def test_effects_act_on_the_machine_and_not_on_effects_that_were_found(tmp_path)
     friction = next(c for c in found if c.component == "CoulombFriction" and "mass" in c.where)
     slip = replace(next(c for c in found if c.attaches == "in series"), where=("mass", friction.name))
     assert slip.acts_on([friction]) and not slip.acts_on([]) and not friction.acts_on([friction])
+    # a sensor error before one that was found in the channel is the same as one behind it
+    gain = next(c for c in found if c.component == "SensorGain" and c.attaches == "channel")
+    offset = replace(next(c for c in found if c.component == "SensorOffset" and c.attaches == "input"), where=(gain.name,))
+    assert offset.acts_on([gain]) and not offset.acts_on([friction])
     # a second factor of a parameter over the same variable
     factor = Candidate("f", "LinearVariation", "varying parameter", "", "of spring.c with mass.x", ("spring",), Change(), (),
                        "parameter")

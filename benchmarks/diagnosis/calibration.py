@@ -36,7 +36,7 @@ from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.diagnose import Diagnosis
 from heavebond.diagnosis.evidence.comparison import ALL, loss
 from heavebond.diagnosis.evidence.prediction import confidence_set, discrepancy, levelled
-from heavebond.diagnosis.evidence.probability import CALIBRATION, OUTSIDE, TEMPERATURES, Evidence, parts
+from heavebond.diagnosis.evidence.probability import CALIBRATION, OUTSIDE, TEMPERATURES, Evidence, compared_step, parts
 from heavebond.diagnosis.search.step import Stage
 from heavebond.numerics.dae import Array
 
@@ -84,7 +84,7 @@ def _row(case: Drawn, answer: Diagnosis) -> dict[str, object]:
         "verdict": answer.verdict, "chi2": [[_short(r.chi2_fit), _short(r.chi2_held_out)] for r in answer.ladder]}
     if not answer.steps or answer.evidence is None:
         return row
-    step = next(iter(answer.reviews), None) or answer.steps[0]
+    step = compared_step(answer.steps[0], next(iter(answer.reviews), None))
     row["named"] = [[f.candidate.label, _match(case, step, f.candidate)] for f in answer.findings]
     row["stated"] = [[node.level, node.name, round(node.probability, DIGITS)] for node in answer.tree.effects[0].path]
     return row | evidence_of(case, step, answer.evidence, answer) | {"errors": _errors(case, step)}

@@ -13,15 +13,20 @@ from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.judging import told
 from benchmarks.diagnosis.making import SHARE, Hidden
 from benchmarks.diagnosis.rigs import RIGS, Rig
+from heavebond.numerics.physical_limits import LimitPassed
 
 STUDY = "false_alarms"
 NUMBER = 100
 
 
-def judged(rig: Rig, key: str, share: float) -> dict[str, object]:
-    """One record without anything hidden, from its making to what was said."""
+def judged(rig: Rig, key: str, share: float) -> dict[str, object] | None:
+    """One record without anything hidden, from its making to what was said; None if a part of the machine that was drawn
+    passes its physical limit."""
     with tempfile.TemporaryDirectory() as folder:
-        case = Hidden(rig, (), f"{keeping.DRAW}/{key}", Path(folder), share=share).case()
+        try:
+            case = Hidden(rig, (), f"{keeping.DRAW}/{key}", Path(folder), share=share).case()
+        except LimitPassed:
+            return None
         found = hb.diagnose(case.experiment, number=1)
         row = told(rig, case, found)
         return {"key": key, "rig": rig.name, "share": share, "values": dict(case.values), **row}
@@ -37,6 +42,9 @@ def main(names: Sequence[str]) -> None:
         if key in done or (names and rig.name not in names):
             continue
         row = judged(rig, key, SHARE * (k // len(rigs) % 2))
+        if row is None:
+            print(f"{'not drawn':12s} {key}", flush=True)
+            continue
         keeping.add(STUDY, row)
         print(f"{row['outcome']:12s} {key} {row['verdict']} {row['seconds']:.0f} s {row['left']}", flush=True)
 

@@ -33,6 +33,7 @@ USES = ("fit", "validate", "test")
 EXAMPLES = {"records": "Write for example `records: {monday: {file: monday.csv, use: fit}}`.",
             "outputs": "Write for example `outputs: {crown.x: {column: crown_m, unit: m, noise: 1 mm}}`.",
             "time": "Write for example `time: {column: time_s, unit: s}`."}
+FARTHEST = 6.0  # standard deviations below the mean at which the logarithm of a value that is not above zero is taken
 FIXED = "fixed"  # `free: {gas.c: fixed}` removes a parameter from the inherited list
 
 
@@ -80,15 +81,43 @@ class Output:
 
 
 @dataclass(frozen=True)
+class Prior:
+    """Knowledge of a parameter before its fit: its value (SI), or its natural logarithm, is normally distributed."""
+
+    mean: float
+    deviation: float
+    logarithmic: bool = False
+
+    def at(self, value: float) -> tuple[float, float]:
+        """The distance of a value from the mean in standard deviations, and its derivative. The logarithm of a value that
+        is not above zero is limited to `FARTHEST` standard deviations below the mean."""
+        if not self.logarithmic:
+            return (value - self.mean) / self.deviation, 1 / self.deviation
+        least = math.exp(self.mean - FARTHEST * self.deviation)
+        if value <= least:
+            return -FARTHEST, 0.0
+        return (math.log(value) - self.mean) / self.deviation, 1 / (value * self.deviation)
+
+
+@dataclass(frozen=True)
 class Free:
     """A parameter, or `initial.NAME`, with its range in a fit; with `each` every record has a separate value. `given` is
-    its original value in the diagram (SI), if the diagram contains a fitted one."""
+    its original value in the diagram (SI), if the diagram contains a fitted one; `typical` the knowledge of such parameters
+    in general."""
 
     name: str
     range: Range
     place: Place
     each: bool = False
     given: float | None = None
+    typical: Prior | None = None
+
+    @property
+    def prior(self) -> Prior | None:
+        """What is known before the fit: the tolerance of the data sheet, which is two standard deviations, or else what is
+        typical; None if nothing is."""
+        nominal = self.range.nominal
+        return Prior(nominal, (self.range.high - nominal) / 2) if nominal is not None else self.typical
 
 
 @dataclass(frozen=True, eq=False)

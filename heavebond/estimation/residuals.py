@@ -377,15 +377,14 @@ class Residuals:
         return [run.again([], {}, FitSimulator) for run in self.runs]
 
     def priors(self, inner: Array) -> tuple[Array, Array]:
-        """(p - p0)/sigma of the parameters given as `value +- tolerance`, and its Jacobian."""
+        """The distances of the parameters with a prior from its mean, in standard deviations, and their Jacobian."""
         rows, gradients = [], []
         for k, column in enumerate(self.columns):
-            nominal = column.free.range.nominal
-            if nominal is not None:
-                sigma = (column.free.range.high - nominal) / 2
-                rows.append((column.outer(inner[k]) - nominal) / sigma)
+            if (prior := column.free.prior) is not None:
+                distance, slope = prior.at(column.outer(inner[k]))
+                rows.append(distance)
                 gradient = np.zeros(len(self.columns))
-                gradient[k] = column.slope(inner[k]) / sigma
+                gradient[k] = column.slope(inner[k]) * slope
                 gradients.append(gradient)
         return np.array(rows), np.array(gradients).reshape(len(rows), len(self.columns))
 

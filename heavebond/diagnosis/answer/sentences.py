@@ -460,7 +460,7 @@ def closed_loops(first: Comparison) -> list[str]:
 
 
 def left_out_words(steps: Sequence[Stage]) -> list[str]:
-    """The effects that the first step did not try, or did not keep, in numbers by the reason, with an example of each."""
+    """The effects that the first step did not try, or did not keep: each reason with one of them and the number of more."""
     if not steps:
         return []
     reasons: dict[str, list[str]] = {}
@@ -468,7 +468,7 @@ def left_out_words(steps: Sequence[Stage]) -> list[str]:
         reasons.setdefault(reason, []).append(label)
     parts = [f"{labels[0]}{f' and {len(labels) - 1} more' if len(labels) > 1 else ''} ({reason})"
              for reason, labels in sorted(reasons.items(), key=lambda pair: -len(pair[1]))]
-    return [f"Not among the candidates: {listing(parts, MENTIONED)}. `--json` lists all."] if parts else []
+    return [f"Not among the candidates: {listing(parts, len(parts))}. `--json` lists all."] if parts else []
 
 
 def search_limits(classes: Sequence[str], looked: str, shorter: bool) -> list[str]:

@@ -35,6 +35,7 @@ from heavebond.diagnosis.evidence.probability import (
     Calibration,
     Event,
     Evidence,
+    compared_step,
     evidence,
     law_weights,
     percent,
@@ -161,7 +162,7 @@ def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequen
                 doubtful: Sequence[AddedEffect] = (), reviews: Sequence[Stage | None] = ()) -> Tree:
     """The hierarchical answer of a diagnosis; `known` is the evidence of its first step, with other values of what the
     diagram holds fixed, `localization` that of its first diagram, and `doubtful` are further effects, not certain. An effect
-    that was sought again beside all others, in a step of `reviews`, has its tree from that step."""
+    that was sought again beside all others, in a step of `reviews`, has its tree from the refits of `compared_step`."""
     if not steps or known is None:
         return Tree((), True)
     first = held_out_or_fitted(without_effects(ladder, findings)) if ladder else math.nan
@@ -173,7 +174,7 @@ def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequen
         share = shares[k] if finding is not None else math.nan
         review = reviews[k] if k < len(reviews) else None
         own = known if k == 0 else evidence(steps[k:], review=review)
-        found.append(_effect_tree(review or step, own, finding, localization if k == 0 else None, share))
+        found.append(_effect_tree(compared_step(step, review), own, finding, localization if k == 0 else None, share))
     library = steps[0].experiment.model.library
     further = [Further(f"{f.candidate.kind} {f.candidate.place}", share, _meaning(f, library))
                for f, share in zip(doubtful, shares[len(findings):], strict=True)]

@@ -13,7 +13,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, count
-from math import isfinite, sqrt
+from math import isfinite, log, sqrt
 
 import casadi as ca
 
@@ -23,7 +23,7 @@ from heavebond.equations.connect import Group, Network, connect
 from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import formula_order
 from heavebond.estimation.comparison import assemble_for
-from heavebond.estimation.experiment import Experiment
+from heavebond.estimation.experiment import Experiment, Prior
 from heavebond.language.definition import (
     FACTOR,
     REVERSES,
@@ -74,6 +74,21 @@ class EffectNumber:
         if self.sought is None or self.sought.range is not None:
             return ""
         return f"{self.name.rpartition('.')[0]}.{self.sought.seen}"
+
+    def prior(self, leaves: Mapping[str, Leaf]) -> Prior | None:
+        """What its component says of typical values, as a weak prior: the ends of the range are one standard deviation from
+        its middle, in logarithms if the range is above zero. An amplitude has its mean at the neutral value, and the farther
+        end of the range at one standard deviation: a small effect is not unusual. None without a range."""
+        path, _, own = self.name.rpartition(".")
+        parameter = leaves[path].component.parameters.get(own) if path in leaves else None
+        if parameter is None or parameter.typical is None or parameter.typical.range is None:
+            return None
+        low, high = parameter.typical.range.low, parameter.typical.range.high
+        if self.amplitude and self.sought is None:
+            return Prior(self.neutral, max(abs(low - self.neutral), abs(high - self.neutral)))
+        if low > 0:
+            return Prior(log(low * high) / 2, log(high / low) / 2, True)
+        return Prior((low + high) / 2, (high - low) / 2)
 
     @property
     def motions(self) -> tuple[str, ...]:
@@ -129,8 +144,12 @@ class Candidate:
 
     def acts_on(self, effects: Sequence[Candidate]) -> bool:
         """Whether it changes one of these effects instead of the machine: it takes the place of a part of theirs, stands in
-        series with it, or wakes or varies a parameter of it; or it is a second factor of a parameter over one variable."""
+        series with it, or wakes or varies a parameter of it; or it is a second factor of a parameter over one variable, or
+        stands before an effect in a channel, where it acts as behind it in the channel."""
         parts = {name for effect in effects if effect.attaches != "replaces" for name in effect.change.components}
+        behind = {name for effect in effects if effect.attaches == "channel" for name in effect.change.components}
+        if self.attaches == "input" and self.where[0] in behind:
+            return True
         part = {"in series": self.where[-1], "in": self.where[0], "replaces": self.where[0], "parameter": self.where[0]}
         return part.get(self.attaches) in parts or (self.varies and self.place in {e.place for e in effects})
 
@@ -216,11 +235,6 @@ def single_candidates(experiment: Experiment, site: Site | None = None) -> list[
             made = [c for way in effect.attaches if way in _WAYS for c in _WAYS[way](site, component, effect)]
             made += [c for kind in effect.replaces for c in _replacing(site, component, effect, kind)]
             found += _where_meaningful(site, component, effect, made)
-    blocks = [path for path, leaf in site.expanded.leaves.items() if leaf.component.composite and any(
-        s.direction == "in" for name in leaf.component.body.instances
-        if (part := site.expanded.leaves.get(f"{path}.{name}")) is not None for s in part.component.signals.values())]
-    site.excluded.update({f"effects of signals inside {path}": "inputs of parts inside a block are not tried"
-                          for path in blocks})
     return found
 
 
@@ -245,7 +259,7 @@ def _lacking(site: Site, component: Component, effect: Effect, candidate: Candid
                  if p.count is None and site.group(f"{leaf.path}.{p.name}").name == node]
         if port in component.ports and not any(part.is_a(kind) for part in parts for kind in kinds) and \
                 not any(part.stores is not None and not is_bundled(part.path) for part in parts):
-            return f"no {listing(kinds)} stands on {node}"
+            return f"no {listing(kinds)} stands there"
     return ""
 
 
@@ -485,7 +499,7 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
                 continue
             if _carries_nothing(leaf.component, port.name):
                 if port.domain == first.domain:
-                    site.excluded[f"{component.name} before {path}"] = f"nothing flows through {path}"
+                    site.excluded[f"{component.name} before {path}"] = "nothing flows through that port"
                 continue
             group = site.group(path)
             # of two ports on a node it is the same behind the one and the other
@@ -528,21 +542,36 @@ def _signal_ports(component: Component) -> tuple[str, str]:
 def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
     into, out = _signal_ports(component)
     for leaf in site.expanded.leaves.values():
-        if leaf.path not in site.experiment.model.body.instances or FACTOR in leaf.component.variables:
-            continue  # the inside of a block is its own file's; the input of a factor is a variable of the machine
+        if not _is_written(site, leaf.path) or FACTOR in leaf.component.variables:
+            continue  # the input of a factor is a variable of the machine
         for signal in leaf.component.signals.values():
             path = f"{leaf.path}.{signal.name}"
             wire = _own_wire(site, path)
             bound = leaf.inputs.get(signal.name)
             if signal.direction != "in" or (wire is None and bound is None):
                 continue
-            name = fresh(site, f"{snake(component.name)}_{leaf.path}")
+            block = leaf.path.rpartition(".")[0]
+            if block and wire is None:  # a formula of the file of the block
+                site.excluded[f"{component.name} before {path}"] = "a formula inside the block gives this input"
+                continue
+            if block and _is_input_of(site, block, wire):
+                continue
+            name = fresh(site, f"{snake(component.name)}_{leaf.path}".replace(".", "_"))
             unit = site.network.units.get(leaf.path, {})
             numbers = _numbers(component, effect, name, solved(signal.unit.dimension, unit))
             change = _series_signal(name, _part(component, numbers), into, out, path, wire, leaf)
             change = replace(change, initial=_at_rest(site, component, name))
             yield Candidate(name, component.name, effect.kind, effect.description, f"before {path}", (leaf.path,), change,
                             numbers, "input", _full(component, name), path)
+
+
+def _is_input_of(site: Site, block: str, wire: str | None) -> bool:
+    """Whether a node inside a block leads an input of the block to one part alone: the effect before the input of the block
+    is the same."""
+    around = site.expanded.leaves[block].component
+    own = next((w for w in around.body.wires.values() if f"{block}.{w.name}" == wire), None)
+    ends = [end.path for end in own.ends] if own is not None else []
+    return len(ends) == 2 and any(end in around.signals and around.signals[end].direction == "in" for end in ends)
 
 
 def _at_rest(site: Site, component: Component, name: str) -> dict[str, str]:

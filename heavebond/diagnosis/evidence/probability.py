@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.evidence.comparison import HOPELESS, loss
+from heavebond.diagnosis.evidence.comparison import HOPELESS, leaves_noise, loss
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy
 from heavebond.diagnosis.evidence.prediction import block_length, levelled, resampled
 from heavebond.diagnosis.evidence.residual_tests import LEVELS, ResidualTests
@@ -166,25 +166,64 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     parameters on the same records, the p value `sheet` of the hypothesis that the data sheet is right, and the identified
     curves by which the adequacy was judged.
 
-    If the effect was sought again beside all later ones, in the step `review`, its refits take the place of those of the
-    first step: without the later effects, candidates that imitate these would count. The residual is that after all steps:
-    effects of the catalogue that were found beside the first are no sign of a law outside it.
+    The refits are those of `compared_step`. The residual is that after all steps: effects of the catalogue that were found
+    beside the first are no sign of a law outside it.
     """
-    made = steps[0] if review is None else replace(review, left=steps[0].left)
+    first = steps[0]
+    made = compared_step(first, review)
     others = [t for t in values.trials if t.candidate.kind == VALUE] if values is not None else []
-    bins = len(made.errors.sums) if made.errors is not None else 0
-    trials = [t for t in (*made.trials, *others) if t.errors is not None and len(t.errors.sums) == bins > 0]
-    families: dict[object, list[Refit]] = {}
-    for trial in trials:
-        families.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)
-                             if trial.candidate.kind != VALUE else trial.candidate.name), []).append(trial)
-    alike = list(families.values())
+    alike = _families((*made.trials, *others), made)
     best = [min(family, key=loss) for family in alike]
+    weights = law_weights(best)
+    if made.joint and others:
+        weights = _beside_values(best, weights, _families((*first.trials, *others), first))
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
     # the residual of a search that was ended early says nothing about laws outside: further effects were not sought
     left = 1.0 if any(step.partial for step in steps) else max(1.0, min(map(loss, [*best, *later]), default=1.0))
-    return Evidence(*_weighted(alike, _to_simpler(alike, best, law_weights(best), made), made), left,
-                    factor_bound(_p_value(made.left)), factor_bound(sheet), *_flexible(adequacy), _untried(made))
+    return Evidence(*_weighted(alike, _to_simpler(alike, best, weights, made), made), left,
+                    factor_bound(_p_value(made.left)), factor_bound(sheet), *_flexible(adequacy, made), _untried(made))
+
+
+def compared_step(step: Stage, review: Stage | None) -> Stage:
+    """A step with the refits by which the probabilities of its effect are computed.
+
+    If the effect was sought again beside all later ones, in the step `review`, and this reached the noise, these are the
+    refits there: without the later effects, candidates that imitate these would count. If more than noise is left, some
+    effects are still missing, and later effects that were chosen to complete one law speak for it; then the leading laws
+    are compared in pairs, each with the further effect that completes it best (`Stage.joint`).
+    """
+    if review is not None and (not step.joint or any(map(leaves_noise, review.trials))):
+        return replace(review, left=step.left)
+    if not step.joint:
+        return step
+    pairs = {t.candidate.label for t in step.joint}
+    return replace(step, trials=(*step.joint, *(t for t in step.trials if t.candidate.label not in pairs)))
+
+
+def _families(trials: Sequence[Refit], made: Stage) -> list[list[Refit]]:
+    """The refits with predictive errors of the samples of a step, by class and place; values by their names."""
+    bins = len(made.errors.sums) if made.errors is not None else 0
+    found: dict[object, list[Refit]] = {}
+    for trial in (t for t in trials if t.errors is not None and len(t.errors.sums) == bins > 0):
+        found.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)
+                          if trial.candidate.kind != VALUE else trial.candidate.name), []).append(trial)
+    return list(found.values())
+
+
+def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone: Sequence[Sequence[Refit]]
+                   ) -> dict[float, Array]:
+    """The weights of refits of effects in pairs, and of values of the diagram, which were refitted alone: the share of each
+    value is that among the effects `alone`."""
+    singles = [min(family, key=loss) for family in alone]
+    shares = law_weights(singles)
+    found = {}
+    for t, weight in weights.items():
+        of_values = {s.candidate.name: share for s, share in zip(singles, shares[t], strict=True)
+                     if s.candidate.kind == VALUE}
+        effects = np.array([0.0 if b.candidate.kind == VALUE else w for b, w in zip(best, weight, strict=True)])
+        effects *= (1 - sum(of_values.values())) / max(float(effects.sum()), 1e-300)
+        found[t] = effects + [of_values[b.candidate.name] if b.candidate.kind == VALUE else 0.0 for b in best]
+    return found
 
 
 def _untried(made: Stage) -> float:
@@ -199,15 +238,18 @@ def _untried(made: Stage) -> float:
     return open_ / max(len(promising) + max(made.planned - len(scored), 0), 1)
 
 
-def _flexible(adequacy: Adequacy | None) -> tuple[tuple[Event, ...], dict[float, Array]]:
-    """The identified curves, the best of each place, with their weights relative to that of the law that they replace."""
+def _flexible(adequacy: Adequacy | None, made: Stage) -> tuple[tuple[Event, ...], dict[float, Array]]:
+    """The identified curves, the best of each place, with their weights relative to that of the law that they replace; of
+    the law with the further effect that completes it best, if the refits of the step `made` hold it so. A curve has
+    coefficients enough to take such an effect in."""
     if adequacy is None or adequacy.law is None or not adequacy.curves or not adequacy.tried:
         return (), {}
     best: dict[frozenset[str], Refit] = {}
     for curve in sorted(adequacy.curves, key=loss):
         best.setdefault(frozenset(curve.candidate.where), curve)
     curves = list(best.values())
-    weights = law_weights([adequacy.law, *curves])
+    law = min([adequacy.law, *(t for t in made.joint if t.candidate.label == adequacy.law.candidate.label)], key=loss)
+    weights = law_weights([law, *curves])
     return tuple(Event(_depends_on(c.candidate), 0.0, c.candidate.place, c.candidate.where, (c.candidate.label,))
                  for c in curves), \
         {t: found[1:] / max(float(found[0]), 1e-6) for t, found in weights.items()}

@@ -133,7 +133,8 @@ class Refit:
     squares would fall: it is not the minimum (see `range_ends`), and `unshown` its amplitudes that the records do not tell
     from none. `inner` are the values as unknowns of its least squares
     problem; its runs erred by less than those of the base model by the power `finer` of FINER. It `acts` at some time in the
-    fitted records (see `Candidate.acts`). `own` are the values that each record has of its own (SI), by its name."""
+    fitted records (see `Candidate.acts`). `own` are the values that each record has of its own (SI), by its name. `lent` is
+    the label of a further effect that the diagram has beside those of its step."""
 
     candidate: Candidate
     experiment: Experiment
@@ -157,6 +158,7 @@ class Refit:
     finer: int = 0
     acts: bool = True
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    lent: str = ""
 
     @property
     def absent(self) -> bool:
@@ -308,8 +310,9 @@ class _RefitProblem:
     def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
         """The experiment with the candidate's numbers free as well, and inside their ranges."""
         place = next(iter(changed.records.values())).place
-        units = {n.name: n.unit for n in self.candidate.numbers}
-        free = {name: Free(name, Range(low, high, units[name]), place) for name, (low, high) in self.ranges.items()}
+        numbers, leaves = {n.name: n for n in self.candidate.numbers}, self.runs[0].assembly.flat.expanded.leaves
+        free = {name: Free(name, Range(low, high, numbers[name].unit), place, typical=numbers[name].prior(leaves))
+                for name, (low, high) in self.ranges.items()}
         kept = {name: f for name, f in changed.free.items() if name in known}
         return replace(changed, model=changed.model.with_parameters(self._first_values()), free={**kept, **free})
 

@@ -78,7 +78,8 @@ class Stage:
     that were to be scored, `as_one` are the nodes that move as one in the base model, each with the first of them; `failed`
     are the labels of candidates that were scored, but with which no refit could be simulated. `prescored` is the number of
     candidates between nodes that no component joins; `excluded` are the labels of effects that were not tried, got no exact
-    score (see `search.prescore`) or were not kept, each with the reason."""
+    score (see `search.prescore`) or were not kept, each with the reason. `joint` are the leading candidates, each refitted
+    with one further effect (see `stepwise.best_pairs`); none if no further step was made."""
 
     experiment: Experiment
     values: dict[str, float]
@@ -107,6 +108,7 @@ class Stage:
     failed: tuple[str, ...] = ()
     prescored: int = 0
     excluded: Mapping[str, str] = field(default_factory=dict)
+    joint: tuple[Refit, ...] = ()
 
     @property
     def bic(self) -> float:

@@ -7,6 +7,8 @@ either of them alone, and every further effect then compensates its errors. Ther
   and places, and of all selections so begun the best few, until one reaches the noise.
 * The laws that lead the first step are each refitted beside calibration errors (offsets and gains of inputs and
   channels), and followed in the order of their residuals then.
+* These laws are compared with each other as pairs: each with the further effect that completes it best (see
+  `best_pairs`). Of a law alone the residual holds all other effects, and a law that imitates these leaves less.
 * Beside all others, each effect is removed and sought again among all candidates: one that is not needed stays out, one
   that another improves on is replaced, and its alternatives are determined anew.
 * A further effect that is absent at the end of its refit, but lowers the residual, has led the values out of a wrong
@@ -43,7 +45,8 @@ from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, called
 from heavebond.diagnosis.candidates.places import Places, between_all_nodes, candidates
 from heavebond.diagnosis.decision import DECISION
-from heavebond.diagnosis.evidence.comparison import ALL, leaves_noise, loss
+from heavebond.diagnosis.evidence.comparison import ALL, compared, leaves_noise, loss
+from heavebond.diagnosis.evidence.prediction import share_taken
 from heavebond.diagnosis.evidence.residual_tests import is_noise
 from heavebond.diagnosis.search.base_model import Base
 from heavebond.diagnosis.search.refit import Refit, refitted_from
@@ -155,6 +158,7 @@ def _amplitudes(base: Base, own: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 MOST = 5  # effects
+RIVALS = 8  # laws of the first step at most that are compared in pairs
 WAYS = 3  # ladders that are followed side by side,
 FOLLOWED = 0.5  # those that take this share of what the best takes away
 BEGUN = 0.5  # share of the time of a step that must be left for the next, which begins near its end and may reach the noise
@@ -226,9 +230,10 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
         last = stepping(at_values_of(last.chosen, experiment), ())
     base, ways = last.merit, _extended((), last)
     yield (ways[0] if ways else ()), last
+    pairs, joint = list[Selection](), tuple[Refit, ...]()
     if calibrating is not None and ways and not (last.partial or ways[0][-1].is_noise or most < 2):
-        ways = _beside_calibration(last, ways, calibrating, left)
-    for _ in range(2 * most):
+        ways, pairs = _beside_calibration(last, ways, calibrating, left)
+    for turn in range(2 * most):
         if not ways or len(ways[0]) >= most or last.partial or ways[0][-1].is_noise or near_the_noise(ways[0]):
             break
         yield ways[0], replace(ways[0][-1].step, partial=True)
@@ -238,8 +243,17 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
                 break
             made = stepping(following(way[-1].step), way)
             steps.append((made, _extended(way, made)))
+            pair = _completed(way, made) if turn == 0 else ()
+            pairs += [pair] if pair else []
             if made.partial or any(found[-1].is_noise for found in steps[-1][1]):
                 break
+            if pair and len(steps) == 1:
+                yield (steps[0][1] or ways)[0], replace(made, partial=True)
+                joint = joint_refits(pair, say, left)
+        if turn == 0 and pairs:
+            joint = best_pairs(pairs, joint)
+            ways = [_with_joint(way, joint) for way in ways]
+            steps = [(made, [_with_joint(way, joint) for way in extended]) for made, extended in steps]
         cut = bool(steps) and steps[-1][0].partial and left() <= 0  # by the time, not by the user
         if not steps or (cut and not any(found[-1].is_noise for found in steps[-1][1])):
             last = ways[0][-1].step
@@ -288,18 +302,98 @@ def _without_absent(way: Selection) -> Selection:
 
 
 def _beside_calibration(made: Stage, ways: Sequence[Selection], calibrating: Calibrating, left: Callable[[], float]
-                        ) -> list[Selection]:
+                        ) -> tuple[list[Selection], list[Selection]]:
     """The ladders of one effect in the order of what is left beside a calibration error, where that takes a noticeable part
-    of it; those of the simplest law of a class and place stand among them where it leads beside one."""
+    of it; those of the simplest law of a class and place stand among them where it leads beside one. And each of these laws
+    with the calibration error that completes it best."""
     found = {_label(way): (_merit(way), way) for way in ways}
+    pairs = []
     for step in leaders(made, WAYS, simplest=True):
         if left() <= 0:
             break
         way = (SelectedEffect(step, step.cluster),)
         beside = calibrating(following(step))
+        pairs += [pair] if (pair := _completed(way, beside)) else []
         if beside.chosen is not None and worth_it(beside):
             found[_label(way)] = merit(beside.chosen), way
-    return [way for _, way in sorted(found.values(), key=lambda pair: pair[0])]
+    return [way for _, way in sorted(found.values(), key=lambda pair: pair[0])], pairs
+
+
+def _completed(way: Selection, made: Stage) -> Selection:
+    """A selection of one effect with the further effect of a step on it that predicts best, whether or not that is
+    justified; none if no further effect was refitted."""
+    trials = [t for t in made.trials if t.errors is not None]
+    if not trials:
+        return ()
+    step = choosing(made, min(trials, key=loss))
+    return (*way, SelectedEffect(step, step.cluster, _labels(way)))
+
+
+def joint_refits(pair: Selection, say: Progress, left: Callable[[], float]) -> tuple[Refit, ...]:
+    """The other leading laws of the first step, each refitted with the second effect of a `pair`, from the values of the law
+    alone; of a pair in which the law is absent nothing is kept, as it is the pair of the other effect alone."""
+    law, second = (added.candidate for added in pair)
+    first = pair[0].step
+    laws = [t for t in leading_laws(first) if t.candidate.label not in (law.label, second.label)]
+    others = without_effect(pair, 0, say) if laws and left() > 0 else None
+    if others is None:
+        return ()
+    experiment = following(others[-1].step)
+    try:
+        base = fitted_base(experiment)
+    except HeavebondError:
+        return ()
+    there = {c.label: c for rule in (candidates, between_all_nodes) for c in rule(experiment) if not c.acts_on([second])}
+    found = []
+    for trial in (t for t in laws if t.candidate.label in there):
+        if left() <= 0:
+            break
+        say(f"comparing the leading effects in pairs: {trial.candidate.label} and {second.label}")
+        joint = refitted_from(base, there[trial.candidate.label], trial)
+        found += [replace(joint, lent=second.label)] if joint is not None and not joint.absent else []
+    return tuple(found)
+
+
+def leading_laws(first: Stage) -> list[Refit]:
+    """The refits of a step that take away at least `FOLLOWED` of the misfit that the best of them takes away, at most
+    `RIVALS`, the best first."""
+    assert first.errors is not None
+    shares = [(share_taken(first.errors, t.errors, *ALL), t) for t in first.trials if t.errors is not None]
+    least = FOLLOWED * max((share for share, _ in shares), default=0.0)
+    return sorted((t for share, t in shares if share >= least), key=loss)[:RIVALS]
+
+
+def best_pairs(pairs: Sequence[Selection], joint: Sequence[Refit]) -> tuple[Refit, ...]:
+    """The leading laws of the first step, each in the pair with a further effect that predicts best, the best first.
+
+    `pairs` are selections of two effects that begin with a law of this step, and `joint` other pairs (see `joint_refits`).
+    If a machine lacks several effects, the misfit of one law holds all others, and a law of a wrong class that imitates them
+    leaves less; in pairs each law has the same means to explain the rest. A law is completed only by effects that leave more
+    alone than it does: of two effects the larger one is the first.
+    """
+    first = pairs[0][0].step
+    found = {t.candidate.label: t for t in leading_laws(first)}
+    alone = {t.candidate.label: loss(t) for t in first.trials if t.errors is not None}
+    own = [(replace(second.chosen, candidate=law.candidate, beyond=law.chosen.beyond, unshown=law.chosen.unshown),
+            second.candidate.label) for law, second in pairs]
+    for pair, second in (*own, *((t, t.lent) for t in joint)):
+        label = pair.candidate.label
+        before = found.get(label)
+        if alone.get(second, inf) >= alone.get(label, inf) and (before is None or loss(pair) < loss(before)):
+            found[label] = pair
+    return tuple(sorted(found.values(), key=loss))
+
+
+def _with_joint(way: Selection, joint: tuple[Refit, ...]) -> Selection:
+    """A selection with the pairs of the leading laws in its first step, and without those alternatives of its first effect
+    that the pairs exclude."""
+    first, known = way[0], {t.candidate.label: t for t in joint}
+    alternatives, own = first.alternatives, known.get(first.candidate.label)
+    if own is not None and first.step.errors is not None:
+        others = [known[t.candidate.label] for t in alternatives[1:] if t.candidate.label in known]
+        kept = {t.candidate.label for t in compared(own, others, first.step.errors).members}
+        alternatives = tuple(t for t in alternatives if t.candidate.label not in known or t.candidate.label in kept)
+    return replace(first, step=replace(first.step, joint=joint), alternatives=alternatives), *way[1:]
 
 
 def _label(way: Selection) -> str:
