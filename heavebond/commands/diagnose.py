@@ -97,6 +97,8 @@ def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: flo
     elif result.verdict == "parameters":
         keep = f"keep the starts in {experiment} as described above, then " if result.started else ""
         console.print(f"next: {keep}heavebond fit {experiment} --write fitted.yaml", soft_wrap=True)
+    if result.verdict == "shape":
+        console.print(f"for a law outside the catalogue as a formula: heavebond laws {experiment}", soft_wrap=True)
     figures = {"experiment": loaded.name, **result.as_dict(), "files": [str(f) for f in (*files, *proposed, page)]}
     if result.partial and (number := last_heard()) != SIGINT:  # a batch system sees that the search is not complete
         raise Interrupted(number, figures)
