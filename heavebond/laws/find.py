@@ -6,7 +6,8 @@
    simulation, with all free parameters, by exact sensitivities; so are the laws of the catalogue at the same place.
 4. A formula counts if BIC falls by strong evidence, and the error on held-out data by more than chance. Formulas are
    compared by their errors on data to which their parameters were not fitted (cross-validated, and held out). Of those that
-   the records cannot distinguish from the best, the one with the fewest parameters is the simplest.
+   the records cannot distinguish from the best, and that are not much less probable, the one with the fewest parameters is
+   the simplest.
 
 The probability of a formula is its weight by bootstrapped predictive likelihoods (pseudo-BMA+; Y. Yao, A. Vehtari, D.
 Simpson, A. Gelman, 2018, doi:10.1214/17-BA1091) times exp(-k/2 ln b) for its k parameters, with b the number of
@@ -50,7 +51,7 @@ from heavebond.estimation.fitting import fit
 from heavebond.language.definition import SearchRange
 from heavebond.language.edits import Change, Part, write_new
 from heavebond.laws.formula import Formula
-from heavebond.laws.regression import Composed, at_place, composed, leading
+from heavebond.laws.regression import Composed, at_place, composed
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.input_estimation import Estimate, Search
 from heavebond.localise.ltv_model import with_values
@@ -58,9 +59,9 @@ from heavebond.localise.misfit import ImpliedInput, beginning, estimated_inputs,
 from heavebond.numerics.dae import Array
 
 NOISE = 2.0  # mean squared prediction error, in noise variances, from which on a formula is only an approximation
+PROBABLE = 0.1  # share of the probability of the most probable formula from which on a simpler one can be the answer
 PLACES = 2  # at most, at which formulas are sought
 VARIABLES = 4  # of a place that are tried: those across it and its positions first
-FORMULAS = 8  # of a place that are refitted in simulation
 CATALOGUE = 5  # laws of the catalogue at the place that are refitted beside them: one of each class, by their scores
 
 
@@ -272,7 +273,7 @@ def _formulas(search: Search, found: Estimate, k: int, place: Place) -> list[tup
     own = [v for v in variables if v.kind in ("across", "position")]
     problem = at_place(search, found, place, [*own, *(v for v in variables if v not in own)][:VARIABLES])
     found_here = [(Formula(place, c.parts, problem.motions, tuple(problem.fixed(part) for part in c.parts)), c)
-                  for c in leading(composed(problem), FORMULAS)]
+                  for c in composed(problem)]
     return [(formula, c) for formula, c in found_here if formula.possible]
 
 
@@ -365,7 +366,9 @@ def _answer(given: Experiment, base: Base, laws: Sequence[tuple[Formula, Refit]]
     other = CALIBRATION.outside * float(np.exp(CALIBRATION.excess * (1 - 1 / left)))
     shares = odds / odds.sum() / (1 + other)
     found = [_law(formula, refit, float(shares[trials.index(refit)])) for formula, refit in laws if refit in trials]
-    simplest = min((law for law in found if law.refit in alike), key=lambda law: (law.formula.count, law.loss))
+    probable = PROBABLE * max(law.probability for law in found if law.refit in alike)
+    simplest = min((law for law in found if law.refit in alike and law.probability >= probable),
+                   key=lambda law: (law.formula.count, law.loss))
     catalogue = sorted(known, key=loss)
     as_good = next((t for t in catalogue if len(t.candidate.numbers) <= simplest.formula.count
                     and loss(t) <= loss(simplest.refit)), None)

@@ -52,6 +52,9 @@ REFINED_ALONE, SINGLES, PAIRS, REFINED = 30, 8, 4, 16
 # of numbers EACH are kept at most that leave less than ALIKE times the least; in the end all leave less than HOPELESS times
 # the least.
 LESS, MUCH_LESS, EACH, ALIKE, HOPELESS = 0.97, 0.8, 4, 3.0, 20.0
+LARGEST = 1e100  # magnitude of a term
+MOST = 8  # formulas that are returned for a place
+RANGE, HELD = 2.0, 1e4  # deviations of the prior at the ends of a range; the weight of a prior that holds the parameters
 INDEPENDENT = 1e-6  # square of the part of a unit column that known ones do not take, from which on it is another
 STEPS = 8  # of the refinement of shape parameters
 
@@ -138,14 +141,17 @@ class RecordAtPlace:
         return self._through(of(self.samples).T, of(self.between).mean(axis=2).T)
 
     def _through(self, at: Array, mean: Array) -> Array:
-        found = self.whitening.responses(np.nan_to_num(at), self.gamma, self.d, np.nan_to_num(mean))
+        # a term without a finite value somewhere (an exponential of a large ratio) counts as none
+        finite = (np.abs(at) < LARGEST).all(axis=0) & (np.abs(mean) < LARGEST).all(axis=0)
+        found = self.whitening.responses(np.where(finite, at, 0.0), self.gamma, self.d, np.where(finite, mean, 0.0))
         return np.asarray(found[self.learn].reshape(-1, at.shape[1]))
 
 
 @dataclass(frozen=True)
 class PlaceRegression:
     """The fitted records, the variables at a place and what is left to explain: `target` (n,) the innovations that the
-    parameters cannot take, `taken` (n, k) an orthonormal basis of what they take."""
+    parameters cannot take, `taken` (n, k) an orthonormal basis of what they take; `weight` multiplies
+    the prior of the parameters."""
 
     place: Place
     variables: tuple[Variable, ...]
@@ -153,13 +159,15 @@ class PlaceRegression:
     motions: Mapping[str, Motion]
     rows: int
     mean: Array
+    weight: float = 1.0
 
     @cached_property
     def _parameters(self) -> tuple[Array, Array]:
         """(E, e) of all records with the rows of the prior below."""
         data = np.concatenate([record.data for record in self.records])
         k = len(self.mean)
-        return np.concatenate([data[:, 1:], np.eye(k)]), np.concatenate([data[:, 0], -self.mean])
+        root = np.sqrt(self.weight)
+        return np.concatenate([data[:, 1:], root * np.eye(k)]), np.concatenate([data[:, 0], -root * self.mean])
 
     @cached_property
     def taken(self) -> Array:
@@ -337,6 +345,14 @@ class _Grid:
 
 
 def composed(problem: PlaceRegression) -> list[Composed]:
+    """As `_composed`. If the free parameters of the best formulas leave their ranges, which the normal prior permits and a
+    refit does not, the formulas with parameters that hardly move come as well."""
+    formulas = leading(_composed(problem), MOST)
+    beyond = any(np.any(np.abs(formula.q - problem.mean) > RANGE) for formula in formulas)
+    return [*formulas, *(leading(_composed(replace(problem, weight=HELD)), MOST) if beyond else [])]
+
+
+def _composed(problem: PlaceRegression) -> list[Composed]:
     """The formulas that leave least of the records with each number of numbers, with refined shape parameters, best
     first."""
     grid = _Grid(problem)
