@@ -384,7 +384,7 @@ def _law(formula: Formula, refit: Refit, probability: float) -> FoundLaw:
 
 
 def _confirmed(given: Experiment, law: FoundLaw, folder: Path, say: Progress) -> FoundLaw:
-    """The law in the diagram under a name of its own, fitted to all samples with all free parameters, with intervals."""
+    """The law in the diagram with its final name, fitted to all samples with all free parameters, with intervals."""
     words = re.findall(r"[A-Za-z0-9]+", law.formula.place.name)
     base = "Law" + "".join(word[:1].upper() + word[1:] for word in words)
     files = given.model.library.files

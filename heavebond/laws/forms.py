@@ -5,7 +5,7 @@ it has shape parameters: a scale (in the unit of a variable), a pitch, a thresho
 function is applied to a ratio of two quantities of one unit, so that every formula is consistent in its units: with U and W
 the units of the variables, the amplitude of a term of degree (i, j) has the unit of the law over U**i * W**j.
 
-A form with memory is a differential equation of its own: a first-order lag of a form of u, tau*der(s) = g(u) - s, or a
+A form with memory adds a differential equation: a first-order lag of a form of u, tau*der(s) = g(u) - s, or a
 spring in series with a power law that yields, der(s) = u - u_r*(s/s_0)**n (F. H. Norton, The Creep of Steel at High
 Temperatures, 1929).
 """
@@ -95,8 +95,8 @@ REFERENCE, TRANSITION = "u_r", "u_t"  # fixed: about the largest value of u, and
 
 @dataclass(frozen=True)
 class Term:
-    """A term of u, w, shape parameters and the state s of a memory; its unit is that of u, w and the second to the powers of
-    `degree`."""
+    """A term of u, w, shape parameters and the state s of a memory; its unit is the product of the units of u, w and
+    the second to the powers in `degree`."""
 
     text: str
     degree: tuple[int, int, int] = (0, 0, 0)

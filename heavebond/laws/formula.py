@@ -97,7 +97,7 @@ class Formula:
         return name
 
     def _is_own(self, variable: Variable) -> bool:
-        """Whether the component can form a variable from its own ports."""
+        """Whether the component can compute a variable from its ports."""
         return variable.kind in ("across", "position")
 
     @property
@@ -209,7 +209,7 @@ class Formula:
 
     @property
     def memories(self) -> dict[str, str]:
-        """The slope of each state of its own, by the name of the state."""
+        """The right side of the differential equation of each memory, by its state."""
         return {names["s"]: self._shown(part.form.memory, names)
                 for part, names in zip(self.parts, self._named[1], strict=True) if part.form.memory}
 
@@ -240,7 +240,7 @@ class Formula:
     def component(self, name: str, numbers: Mapping[str, float] | None = None, notes: Mapping[str, str] | None = None,
                   restrictions: str = "", effect: bool = True) -> str:
         """The text of a component file with the law, at these values of its numbers (SI); `notes` are added to their
-        descriptions. Without an `effect:` it is no candidate of a diagnosis."""
+        descriptions. Without an `effect:` a diagnosis does not try it."""
         domain, across, through = self.node.domain, self.node.across, self.node.through
         pair, symbol, noun = len(self.place.nodes) == 2, self.symbol, self.node.domain.members[self.node.through].noun
         ports = [f"  {port}: {domain.name}" for port in ("a", "b")[:1 + pair]]

@@ -1,16 +1,16 @@
 """Regression of closed forms on the records: the formulas that are tried in simulation.
 
-What a term, acting at a place, does to the outputs follows from the linear time-varying model about the estimated motion
-(see `localise.kalman_smoother.Unknown.innovations`). With e (n,) the whitened innovations, E (n, k) their derivatives to the
-free parameters q with prior N(mean, 1) and C (n, K) what K terms do to them, the amplitudes a minimise
+The response of the outputs to a term that acts at a place follows from the linear time-varying model about the estimated
+motion (see `localise.kalman_smoother.Unknown.innovations`). With e (n,) the whitened innovations, E (n, k) their derivatives
+with respect to the free parameters q with prior N(mean, 1), and C (n, K) the responses to K terms, the amplitudes a minimise
 
     |e + E q + C a|**2 + |q - mean|**2.
 
 The formulas grow by greedy selection (orthogonal least squares; S. Chen, S. A. Billings, W. Luo, 1989,
-doi:10.1080/00207178908953472): the best single forms, then the form that takes most of what each leaves, and a third. The
+doi:10.1080/00207178908953472): the best single forms, then the form that reduces each residual most, and a third. The
 shape parameters, which enter non-linearly, are tried on a grid and then found by variable projection (G. H. Golub, V.
-Pereyra, 1973, doi:10.1137/0710036). The formulas that leave least
-with each number of parameters are kept.
+Pereyra, 1973, doi:10.1137/0710036). The formulas with the
+smallest residual for each number of parameters are kept.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class Composed:
 
     @property
     def key(self) -> frozenset[tuple[str, ...]]:
-        """What it is, without values."""
+        """The keys of its parts."""
         return frozenset(part.key for part in self.parts)
 
 
@@ -121,7 +121,8 @@ class RecordAtPlace:
     learn: Array
 
     def responses(self, part: Part, shapes: Sequence[Sequence[float]], fixed: Mapping[str, float]) -> Array:
-        """What the terms of a part do to the innovations (rows, len(shapes) * terms), for several values of its shapes."""
+        """The responses of the innovations to the terms of a part (rows, len(shapes) * terms), for several values of its
+        shapes."""
         names = {"u": part.first.formula, **({"w": part.second.formula} if part.second is not None else {})}
         constants = {shape.name: np.array([chosen[k] for chosen in shapes]) for k, shape in enumerate(part.form.shapes)}
         if part.form.memory:
@@ -149,9 +150,9 @@ class RecordAtPlace:
 
 @dataclass(frozen=True)
 class PlaceRegression:
-    """The fitted records, the variables at a place and what is left to explain: `target` (n,) the innovations that the
-    parameters cannot take, `taken` (n, k) an orthonormal basis of what they take; `weight` multiplies
-    the prior of the parameters."""
+    """The fitted records and the variables at a place. `target` (n,): the innovations after a fit of the free parameters
+    alone; `taken` (n, k): an orthonormal basis of the columns of the parameters; `weight` multiplies the prior of the
+    parameters."""
 
     place: Place
     variables: tuple[Variable, ...]
@@ -187,7 +188,7 @@ class PlaceRegression:
         return {REFERENCE: size, TRANSITION: SLIDING * size}
 
     def columns(self, part: Part, shapes: Sequence[Sequence[float]]) -> Array:
-        """What a part leaves of its terms' responses beside the parameters (n, len(shapes) * terms)."""
+        """The responses to the terms of a part, without their projection on the parameters (n, len(shapes) * terms)."""
         fixed = self.fixed(part)
         found = np.concatenate([record.responses(part, shapes, fixed) for record in self.records])
         whole = np.concatenate([found, np.zeros((len(self.mean), found.shape[1]))])
@@ -230,7 +231,7 @@ def rounded(value: float) -> float:
 
 
 def at_place(search: Search, found: Estimate, place: Place, variables: Sequence[Variable]) -> PlaceRegression:
-    """The regression at a place; the values of the variables are those of all records, one after another."""
+    """The regression at a place; the values of the variables cover all records, one after another."""
     from scipy.interpolate import CubicSpline
 
     records, begin = [], 0
@@ -307,7 +308,7 @@ class _Grid:
         self.grams = [self.C[:, where].T @ self.C[:, where] for _, where in self.groups]
 
     def add(self, part: Part) -> int:
-        """The index of a part with values of its own."""
+        """Add a part with its values; its index."""
         block = self.problem.columns(part, [part.shapes])
         block /= np.maximum(np.linalg.norm(block, axis=0), 1e-300)
         begin = self.C.shape[1]
@@ -318,8 +319,8 @@ class _Grid:
         return len(self.groups) - 1
 
     def best(self, known: Sequence[int], number: int) -> list[tuple[int, float]]:
-        """The groups (indices) that leave least beside known groups, one of each form and variables, with their losses;
-        without those that have a shape parameter of the same name over the same variables as a known one."""
+        """The groups (indices) that together with known groups have the smallest residuals, one of each form and
+        variables, with their losses; groups that share a shape parameter and variables with a known group are left out."""
         r, taken = self.problem.target, np.zeros((0, self.C.shape[1]))
         towards, total = self.towards, float(r @ r)
         if known:
@@ -383,8 +384,8 @@ def leading(formulas: Sequence[Composed], most: int) -> list[Composed]:
 
 
 def _leading(losses: Mapping[T, float], numbers: Callable[[T], int], most: int, less: float = LESS) -> list[T]:
-    """Those with the smallest losses of each number of numbers, as far as they leave less than `less` of what the best with
-    fewer leaves, in the order of their numbers."""
+    """The formulas with the smallest losses for each number of parameters, in the order of these numbers, if the best of
+    them has less than `less` times the loss of the best with fewer parameters."""
     chosen, least = list[T](), np.inf
     for count in sorted({numbers(one) for one in losses}):
         order = sorted((one for one in losses if numbers(one) == count), key=lambda one: losses[one])
