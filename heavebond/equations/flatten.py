@@ -245,6 +245,7 @@ def without_zeros(flat: Flat, zeros: Iterable[str]) -> Flat:
     column, entries = ca.SX(flat.residual_column), list(flat.entries)
     gone = [flat.constants[name] for name in names]
     changed, known = set[int](), set[int]()  # rows, and those of them that say of an unknown that it is 0
+    zero_unknowns = set[int]()
     while gone:
         symbols = stack(gone)
         rows = [row for row in np.flatnonzero(ca.which_depends(column, symbols, 1, True)).tolist() if row not in known]
@@ -258,7 +259,10 @@ def without_zeros(flat: Flat, zeros: Iterable[str]) -> Flat:
         for row in sorted(changed - known):  # a compliance c = C*y with C = 0
             if len(entries[row]) == 1 and (column[row].is_symbolic() or (-column[row]).is_symbolic()):
                 known.add(row)
-                gone += [level[entries[row][0][0] % n] for level in flat.levels]
+                unknown = entries[row][0][0] % n
+                if unknown not in zero_unknowns:  # two rows may say so of one
+                    zero_unknowns.add(unknown)
+                    gone += [level[unknown] for level in flat.levels]
     options = None if flat.options is None else (*flat.options[:2], (*flat.zeros, *names))
     return replace(flat, residual_column=column, entries=tuple(entries), zeros=(*flat.zeros, *names), options=options)
 

@@ -12,7 +12,7 @@ from heavebond.core.units import read_unit
 from heavebond.laws.find import FoundLaw, Laws
 from heavebond.numerics.dae import Array
 from heavebond.pictures.plot import COLOURS, DPI, RECT, WIDTH
-from heavebond.pictures.plot_where import MOST, dress, limits
+from heavebond.pictures.plot_where import MOST, dress, padded_limits
 
 DRAWS, POINTS = 200, 400  # of the parameters for the interval; of a curve
 SHARES = (0.05, 0.5, 0.95)  # quantiles of a second variable at which a curve is drawn
@@ -53,7 +53,7 @@ def plot_law(found: Laws) -> Figure:
             panel.fill_between(course * per_x, low * per_y, high * per_y, color=colour, alpha=0.2, linewidth=0)
             panel.plot(course * per_x, middle * per_y, color=colour, linewidth=2, label=label)
     panel.legend(loc="best", frameon=True, framealpha=0.8, edgecolor="none", fontsize=9, markerscale=4)
-    panel.set_ylim(*limits(y * per_y))
+    panel.set_ylim(*padded_limits(y * per_y))
     dress(panel, f"{first.formula} [{unit_label(unit)}]", f"{noun} [{unit_label(shown)}]")
     record = law.implied[0]
     below = figure.add_subplot(grid[1])

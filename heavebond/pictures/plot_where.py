@@ -121,13 +121,13 @@ def _course(panel: Axes, suspect: PlaceEstimate, shown: str) -> None:
         value, band = implied.value * per_y, 2 * implied.deviation * per_y
         panel.fill_between(implied.time, value - band, value + band, color=COLOURS[k % len(COLOURS)], alpha=0.2, linewidth=0)
         panel.plot(implied.time, value, color=COLOURS[k % len(COLOURS)], linewidth=1, label=implied.record)
-    limits = np.concatenate([limits(i.value * per_y) for i in suspect.implied.values()])
+    limits = np.concatenate([padded_limits(i.value * per_y) for i in suspect.implied.values()])
     panel.set_ylim(float(limits.min()), float(limits.max()))
     panel.legend(loc="upper left", frameon=False, fontsize=9, ncols=len(suspect.implied))
     dress(panel, "time [s]", f"{noun(suspect)} [{unit_label(shown)}]")
 
 
-def limits(values: Array) -> Array:
+def padded_limits(values: Array) -> Array:
     """The range of values with some room."""
     low, high = float(values.min()), float(values.max())
     room = 0.15 * (high - low) or 1.0
