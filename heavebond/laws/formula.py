@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -57,7 +57,6 @@ class Formula:
     parts: tuple[Part, ...]
     motions: Mapping[str, Motion]
     fixed: tuple[Mapping[str, float], ...]
-    taken: frozenset[str] = field(default_factory=frozenset)
 
     @property
     def node(self) -> Node:

@@ -9,8 +9,7 @@ with respect to the free parameters q with prior N(mean, 1), and C (n, K) the re
 The formulas grow by greedy selection (orthogonal least squares; S. Chen, S. A. Billings, W. Luo, 1989,
 doi:10.1080/00207178908953472): the best single forms, then the form that reduces each residual most, and a third. The
 shape parameters, which enter non-linearly, are tried on a grid and then found by variable projection (G. H. Golub, V.
-Pereyra, 1973, doi:10.1137/0710036). The formulas with the
-smallest residual for each number of parameters are kept.
+Pereyra, 1973, doi:10.1137/0710036). The formulas with the smallest residual for each number of parameters are kept.
 """
 
 from __future__ import annotations
@@ -87,11 +86,10 @@ class Part:
 
 @dataclass(frozen=True)
 class Composed:
-    """A sum of parts, its loss (sum of squares with the prior) and BIC, and the free parameters q (k,) with it."""
+    """A sum of parts, its loss (sum of squares with the prior), and the free parameters q (k,) with it."""
 
     parts: tuple[Part, ...]
     loss: float
-    bic: float
     q: Array
 
     @property
@@ -210,8 +208,7 @@ class PlaceRegression:
         ends = np.cumsum([0, *(len(part.form.terms) for part in parts)])
         found = tuple(replace(part, amplitudes=tuple(map(float, a[i:j])))
                       for part, i, j in zip(parts, ends[:-1], ends[1:], strict=True))
-        loss = float(left @ left)
-        return Composed(found, loss, self.bic(loss, sum(p.form.numbers for p in parts)), self._q(found))
+        return Composed(found, float(left @ left), self._q(found))
 
     def _q(self, parts: Sequence[Part]) -> Array:
         """The free parameters with these parts."""
@@ -396,8 +393,8 @@ def _leading(losses: Mapping[T, float], numbers: Callable[[T], int], most: int, 
 
 
 def _refined(problem: PlaceRegression, parts: Sequence[Part]) -> Composed:
-    """The parts with the shape parameters that fit best from where they are: Gauss-Newton steps of variable projection, with
-    differences for the derivatives of the columns."""
+    """The parts with their shape parameters at the nearest minimum of the loss: Gauss-Newton steps of variable projection,
+    with differences for the derivatives of the columns."""
     from scipy.optimize import least_squares
 
     where = [(i, j) for i, part in enumerate(parts) for j in range(len(part.form.shapes))]
