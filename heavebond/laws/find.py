@@ -236,7 +236,8 @@ def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), progress:
             say(f"composing formulas {place.words}")
             formulas += _formulas(search, found, k, place)
         say("fitting the free parameters")
-        base = fitted_base(_with_components(searched, formulas, folder))
+        components = {_kind(k): formula.component(_kind(k), effect=False) for k, (formula, _) in enumerate(formulas)}
+        base = fitted_base(_with_components(searched, components, folder))
         known = [refit for _, place in places for refit in _of_catalogue(base, place, say)]
         answer = _answer(given, base, _refitted(base, search, formulas, say), known)
         if answer.simplest is None:
@@ -282,11 +283,11 @@ def _kind(k: int) -> str:
     return f"FoundLaw{k + 1}"
 
 
-def _with_components(experiment: Experiment, formulas: Sequence[tuple[Formula, Composed]], folder: Path) -> Experiment:
-    """The experiment with a component for each formula in its library, in files of a folder."""
-    paths = {_kind(k): folder / f"{_kind(k)}.yaml" for k in range(len(formulas))}
-    for (kind, path), (formula, _) in zip(paths.items(), formulas, strict=True):
-        path.write_text(formula.component(kind, effect=False), encoding="utf-8")
+def _with_components(experiment: Experiment, components: Mapping[str, str], folder: Path) -> Experiment:
+    """The experiment with further components in its library, whose texts by name are written to files of a folder."""
+    paths = {kind: folder / f"{snake(kind)}.yaml" for kind in components}
+    for kind, text in components.items():
+        paths[kind].write_text(text, encoding="utf-8")
     model = experiment.model
     library = replace(model.library, files={**model.library.files, **paths})
     return replace(experiment, model=replace(model, library=library))
@@ -387,12 +388,8 @@ def _confirmed(given: Experiment, law: FoundLaw, folder: Path, say: Progress) ->
     """The law in the diagram with its final name, fitted to all samples with all free parameters, with intervals."""
     words = re.findall(r"[A-Za-z0-9]+", law.formula.place.name)
     base = "Law" + "".join(word[:1].upper() + word[1:] for word in words)
-    files = given.model.library.files
-    name = next(n for n in (base, *(f"{base}{k}" for k in range(2, 99))) if n not in files)
-    path = folder / f"{snake(name)}.yaml"
-    path.write_text(law.formula.component(name), encoding="utf-8")
-    library = replace(given.model.library, files={**files, name: path})
-    experiment = replace(given, model=replace(given.model, library=library))
+    name = next(n for n in (base, *(f"{base}{k}" for k in range(2, 99))) if n not in given.model.library.files)
+    experiment = _with_components(given, {name: law.formula.component(name)}, folder)
     candidate = candidate_of(experiment, law.formula, name)
     free = {n.name: n for n in law.formula.numbers if n.range is not None}
     change = candidate.change.with_values({f"{candidate.name}.{n.name}": quantity(law.numbers[n.name], n.unit)
