@@ -55,7 +55,7 @@ from heavebond.laws.regression import Composed, at_place, composed
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.input_estimation import Estimate, Search
 from heavebond.localise.ltv_model import with_values
-from heavebond.localise.misfit import ImpliedInput, beginning, estimated_inputs, input_at
+from heavebond.localise.misfit import ImpliedInput, beginning, estimated_inputs, implied_inputs, input_at
 from heavebond.numerics.dae import Array
 
 NOISE = 2.0  # mean squared prediction error, in noise variances, from which on a formula is only an approximation
@@ -420,11 +420,7 @@ def _implied(search: Search, found: Estimate, k: int, place: Place, start: Compo
     w, deviation, moved, around = input_at(search, found, k, found.full[k])
     ratio = found.full[k].group.ratios[found.full[k].group.places.index(place)]
     value = (w + moved @ (start.q + search.centre(found.systems))) * ratio
-    local = {v.formula: v.values for v in around.variables(place)}
-    ends = np.cumsum([0, *(len(side.time) for side in search.sides)])
-    return tuple(ImpliedInput(side.record.name, side.time, value[i:j], deviation[i:j] * abs(ratio), place.unit.text,
-                              {name: course[i:j] for name, course in local.items()})
-                 for side, i, j in zip(search.sides, ends[:-1], ends[1:], strict=True))
+    return tuple(implied_inputs(search, place, value, deviation * abs(ratio), around.variables(place)).values())
 
 
 def write_law(laws: Laws, targets: Targets) -> list[Path]:

@@ -23,7 +23,7 @@ from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_e
 from heavebond.estimation.fitting import Fit
 from heavebond.estimation.records import measure
 from heavebond.localise.constants import INPUT_ESTIMATION
-from heavebond.localise.curves import Curve, Design, Mask, Regression, best_curve, regression
+from heavebond.localise.curves import Curve, Design, Mask, Regression, Variable, best_curve, regression
 from heavebond.localise.error_states import RecordSection, State, envelope, states, stretches, worst
 from heavebond.localise.input_estimation import Estimate, Ranked, Search, misfit
 from heavebond.localise.kalman_smoother import Unknown
@@ -266,14 +266,20 @@ def _suspect(search: Search, found: Estimate, ranked: Ranked, k: int, w: Array, 
     mean = -search.centre(found.systems)
     curve = best_curve(design, _regression(search, found.systems, place, design, learn, mean), learn)
     value = (w + moved @ (curve.q - mean) if curve is not None else w) * ratio
-    ends = np.cumsum([0, *(len(s.time) for s in search.sides)])
-    implied = {}
-    for s, a, b in zip(search.sides, ends[:-1], ends[1:], strict=True):
-        implied[s.record.name] = ImpliedInput(s.record.name, s.time, value[a:b], deviation[a:b] * abs(ratio),
-                                              place.unit.text, {v.formula: v.values[a:b] for v in variables})
+    implied = implied_inputs(search, place, value, deviation * abs(ratio), variables)
     made = PlaceEstimate(place, found.explained(ranked), found.ranked[0].likelihood - ranked.likelihood, alike, curve,
                          implied, "")
     return replace(made, words=words_of(made))
+
+
+def implied_inputs(search: Search, place: Place, value: Array, deviation: Array, variables: Sequence[Variable]
+                   ) -> dict[str, ImpliedInput]:
+    """The input at a place by record, from its values (N,) and standard deviations (N,) over all records one after
+    another, with the variables there."""
+    ends = np.cumsum([0, *(len(s.time) for s in search.sides)])
+    return {s.record.name: ImpliedInput(s.record.name, s.time, value[a:b], deviation[a:b], place.unit.text,
+                                        {v.formula: v.values[a:b] for v in variables})
+            for s, a, b in zip(search.sides, ends[:-1], ends[1:], strict=True)}
 
 
 def _regression(search: Search, systems: Mapping[str, LtvModel], place: Place, design: Design, learn: Mask, mean: Array
