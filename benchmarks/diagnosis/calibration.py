@@ -33,10 +33,19 @@ from heavebond.core.cancellation import Budget
 from heavebond.diagnosis.answer.tree import LEVELS, Leaf, answer_leaves, levels
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import VALUE
+from heavebond.diagnosis.candidates.varying import BY_RECORD
 from heavebond.diagnosis.diagnose import Diagnosis
 from heavebond.diagnosis.evidence.comparison import ALL, loss
 from heavebond.diagnosis.evidence.prediction import confidence_set, discrepancy, levelled
-from heavebond.diagnosis.evidence.probability import CALIBRATION, OUTSIDE, TEMPERATURES, Evidence, compared_step, parts
+from heavebond.diagnosis.evidence.probability import (
+    CALIBRATION,
+    OUTSIDE,
+    TEMPERATURES,
+    Evidence,
+    compared_step,
+    evidence,
+    parts,
+)
 from heavebond.diagnosis.search.step import Stage
 from heavebond.numerics.dae import Array
 
@@ -44,12 +53,13 @@ STUDY = reliability.STUDY
 CASES = 30  # of each machine
 LIMIT = 60.0  # s of processor time of a diagnosis
 DRAWING = 120.0  # s of processor time of a draw
-SHOWN = ("hidden", "truth", "stated", "seconds", "draw_seconds", "broken", "trace")  # of a case, while the study runs
+SHOWN = ("hidden", "truth", "stated", "named", "seconds", "draw_seconds", "broken", "trace")  # while the study runs
 LISTED = 6  # refits whose errors are kept
 LEAVES = 20  # laws that are kept,
 LEAST = 0.003  # with at least this weight
 DIGITS = 4
 GRID = TEMPERATURES[1:]
+VARIES = "varying parameter"
 
 
 def rules() -> str:
@@ -84,10 +94,17 @@ def _row(case: Drawn, answer: Diagnosis) -> dict[str, object]:
         "verdict": answer.verdict, "chi2": [[_short(r.chi2_fit), _short(r.chi2_held_out)] for r in answer.ladder]}
     if not answer.steps or answer.evidence is None:
         return row
-    step = compared_step(answer.steps[0], next(iter(answer.reviews), None))
-    row["named"] = [[f.candidate.label, _match(case, step, f.candidate)] for f in answer.findings]
-    row["stated"] = [[node.level, node.name, round(node.probability, DIGITS)] for node in answer.tree.effects[0].path]
-    return row | evidence_of(case, step, answer.evidence, answer) | {"errors": _errors(case, step)}
+    compared = [compared_step(step, answer.reviews[k] if k < len(answer.reviews) else None)
+                for k, step in enumerate(answer.steps[:max(1, len(answer.findings))])]
+    row["named"] = [[f.candidate.label, _match(case, step, f.candidate)]
+                    for step, f in zip(compared, answer.findings, strict=False)]
+    row["stated"] = [[[node.level, node.name, round(node.probability, DIGITS)] for node in tree.path]
+                     for tree in answer.tree.effects]
+    evidences = [answer.evidence, *(evidence(answer.steps[k:], review=answer.reviews[k] if k < len(answer.reviews) else None)
+                                    for k in range(1, len(compared)))]
+    row["trees"] = [evidence_of(case, step, known, answer, first=k == 0)
+                    for k, (step, known) in enumerate(zip(compared, evidences, strict=True))]
+    return row | {"errors": _errors(case, compared[0])}
 
 
 def _short(x: float) -> float:
@@ -109,19 +126,21 @@ def _match(case: Drawn, step: Stage, candidate: Candidate) -> int:
     return int(bool(effects) or any(what in ("value", "sheet") and name in values for what, name, _ in case.minor))
 
 
-def evidence_of(case: Drawn, step: Stage, known: Evidence, answer: Diagnosis) -> dict[str, object]:
-    """What the probabilities of all branches are computed from, at each temperature, and which of them are true.
+def evidence_of(case: Drawn, step: Stage, known: Evidence, answer: Diagnosis, first: bool = True) -> dict[str, object]:
+    """What the probabilities of all branches of the tree of one effect are computed from, at each temperature, and which of
+    them are true; `first` for the tree of the first effect.
 
-    `laws`: for each law the numbers of its branches from the level `system` down, whether they are true (1 or 0 for each),
-    how the law matches (see `_match`), whether it is outside the catalogue, and its weights. `values`: the weights of wrong
-    values of parameters that the diagram holds fixed. `flexible`: the weights of the identified curves relative to the
-    weights of all effects. `nothing` is true if no effect dominates, or if the dominant effect acts as a wrong value."""
+    `laws`: for each law the numbers of its branches from the level `system` down, whether they belong to one of the hidden
+    differences (1 or 0 for each), whether they belong to the dominant one, whether the law is outside the catalogue, and its
+    weights. `values`: the weights of wrong values of parameters that the diagram holds fixed. `flexible`: the weights of the
+    identified curves relative to the weights of all effects. `nothing` is true if no effect dominates, or if the dominant
+    effect acts as a wrong value."""
     candidates = {c.label: c for c in (*(s.candidate for s in step.scores), *(t.candidate for t in step.trials))}
     table: dict[tuple[object, ...], _Law] = {}
     values = np.zeros(len(GRID))
     for k, temperature in enumerate(GRID):
         constants = replace(CALIBRATION, temperature=temperature)
-        effects, outside, _ = answer_leaves(step, known, answer.localization, constants)
+        effects, outside, _ = answer_leaves(step, known, answer.localization if first else None, constants)
         _, _, mass, among = map(float, parts(constants, known.missing, known.sheet, known.left,
                                              known.outside.get(temperature, float("nan"))))
         for leaf, whole in [*((leaf, among) for leaf in effects), *((leaf, mass) for leaf in outside)]:
@@ -131,16 +150,18 @@ def evidence_of(case: Drawn, step: Stage, known: Evidence, answer: Diagnosis) ->
             values[k] = (1 - known.untried) * sum(
                 float(w) for e, w in zip(known.effects, known.weights[temperature], strict=True) if e.kind == VALUE)
     laws = sorted(table.values(), key=lambda law: -law.weights.max())
+    hidden = hidden_levels(case, step)
     entries = []
     for law in laws:
         matches = max((_match(case, step, candidates[label]) for label in law.leaf.labels if label in candidates), default=0)
-        truths = "".join(map(str, true_levels(case, step, law.leaf, matches == 2)))
-        entries.append(Entry(law.leaf.keys, truths, matches, law.weights))
+        dominant, every = (belonging(law.leaf.keys, of, matches >= least) for of, least in ((hidden[:1], 2), (hidden, 1))) \
+            if case.effect is not None else [str(int(matches == 2)) * len(law.leaf.keys)] * 2
+        entries.append(Entry(law.leaf.keys, every, dominant, law.weights))
     values_alike = case.effect is not None and bool(step.acts_as.get(case.effect.label))
     adequacy = answer.adequacy
     return {"laws": listed(entries), "names": [" | ".join(law.leaf.names[1:]) for law in laws[:3]],
             "values": [round(float(v), DIGITS) for v in values],
-            "nothing": int(case.hidden in ("clutter", "value") or values_alike),
+            "nothing": int(first and (case.hidden in ("clutter", "value") or values_alike)),
             "left": _short(known.left), "missing": _short(known.missing), "sheet": _short(known.sheet),
             "untried": round(known.untried, 3),
             "flexible": [_short(known.outside[t]) for t in GRID] if known.outside else None,
@@ -149,11 +170,12 @@ def evidence_of(case: Drawn, step: Stage, known: Evidence, answer: Diagnosis) ->
 
 @dataclass(frozen=True)
 class Entry:
-    """A law in a row: the keys of its branches, whether they are true, how it matches, and its weights (k,)."""
+    """A law in a row: the keys of its branches, whether they are true, whether they belong to the dominant effect, and its
+    weights (k,)."""
 
     keys: tuple[object, ...]
     truths: str
-    matches: int
+    dominant: str
     weights: Array
 
 
@@ -164,14 +186,14 @@ def listed(entries: Sequence[Entry]) -> list[list[object]]:
     small: dict[tuple[object, bool], Entry] = {}
     for entry in (e for e in entries if not any(e is other for other in large)):
         key = entry.keys[0], OUTSIDE in entry.keys
-        before = small.get(key, Entry((entry.keys[0], *([OUTSIDE] if key[1] else [])), "0", 0, np.zeros(len(GRID))))
-        small[key] = replace(before, weights=before.weights + entry.weights,
-                             truths=max(before.truths, entry.truths[0]))
+        before = small.get(key, Entry((entry.keys[0], *([OUTSIDE] if key[1] else [])), "0", "0", np.zeros(len(GRID))))
+        small[key] = replace(before, weights=before.weights + entry.weights, truths=max(before.truths, entry.truths[0]),
+                             dominant=max(before.dominant, entry.dominant[0]))
     numbers: dict[tuple[object, ...], int] = {}
     rows: list[list[object]] = []
     for entry in (*large, *small.values()):
         branches = [numbers.setdefault(entry.keys[:d + 1], len(numbers)) for d in range(len(entry.truths))]
-        rows.append([branches, entry.truths, entry.matches, int(OUTSIDE in entry.keys),
+        rows.append([branches, entry.truths, entry.dominant, int(OUTSIDE in entry.keys),
                      [round(float(w), DIGITS) for w in entry.weights]])
     return rows
 
@@ -184,20 +206,38 @@ class _Law:
     weights: Array
 
 
-def true_levels(case: Drawn, step: Stage, leaf: Leaf, matches: bool) -> list[int]:
-    """Whether the branches of a law are true, from the level `system` down: those of the dominant effect. A law outside the
-    catalogue is true where the component of the dominant effect is struck, at its place and of its kind."""
-    if case.effect is None:
-        return [int(matches)] * len(leaf.keys)
-    hidden = levels(step, case.effect, case.effect.kind, step.experiment.model.library)[0]
-    unknown = case.hidden in ("other law", "outside")
-    found: list[int] = []
-    for depth, key in enumerate(leaf.keys):
-        above = not found or bool(found[-1])
-        law = LEVELS[depth + 1] == "law"
-        right = key == hidden[depth] or (key == OUTSIDE and unknown) or (matches and not law)
-        found.append(int(above and right))
+def hidden_levels(case: Drawn, step: Stage) -> list[tuple[tuple[object, ...], bool]]:
+    """The branches (keys from the level `system` down) of the hidden differences, the dominant one first, and whether the
+    law of each is missing from the catalogue. A drift, a cycle and a value of each record are variations of a parameter of
+    their part, and a late channel is a delay in it; values that are wrong in all records have no branch."""
+    library = step.experiment.model.library
+    candidates = [*(s.candidate for s in step.scores), *(t.candidate for t in step.trials)]
+    unknown = {label for what, label, _ in case.minor if what == "unknown law"}
+    effects = [(case.effect, case.hidden in ("other law", "outside"))] if case.effect is not None else []
+    effects += [(effect, effect.label in unknown) for effect in case.minor_effects]
+    found = [(levels(step, effect, effect.kind, library)[0], missing) for effect, missing in effects]
+    for what, name, _ in case.minor:
+        part = name.rpartition(".")[0]
+        kinds, where = {"drift": ((VARIES,), part), "cycle": ((VARIES,), part), "record": ((BY_RECORD,), part),
+                        "late": (("delay",), name)}.get(what, ((), ""))
+        alike_ones = [c for c in candidates if c.kind in kinds and where in c.where]
+        found += [(levels(step, c, c.kind, library)[0][:4], what == "cycle") for c in alike_ones[:1]]
     return found
+
+
+def belonging(branches: Sequence[object], hidden: Sequence[tuple[tuple[object, ...], bool]], matches: bool = False) -> str:
+    """Whether each of the `branches` of a law belongs to one of these differences (1 or 0), or the law `matches` one in its
+    class. A law outside the catalogue is true where the component of the difference is missing, at its place and of its
+    kind."""
+    best = "0" * len(branches)
+    for keys, unknown in hidden:
+        truths = ""
+        for depth, key in enumerate(branches):
+            right = (depth < len(keys) and key == keys[depth]) or (key == OUTSIDE and unknown) \
+                or (matches and LEVELS[depth + 1] != "law")
+            truths += str(int(right and "0" not in truths))
+        best = max(best, truths)
+    return best
 
 
 def _errors(case: Drawn, step: Stage) -> dict[str, object] | None:

@@ -237,23 +237,27 @@ def calibration(rows: Sequence[Row]) -> str:
             lines.append((what, level, len(of.cases), figure(of.first.mean(), 2), figure(of.first_true.mean(), 2),
                           f"{figure(reliability.expected_error(of.first, of.first_true), 2)} ({figure(first, 2)})",
                           f"{figure(reliability.expected_error(of.stated, of.true), 2)} ({figure(every, 2)})"))
-    known = [reliability.probability_of_truth(r, CALIBRATION, "class") for r in rows if r["hidden"] in reliability.KNOWN]
+    known = [reliability.probability_of_dominant(trees, constants, "class")
+             for trees, constants in reliability.by_case(rows, [CALIBRATION] * len(rows))
+             if trees[0]["hidden"] in reliability.KNOWN]
     return "\n\n".join([
-        f"{len(rows)} cases of {len({r['machine'] for r in rows})} machines.",
-        table(["constants", "level", "cases", "stated, most probable branch", "true", "calibration error (95 % by chance)",
+        f"{len(rows)} trees of {len({(r['machine'], r['number']) for r in rows})} cases of "
+        f"{len({r['machine'] for r in rows})} machines. A branch is true if it belongs to one of the hidden differences.",
+        table(["constants", "level", "trees", "stated, most probable branch", "true", "calibration error (95 % by chance)",
                "of all branches above 1 %"], lines),
-        f"The mean probability of the true class, if it is in the catalogue: {figure(float(np.mean(known)), 2)}.",
+        "The mean probability of the class of the dominant effect, in the tree in which it is most probable, if the class "
+        f"is in the catalogue: {figure(float(np.mean(known)), 2)}.",
         "![Stated probabilities against true frequencies](pictures/reliability.png)"])
 
 
 def answers(rows: Sequence[Row]) -> str:
-    """The deepest stated level in the cases of the calibration study, by what dominates, and by machine."""
+    """The deepest stated level of each tree in the calibration study, by what dominates, and by machine."""
     def line(part: Sequence[Row]) -> list[object]:
         ends = Counter(reliability.deepest(r, CALIBRATION) for r in part)
         wrong = sum(n for (level, right), n in ends.items() if level and not right)
         return [len(part), *(ends[level, True] or "-" for level in reliability.LEVELS), ends["", False] or "-", wrong or "-"]
 
-    head = ["cases", *(f"{level} right" for level in reliability.LEVELS), "none stated", "wrong"]
+    head = ["trees", *(f"{level} right" for level in reliability.LEVELS), "none stated", "wrong"]
     machines = sorted({r["machine"] for r in rows})
     return "\n\n".join([
         table(["dominant", *head], [*((words, *line([r for r in rows if r["hidden"] == hidden]))

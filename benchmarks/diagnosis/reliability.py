@@ -1,6 +1,7 @@
 """How reliable the stated probabilities are, at each level of the answer, and the constants that suit the cases best.
 
-A case of the study has laws with their weights at each temperature, and which of their branches are true. From these and
+The answer to a case of the study has a tree for each effect. A row is one tree: laws with their weights at each
+temperature, and which of their branches belong to one of the hidden differences (and to the dominant one). From these and
 the constants of `heavebond.diagnosis.evidence.probability` follow the probabilities of all branches, as the answer states
 them: no diagnosis is needed to try other constants.
 """
@@ -49,9 +50,9 @@ class Level:
 
 
 def known_rows(study: str = STUDY) -> list[Row]:
-    """The last row of each case that could be drawn, with a tree."""
-    rows = {(r["machine"], r["number"]): r for r in keeping.read(study).values()}
-    return [r for r in rows.values() if "laws" in r]
+    """A row for each tree of the answer to each case that could be drawn; the last answer counts."""
+    cases: dict[tuple[str, int], Row] = {(r["machine"], r["number"]): r for r in keeping.read(study).values()}
+    return [{**case, **tree, "tree": k} for case in cases.values() for k, tree in enumerate(case.get("trees", []))]
 
 
 def masses(row: Row, constants: Calibration) -> tuple[Array, float]:
@@ -63,16 +64,18 @@ def masses(row: Row, constants: Calibration) -> tuple[Array, float]:
     return p, nothing + parameters + among * row["values"][at]
 
 
-def levels(row: Row, constants: Calibration) -> dict[str, Level]:
-    """The branches at each level, as the tree of the answer has them: branches below 1 % count together, as
-    "another". This one is true if the branch above it is true and none of the listed branches below that."""
+def levels(row: Row, constants: Calibration, dominant: bool = False) -> dict[str, Level]:
+    """The branches at each level, as the tree of the answer has them, and whether they belong to a hidden difference (or to
+    the `dominant` one): branches below 1 % count together, as "another". This one is true if the branch above it is true
+    and none of the listed branches below that."""
     p, none = masses(row, constants)
     found: dict[str, Level] = {}
     above: dict[int, tuple[float, bool]] = {-1: (1.0, True)}
     for depth, level in enumerate(LEVELS):
         branches: dict[int, tuple[float, bool]] = {}
         under: dict[int, list[int]] = {}
-        for (numbers, truths, *_), mass in zip(row["laws"], p, strict=True):
+        for (numbers, *both, _, _), mass in zip(row["laws"], p, strict=True):
+            truths = both[dominant]
             if depth < len(numbers) and (parent := numbers[depth - 1] if depth else -1) in above:
                 before = branches.get(numbers[depth], (0.0, False))
                 branches[numbers[depth]] = (before[0] + mass, before[1] or truths[depth] == "1")
@@ -158,6 +161,22 @@ def probability_of_truth(row: Row, constants: Calibration, level: str) -> float:
     """The probability of the true branches of a level."""
     found = levels(row, constants)[level]
     return float(found.p[found.true].sum())
+
+
+def probability_of_dominant(trees: Sequence[Row], constants: Sequence[Calibration], level: str) -> float:
+    """The probability of the dominant effect's branch of a level, in that tree of one case in which it is most probable."""
+    found = [levels(row, of, dominant=True)[level] for row, of in zip(trees, constants, strict=True)]
+    return max(float(of.p[:-1][of.true[:-1]].sum()) for of in found)
+
+
+def by_case(rows: Sequence[Row], constants: Sequence[Calibration]) -> list[tuple[list[Row], list[Calibration]]]:
+    """The trees of each case, with the constants that belong to them."""
+    cases: dict[object, tuple[list[Row], list[Calibration]]] = {}
+    for row, of in zip(rows, constants, strict=True):
+        trees, chosen = cases.setdefault((row["machine"], row["number"]), ([], []))
+        trees.append(row)
+        chosen.append(of)
+    return list(cases.values())
 
 
 def deepest(row: Row, constants: Calibration) -> tuple[str, bool]:
@@ -248,8 +267,9 @@ def report(rows: Sequence[Row], pictures: Path | None = None) -> str:
     if not rows:
         return "no cases"
     machines = sorted({r["machine"] for r in rows})
-    lines = [f"{len(rows)} cases of {len(machines)} machines, {sum(bool(r['partial']) for r in rows)} ended by the limit; "
-             f"median processor time {np.median([r['seconds'] for r in rows]):.0f} s"]
+    cases = [trees[0] for trees, _ in by_case(rows, [CALIBRATION] * len(rows))]
+    lines = [f"{len(cases)} cases of {len(machines)} machines, {sum(bool(r['partial']) for r in cases)} ended by the limit, "
+             f"with {len(rows)} trees; median processor time {np.median([r['seconds'] for r in cases]):.0f} s"]
     sets: dict[str, list[Calibration]] = {"present constants": [CALIBRATION] * len(rows)}
     if len(machines) > 1:
         sets["fitted to all other machines"] = left_out(rows)
@@ -264,7 +284,7 @@ def report(rows: Sequence[Row], pictures: Path | None = None) -> str:
 
 def _table(rows: Sequence[Row], constants: Sequence[Calibration]) -> str:
     found = reliability(rows, constants)
-    lines = ["level    cases  first: ECE  chance 95 %  stated   true   all: ECE  chance 95 %  p of the true branch"]
+    lines = ["level    trees  first: ECE  chance 95 %  stated   true   all: ECE  chance 95 %  p of the true branch"]
     for level, of in found.items():
         chance, every = (by_chance(cases)[1] for cases in ([np.array([p]) for p in of.first], [c.p for c in of.cases]))
         true = np.mean([c.p[c.true].sum() for c in of.cases])
@@ -273,7 +293,8 @@ def _table(rows: Sequence[Row], constants: Sequence[Calibration]) -> str:
                      f"{every:12.3f} {true:10.2f}")
     pairs = list(zip(rows, constants, strict=True))
     for kinds in (("inside",), KNOWN):
-        of_class = [probability_of_truth(r, c, "class") for r, c in pairs if r["hidden"] in kinds]
+        of_class = [probability_of_dominant(trees, of, "class") for trees, of in by_case(rows, constants)
+                    if trees[0]["hidden"] in kinds]
         if of_class:
             lines.append(f"mean probability of the true class, dominant effect {' or '.join(kinds)}: "
                          f"{np.mean(of_class):.2f} ({len(of_class)} cases)")
