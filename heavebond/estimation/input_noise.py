@@ -71,15 +71,19 @@ def _propagated(experiment: Experiment, record: Record) -> InputNoise:
     scale = np.array([read_unit(o.unit).scale for o in outputs])
     wanted = {n.text for o in outputs for n in names(o.expr)}
 
+    measured = assemble(experiment.model_for(record), wanted)
+    probe = Probe(measured, [o.text for o in outputs], si=True)
+
     def channels(seed: int | None) -> Array:
-        drawn = replace(record, inputs={name: replace(file_input, seed=seed if file_input.noise else None)
-                                        for name, file_input in experiment.inputs_for(record).items()})
-        assembly = assemble(experiment.model_for(drawn), wanted)
+        flat = measured.flat
+        inputs = tuple(replace(known, source=replace(known.source, seed=seed if known.source.noise else None))
+                       for known in flat.inputs)
+        driven = replace(measured, reduced=replace(measured.reduced, flat=replace(flat, inputs=inputs)))
         try:
-            result = QuickSimulator(assembly, times=grid, tolerances=FINE).run()
+            result = QuickSimulator(driven, times=grid, tolerances=FINE).run()
         except SimulationError:
-            result = run_by_auto(Simulator(assembly, times=grid, tolerances=FINE))
-        return np.asarray(Probe(assembly, [o.text for o in outputs], si=True).values(result) / scale[:, None])
+            result = run_by_auto(Simulator(driven, times=grid, tolerances=FINE))
+        return np.asarray(probe.values(result) / scale[:, None])
 
     clean, errors = channels(None), []
     for seed in range(REALISATIONS):

@@ -136,6 +136,7 @@ class StartSearch:
 
     def __init__(self, equations: StartEquations, assembly: Assembly, t: float, u: Array):
         self.equations, self.assembly, self.t, self.u = equations, assembly, t, u
+        self.still = held_still(u, t)
         self.n_x, self.n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         self.nominal = equations.sizes(assembly.p)
         self.frame = Scaling(self.nominal, *equations.bounds)
@@ -159,7 +160,7 @@ class StartSearch:
         p[self.equations.solved_for] = y[self.n_x + self.n_z:]
         p[self.equations.widths] *= self.widening
         rate = rate if rate is not None else 0.0 if self.equations.steady else 1.0  # a steady start holds the inputs still
-        u = self.u if rate else held_still(self.u, self.t)
+        u = self.u if rate else self.still
         return Point(self.t, y[: self.n_x], y[self.n_x:self.n_x + self.n_z], p, u, rate)
 
     def _scaled(self, system: StartSystem) -> System:
