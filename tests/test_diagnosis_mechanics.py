@@ -16,7 +16,7 @@ from heavebond.diagnosis.search.base_model import Base, searched
 from heavebond.diagnosis.search.refit import Refit, begun, followed
 from heavebond.diagnosis.search.schedule import planned
 from heavebond.diagnosis.search.scoring import scored
-from heavebond.diagnosis.search.step import _reverses, fitted_base
+from heavebond.diagnosis.search.step import _reverses, fitted_base, retraced
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.experiment import load_experiment
 from heavebond.language.edits import Change
@@ -279,3 +279,15 @@ free: {oil.d: 0.05 N*m*s/rad +- 20 %}
     base = fitted_base(hb.load_experiment(tmp_path / "e.yaml"))
     candidate = Candidate("n", "C", "", "", "", ("shaft", "frame"), Change(), (), "across")
     assert _reverses(candidate, base) == turns
+
+
+def test_positions_that_are_passed_once_decide_nothing_about_a_curve_over_the_position() -> None:
+    """A shaft that turns one way, and one that is turned the other way in another record, pass each angle once: a curve over
+    the angle is one over time."""
+    t = np.linspace(0.0, 10.0, 400)
+    assert not retraced([100 * t])
+    assert not retraced([100 * t, -80 * t])
+    assert retraced([np.sin(t)])
+    assert retraced([100 * t, 90 * t])  # two records over the same angles
+    assert not retraced([np.r_[t, 10 - 0.05 * t]])  # only the last twentieth again
+    assert retraced([]) and retraced([np.zeros(5)])

@@ -62,8 +62,18 @@ def test_an_overflow_is_a_candidate_at_open_tanks_only(tmp_path: Path) -> None:
     assert ("upper_bottom", "cascade") in tanks
     excluded = {}
     assert not [c for c in candidates("cylinder_rig/leakage", excluded) if c.component == "Overflow"]
-    assert any(label.startswith("Overflow") and reason == "no OpenTank stands there" for label, reason in
+    assert any(label.startswith("Overflow") and reason == "no OpenTank is connected there" for label, reason in
                excluded.items())
+
+
+def test_a_relief_valve_is_no_candidate_at_an_open_tank() -> None:
+    """There it would be an overflow: the same law of the pressure at the bottom."""
+    excluded: dict[str, str] = {}
+    found = {c.where for c in candidates("cascaded_tanks/tanks", excluded) if c.component == "ReliefValve"}
+    assert not any("upper_bottom" in where[:1] for where in found)
+    reason = next(reason for label, reason in excluded.items() if label.startswith("ReliefValve between upper_bottom"))
+    assert reason == "the node is that of OpenTank"
+    assert [c for c in candidates("cylinder_rig/leakage", {}) if c.component == "ReliefValve"]
 
 
 def test_nothing_is_put_before_a_port_that_carries_nothing(tmp_path: Path) -> None:

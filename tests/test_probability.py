@@ -39,6 +39,7 @@ from heavebond.diagnosis.evidence.probability import (
 from heavebond.diagnosis.evidence.residual_tests import ResidualTests
 from heavebond.diagnosis.search.refit import Refit
 from heavebond.diagnosis.search.step import Stage
+from heavebond.language.library import library
 
 FRICTION = Event("dry friction", 0.0, "between bed and slide", ("bed", "slide"), ("CoulombFriction between bed and slide",))
 DRAG = Event("quadratic damping", 0.0, "between bed and slide", ("bed", "slide"), ("Drag between bed and slide",))
@@ -95,7 +96,7 @@ def stage(*laws: tuple[str, str, float], joint: Sequence[Refit] = ()) -> Stage:
 
 
 def refit(kind: str, name: str, chi2: float) -> Refit:
-    candidate: Any = SimpleNamespace(kind=kind, name=name, where=(name,), label=f"{kind} at {name}")
+    candidate: Any = SimpleNamespace(kind=kind, name=name, where=(name,), place=f"at {name}", label=f"{kind} at {name}")
     experiment: Any = SimpleNamespace(noise_given=True)
     counts = np.full(50, 20.0)
     errors = PredictiveErrors(chi2 * counts, counts, np.zeros(50, np.int64), np.zeros(50, np.int64))
@@ -124,7 +125,7 @@ def test_a_value_of_the_diagram_is_compared_with_effects_alone() -> None:
     values = stage((VALUE, "slide.m", 40.0))
     made = compared_step(step, None)
     best = [*made.trials, *values.trials]
-    found = probability._beside_values(best, probability.law_weights(best), [[*step.trials], [*values.trials]])
+    found = probability._beside_values(best, probability.law_weights(best), [[*step.trials], [*values.trials]], step)
     assert found[16.0] == pytest.approx([0.5, 0.5])
     assert probability.law_weights(best)[16.0][1] < 0.05
 
@@ -132,9 +133,11 @@ def test_a_value_of_the_diagram_is_compared_with_effects_alone() -> None:
 def test_a_law_that_only_refines_a_simpler_one_counts_with_it() -> None:
     """Laws that predict alike: friction; friction with an amplitude that is not shown, there and at the other end of a rope;
     drag whose amplitudes are shown; and friction at a place that is another one."""
-    def law(kind: str, unknowns: int, where: str, unshown: tuple[str, ...] = ()) -> Refit:
-        candidate: Any = SimpleNamespace(kind=kind, where=("bed", where), label=f"{kind} at {where}")
-        return replace(REFIT, candidate=candidate, unknowns=unknowns, unshown=unshown)
+    experiment: Any = SimpleNamespace(model=SimpleNamespace(library=library()))
+
+    def law(kind: str, unknowns: int, where: str, unshown: tuple[str, ...] = (), component: str = "Drag") -> Refit:
+        candidate: Any = SimpleNamespace(kind=kind, where=("bed", where), label=f"{kind} at {where}", component=component)
+        return replace(REFIT, candidate=candidate, unknowns=unknowns, unshown=unshown, experiment=experiment)
 
     families = [[law("pressed friction", 3, "slide", ("mu",))], [law("dry friction", 2, "slide")],
                 [law("quadratic damping", 3, "slide")], [law("dry friction", 2, "floor")],
@@ -145,6 +148,40 @@ def test_a_law_that_only_refines_a_simpler_one_counts_with_it() -> None:
     weights = {1.0: np.array([0.4, 0.2, 0.2, 0.1, 0.1])}
     found = probability._to_simpler(families, [family[0] for family in families], weights, made)
     assert found[1.0] == pytest.approx([0.0, 0.7, 0.2, 0.1, 0.0])
+
+
+def test_a_law_that_generalises_a_simpler_one_counts_with_it() -> None:
+    """Bouc-Wen hysteresis contains dry friction with presliding (`replaces: DahlFriction`): with more numbers and no smaller
+    residual it is that friction. The drag of another class is not."""
+    experiment: Any = SimpleNamespace(model=SimpleNamespace(library=library()))
+
+    def law(kind: str, component: str, unknowns: int) -> Refit:
+        candidate: Any = SimpleNamespace(kind=kind, where=("bed", "slide"), label=component, component=component)
+        return replace(REFIT, candidate=candidate, unknowns=unknowns, experiment=experiment)
+
+    families = [[law("dry friction", "DahlFriction", 3)], [law("hysteresis", "Hysteresis", 5)],
+                [law("quadratic damping", "Drag", 5)]]
+    made: Any = SimpleNamespace(scores=[], twins={}, places=SimpleNamespace(place=lambda candidate: candidate.where))
+    found = probability._to_simpler(families, [family[0] for family in families], {1.0: np.array([0.3, 0.4, 0.3])}, made)
+    assert found[1.0] == pytest.approx([0.7, 0.0, 0.3])
+
+
+def test_a_model_with_more_numbers_has_a_smaller_weight_for_the_same_residual() -> None:
+    """Two numbers more cost a factor of 2 q, the effective samples: 1000 samples at the noise level at temperature 16."""
+    one, other = refit("dry friction", "slide", 1.0), replace(refit("hysteresis", "slide", 1.0), unknowns=REFIT.unknowns + 2)
+    weights = probability.law_weights([one, other])[16.0]
+    assert weights[0] / weights[1] == pytest.approx(1000 / 16, rel=1e-9)
+    assert probability.law_weights([one, other], penalised=False)[16.0] == pytest.approx([0.5, 0.5])
+
+
+def test_classes_are_equally_probable_before_the_records_and_share_it_among_their_places() -> None:
+    """Two laws that predict alike, one of a class that was scored at one place, one of a class scored at four."""
+    offset, variation = refit("sensor offset", "x", 1.0), refit("varying parameter", "spring", 1.0)
+    scored: list[Any] = [SimpleNamespace(candidate=SimpleNamespace(kind="varying parameter", place=f"of spring with {k}"))
+                         for k in range(3)]
+    made: Any = SimpleNamespace(scores=scored)
+    found = probability._with_prior({16.0: np.array([0.5, 0.5])}, [offset, variation], made)
+    assert found[16.0] == pytest.approx([0.8, 0.2])
 
 
 def test_the_bound_of_the_factor_falls_with_p() -> None:

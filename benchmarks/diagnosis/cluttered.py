@@ -37,13 +37,12 @@ from benchmarks.diagnosis.drawing import (
 from benchmarks.diagnosis.machines import NOISE, Machine
 from benchmarks.diagnosis.making import QUICK, TIGHT, generator
 from heavebond.core.errors import HeavebondError, SimulationError
-from heavebond.diagnosis.candidates.catalogue import Candidate, quantity
+from heavebond.diagnosis.candidates.catalogue import UNKNOWN, Candidate, quantity
 from heavebond.diagnosis.candidates.fixed_values import fixed_values
 from heavebond.diagnosis.candidates.places import Places, between_all_nodes, named_apart
 from heavebond.diagnosis.candidates.varying import BY_RECORD, varying_parameters
 from heavebond.diagnosis.search.base_model import Base, searched
 from heavebond.diagnosis.search.scoring import scored
-from heavebond.diagnosis.search.step import UNKNOWN
 from heavebond.estimation.experiment import Experiment, changed_experiment
 from heavebond.estimation.residuals import Run
 from heavebond.language.edits import Change

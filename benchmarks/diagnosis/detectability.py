@@ -29,11 +29,11 @@ from benchmarks.diagnosis.judging import SECONDS, told
 from benchmarks.diagnosis.making import Hidden
 from benchmarks.diagnosis.rigs import RIGS, Rig
 from benchmarks.diagnosis.truths import Truth
-from heavebond.diagnosis.candidates.catalogue import single_candidates
+from heavebond.diagnosis.candidates.catalogue import UNKNOWN, single_candidates
 from heavebond.diagnosis.evidence.comparison import INEXACT, STRONG
 from heavebond.diagnosis.evidence.residual_tests import DRAWS, LEVELS
 from heavebond.diagnosis.search.scoring import Score, scored
-from heavebond.diagnosis.search.step import UNKNOWN, fitted_base
+from heavebond.diagnosis.search.step import fitted_base
 from heavebond.numerics.dae import Array
 
 STUDY, CHECKS = "detectability", "detectability_checks"

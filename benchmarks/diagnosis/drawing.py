@@ -16,12 +16,11 @@ from benchmarks.diagnosis.machines import NOISE, Machine
 from benchmarks.diagnosis.making import QUICK, TIGHT, generator
 from heavebond.core.errors import HeavebondError, SimulationError
 from heavebond.core.units import parse_range
-from heavebond.diagnosis.candidates.catalogue import Candidate, quantity, single_candidates
+from heavebond.diagnosis.candidates.catalogue import UNKNOWN, Candidate, quantity, single_candidates
 from heavebond.diagnosis.candidates.fixed_values import VALUE, fixed_values
 from heavebond.diagnosis.candidates.places import Places
 from heavebond.diagnosis.search.base_model import Base, searched
 from heavebond.diagnosis.search.scoring import Score, scored
-from heavebond.diagnosis.search.step import UNKNOWN
 from heavebond.estimation.experiment import Experiment, Free, changed_experiment
 from heavebond.estimation.residuals import Run
 from heavebond.language.definition import Component

@@ -194,9 +194,9 @@ class Effect:
     components that it replaces, with `start` giving its parameters as formulas of the `old` one: an amplitude under
     `start` is absent at that value instead of zero; settled: variables (`v`) and rates (`der(v)`) that are zero at the
     start of a record if the record leaves them open, because the machine runs already; meaning: a sentence on the effect
-    with its values; requires: kinds of components of which one must be connected to the node of a port, or that a
-    variable REVERSES in the records; acts: a quantity that is above zero while the effect acts; varies_with: for the
-    factor of a parameter, the kind of its input (see VARIES_WITH).
+    with its values; requires: kinds of components of which one must be on the node of a port, kinds
+    after EXCLUDES of which none may be, or that a variable REVERSES in the records; acts: a quantity that is above zero
+    while the effect acts; varies_with: for the factor of a parameter, the kind of its input (see VARIES_WITH).
     """
 
     kind: str
@@ -216,6 +216,7 @@ class Effect:
 
 
 REVERSES = "reverses"  # `requires:` of a variable: that it moves in both directions
+EXCLUDES = "no "  # `requires:` of a port: before a kind of component that must not be on its node
 
 # between two nodes; on a node; between a port and its node; before a signal input; behind a measured output; as the factor
 # of a part's parameter

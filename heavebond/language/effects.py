@@ -12,6 +12,7 @@ from heavebond.core.units import Range, Unit, UnitProblem, check_unit, is_generi
 from heavebond.language import reading
 from heavebond.language.definition import (
     ATTACHES,
+    EXCLUDES,
     FACTOR,
     HELD,
     REVERSES,
@@ -282,7 +283,7 @@ class EffectReader:
                 self.problems.add(problem.code, problem.message, meaning.place, hint=problem.hint)
 
     def _requires(self, node: Node | None) -> dict[str, tuple[str, ...]]:
-        """Kinds of components on the node of a port, or `reverses` of a variable."""
+        """Kinds of components that are, or with `no` are not, on the node of a port, or `reverses` of a variable."""
         requirements = {}
         for key, item in self._entries(node, "requires"):
             kinds = tuple(word.text for word in reading.words(item, key.text, self.problems))
@@ -349,8 +350,9 @@ def check_required(component: Component, effect: Effect, kinds: Container[str]) 
     """Raise ModelError if an effect requires a kind of component that does not exist."""
     for port, required in effect.requires.items():
         for kind in required if port in component.ports else ():
-            if kind not in kinds:
-                raise ModelError([Problem("effect-requires", f"there is no component '{kind}'", effect.place)])
+            if kind.removeprefix(EXCLUDES) not in kinds:
+                raise ModelError([Problem("effect-requires", f"there is no component '{kind.removeprefix(EXCLUDES)}'",
+                                          effect.place)])
 
 
 def check_replacing(component: Component, effect: Effect, old: Component) -> None:

@@ -33,7 +33,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.answer.files import Targets, write_findings
-from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, fresh, quantity, site_of, snake
+from heavebond.diagnosis.candidates.catalogue import UNKNOWN, Candidate, EffectNumber, fresh, quantity, site_of, snake
 from heavebond.diagnosis.candidates.places import candidates
 from heavebond.diagnosis.evidence.comparison import STRONG, compared, loss
 from heavebond.diagnosis.evidence.prediction import SELECTION, TEST, block_length, predictive_errors
@@ -42,7 +42,7 @@ from heavebond.diagnosis.evidence.residual_tests import is_noise
 from heavebond.diagnosis.search.base_model import Base
 from heavebond.diagnosis.search.refit import Refit, begun, bic, followed, refitted_at
 from heavebond.diagnosis.search.scoring import scored
-from heavebond.diagnosis.search.step import EARNED, UNKNOWN, fallen, fitted_base
+from heavebond.diagnosis.search.step import EARNED, fallen, fitted_base
 from heavebond.diagnosis.state import AddedEffect, ladder_entry
 from heavebond.equations.places import Place
 from heavebond.estimation.channel_noise import with_noise

@@ -25,6 +25,7 @@ from heavebond.equations.parameters import formula_order
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment, Prior
 from heavebond.language.definition import (
+    EXCLUDES,
     FACTOR,
     REVERSES,
     Component,
@@ -47,6 +48,9 @@ from heavebond.text.shapes import whole_number
 ALL_PAIRS = 40  # nodes of a domain up to which all pairs of them are places of effects
 # order of the approximation by which an effect with delayed variables is tried, the default of PadeDelay
 EFFECT_ORDER = "3"
+
+
+UNKNOWN = "unknown law"  # the class of identified curves: a shape, no name
 
 
 @dataclass(frozen=True)
@@ -130,6 +134,11 @@ class Candidate:
         """What it is and where, for machines."""
         return {"candidate": self.label, "component": self.component, "class": self.kind, "place": self.place,
                 "where": list(self.where)}
+
+    @property
+    def curve_of_displacement(self) -> bool:
+        """Whether it is an identified curve over a displacement, by the unit of the limits of its variable."""
+        return self.kind == UNKNOWN and any(n.follows and n.unit.text in ("m", "rad") for n in self.numbers)
 
     @property
     def varies(self) -> bool:
@@ -251,15 +260,21 @@ def _where_meaningful(site: Site, component: Component, effect: Effect, made: Se
 
 
 def _lacking(site: Site, component: Component, effect: Effect, candidate: Candidate) -> str:
-    """What the place of a candidate lacks of what its effect requires; empty where it has all. A component of the user's own
-    that stores something may be of any kind."""
+    """What the place of a candidate lacks of what its effect requires, or what must not be there; empty where the place is
+    right. A component of the user's own that stores something may be of any kind."""
     for port, kinds in effect.requires.items():
         node = next((node for node, ends in candidate.change.nodes.items() if f"+{candidate.name}.{port}" in ends), "")
         parts = [leaf.component for leaf in site.expanded.leaves.values() for p in leaf.component.ports.values()
                  if p.count is None and site.group(f"{leaf.path}.{p.name}").name == node]
-        if port in component.ports and not any(part.is_a(kind) for part in parts for kind in kinds) and \
+        excluded = [kind.removeprefix(EXCLUDES) for kind in kinds if kind.startswith(EXCLUDES)]
+        wanted = [kind for kind in kinds if not kind.startswith(EXCLUDES)]
+        if port not in component.ports:
+            continue
+        if wanted and not any(part.is_a(kind) for part in parts for kind in wanted) and \
                 not any(part.stores is not None and not is_bundled(part.path) for part in parts):
-            return f"no {listing(kinds)} stands there"
+            return f"no {listing(wanted)} is connected there"
+        if there := [kind for kind in excluded if any(part.is_a(kind) for part in parts)]:
+            return f"the node is that of {listing(there)}"
     return ""
 
 

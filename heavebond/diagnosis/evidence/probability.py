@@ -12,7 +12,11 @@ resample of blocks (see `evidence.prediction`),
 
 over resamples; for T = 0 the share of resamples in which i predicts best. c is the mean squared error that the best model
 leaves, in noise variances, and b the number of independent blocks that the records are worth: what exceeds the noise is a
-correlated discrepancy, of which n samples carry the information of b. A law that only refines a simpler one at the same
+correlated discrepancy, of which n samples carry the information of b. These weights are multiplied by the volume that the
+unknowns of a model lose, (2 q)**(-k/2) for k unknowns (Laplace's approximation of the evidence; G. Schwarz, 1978,
+doi:10.1214/aos/1176344136, with 2 q effective samples), and by a prior: all classes are equally probable, and the places of
+a class, or the parameters and variables of a variation, share the probability of their class. So one of ninety variations
+must predict better than one of two sensor errors to be as probable. A law that only refines a simpler one at the same
 place, with an amplitude that the records do not tell from none, counts with the simpler one. The odds of a law outside
 the catalogue are A if noise is left. If more is left, the identified curves represent such laws: with r_k the same weight
 of curve k relative to the best law, both in one diagram, and w the share of the best law among the effects, the odds are
@@ -174,9 +178,9 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     others = [t for t in values.trials if t.candidate.kind == VALUE] if values is not None else []
     alike = _families((*made.trials, *others), made)
     best = [min(family, key=loss) for family in alike]
-    weights = law_weights(best)
+    weights = _with_prior(law_weights(best), best, made)
     if made.joint and others:
-        weights = _beside_values(best, weights, _families((*first.trials, *others), first))
+        weights = _beside_values(best, weights, _families((*first.trials, *others), first), first)
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
     # the residual of a search that was ended early says nothing about laws outside: further effects were not sought
     left = 1.0 if any(step.partial for step in steps) else max(1.0, min(map(loss, [*best, *later]), default=1.0))
@@ -210,12 +214,24 @@ def _families(trials: Sequence[Refit], made: Stage) -> list[list[Refit]]:
     return list(found.values())
 
 
-def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone: Sequence[Sequence[Refit]]
+def _with_prior(weights: Mapping[float, Array], best: Sequence[Refit], made: Stage) -> dict[float, Array]:
+    """The weights of the best laws of classes at places times their prior probabilities: one over the number of places of
+    the class, or of parameters and variables of a variation, among all scored candidates."""
+    if not best:
+        return dict(weights)
+    places: dict[str, set[str]] = {}
+    for candidate in (*(s.candidate for s in made.scores), *(t.candidate for t in best)):
+        places.setdefault(candidate.kind, set()).add(candidate.place)
+    prior = np.array([1 / len(places[t.candidate.kind]) for t in best])
+    return {t: weight * prior / max(float(weight @ prior), 1e-300) for t, weight in weights.items()}
+
+
+def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone: Sequence[Sequence[Refit]], made: Stage
                    ) -> dict[float, Array]:
     """The weights of refits of effects in pairs, and of values of the diagram, which were refitted alone: the share of each
     value is that among the effects `alone`."""
     singles = [min(family, key=loss) for family in alone]
-    shares = law_weights(singles)
+    shares = _with_prior(law_weights(singles), singles, made)
     found = {}
     for t, weight in weights.items():
         of_values = {s.candidate.name: share for s, share in zip(singles, shares[t], strict=True)
@@ -249,15 +265,15 @@ def _flexible(adequacy: Adequacy | None, made: Stage) -> tuple[tuple[Event, ...]
         best.setdefault(frozenset(curve.candidate.where), curve)
     curves = list(best.values())
     law = min([adequacy.law, *(t for t in made.joint if t.candidate.label == adequacy.law.candidate.label)], key=loss)
-    weights = law_weights([law, *curves])
+    weights = law_weights([law, *curves], penalised=False)  # a curve stands for laws with few numbers
     return tuple(Event(_depends_on(c.candidate), 0.0, c.candidate.place, c.candidate.where, (c.candidate.label,))
                  for c in curves), \
         {t: found[1:] / max(float(found[0]), 1e-6) for t, found in weights.items()}
 
 
 def _depends_on(curve: Candidate) -> str:
-    """Whether an identified curve depends on a displacement or on a rate, by the unit of the limits of its variable."""
-    return "displacement" if any(n.follows and n.unit.text in ("m", "rad") for n in curve.numbers) else "rate"
+    """Whether an identified curve depends on a displacement or on a rate."""
+    return "displacement" if curve.curve_of_displacement else "rate"
 
 
 def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weights: Mapping[float, Array],
@@ -305,8 +321,8 @@ def _class_of(candidate: Candidate, first: Candidate) -> str:
     return first.kind if same_class(candidate.kind, first.kind) else candidate.kind
 
 
-def law_weights(trials: Sequence[Refit]) -> dict[float, Array]:
-    """The weights (m,) of models at each of the temperatures."""
+def law_weights(trials: Sequence[Refit], penalised: bool = True) -> dict[float, Array]:
+    """The weights (m,) of models at each of the temperatures, `penalised` for the number of their unknowns."""
     if len(trials) < 2:
         return {t: np.ones(1) for t in TEMPERATURES} if trials else {}
     errors = [t.errors for t in trials if t.errors is not None]
@@ -323,9 +339,11 @@ def law_weights(trials: Sequence[Refit]) -> dict[float, Array]:
     ahead = log - log.min(axis=1, keepdims=True)
     blocks = _independent_blocks(part - part[first], counts, stretch, max(lengths, default=1.0))
     noise = 1 / max(1.0, min(float(e.sums.sum()) for e in errors) / samples)
+    more = np.array([trials[k].unknowns for k in close], float)
     for t in TEMPERATURES:
         power = (noise * samples / t + (1 - noise) * min(samples / t, blocks)) / 2 if t > 0 else 0.0
-        each = np.exp(-power * ahead) if t > 0 else (ahead == 0).astype(float)
+        lost = penalised * (more - more.min()) / 2 * np.log(max(2 * power, 1.0))
+        each = np.exp(-power * ahead - lost) if t > 0 else (ahead == 0).astype(float)
         found[t][close] = np.mean(each / each.sum(axis=1, keepdims=True), axis=0)
     return found
 

@@ -17,7 +17,7 @@ import numpy as np
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.errors import SimulationError
 from heavebond.core.progress import Progress
-from heavebond.diagnosis.candidates.catalogue import Candidate, at_values, single_candidates, site_of
+from heavebond.diagnosis.candidates.catalogue import UNKNOWN, Candidate, at_values, single_candidates, site_of
 from heavebond.diagnosis.candidates.fixed_values import fixed_values, is_calibration_error
 from heavebond.diagnosis.candidates.places import Places, between_all_nodes, candidates
 from heavebond.diagnosis.candidates.varying import varying_parameters
@@ -55,7 +55,6 @@ from heavebond.estimation.residuals import Residuals
 from heavebond.language.library import same_class
 from heavebond.numerics.dae import Array
 
-UNKNOWN = "unknown law"  # the class of identified curves: a shape, no name
 CLOSELY = 6  # trials at most are followed to the very end before they are compared,
 CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
 AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
@@ -401,26 +400,48 @@ def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[s
     """Why a candidate cannot act on the fitted records as its class does; empty where it can."""
     if not _says_more(candidate, base, courses):
         return "what presses it is steady, so that it is dry friction"
-    return "the motion there goes in one direction only" if candidate.reverses and not _reverses(candidate, base) else ""
+    if candidate.reverses and not _reverses(candidate, base):
+        return "the motion there goes in one direction only"
+    if candidate.curve_of_displacement and not retraced(_displacements(candidate, base)):
+        return "the motion there passes most positions only once, so that a curve over the position is one over time"
+    return ""
 
 
 ONE_WAY = 1.02  # path over distance, up to which a motion goes one way
+POSITIONS = 50  # at which passes are counted
 
 
-def _reverses(candidate: Candidate, base: Base) -> bool:
-    """Whether the motion between the nodes of a candidate turns back in one of the fitted records by more than noise and
-    vibration: the path is longer than the distance from its start to its end."""
+def _displacements(candidate: Candidate, base: Base) -> list[Array]:
+    """The displacement (N,) between the nodes of a candidate since the start of each fitted record; empty without a
+    mechanical node."""
+    found = []
     for run in (base.exact[run.record.name] for run in base.problem.runs):
         nodes = nodes_of(run.assembly.flat)
         ends = [nodes[name] for name in candidate.where if name in nodes and nodes[name].mechanical]
         result = run.simulator.run(base.problem.values_of(base.inner, run.record.name))
         # of the speeds, as a diagram has positions only if an equation uses them
         speeds = [result.si[f"{node.name}.{node.across}"] for node in ends]
-        speed = speeds[0] - (speeds[1] if len(speeds) > 1 else 0.0) if speeds else np.zeros(len(result.time))
-        path, distance = (abs(float(np.trapezoid(x, result.time))) for x in (np.abs(speed), speed))
-        if path > ONE_WAY * distance or not speeds:
-            return True
-    return False
+        if speeds:
+            speed = speeds[0] - (speeds[1] if len(speeds) > 1 else 0.0)
+            found.append(np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(result.time))]))
+    return found
+
+
+def _reverses(candidate: Candidate, base: Base) -> bool:
+    """Whether the motion between the nodes of a candidate turns back in one of the fitted records by more than noise and
+    vibration: the path is longer than the distance from its start to its end."""
+    paths = _displacements(candidate, base)
+    return not paths or any(float(np.abs(np.diff(x)).sum()) > ONE_WAY * abs(float(x[-1])) for x in paths)
+
+
+def retraced(displacements: Sequence[Array]) -> bool:
+    """Whether at least half of the positions that motions (N,) reach are passed more than once, by all of them together."""
+    low, high = (min((float(x.min()) for x in displacements), default=0.0),
+                 max((float(x.max()) for x in displacements), default=0.0))
+    positions = low + (high - low) * (np.arange(POSITIONS) + 0.5) / POSITIONS
+    passes = sum((np.count_nonzero(np.diff(x[:, None] > positions, axis=0), axis=0) for x in displacements),
+                 np.zeros(POSITIONS, dtype=np.int64))
+    return not passes.any() or 2 * np.count_nonzero(passes > 1) >= np.count_nonzero(passes)
 
 
 def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
@@ -505,13 +526,21 @@ def refines(trial: Refit, laws: Iterable[Refit]) -> bool:
 
 def _needless(trial: Refit, simpler: Refit) -> bool:
     """Whether this law refines a simpler one at the same place that leaves no more, but for chance: where both are of one
-    class and it has more numbers, and where an amplitude of it is not shown (play whose gap has closed in the fit is the
-    compliance beside it, however many numbers shape that). A law of another class whose amplitudes are shown is another
-    explanation, however many numbers it has. That no law is exact is no excuse for one that could bend further."""
+    class, or it generalises the simpler law, and it has more numbers; and where an amplitude of it is not shown (play whose
+    gap has closed in the fit is the compliance beside it, however many numbers shape that). Another law of another class
+    whose amplitudes are shown is another explanation, however many numbers it has. That no law is exact is no excuse for
+    one that could bend further."""
     more = trial.unknowns > simpler.unknowns
-    refines = (more and same_class(trial.candidate.kind, simpler.candidate.kind)) \
+    refines = (more and (same_class(trial.candidate.kind, simpler.candidate.kind) or _generalises(trial, simpler))) \
         or (bool(trial.unshown) and (more or not simpler.unshown))
     return refines and set(trial.candidate.where) == set(simpler.candidate.where) and _leaves_no_more(simpler, trial)
+
+
+def _generalises(trial: Refit, simpler: Refit) -> bool:
+    """Whether the component of a law contains that of a simpler one, by an entry `replaces` of its effects (Bouc-Wen
+    hysteresis contains dry friction with presliding)."""
+    law = trial.experiment.model.library.component(trial.candidate.component)
+    return any(simpler.candidate.component in effect.replaces for effect in law.effects)
 
 
 def _leaves_no_more(trial: Refit, other: Refit) -> bool:
