@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from heavebond.diagnosis.search.schedule import RefitSchedule
+from heavebond.diagnosis.search.schedule import REFITS, RefitSchedule
 from heavebond.estimation.residuals import Descent
 
 SAMPLES = 1000
@@ -70,9 +70,11 @@ class Workers:
             yield trial.candidate, Trial(trial.candidate, SAMPLES * found[1])
 
 
-def made(workers: Workers, leading: str, rest: str, seconds: float = 60.0) -> tuple[bool, dict[str, float]]:
-    """Whether all was done, and the figure that each candidate was left with."""
-    refits = RefitSchedule(cast(Any, workers), lambda text: None)
+def made(workers: Workers, leading: str, rest: str, seconds: float = 60.0, explained: float = 0.0
+         ) -> tuple[bool, dict[str, float]]:
+    """Whether all was done, and the figure that each candidate was left with; a trial below `explained` explains the
+    misfit."""
+    refits = RefitSchedule(cast(Any, workers), lambda text: None, lambda trial: trial.chi2_fit < explained)
     first, others = ([(cast(Any, Candidate(label)), list[Any]()) for label in labels] for labels in (leading, rest))
     whole = refits.make(first, others, clock.perf_counter() + seconds)
     return whole, {label: trial.chi2_fit for label, trial in refits.trials.items()}
@@ -95,6 +97,20 @@ def test_where_nothing_comes_near_the_noise_all_are_followed() -> None:
     workers = Workers({"a": (500.0, 1.0), "b": (30.0, 20.0), "c": (800.0, 700.0)})
     assert made(workers, "ab", "c") == (True, {"a": 1.0, "b": 20.0, "c": 700.0})
     assert workers.followed == ["b", "a", "c"]
+
+
+def test_the_rest_waits_for_the_next_step_if_a_law_explains_most_and_more_than_noise_is_left() -> None:
+    """`b` leaves 20 of 1000; beyond the first 24 candidates nothing is refitted then. At the noise level all leading ones
+    are, as they are alternatives."""
+    leading = "b" + "acdefghijklmnopqrstuvwxyzABC"
+    many = dict.fromkeys(leading, (500.0, 400.0))
+    workers = Workers({**many, "b": (30.0, 20.0), "D": (1.0, 1.0)})
+    whole, figures = made(workers, leading, "D", explained=200.0)
+    assert whole and figures["b"] == 20.0 and len(figures) == REFITS and "D" not in figures
+    whole, figures = made(Workers({**many, "b": (3.0, 1.0), "D": (1.0, 1.0)}), leading, "D", explained=200.0)
+    assert whole and len(figures) == len(leading)
+    whole, figures = made(Workers({**many, "b": (30.0, 20.0), "D": (1.0, 1.0)}), leading, "D")
+    assert figures["D"] == 1.0
 
 
 def test_one_of_the_rest_that_explains_spares_all_others() -> None:

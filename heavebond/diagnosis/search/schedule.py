@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time as clock
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,30 +37,45 @@ Job = tuple[Candidate, list[Score]]  # to be refitted
 @dataclass
 class RefitSchedule:
     """The refits of a step as far as they have come, by the labels of their candidates; `failed` are the labels of those
-    that could not be simulated."""
+    that could not be simulated. `explains`: whether a refit takes away so much of the misfit that a further step is made
+    before more candidates are refitted."""
 
     workers: Workers
     say: Progress
+    explains: Callable[[Refit], bool] = lambda trial: False
     trials: dict[str, Refit] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
 
     def make(self, leading: Sequence[Job], rest: Sequence[Job], until: float) -> bool:
-        """Refit the leading candidates, and the rest where none of these comes near the noise, `until` a time of
-        `time.perf_counter`; whether all that concerns the leading ones was done. Those with the largest scores go first:
-        beside what the best of them leaves, the others are soon seen to be hopeless."""
+        """Refit the leading candidates, and the rest if none of these comes near the noise, `until` a time of
+        `time.perf_counter`. Return whether all that concerns the leading candidates was done.
+
+        Candidates with the largest scores are first: compared with the best of them, the others are soon seen to leave
+        more. If one of the first `REFITS` explains the misfit, but more than noise is left, other effects are missing as
+        well. The remaining candidates are then not refitted: the next step scores them on the residual, and each effect is
+        sought again among all candidates in the presence of the others.
+        """
         guesses = {c.label: g for c, g in (*leading, *rest)}
         now = clock.perf_counter()
         last, whole = now + BEGINNING * (until - now), True
-        for jobs in (leading[:FIRST], leading[FIRST:REFITS], leading[REFITS:]):
+        for begin, end in ((0, FIRST), (FIRST, REFITS), (REFITS, len(leading))):
+            if begin == REFITS and self.explained:
+                break
+            jobs = leading[begin:end]
             whole &= self._begin(jobs, "", last)
             self._follow(_hopeful(self.trials.values()), guesses, until)
-        if unexplained(self.trials.values()):
+        if unexplained(self.trials.values()) and not self.explained:
             self._begin(rest, " others", last)
             self._follow(_hopeful(self.trials.values()), guesses, until)
-        if unexplained(self.trials.values()):
+        if unexplained(self.trials.values()) and not self.explained:
             self._follow(self.trials.values(), guesses, until)
             whole &= not any(self.trials[c.label].begun for c, _ in leading if c.label in self.trials)
         return whole
+
+    @property
+    def explained(self) -> bool:
+        """Whether more than noise is left, and one of the refits takes away most of the misfit."""
+        return unexplained(self.trials.values()) and any(map(self.explains, self.trials.values()))
 
     def _begin(self, jobs: Sequence[Job], others: str, until: float) -> bool:
         """Whether all of them were begun."""

@@ -194,8 +194,9 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
           distant: Sequence[Candidate] = (), varying: Callable[[Candidate], bool] | None = None, later: bool = False
           ) -> Stage:
     """`distant` are candidates of which those get an exact score whose prescore promises it; `varying` chooses among the
-    variations of parameters, which are scored if no other candidate comes near the noise. In a `later` step those are
-    refitted whose scores promise most of the residual, as only those count that reach the noise."""
+    variations of parameters, which are scored if no other candidate comes near the noise. In a `later` step, and if a law
+    explains most of the misfit, those are refitted whose scores promise most of the residual, as only those count that
+    leave far less than the law."""
     began = clock.perf_counter()
     say("fitting what is free")
     base = fitted_base(experiment)
@@ -215,7 +216,11 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     acts_as: dict[str, tuple[str, ...]] = {}
     partial, scored_all, twins, known = False, False, dict[str, tuple[str, ...]](), set[str]()
     with Workers(base, number) as workers:
-        refits = RefitSchedule(workers, say, {beside.candidate.label: beside} if beside is not None else {})
+        def explains(trial: Refit) -> bool:
+            return thorough and trial.errors is not None and \
+                share_taken(errors, trial.errors, *ALL) >= 1 - DECISION.further
+
+        refits = RefitSchedule(workers, say, explains, {beside.candidate.label: beside} if beside is not None else {})
         try:
             _score(workers, found, scores, say)
             scored_all = True
@@ -233,7 +238,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
                     found, scores, excluded = [*found, *more], [*scores, *of_variations], excluded | weak
                     known |= {s.candidate.label for s in of_variations}
                     jobs, _, twins = planned(scores, as_one)
-                    promised = DECISION.mainly * float(base.r @ base.r) if later else 0.0
+                    promised = DECISION.mainly * float(base.r @ base.r) if later or refits.explained else 0.0
                     leading_variations = [job for job in jobs if job[0].label in {c.label for c in more}
                                           and max((score.gain for score in job[1]), default=0.0) >= promised]
                     partial = not refits.make(leading_variations, [], until)
