@@ -63,8 +63,8 @@ def _with_own_starts(experiment: Experiment, comparison: Comparison) -> Experime
 
 def _with_velocities(own: Experiment, before: Experiment, comparison: Comparison) -> Experiment | None:
     """The experiment with free initial velocities in addition to the free initial positions, for velocities that are
-    states and are not measured. The search range extends to the largest rate of change between two samples. None if there is no
-    such velocity."""
+    states and are not measured. The search range extends to the largest rate of change between two samples. None if there is
+    no such velocity."""
     assembly = next(iter(comparison.records.values())).result.assembly
     shown = {output.shown.text for output in own.outputs.values()}
     free, values = dict(own.free), {}
