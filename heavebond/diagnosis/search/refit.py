@@ -4,8 +4,8 @@ A score (see `diagnosis.search.scoring`) is local; the refit decides. It starts 
 
 A number of the candidate may end at an end of its search range. There are two kinds of ends. An optimum at a limit of the
 parameter itself (friction is not below 0) is acceptable. At an end of the search range only, the score test of the bound
-shows whether the search stopped too early. Let r (n,) be the residuals and priors, and s_o (n,) the derivative in the outward
-direction that the unknowns inside their ranges cannot absorb. Beyond the end, the sum of squares then falls by
+shows whether the search stopped too early. Let r (n,) be the residuals and priors, and s_o (n,) the derivative in the
+outward direction that the unknowns inside their ranges cannot absorb. Beyond the end, the sum of squares then falls by
 (s_o'r)**2 / |s_o|**2 to first order (the Lagrange multiplier of the bound; S. D. Silvey, 1959,
 doi:10.1214/aoms/1177706259).
 
