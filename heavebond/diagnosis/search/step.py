@@ -582,7 +582,7 @@ def _leaves_no_more(trial: Refit, other: Refit) -> bool:
     """True if the residual of a refit is not significantly larger than the residual of another one, on fitted and on
     held-out data."""
     return (trial.cost - other.cost) / max(1.0, other.chi2_fit) < EARNED \
-        and not fallen(trial.chi2_held_out, other.chi2_held_out, other.samples_held_out) > EARNED  # (NaN without held-out data)
+        and not fallen(trial.chi2_held_out, other.chi2_held_out, other.samples_held_out) > EARNED  # (NaN: no held-out data)
 
 
 def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
