@@ -67,8 +67,7 @@ class SharedDiagram:
 def shared_diagrams(library: Library, candidates: Sequence[Candidate]) -> dict[str, SharedDiagram]:
     """Assign candidates to shared diagrams.
 
-    Candidates share a diagram if their changes name no common item (see `_taken`), up to `MOST` candidates. Candidates for
-    inputs share a diagram only with each other. The result maps the labels of candidates to shared diagrams; candidates that
+    Candidates share a diagram if their changes name no common item (see `_taken`), up to `MOST` candidates. Candidates at inputs are never mixed with other candidates. The result maps the labels of candidates to shared diagrams; candidates that
     need a separate diagram are not in it.
     """
     groups: list[tuple[set[str], list[Candidate]]] = []
@@ -88,7 +87,7 @@ def shared_diagrams(library: Library, candidates: Sequence[Candidate]) -> dict[s
 
 
 def _taken(change: Change) -> set[str]:
-    """The items that only one change of a diagram may name: parts, new nodes, ports that are removed from a node,
+    """The names that two changes of one diagram must not share: parts, new nodes, ports that are removed from a node,
     parameter values, initial values, channels and inputs."""
     ends = [(node, end) for node, joined in change.nodes.items() for end in joined]
     new = {node for node, end in ends if end[0] not in "+-"}
@@ -232,7 +231,7 @@ class Base:
 
     @cached_property
     def error(self) -> float:
-        """Norm of the residual errors that the integrator of the search causes."""
+        """Norm of the errors in the residuals that are due to the integrator of the search."""
         return float(np.linalg.norm(self.r - self.quick))
 
     @cached_property
