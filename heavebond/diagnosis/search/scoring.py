@@ -15,9 +15,9 @@ out of a chamber). If the tangent turns before the effect can be detected, the t
 second score. There each tangent is compared with the secant, and the secant replaces a tangent that predicted more.
 
 Some candidates make the diagram singular at zero. A pressure loss R = 0 between two volumes makes their pressures equal, and
-no equation gives the flow between them. Such amplitudes are tried over decades around the natural size of their place. With
-X the span of the across variable of the node there and Y the largest through variable of the port in the base model, the
-dimension of the amplitude gives the powers in X**a * Y**b: X/Y for R, X/Y**2 for a turbulent loss.
+no equation gives the flow between them. Such amplitudes are tried over decades around the natural size of their place.
+The natural size is X**a * Y**b. X is the span of the across variable of the node, and Y the largest through variable of the
+port in the base model. The dimension of the amplitude determines the exponents: X/Y for R, X/Y**2 for a turbulent loss.
 """
 
 from __future__ import annotations
@@ -289,7 +289,7 @@ def may_be_below_neutral(number: EffectNumber) -> bool:
 
 
 def admissible_sides(amplitudes: Sequence[EffectNumber]) -> tuple[int, ...]:
-    """The sides of the neutral value (1, -1) on which at least one of these amplitudes may be."""
+    """The sides of the neutral value (1: above, -1: below) that the bounds of these amplitudes allow."""
     return (1, -1) if any(map(may_be_below_neutral, amplitudes)) else (1,)
 
 
