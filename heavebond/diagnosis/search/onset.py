@@ -32,7 +32,7 @@ from heavebond.numerics.dae import Array
 class OnsetConstants:
     """Constants of the scan. `Origin` gives the reason of a value, `Doubled` the consequence of twice the value.
 
-    families: number of pairs of class and place, those with the largest gains, from which laws are tried. Origin: the
+    families: number of combinations of class and place that are tried, those with the largest gains. Origin: the
         leaders of a step; each law costs a score and a refit. Doubled: twice as many.
     laws: number of laws of one class at one place. Origin: a simple law and its refinements. Doubled: more refinements.
     times: number of intervals between onset times on the grid of a record. Origin: at half this interval a refit is
