@@ -122,8 +122,8 @@ def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
 
 
 def _chance(b: Array, spread: Array, blocks: int) -> float:
-    """The p value of b = 0 by Hotelling's T**2, with the covariance `spread` (2, 2) estimated from `blocks` blocks of
-    time."""
+    """The p value of the hypothesis b = 0 by Hotelling's T**2. `spread` (2, 2) is the covariance of b, estimated from
+    `blocks` blocks of time."""
     from scipy.special import fdtrc
 
     t = float(b @ np.linalg.pinv(spread) @ b)
@@ -211,8 +211,8 @@ class SelectedEffect:
 
     @property
     def is_noise(self) -> bool:
-        """True if the residual with this effect is noise. An estimated noise must not be exceeded, as it may include
-        changes of a channel from one sample to the next."""
+        """True if the residual with this effect is noise. If the noise is estimated, chi-square per sample must be at
+        most 1, because the estimate may include true changes of a channel from one sample to the next."""
         trial = self.chosen
         if trial.experiment.noise_given:
             return is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
@@ -422,13 +422,13 @@ def _merit(way: Selection) -> float:
 
 def _promising(ways: Sequence[Selection], base: float) -> list[Selection]:
     """The selections that may still become the best. With an estimated noise only the best one is continued, because an
-    estimate cannot show that the best selection is incomplete."""
+    estimated noise does not show whether the best selection is incomplete."""
     given, best = ways[0][-1].step.experiment.noise_given, min(map(_merit, ways))
     return [ways[0], *(way for way in ways[1:WAYS] if given and base - _merit(way) > FOLLOWED * (base - best))]
 
 
 def _distinct(ways: Sequence[Selection]) -> list[Selection]:
-    """The selections without those that contain the same effects in another order."""
+    """The selections without duplicates: the order of the effects does not matter."""
     found: dict[frozenset[str], Selection] = {}
     for way in ways:
         found.setdefault(frozenset(added.candidate.label for added in way), way)
@@ -436,7 +436,8 @@ def _distinct(ways: Sequence[Selection]) -> list[Selection]:
 
 
 def looked_back(way: Selection, stepping: Stepping, say: Progress) -> Iterator[tuple[Selection, bool]]:
-    """Yield the selection after each review of one effect, and whether some effects have not been reviewed yet.
+    """Review each effect of a selection. Yield the selection after each review, and whether some effects have not been
+    reviewed yet.
 
     The review of an effect removes it if it is not needed together with the others, replaces it if another candidate is
     better, or determines its alternatives with all other effects in the diagram.
@@ -575,8 +576,8 @@ def _continued(found: Selection, way: Selection, k: int, say: Progress) -> Selec
 
 
 def _is(candidate: Candidate, wanted: Candidate, gone: Candidate) -> bool:
-    """True if a candidate is the candidate `wanted` in a diagram without the removed effect `gone`. A candidate before
-    the input of the removed effect (lag_inlet.u) is then before the input that this effect had replaced (inlet.u)."""
+    """True if `candidate` is the same effect as `wanted`, after the effect `gone` was removed from the diagram. An effect
+    before the input of the removed effect (lag_inlet.u) is then before the input that this effect had replaced (inlet.u)."""
     former = {new: old for old, new in gone.change.moved.items()}
     place = (former.get(wanted.signal, wanted.signal), "") if wanted.signal else ("", wanted.place)
     return (candidate.component, candidate.attaches, candidate.signal, "" if candidate.signal else candidate.place) == \
