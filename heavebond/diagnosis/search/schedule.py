@@ -167,8 +167,8 @@ def _same(one: Sequence[Score], other: Sequence[Score], as_one: Mapping[str, str
 
     If the nodes of both candidates move together, they model the same machine, unless a channel measures a quantity inside
     the connection between the nodes. Steps of the integrator across kinks make some directions inaccurate. In this case only
-    the choice with the largest gain is compared. (Lags of an input and of a channel have no nodes, and differ by their
-    initial states.)
+    the scores at the shape choice with the largest gain are compared. (Lags of an input and of a channel have no nodes, and
+    differ by their initial states.)
     """
     a, b = one[0].candidate, other[0].candidate
     if a.vanishes != b.vanishes or len(one) != len(other) or len(a.numbers) != len(b.numbers):
