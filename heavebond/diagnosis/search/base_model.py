@@ -54,7 +54,7 @@ class SharedDiagram:
         return tuple(n.name for c in self.members for n in c.vanishing)
 
     def member(self, label: str) -> Candidate:
-        """The candidate with this label, with its part names in the shared diagram."""
+        """The candidate with this label. Its parts have the names that they have in the shared diagram."""
         return next(c for c in self.members if c.label == label)
 
     def half(self, label: str) -> SharedDiagram | None:
@@ -67,8 +67,9 @@ class SharedDiagram:
 def shared_diagrams(library: Library, candidates: Sequence[Candidate]) -> dict[str, SharedDiagram]:
     """Assign candidates to shared diagrams.
 
-    Candidates share a diagram if their changes name no common item (see `_taken`), up to `MOST` candidates. Candidates at inputs are never mixed with other candidates. The result maps the labels of candidates to shared diagrams; candidates that
-    need a separate diagram are not in it.
+    Candidates share a diagram if their changes name no common item (see `_taken`), up to `MOST` candidates. Candidates at
+    inputs are never mixed with other candidates. The result maps the labels of candidates to shared diagrams. Candidates
+    that need a separate diagram are not in it.
     """
     groups: list[tuple[set[str], list[Candidate]]] = []
     for candidate in candidates:
@@ -133,8 +134,8 @@ def finer(problem: Residuals) -> Residuals:
 
 
 def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str, Run] | None = None) -> dict[str, Run]:
-    """Runs of all records by IDAS. `fitted` are the runs of the fitted records; their diagram is used. For records that
-    are not fitted, `like` may contain runs of another diagram, from which the new runs take the measured data."""
+    """Runs of all records by IDAS. The runs of the fitted records use the diagram of `fitted`. The runs of the other
+    records read the measured data from `like` if it contains a run of the record (possibly with another diagram)."""
     own = {run.record.name: run.again([], {}, Unexplained) for run in fitted}
     like = like or {}
     first = fitted[0]
@@ -156,9 +157,12 @@ class Diagram:
 
 @dataclass(frozen=True)
 class Base:
-    """The base model at its optimum: residuals r (n,) by IDAS, the same residuals `quick` by the integrator of the
-    search, the Jacobian J (n, m), the derivatives of the priors (priors, m), the unknowns of the optimiser `inner` (m,),
-    and runs of all records by IDAS."""
+    """The base model at its optimum.
+
+    `r` (n,) are the residuals by IDAS, `quick` (n,) the same residuals by the integrator of the search, `J` (n, m) the
+    Jacobian, `priors` (priors, m) the derivatives of the priors, and `inner` (m,) the unknowns of the optimiser. `exact`
+    holds runs of all records by IDAS.
+    """
 
     problem: Residuals
     inner: Array
@@ -182,8 +186,8 @@ class Base:
         return cls(problem, inner, r, quick, J, problem.priors(inner)[1], exact)
 
     def diagram(self, change: Change) -> Diagram:
-        """The diagram with a change. A diagram that is needed for a score and again for a refit is assembled once.
-        HeavebondError if it cannot be assembled."""
+        """The changed diagram, assembled once for the score and the refit of a candidate. HeavebondError if it cannot be
+        assembled."""
         key = repr(change)
         if key not in self.diagrams:
             changed = changed_experiment(self.problem.experiment, change)
