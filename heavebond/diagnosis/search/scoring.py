@@ -59,7 +59,7 @@ def from_finite_amplitudes(base: Base, candidate: Candidate) -> Candidate | None
 
 
 def ranged(candidate: Candidate, ranges: Mapping[str, tuple[float, float]]) -> Candidate:
-    """The candidate with search ranges (SI) of its amplitudes that replace the range from zero."""
+    """The candidate with these search ranges (SI) of its amplitudes, in place of ranges that begin at zero."""
     return replace(candidate, numbers=tuple(
         replace(n, sought=SearchRange(Range(*ranges[n.name], n.unit), "")) if n.name in ranges else n
         for n in candidate.numbers))
@@ -171,9 +171,9 @@ def scored(base: Base, candidate: Candidate, shared: SharedDiagram | None = None
 
 
 def _of_records(base: Base, candidate: Candidate) -> list[Score]:
-    """The score of a parameter that has a separate value in each record. The directions are the derivatives with respect
-    to the parameter in one record each, without the part that the free parameters explain. The gain is the squared length
-    of the projection of the residual on these directions."""
+    """The score of a parameter that has a separate value in each record. Each direction is the derivative with respect to
+    the parameter in one record, without the part that the free parameters explain. The gain is the squared length of the
+    projection of the residual on all directions."""
     (name, _), = candidate.change.each.items()
     columns = [k for k, column in enumerate(base.problem.columns) if column.free.name == name]
     try:
@@ -403,8 +403,8 @@ def holding(candidate: Candidate, values: Mapping[str, str]) -> Candidate:
 
 
 def _difference(base: Base, runs: Sequence[Run], shapes: Mapping[str, float]) -> Array:
-    """The change of the residuals (n,) from an effect that has no neutral value, at a finite value. This secant is used
-    in place of the tangent, so that amplitude 1 is this value."""
+    """The change of the residuals (n,) from an effect without a neutral value, at a finite value of its numbers. It
+    replaces the tangent; an amplitude of 1 is the effect at this value."""
     return plain_residuals(base, runs, shapes) - base.quick
 
 
