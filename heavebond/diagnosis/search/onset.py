@@ -1,9 +1,9 @@
 """Effects that begin at some time: a scan over the onset times of all scored candidates, with one time for each record.
 
-An effect that acts in record k from t_k on moves, to first order, the channels of this record by the direction s of the
-effect for t > t_k only. This holds if the free response of the machine decays quickly. The gain of the masked direction
-over a grid of times needs no simulation. With J (n, m) the derivatives with respect to the free parameters and P the
-derivatives of the priors, each record contributes only
+Suppose that an effect acts in record k after the time t_k. To first order, it moves the channels of this record by the
+direction s of the effect for t > t_k, and not at all before. This holds if the free response of the machine decays
+quickly. The gain of the masked direction over a grid of times needs no simulation. With J (n, m) the derivatives with
+respect to the free parameters and P the derivatives of the priors, each record contributes only
 
     b_k = s_k'r_k,   g_k = J_k's_k,   q_k = s_k's_k        over the samples after t_k.
 
