@@ -6,7 +6,7 @@ the misfit than either effect alone, and each further effect compensates the err
 * While the residual is more than the given noise, the search continues several selections: the best few classes and
   places of the first step, and later the best few selections, until one of them reaches the noise.
 * The leading laws of the first step are each refitted together with calibration errors (offsets and gains of inputs and
-  channels). The search continues with them in the order of the residuals after that.
+  channels). Their residuals then determine the order in which the search continues.
 * These laws are also compared in pairs, each with the further effect that complements it best (see `best_pairs`). The
   residual of one law alone contains all other missing effects, and a law that imitates these has a smaller residual.
 * Each effect is removed and searched again among all candidates, with all other effects in the diagram. An effect that is
@@ -292,16 +292,16 @@ def near_the_noise(way: Selection) -> bool:
 
 
 def _extended(way: Selection, made: Stage) -> list[Selection]:
-    """The selection extended by each of the effects that lead the step `made`."""
+    """Selections that extend `way` by one of the leading effects of the step `made`."""
     return [(*way, SelectedEffect(step, step.cluster, _labels(way))) for step in leaders(made, WAYS)]
 
 
 def _without_absent(way: Selection) -> Selection:
     """Remove the last effect of a selection if it is absent from the fitted model and the shorter selection is as good.
 
-    The shorter selection is refitted from the values with the effect. It is as good by its merit, or on the fitted records
-    if its residual is near the noise. (If a motion is sensitive to its initial state, two fits that the fitted records
-    cannot distinguish may differ on other records by more than the merit allows.)
+    The shorter selection is refitted from the values with the effect. It is as good if its `merit` is, or if its fit of the
+    fitted records is as good and its residual is near the noise. (If a motion is sensitive to its initial state, two fits
+    that the fitted records cannot distinguish may differ on other records by more than the merit allows.)
     """
     chosen = way[-1].chosen
     if len(way) < 2 or not chosen.absent:
@@ -316,11 +316,11 @@ def _without_absent(way: Selection) -> Selection:
 
 def _beside_calibration(made: Stage, ways: Sequence[Selection], calibrating: Calibrating, left: Callable[[], float]
                         ) -> tuple[list[Selection], list[Selection]]:
-    """Sort the selections of one effect by their merit with a calibration error.
+    """Sort the selections of one effect by their merit after a calibration error was added.
 
-    The first result is the sorted selections. If the calibration error does not explain a noticeable part of the residual,
-    the merit without it is used. The simplest law of a class and place is added if a calibration error improves it
-    noticeably. The second result is pairs of each law with the calibration error that complements it best.
+    If the calibration error does not explain a noticeable part of the residual, the merit without it is used. The simplest
+    law of a class and place is included if a calibration error explains a noticeable part of its residual. The second result
+    lists pairs: each law with the calibration error that complements it best.
     """
     found = {_label(way): (_merit(way), way) for way in ways}
     pairs = []
@@ -617,12 +617,15 @@ def doubts(way: Selection, say: Progress, curves: Callable[[Experiment, Callable
     """The effects at the end of a selection that are not certain, in their order, with the reason for each.
 
     A further effect is compared with the residual before it, of which it must explain a noticeable share (`worth_it`). No
-    law is exact, and the residual may be the error of an earlier law, which another law may imitate on all records of one
-    kind. A further effect that does not reach the noise is therefore named only under two conditions. Its strength must be
-    the same at small and at large motion. And no identified curve at the place of an earlier effect, added to this effect,
-    may explain most of the same part of the residual. `curves` makes a step with the identified curves that satisfy a
-    predicate. A further effect at the place of an earlier one is considered part of the law there. An effect that is not
-    certain remains in the model, because the earlier effects were determined with it.
+    law is exact. The residual may therefore be the error of an earlier law, and another law may imitate this error on all
+    records of one kind. So a further effect that does not reach the noise is named only under two conditions:
+
+    * Its strength is the same at small and at large motion.
+    * No identified curve at the place of an earlier effect explains most of the same part of the residual.
+
+    `curves` makes a step with the identified curves that satisfy a predicate. A further effect at the place of an earlier
+    one is considered part of the law there. An effect that is not certain remains in the model, because the earlier effects
+    were determined with it.
     """
     doubtful: list[Unsupported] = []
     while len(way) > 1 and not _reaches_the_noise(way[-1]):
