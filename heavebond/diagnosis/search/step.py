@@ -285,9 +285,9 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
 
 def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate], bool], workers: Workers, say: Progress
                 ) -> tuple[list[Candidate], list[Score], dict[str, str]]:
-    """Make and score additional candidates if no other candidate comes near the noise: variations of parameters, and the
-    leading candidates of the scores `before` with an onset time. The third result maps the variations that are not tried
-    to the reason."""
+    """Make and score the candidates that are tried if no other candidate comes near the noise. These are variations of
+    parameters, and the candidates with the best scores in `before`, extended by an onset time. The third result maps
+    variations that are not tried to the reason."""
     say("looking for parameters that may vary")
     varying = varying_parameters(base.problem, base.inner)
     added = [c for c in varying.candidates if chosen(c)]
@@ -586,9 +586,9 @@ def _leaves_no_more(trial: Refit, other: Refit) -> bool:
 
 
 def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
-    """The step with each of the best justified refits chosen: one for each class and place, the leader first, at most
-    `most`. Refits that the test data exclude in comparison with the leader are left out. With `simplest`, the law with
-    the fewest numbers of each of these classes and places is added."""
+    """Copies of the step, each with another choice: the best justified refit of each class and place, at most `most`, the
+    leader first. Refits that the test data exclude in comparison with the leader are left out. With `simplest`, the law
+    with the fewest numbers of each of these classes and places is added."""
     earned = _earned(made)
     if not earned:
         return []
@@ -606,8 +606,11 @@ def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
 
 
 def simpler_law(made: Stage, trial: Refit) -> Refit | None:
-    """The best justified refit with a smaller `merit` and no larger residual that has fewer numbers, or that is a law of
-    the same class at the same place which `trial` refines. None if there is none."""
+    """A justified refit that is preferred to `trial` because its law is simpler; None if there is none.
+
+    It has a smaller `merit` and no significantly larger residual. It also has fewer numbers, or `trial` refines it (a law of
+    the same class at the same place, see `_needless`).
+    """
     found = [t for t in _earned(made) if merit(t) < merit(trial) and (
         (t.unknowns < trial.unknowns and _leaves_no_more(t, trial))
         or (t.candidate.kind == trial.candidate.kind and _needless(trial, t)))]
@@ -615,9 +618,9 @@ def simpler_law(made: Stage, trial: Refit) -> Refit | None:
 
 
 def twins_of(close: Sequence[Refit], made: Stage) -> list[Refit]:
-    """Equivalent candidates of the refits `close` that have another class or another place. Examples: `leakage` between
-    the chambers is the `internal leakage` of the piston; delays of an input and of the only channel may have the same
-    influence."""
+    """Candidates that are equivalent to the refits `close` but have another class or another place. Examples: `leakage`
+    between the chambers is the `internal leakage` of the piston; delays of an input and of the only channel may have the
+    same influence."""
     by_label = {s.candidate.label: s.candidate for s in made.scores}
     pairs = [(trial, by_label[label]) for trial in close for label in made.twins.get(trial.candidate.label, ())]
     return [replace(trial, candidate=twin) for trial, twin in pairs if not same_class(trial.candidate.kind, twin.kind)
@@ -650,8 +653,9 @@ def _merit(cost: float, samples: int, unknowns: int, errors: PredictiveErrors | 
 
 
 def _earned(made: Stage) -> list[Refit]:
-    """The justified refits, the best first: `merit` falls by more than chance allows. If the residual on the selection
-    data was more than noise, chi-square there must also fall by more than chance allows."""
+    """The justified refits, the best first. `merit` must fall by more than chance allows. If the residual on the
+    selection data was more than noise, chi-square there must also fall by more than chance allows. The residual on all
+    held-out data must not be larger (see `_worse`)."""
     assert made.errors is not None
     before, samples = made.errors.mean(SELECTION), made.errors.samples(SELECTION)
     return [t for t in made.trials if merit(t) < made.merit - EARNED and t.errors is not None
