@@ -520,13 +520,13 @@ class _RefitProblem:
     def slack(self, inner: Array, own: Mapping[str, Mapping[str, float]]) -> float:
         """The part of chi-square on held-out data that is due to the uncertainty of the fitted numbers.
 
-        Let r (n,) and J (n, m) be the residuals of the held-out samples and their derivatives, F the information of the fit
-        with its priors, and d steps of the unknowns that are not at an end of their range. Then
+        Let r (n,) be the residuals of the held-out samples, J (n, m) their derivatives, F the information of the fit with
+        its priors, and d steps of the unknowns that are not at an end of their range. The result is
 
             |r|**2 - min over d of |r + J d|**2 + d'F d  =  (J'r)' (J'J + F)**-1 J'r.
 
-        The difference of |r|**2 and this value is the increase of the sum of squares if the held-out samples are added to
-        the fit, as long as the tangent is accurate.
+        If all samples were fitted together, the sum of squares would increase by |r|**2 minus this result, as long as the
+        tangent is accurate.
         """
         problem = self.problem
         moving = np.flatnonzero(~problem.at_end(inner))
