@@ -472,8 +472,8 @@ def retraced(displacements: Sequence[Array]) -> bool:
 
 
 def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
-    """True if the additional variables of a law change during the fitted records. If they are constant, a simpler law of
-    the catalogue is the same: a seal under constant pressure has dry friction."""
+    """True if the additional variables of a law change during the fitted records. If they are constant, the catalogue
+    contains a simpler law with the same influence. For example, a seal under constant pressure has dry friction."""
     effect = base.problem.experiment.model.library.component(candidate.component).effect
     if effect is None or not effect.also:
         return True
