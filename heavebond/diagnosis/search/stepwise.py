@@ -346,8 +346,9 @@ def _completed(way: Selection, made: Stage) -> Selection:
 
 
 def joint_refits(pair: Selection, say: Progress, left: Callable[[], float]) -> tuple[Refit, ...]:
-    """Refit the other leading laws of the first step, each together with the second effect of a `pair`, from the values
-    of the law alone. Pairs in which the law is absent are left out, as they are the second effect alone."""
+    """Refit the other leading laws of the first step, each together with the second effect of a `pair`. Each refit starts
+    from the values of the law alone. Pairs in which the law is absent are left out, because they contain only the second
+    effect."""
     law, second = (added.candidate for added in pair)
     first = pair[0].step
     laws = [t for t in leading_laws(first) if t.candidate.label not in (law.label, second.label)]
@@ -371,8 +372,8 @@ def joint_refits(pair: Selection, say: Progress, left: Callable[[], float]) -> t
 
 
 def leading_laws(first: Stage) -> list[Refit]:
-    """The refits of a step that explain at least the share `FOLLOWED` of the misfit that the best of them explains, at
-    most `RIVALS`, the best first."""
+    """The refits of a step that explain much of the misfit, at least the share `FOLLOWED` of the misfit that the best
+    refit explains; at most `RIVALS`, the best first."""
     assert first.errors is not None
     shares = [(share_taken(first.errors, t.errors, *ALL), t) for t in first.trials if t.errors is not None]
     least = FOLLOWED * max((share for share, _ in shares), default=0.0)
@@ -385,7 +386,8 @@ def best_pairs(pairs: Sequence[Selection], joint: Sequence[Refit]) -> tuple[Refi
     `pairs` are selections of two effects that begin with a law of this step, and `joint` other pairs (see `joint_refits`).
     If several effects are missing, the misfit of one law contains all others, and a law of a wrong class that imitates them
     has a smaller residual. In pairs, each law can be complemented in the same way. A law is complemented only by effects
-    with a larger residual alone, because the larger one of two effects is the first.
+    that have a larger residual than this law if each is refitted alone. The more important effect of a pair is therefore the
+    first.
     """
     first = pairs[0][0].step
     found = {t.candidate.label: t for t in leading_laws(first)}
