@@ -1,14 +1,14 @@
-"""The base model of a search: a diagram at the optimum of its free parameters, beside which candidates are scored and
-refitted.
+"""Base model of a search: a diagram with its free parameters at their optimum, to which candidates are added for scoring and
+refitting.
 
-Its runs are made twice: by IDAS for reported figures, and by the integrator of the search for comparisons with runs of
-changed diagrams, so that the errors of the two integrations cancel.
+Each record is simulated twice: by IDAS for the reported figures, and by the integrator of the search for comparisons with
+runs of changed diagrams. In these comparisons the errors of the integrator cancel.
 
-Many candidates share one diagram. To insert a candidate and assemble the diagram takes longer than the runs of its score. A
-law without states does not change the machine while its amplitude is neutral, whatever other laws are inactive beside it.
-So candidates that do not change the same part are put into one diagram: it is assembled once, and the equations with the
-derivatives to all amplitudes are generated once. Each candidate has runs of its own in it. (A refit, which moves every free
-parameter, has a diagram of its own.)
+Many candidates share one diagram, because inserting a candidate and assembling the diagram takes longer than the runs of its
+score. A law without states does not change the machine while its amplitude is neutral, even if the diagram contains other
+inactive laws. Candidates that do not change the same part are therefore inserted into one diagram. The diagram is assembled
+once, and its equations with the derivatives with respect to all amplitudes are generated once. Each candidate is simulated
+separately in this diagram. A refit moves all free parameters and uses a diagram with one candidate only.
 """
 
 from __future__ import annotations
@@ -33,40 +33,44 @@ from heavebond.numerics.quick_simulation import QuickSimulator, Unexplained
 from heavebond.numerics.simulator import Tolerances
 from heavebond.text.expression import Call, Expr, children
 
-ADDING = ("across", "at", "in", "input", "channel", "parameter")  # ways to attach that leave what is there as it is
-MOST = 12  # candidates in one diagram: what sleeps is evaluated in every run
+ADDING = ("across", "at", "in", "input", "channel", "parameter")  # ways to attach that keep all parts and connections
+MOST = 12  # candidates in one diagram: inactive ones also cost time in every run
 
 
 @dataclass(frozen=True)
 class SharedDiagram:
-    """Candidates that are put into a diagram together, the parts of each under names of their own."""
+    """Candidates that are inserted into one diagram; the names of their parts do not collide."""
 
     members: tuple[Candidate, ...]
 
     @property
     def change(self) -> Change:
-        """The change that puts all of them there."""
+        """The change that inserts all candidates."""
         return reduce(Change.joined, (c.change for c in self.members))
 
     @property
     def amplitudes(self) -> tuple[str, ...]:
-        """Those of all of them."""
+        """The names of the amplitudes of all candidates."""
         return tuple(n.name for c in self.members for n in c.vanishing)
 
     def member(self, label: str) -> Candidate:
-        """A candidate as it stands there."""
+        """The candidate with this label. Its parts have the names that they have in the shared diagram."""
         return next(c for c in self.members if c.label == label)
 
     def half(self, label: str) -> SharedDiagram | None:
-        """The half of them to which a candidate belongs; None where that is the candidate alone."""
+        """The half of the candidates that contains the candidate `label`; None if it would be alone."""
         middle = len(self.members) // 2
         found = next(part for part in (self.members[:middle], self.members[middle:]) if label in (c.label for c in part))
         return SharedDiagram(found) if len(found) > 1 else None
 
 
 def shared_diagrams(library: Library, candidates: Sequence[Candidate]) -> dict[str, SharedDiagram]:
-    """The diagram that a candidate shares with others, by its label, for those that share one. In one diagram are those that
-    name nothing that another one names: many where the parts of each have names of their own."""
+    """Assign candidates to shared diagrams.
+
+    Candidates share a diagram if their changes name no common item (see `_taken`), up to `MOST` candidates. Candidates at
+    inputs are never mixed with other candidates. The result maps the labels of candidates to shared diagrams. Candidates
+    that need a separate diagram are not in it.
+    """
     groups: list[tuple[set[str], list[Candidate]]] = []
     for candidate in candidates:
         if not _may_sleep_beside_others(library, candidate):
@@ -84,8 +88,8 @@ def shared_diagrams(library: Library, candidates: Sequence[Candidate]) -> dict[s
 
 
 def _taken(change: Change) -> set[str]:
-    """What no two changes of one diagram may both name: parts, nodes that are new, ports that are taken off a node, values,
-    initial values, channels and inputs."""
+    """The names that two changes of one diagram must not share: parts, new nodes, ports that are removed from a node,
+    parameter values, initial values, channels and inputs."""
     ends = [(node, end) for node, joined in change.nodes.items() for end in joined]
     new = {node for node, end in ends if end[0] not in "+-"}
     return {*change.components, *new, *(end for _, end in ends if end[0] == "-"), *change.settings, *change.initial,
@@ -93,8 +97,8 @@ def _taken(change: Change) -> set[str]:
 
 
 def _may_sleep_beside_others(library: Library, candidate: Candidate) -> bool:
-    """Whether it can stand in the diagram at amplitude zero, with no number that is set before its runs, and its parts have
-    neither states nor events."""
+    """True if a candidate can be inserted into a shared diagram at amplitude zero: no number of it is fixed before the
+    runs, and its parts have neither states nor events."""
     return candidate.vanishes and candidate.attaches in ADDING and \
         not any(n.sought is not None and n.sought.held for n in candidate.numbers) and \
         all(_is_static(library.component(part.kind)) for part in candidate.change.components.values())
@@ -109,28 +113,29 @@ def _differentiates(expr: Expr) -> bool:
     return (isinstance(expr, Call) and expr.function == "der") or any(map(_differentiates, children(expr)))
 
 
-# A search needs no more where the runs then err by less than this share of the noise (rms): what they err by, candidates
-# would explain. Where a record moves so far above its noise that they err by more, each is made that much finer, so often.
+# Tolerances of search runs. The rms error of the runs must be below the share ERRS of the noise, because candidates could
+# otherwise explain it. If it is larger, the tolerances are multiplied by FINER, at most TIMES times.
 SEARCH = Tolerances(1e-5, 1e-7)
 ERRS, FINER, TIMES = 0.05, 0.1, 2
-DIAGRAMS = 200  # changed diagrams that are kept, of about 1 MB each
+DIAGRAMS = 200  # changed diagrams that are kept in memory, about 1 MB each
 
 
 def searched(experiment: Experiment, tolerances: Tolerances = SEARCH) -> Residuals:
-    """The least squares problem of an experiment with runs for a search."""
+    """The least squares problem of an experiment, with the integrator and the tolerances of a search."""
     fitted = [r for r in experiment.records.values() if r.use == "fit"]
     return Residuals(experiment, runs=[Run(experiment, record, list(experiment.free), tolerances, kind=QuickSimulator)
                                        for record in fitted])
 
 
 def finer(problem: Residuals) -> Residuals:
-    """The same problem with runs that err by less."""
+    """The same problem with tolerances that are smaller by the factor `FINER`."""
     then = problem.runs[0].simulator.tolerances.scaled(FINER)
     return Residuals(problem.experiment, runs=[run.again(run.names, {}, QuickSimulator, then) for run in problem.runs])
 
 
 def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str, Run] | None = None) -> dict[str, Run]:
-    """Runs of all records by IDAS; those fitted as given, of the others those of another diagram (`like`) may be there."""
+    """Runs of all records by IDAS. The runs of the fitted records use the diagram of `fitted`. The runs of the other
+    records read the measured data from `like` if it contains a run of the record (possibly with another diagram)."""
     own = {run.record.name: run.again([], {}, Unexplained) for run in fitted}
     like = like or {}
     first = fitted[0]
@@ -144,7 +149,7 @@ def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str,
 
 @dataclass(frozen=True)
 class Diagram:
-    """A changed diagram: the experiment with it, and its equations for each of the records that are fitted."""
+    """A changed diagram: the experiment with this diagram, and the equations for each fitted record."""
 
     experiment: Experiment
     assemblies: tuple[Assembly, ...]
@@ -152,8 +157,12 @@ class Diagram:
 
 @dataclass(frozen=True)
 class Base:
-    """The base model at its optimum: residuals r (n,) by IDAS and `quick` by the integrator of the search, Jacobian J
-    (n, m), the derivatives of the priors (priors, m), the inner unknowns (m,), and runs of all records by IDAS."""
+    """The base model at its optimum.
+
+    `r` (n,) are the residuals by IDAS, `quick` (n,) the same residuals by the integrator of the search, `J` (n, m) the
+    Jacobian, `priors` (priors, m) the derivatives of the priors, and `inner` (m,) the unknowns of the optimiser. `exact`
+    holds runs of all records by IDAS.
+    """
 
     problem: Residuals
     inner: Array
@@ -167,7 +176,7 @@ class Base:
 
     @classmethod
     def at(cls, problem: Residuals, inner: Array) -> Base:
-        """The base at a point of its least squares problem."""
+        """Evaluate the base model at the point `inner` (m,) of a least squares problem."""
         J = problem.evaluate(inner)[1]
         exact = exact_runs(problem.experiment, problem.runs)
         r = np.concatenate([exact[run.record.name].residuals(problem.values_of(inner, run.record.name))[0]
@@ -177,7 +186,8 @@ class Base:
         return cls(problem, inner, r, quick, J, problem.priors(inner)[1], exact)
 
     def diagram(self, change: Change) -> Diagram:
-        """The changed diagram; one that is scored and then refitted is assembled once. HeavebondError where it cannot be."""
+        """The changed diagram, assembled once for the score and the refit of a candidate. HeavebondError if it cannot be
+        assembled."""
         key = repr(change)
         if key not in self.diagrams:
             changed = changed_experiment(self.problem.experiment, change)
@@ -189,16 +199,17 @@ class Base:
         return self.diagrams[key]
 
     def runs(self, change: Change, names: Sequence[str], among: Sequence[str] = ()) -> list[Run]:
-        """The fitted records with the changed diagram, whose parameters `names` are to be moved, `among` others that other
-        runs with it move."""
+        """Runs of the fitted records with the changed diagram. `names` are the parameters for which sensitivities are
+        computed; `among` are further parameters that other runs of the same diagram change."""
         made = self.diagram(change)
         pairs = zip(self.problem.runs, made.assemblies, strict=True)
         return [Run(made.experiment, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run,
                     assembly=assembly, among=among) for run, assembly in pairs]
 
     def sleeping(self, shared: SharedDiagram | None, label: str) -> list[Run] | None:
-        """The fitted records with the diagram that a candidate shares with others, without sensitivities: that of all of
-        them, or of as many as leave the base model what it is while they sleep. None where the candidate has none."""
+        """Runs of the fitted records with the shared diagram of a candidate, all amplitudes neutral, without
+        sensitivities. If the inactive candidates change the residuals of the base model, the shared diagram is halved
+        until they do not. None if the candidate needs a separate diagram."""
         while shared is not None:
             key = repr(shared.members)
             if key not in self.shared:
@@ -218,27 +229,29 @@ class Base:
 
     @cached_property
     def cost(self) -> float:
-        """The sum of squares of data and priors."""
+        """Sum of squares of residuals and priors."""
         prior = self.problem.priors(self.inner)[0]
         return float(self.r @ self.r + prior @ prior)
 
     @cached_property
     def error(self) -> float:
-        """The length of what the integrator of the search does to the residuals by its errors."""
+        """Norm of the errors in the residuals that are due to the integrator of the search."""
         return float(np.linalg.norm(self.r - self.quick))
 
     @cached_property
     def moving(self) -> NDArray[np.int64]:
-        """The free parameters (indices) that are not held by an end of their range: one that is can take nothing more."""
+        """Indices of the free parameters that are not at an end of their range. A parameter at an end cannot reduce the
+        residual further."""
         return np.flatnonzero(~self.problem.at_end(self.inner))
 
     @property
     def rough(self) -> bool:
-        """Whether the runs of the search err by more than is small beside the noise."""
+        """True if the errors of the search runs exceed the share `ERRS` of the noise."""
         return self.error > ERRS * float(np.sqrt(len(self.r)))
 
     def split(self, s: Array) -> tuple[Array, Array]:
-        """s without what the free parameters take of it, and the step of theirs that takes it: (n,), (m,)."""
+        """Split a residual vector s (n,) into the part that the free parameters cannot explain, (n,), and the step (m,)
+        of the free parameters that cancels the other part."""
         J, priors = self.J[:, self.moving], self.priors[:, self.moving]
         normal = J.T @ J + priors.T @ priors
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -248,29 +261,29 @@ class Base:
 
 
 def plain_residuals(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> Array:
-    """The residuals (n,) with the base's values and these."""
+    """Residuals (n,) at the base model's parameter values and the additional `values`."""
     return np.concatenate([run.residuals(values_at(base, run, values))[0] for run in runs])
 
 
 def _same_unknowns(one: Assembly, other: Assembly) -> bool:
-    """Whether two diagrams have the same states and algebraic unknowns, and as many events."""
+    """True if two diagrams have the same states and algebraic unknowns, and the same number of events."""
     return one.state_names == other.state_names and one.algebraic_names == other.algebraic_names and \
         len(one.flat.events) == len(other.flat.events)
 
 
 def values_at(base: Base, run: Run, more: Mapping[str, float]) -> dict[str, float]:
-    """The base's values that the changed diagram has, and `more`."""
+    """The parameter values of the base model that the changed diagram also has, and `more`."""
     known = run.assembly.parameter_values
     values = base.problem.values_of(base.inner, run.record.name)
     return {**{name: value for name, value in values.items() if name in known}, **more}
 
 
 def sensitivities(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> dict[str, Array]:
-    """d r / d a (n,) for each amplitude."""
+    """Derivatives dr/da (n,) of the residuals with respect to each amplitude."""
     return responses(base, runs, values)[1]
 
 
 def responses(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> tuple[Array, dict[str, Array]]:
-    """The residuals (n,) with these values, and d r / d a (n,) for each amplitude."""
+    """Residuals (n,) at these values, and their derivatives dr/da (n,) with respect to each amplitude."""
     found = [run.residuals(values_at(base, run, values)) for run in runs]
     return np.concatenate([r for r, _ in found]), dict(zip(runs[0].names, np.hstack([J for _, J in found]), strict=True))

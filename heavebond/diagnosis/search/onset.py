@@ -1,15 +1,17 @@
-"""Effects that begin at a time: a scan over the times of onset of all scored candidates, with one time for each record.
+"""Effects that begin at some time: a scan over the onset times of all scored candidates, with one time for each record.
 
-To first order, an effect that acts in record k from t_k on moves the channels of this record by the direction s of the
-effect for t > t_k only, as far as the machine forgets quickly. The gain of the masked direction over a grid of times costs
-no simulation: with J (n, m) the derivatives to the free parameters and P those of the priors, it needs of each record only
+Suppose that an effect acts in record k after the time t_k. To first order, it moves the channels of this record by the
+direction s of the effect for t > t_k, and not at all before. This holds if the free response of the machine decays
+quickly. The gain of the masked direction over a grid of times needs no simulation. With J (n, m) the derivatives with
+respect to the free parameters and P the derivatives of the priors, each record contributes only
 
-    b_k = s_k'r_k,   g_k = J_k's_k,   q_k = s_k's_k        over the samples after t_k,
+    b_k = s_k'r_k,   g_k = J_k's_k,   q_k = s_k's_k        over the samples after t_k.
 
-whose sums over the records give s_o'r and |s_o| of the score (see `scoring`). The times of the records are found one after
-the other, until none of them changes: with one amplitude for all records the best time of one record depends on the others
-through the free parameters only. The grid has both ends: the effect acts in the whole record, or not at all. A candidate
-that gains more from these times on than in whole records is scored exactly and refitted, the times among its numbers.
+The sums over the records give s_o'r and |s_o| of the score (see `scoring`). The times are optimised by coordinate ascent:
+one record after the other, until no time changes. With one amplitude for all records, the best time of one record depends on
+the others through the free parameters only. The grid includes both ends: the effect acts in the whole record, or not at all.
+A candidate whose gain from onset times exceeds its gain in whole records is scored exactly and refitted; the times are then
+among its numbers.
 """
 
 from __future__ import annotations
@@ -28,18 +30,19 @@ from heavebond.numerics.dae import Array
 
 @dataclass(frozen=True)
 class OnsetConstants:
-    """Constants of the scan.
+    """Constants of the scan. `Origin` gives the reason of a value, `Doubled` the consequence of twice the value.
 
-    families: classes at a place with the largest gains of which laws are tried. Origin: the leaders of a step; each law
-        costs a score and a refit. Doubled: twice as many.
-    laws: laws of one class at one place. Origin: a simple one beside its refinements. Doubled: more of these.
-    times: times of onset on the grid of a record. Origin: at half their distance a refit feels the transition
-        (`VARYING.width`). Doubled: finer.
-    more: how much the gain must grow for each record, in units of the residual per sample. Origin: as much as justifies an
-        effect (12), for one more parameter that is chosen from a grid. Doubled: weaker onsets are not tried.
-    share: share of the gain by which it must grow besides. Origin: a masked direction is exact for static laws only.
-        Doubled: later onsets only.
-    rounds: times that each record is gone through at most. Origin: two suffice, the third shows that nothing changes.
+    families: number of combinations of class and place that are tried, those with the largest gains. Origin: the
+        leaders of a step; each law costs a score and a refit. Doubled: twice as many.
+    laws: number of laws of one class at one place. Origin: a simple law and its refinements. Doubled: more refinements.
+    times: number of intervals between onset times on the grid of a record. Origin: at half this interval a refit is
+        sensitive to the transition (`VARYING.width`). Doubled: finer.
+    more: minimum increase of the gain for each record, in units of the residual per sample. Origin: the increase that
+        justifies an effect (12), for one additional parameter that is chosen from a grid. Doubled: weaker onsets are not
+        tried.
+    share: minimum relative increase of the gain, in addition to `more`. Origin: a masked direction is exact for static
+        laws only. Doubled: later onsets only.
+    rounds: maximum number of passes over the records. Origin: two are enough, the third confirms that nothing changes.
         Doubled: the same.
     """
 
@@ -55,8 +58,8 @@ ONSET = OnsetConstants()
 
 
 def onsets(base: Base, scores: Sequence[Score]) -> list[Candidate]:
-    """The candidates that gain most from times of onset on, one time for each record, if they gain more than in whole
-    records."""
+    """The candidates with the largest gains from onset times, with one time for each record. Candidates for which onset
+    times do not increase the gain materially are left out."""
     runs, experiment = base.problem.runs, base.problem.experiment
     unit = max(1.0, float(base.r @ base.r) / len(base.r))
     best: dict[str, tuple[float, Score, dict[str, float]]] = {}
@@ -75,7 +78,7 @@ def onsets(base: Base, scores: Sequence[Score]) -> list[Candidate]:
     spans = {name: (float(run.found.grid[0]), float(run.found.grid[-1])) for name, run in base.exact.items()}
     families: dict[object, list[Candidate]] = {}
     for _, score, begins in sorted(best.values(), key=lambda entry: -entry[0]):
-        # of a record that is not fitted the time is not known yet: it is sought there
+        # the onset time in a held-out record is not known yet; it is estimated there later
         whole_records = {name: low for name, (low, _) in spans.items()}
         made = with_onset(score.candidate, experiment.model.library, spans, {**whole_records, **begins})
         if made is not None:
@@ -84,7 +87,8 @@ def onsets(base: Base, scores: Sequence[Score]) -> list[Candidate]:
 
 
 class _Scan:
-    """The sums over the samples after each time of the grid of each record, for the directions of scores."""
+    """Sums over the samples after each grid time of each record, and the gains that follow from them, for the directions
+    of scores."""
 
     def __init__(self, base: Base):
         self.base = base
@@ -103,13 +107,13 @@ class _Scan:
             self.records.append((run.record.name, slice(begin, end), times, grid))
 
     def best(self, score: Score) -> tuple[float, float, dict[str, float]]:
-        """The largest gain of a direction that acts from a time on in each record, that of whole records, and these
-        times."""
+        """The largest gain of a direction that acts from an onset time on in each record, the gain in whole records, and
+        the onset times by record name."""
         s = self._direction(score)
         sums = [self._sums(s, part, times, grid) for _, part, times, grid in self.records]
         last = ONSET.times
         whole = self._gains(score, [b[:1] for b in sums])[0]
-        # from whole records on, and from each record alone
+        # starts: the effect acts in all records, or in one record only
         starts = [[0] * len(sums), *([last if j != k else 0 for j in range(len(sums))] for k in range(len(sums)))]
         found = max((self._ascended(score, sums, start) for start in starts),
                     key=lambda entry: entry[0])
@@ -117,7 +121,7 @@ class _Scan:
                                         zip(self.records, found[1], strict=True)}
 
     def _ascended(self, score: Score, sums: Sequence[Array], start: Sequence[int]) -> tuple[float, list[int]]:
-        """The gain at the end of a coordinate ascent over the records, and the place of each on its grid."""
+        """The gain after a coordinate ascent over the records, and the grid index of each record."""
         at, gain = list(start), 0.0
         for _ in range(ONSET.rounds):
             before = list(at)
@@ -130,7 +134,7 @@ class _Scan:
         return gain, at
 
     def _gains(self, score: Score, parts: Sequence[Array]) -> Array:
-        """The gains (times,) of sums over the records."""
+        """The gains (times,) after the sums of all records are added."""
         total = sum(parts[1:], start=parts[0])
         b, q, g = total[:, 0], total[:, 1], total[:, 2:]
         step = g @ self.inverse
@@ -140,7 +144,8 @@ class _Scan:
         return np.asarray(z**2 if score.signed else np.maximum(z, 0.0)**2)
 
     def _direction(self, score: Score) -> Array:
-        """The derivative (n,) of the residuals to the amplitude, with what the free parameters can take of it."""
+        """The derivative s (n,) of the residuals with respect to the amplitude, including the part that the free
+        parameters can explain."""
         if not score.told_apart or score.z == 0:
             return score.direction
         length = score.size * score.share
@@ -148,10 +153,10 @@ class _Scan:
         return np.asarray(length * score.direction - self.base.J @ score.step / amplitude)
 
     def _sums(self, s: Array, part: slice, times: Array, grid: Array) -> Array:
-        """b, q and g (times, 2 + m) over the samples after each time of the grid."""
+        """The sums b, q and g as columns (times, 2 + m), over the samples after each grid time."""
         own = s[part]
         columns = np.column_stack([own * self.base.r[part], own**2, own[:, None] * self.J[part]])
-        place = np.searchsorted(grid, times, side="left")  # a sample counts for all times of the grid before it
+        place = np.searchsorted(grid, times, side="left")  # a sample counts for all earlier grid times
         binned = np.zeros((len(grid) + 1, columns.shape[1]))
         np.add.at(binned, place, columns)
         sums = np.cumsum(binned[::-1], axis=0)[::-1]

@@ -1,27 +1,28 @@
-"""Scores of thousands of laws between two nodes from a few adjoint runs, to first order along the base model.
+"""First-order scores of thousands of laws between two nodes, from a few adjoint runs along the base model.
 
-A law between two nodes adds through variables w(t) there (forces, flows, heat flows). In the linear time-varying model
-along the run of a record (see `localise.ltv_model`), with dy the deviation of the channels over their noise,
+A law between two nodes adds through variables w(t) there (forces, flows, heat flows). In the linear time-varying model along
+the run of a record (see `localise.ltv_model`), with dy the deviation of the channels over their noise,
 
-    dx' = A dx + B w,     dy = C dx + D w,
+    dx' = A dx + B w,     dy = C dx + D w.
 
-the derivative of v'dy to w at every node and sample is lambda(v), from one backward recursion for any vector v (n,):
+For any vector v (n,), lambda(v) is the derivative of v'dy with respect to w at each node and sample. One backward recursion
+computes it:
 
     mu_k = C_k'v_k + phi_k'mu_{k+1},     lambda_k = D_k'v_k + (gamma_{k-1}'mu_k + gamma_k'mu_{k+1}) / 2.
 
-With s (n,) the derivative of the residuals to the amplitude of a law, s'v is the sum over its ports and the samples of
-lambda(v) times w of unit amplitude, which the equations of the component give from the across variables of the base run.
-The score (see `search.scoring`) is z = -s_o'r / |s_o| with s_o = Q s, Q symmetric. So s_o'r = s'(Q r) is exact to first
-order, and with v_k (n,) of independent standard normal numbers
+Let s (n,) be the derivative of the residuals with respect to the amplitude of a law. Then s'v is the sum of lambda(v) times
+w at unit amplitude over the ports of the law and the samples. The equations of the component give this w from the across
+variables of the base run. The score (see `search.scoring`) is z = -s_o'r / |s_o| with s_o = Q s and Q symmetric. So s_o'r =
+s'(Q r) is exact to first order, and with v_k (n,) of independent standard normal numbers
 
     |s_o|**2 = E (s_o'v)**2 = mean over k of (s'(Q v_k))**2.
 
-With `SKETCH` vectors |s_o| has a relative standard deviation of 1/sqrt(2 * SKETCH), 6 %. The same numbers are coordinates of
-s_o in which the cosine of two directions is kept to about 1/sqrt(SKETCH) (W. B. Johnson, J. Lindenstrauss, 1984).
+With `SKETCH` vectors the relative standard deviation of |s_o| is 1/sqrt(2 * SKETCH), 6 %. The same numbers are coordinates
+of s_o. They preserve the cosine of two directions to about 1/sqrt(SKETCH) (W. B. Johnson, J. Lindenstrauss, 1984).
 
-A law has no prescore if its equations do not give its through variables by formulas of the across variables: a law with
-states, or an implicit one. What an effect changes at the start of a record, as the equilibrium from which a machine begins,
-is not in s.
+A law has no prescore if its through variables are not explicit formulas of the across variables: laws with states and
+implicit laws. The derivative s does not include changes that an effect makes to the initial state of a record, for example
+to the equilibrium from which a machine starts.
 """
 
 from __future__ import annotations
@@ -50,9 +51,9 @@ from heavebond.localise.ltv_model import AT_ONCE, LtvModel, SourcedRecord, known
 from heavebond.numerics.dae import Array
 from heavebond.text.expression import Expr, ExpressionProblem, Name
 
-SKETCH, RAW = 128, 8  # random vectors for |s_o|, and for |s|, of which only the order of magnitude is needed
-EXACT = 200  # candidates at distant nodes that get an exact score, at most; one takes about as long as a run of the records
-VISIBLE = 4.0  # the smallest gain, that of two standard deviations: what promises less is no evidence
+SKETCH, RAW = 128, 8  # number of random vectors for |s_o| and for |s|; of |s| only the order of magnitude is needed
+EXACT = 200  # maximum number of exact scores of distant candidates; one takes about as long as a run of the records
+VISIBLE = 4.0  # smallest gain, two standard deviations: a smaller one is not evidence
 RIGID = "its nodes move as one"
 SAME_MACHINE = "the same law at nodes that move with these is a candidate"
 SMALL = "its prescore is small beside others"
@@ -63,9 +64,10 @@ NO_LINEAR_MODEL = "the model has no linear model along its run"
 
 @dataclass(frozen=True)
 class Prescore:
-    """A candidate at one choice of its shapes: z to first order of the amplitudes `along`, whether they may have either
-    sign, the estimated share |s_o|/|s|, and `sketch` (K,), coordinates of s_o over its length for the covariance that the
-    residual of a right model has (see `evidence.residual_tests`)."""
+    """First-order score z of a candidate at one choice of its shape parameters. `along` are the amplitudes that are moved
+    together, `signed` is true if they may have either sign, and `share` is the estimate of |s_o|/|s|. `sketch` (K,) holds
+    coordinates of s_o divided by its length. They give the covariance of scores under the residual of a correct model
+    (see `evidence.residual_tests`)."""
 
     candidate: Candidate
     shapes: Mapping[str, float]
@@ -77,14 +79,14 @@ class Prescore:
 
     @property
     def gain(self) -> float:
-        """How much chi-square it would take away, to first order."""
+        """The first-order reduction of chi-square."""
         return self.z**2 if self.z > 0 or self.signed else 0.0
 
 
 @dataclass(frozen=True)
 class Prescored:
-    """The candidates at distant nodes that get an exact score, the prescores of all of them, and the labels of those that
-    get none, each with the reason."""
+    """Result of the preselection of candidates at distant nodes: the candidates that get an exact score, the prescores of
+    all of them, and the labels of the others with the reason for each."""
 
     selected: tuple[Candidate, ...] = ()
     scores: tuple[Prescore, ...] = ()
@@ -92,9 +94,14 @@ class Prescored:
 
 
 def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], as_one: Mapping[str, str]) -> Prescored:
-    """Choose the candidates at distant nodes that may matter beside those at nodes that a component joins (`near`): all laws
-    of a class at a place where one of them has a gain of a share `PROMISING` of the largest, and of at least `VISIBLE`. A
-    law that has no prescore goes with its class there. At most `EXACT` are chosen, those with the largest gains."""
+    """Select the candidates at distant nodes that need an exact score, compared with candidates at nodes that a component
+    connects (`near`).
+
+    All laws of a class at a place are selected if the prescored gain of one of them is at least the share `PROMISING` of the
+    largest gain, and at least `VISIBLE`. Laws without a prescore are selected together with their class at the place. The
+    number of selected candidates is at most `EXACT`, those with the largest gains. `as_one` maps nodes that move together to
+    one of them.
+    """
     joined = {_machine(c, as_one) for c in near}
     left_out, apart = dict[str, str](), dict[object, Candidate]()
     for candidate in distant:
@@ -129,27 +136,29 @@ def select(base: Base, near: Sequence[Candidate], distant: Sequence[Candidate], 
 
 
 def _family(candidate: Candidate) -> tuple[str, frozenset[str]]:
-    """Class and place."""
+    """Class and place of a candidate."""
     return candidate.kind, frozenset(candidate.where)
 
 
 def _machine(candidate: Candidate, as_one: Mapping[str, str]) -> tuple[str, frozenset[str]]:
-    """The law and its nodes, those that move as one by one name: the same for candidates that are one machine."""
+    """Component and nodes of a candidate, with one name for nodes that move together. Candidates with equal results model
+    the same machine."""
     return candidate.component, frozenset(as_one.get(node, node) for node in candidate.change.nodes)
 
 
 @dataclass(frozen=True)
 class Adjoint:
-    """One record: lambda (V, N) of all vectors at every source (`crown.f`), and the courses (N,) of the across variables and
-    positions of the nodes in the base run, in SI."""
+    """Adjoint solution of one record: lambda (V, N) of all vectors at each source (`crown.f`), and the time courses (N,)
+    of the across variables and positions of the nodes in the base run, in SI units."""
 
     gradients: Mapping[str, Array]
     courses: Mapping[str, Array]
 
 
 def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescore], list[Candidate]]:
-    """The prescores of candidates that attach across two nodes, at the choices of their shapes that an exact score takes;
-    and the candidates that have none. HeavebondError where the base model has no linear model."""
+    """Compute the prescores of candidates that attach across two nodes, at the same choices of shape parameters as for an
+    exact score. The second result lists the candidates without a prescore. HeavebondError if the base model cannot be
+    linearised."""
     ends = np.cumsum([int(run.counts.sum()) for run in base.problem.runs])
     parts = np.split(_vectors(base), ends[:-1], axis=1)
     with tempfile.TemporaryDirectory() as folder:
@@ -170,8 +179,9 @@ def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescor
 
 
 def _vectors(base: Base) -> Array:
-    """The vectors v (V, n): the residual and random ones without what the free parameters take of each, then random ones as
-    they are, then, where inputs have noise, random residuals of a right model without what the free parameters take."""
+    """The vectors v (V, n) of the adjoint runs, in this order: the residual and `SKETCH` random vectors, both without the
+    part that the free parameters explain; `RAW` random vectors without this projection; and, if the inputs have noise,
+    `SKETCH` random residuals of a correct model, without the part that the free parameters explain."""
     draw = np.random.default_rng(0)
     n = len(base.r)
     own = draw.standard_normal((SKETCH, n))
@@ -185,14 +195,14 @@ def _vectors(base: Base) -> Array:
 
 
 def _adjoint(base: Base, run: Run, vectors: Array, folder: Path) -> Adjoint:
-    """The backward recursion of one record for all vectors (V, n of this record)."""
+    """Solve the backward recursion of one record for all vectors (V, n of this record)."""
     values = base.problem.values_of(base.inner, run.record.name)
     experiment = base.problem.experiment
     sourced = SourcedRecord(experiment, run.record, folder, sources_of)
     known = [known_of(free, values[free.name]) for free in experiment.free.values()]
     model = sourced.about({n: v for n, v in values.items() if n in sourced.assembly.parameter_values}, known)
     weighted = np.zeros((len(vectors), *run.counts.shape))
-    # the linear model has its channels over one noise each
+    # the linear model divides each channel by one constant noise
     weighted[:, run.counts] = vectors * (sourced.noise[:, None] / run.noise)[run.counts]
     gradients = backward(model, weighted)
     local = dict(zip((s.name for s in sourced.locals), model.local.T, strict=True))
@@ -205,11 +215,11 @@ def _adjoint(base: Base, run: Run, vectors: Array, folder: Path) -> Adjoint:
 
 
 def backward(model: LtvModel, vectors: Array) -> Array:
-    """lambda (sources, V, N) of vectors (V, channels, N) in the channels of the model."""
-    phi, gamma = model.phi[:, :, :model.phi.shape[1]], model.gamma  # without the columns of the free parameters
+    """Compute lambda (sources, V, N) for vectors (V, channels, N) in the channels of the linear model."""
+    phi, gamma = model.phi[:, :, :model.phi.shape[1]], model.gamma  # columns of the free parameters removed
     c, d = model.c[:, :, :phi.shape[1]], model.d
     count = len(model.time)
-    found = np.empty((count, len(vectors), gamma.shape[2]), np.float32)  # their sums need no more digits
+    found = np.empty((count, len(vectors), gamma.shape[2]), np.float32)  # single precision is sufficient for the sums
     mu = np.zeros((len(vectors), phi.shape[1]))
     for k in range(count - 1, -1, -1):
         step = mu @ gamma[k] / 2 if k < count - 1 else 0.0
@@ -220,9 +230,13 @@ def backward(model: LtvModel, vectors: Array) -> Array:
 
 @dataclass(frozen=True)
 class StaticLaw:
-    """The through variables of a component as formulas of the across variables and positions at its ports. `tangents` maps
-    (courses, parameters) to the derivatives (through, groups) of them to the amplitudes, those of one unit together, and to
-    the variables `seen` by whose motion shapes are sought; `values` are those of the parameters but the effect's own."""
+    """The through variables of a component as formulas of the across variables and positions at its ports.
+
+    `tangents` maps (courses, parameters) to the derivatives (through, groups) of the through variables with respect to the
+    amplitudes, and to the variables `seen`. Amplitudes of one unit form a group and move together. The motion of the
+    variables `seen` gives the search ranges of shape parameters. `values` are the values of the parameters that are neither
+    amplitudes nor shapes.
+    """
 
     component: Component
     given: tuple[str, ...]
@@ -236,8 +250,8 @@ class StaticLaw:
     @classmethod
     def of(cls, library: Library, component: Component, media: Mapping[str, str], values: Mapping[str, float]
            ) -> StaticLaw | None:
-        """None where the equations are no formulas, or a parameter has no value. `media` are the parts of a diagram by their
-        components, `values` its parameters."""
+        """Build the formulas of a component. `media` maps component names to parts of the diagram, `values` are the
+        parameter values of the diagram. None if the equations are not explicit formulas or a parameter has no value."""
         effect = component.effect
         if effect is None or component.composite or component.when or component.signals:
             return None
@@ -271,7 +285,8 @@ class StaticLaw:
             [ca.densify(ca.vertcat(ca.vec(along), *courses))]).map(AT_ONCE)), tuple(parameters), constants)
 
     def at(self, courses: Array, numbers: Mapping[str, float]) -> tuple[Array, Array]:
-        """The derivatives (groups, through, N) and the variables seen (seen, N) for courses (given, N)."""
+        """The derivatives (groups, through, N) and the variables seen (seen, N) for time courses (given, N) and parameter
+        values `numbers`."""
         values = {**dict.fromkeys(self.parameters, 0.0), **self.values, **numbers}
         rows = mapped(self.tangents, [courses], np.array([[values[name]] for name in self.parameters]))[:, 0]
         own = self.groups * len(self.through)
@@ -283,7 +298,8 @@ def _no_derivative(value: ca.SX) -> ca.SX:
 
 
 def _constant(parameter: Parameter, domains: object, media: Mapping[str, str], values: Mapping[str, float]) -> float:
-    """The value of a parameter that is not sought: of the medium of the circuit, or its default. KeyError without one."""
+    """The value of a parameter that is neither amplitude nor shape: the value of the medium in the circuit, or the
+    default. KeyError if it has neither."""
     if parameter.count is not None:
         raise KeyError(parameter.name)
     for domain in domains if parameter.medium else ():  # type: ignore[attr-defined]
@@ -299,7 +315,8 @@ def _no_name(text: str, name: Expr) -> ca.SX:
 
 
 def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> list[Prescore]:
-    """The prescores of one candidate; none where it has no amplitude that vanishes, or its nodes have no source."""
+    """The prescores of one candidate. The list is empty if an amplitude has no neutral value, a number is held at the
+    motion, or a node is not a source of the linear model."""
     node = {end.lstrip("+").rpartition(".")[2]: name for name, ends in candidate.change.nodes.items() for end in ends}
     places = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.through]
     given = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.given]
@@ -317,7 +334,7 @@ def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> li
         for adjoint, course in zip(adjoints, courses, strict=True):
             tangents = law.at(course, {short[name]: value for name, value in shapes.items()})[0]
             for k, place in enumerate(places):
-                # what flows into the component leaves the node
+                # a flow into the component is a flow out of the node
                 products -= tangents[:, k] @ adjoint.gradients[place].T
         for group, amplitudes in zip(products, _groups(candidate), strict=True):
             own = group[1:1 + SKETCH]
@@ -332,7 +349,7 @@ def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> li
 
 
 def _groups(candidate: Candidate) -> list[list[EffectNumber]]:
-    """The amplitudes that move together, those of one unit."""
+    """The amplitudes grouped by unit; the amplitudes of one group move together."""
     groups: dict[Dimension, list[EffectNumber]] = {}
     for number in candidate.vanishing:
         groups.setdefault(number.unit.dimension, []).append(number)
@@ -340,7 +357,7 @@ def _groups(candidate: Candidate) -> list[list[EffectNumber]]:
 
 
 def _motions(candidate: Candidate, law: StaticLaw, seen: Sequence[Array]) -> dict[str, tuple[float, float]]:
-    """As `motion_ranges`, by the variables seen (seen, N) in each record."""
+    """Same result as `motion_ranges`, from the variables seen (seen, N) of each record."""
     courses = dict(zip(law.seen, np.hstack(seen), strict=True))
     return {n.name: (float(course.min()), float(course.max())) for n in candidate.numbers
             if n.follows for course in [courses[n.follows.rpartition(".")[2]]]}

@@ -1,10 +1,10 @@
-"""Records that begin in another state than the diagram does, tried as an explanation beside effects.
+"""Initial states that differ from the diagram, estimated for each record as an explanation next to missing effects.
 
-A wrong start leaves a transient that no effect explains, and that effects may imitate. Where a measured state begins
-elsewhere in a record than in the model, the value at which each record begins is estimated with all that is free, and what
-is missing is sought beside it: unless an offset or a gain of the sensor explains how all records begin, as that may be what
-is wrong, and is among what is sought. A record that is cut from a motion begins with a velocity too: where the data show it,
-that is estimated beside the position.
+A wrong initial state causes a transient that no effect explains, and that effects may imitate. If the first sample of a
+measured state differs from the model, the initial value of this state in each record is estimated together with all free
+parameters. Effects are then searched with these initial values. An exception is made if an offset or a gain of the sensor
+explains the first samples of all records, because a sensor error is itself a candidate effect. A record that was cut from a
+longer motion also has an initial velocity; it is estimated together with the position if the data justify it.
 """
 
 from __future__ import annotations
@@ -31,9 +31,12 @@ INITIAL = "initial."
 
 
 def _with_own_starts(experiment: Experiment, comparison: Comparison) -> Experiment | None:
-    """The experiment in which each state that begins elsewhere in a record has a start of its own in each record; None where
-    there is none, or where the diagram decides the start by an equilibrium. A start is sought between those measured and
-    that of the diagram, and by as much further as does not count as elsewhere."""
+    """The experiment with a free initial value, one for each record, for every state whose first sample differs from the
+    model, unless a sensor error explains the difference (see `_as_a_sensor`).
+
+    The search range covers the model's initial value and the first samples of all records, with a margin of `ELSEWHERE`
+    standard deviations of the noise. None if no state differs, or if the diagram starts from an equilibrium.
+    """
     if experiment.model.initial.mode is not None:
         return None
     names = dict.fromkeys(name for record in comparison.records.values() for name in record.elsewhere)
@@ -43,7 +46,7 @@ def _with_own_starts(experiment: Experiment, comparison: Comparison) -> Experime
         state, unit = experiment.outputs[name].shown.text, read_unit(experiment.outputs[name].shown.unit)
         known = next(iter(comparison.records.values())).result.assembly.flat.names
         if state not in known or f"{INITIAL}{state}" in free:
-            continue  # a formula of states has no start of its own
+            continue  # an output that is a formula of states has no initial value
         channels = [record.channels[name] for record in comparison.records.values()]
         if _as_a_sensor(channels):
             continue
@@ -59,8 +62,9 @@ def _with_own_starts(experiment: Experiment, comparison: Comparison) -> Experime
 
 
 def _with_velocities(own: Experiment, before: Experiment, comparison: Comparison) -> Experiment | None:
-    """The experiment with own starts in which the rate of each position that has one is such a start too, where it is a
-    state and no channel measures it; None where there is none. It is sought up to the largest rate between two samples."""
+    """The experiment with free initial velocities in addition to the free initial positions, for velocities that are
+    states and are not measured. The search range extends to the largest rate of change between two samples. None if there is
+    no such velocity."""
     assembly = next(iter(comparison.records.values())).result.assembly
     shown = {output.shown.text for output in own.outputs.values()}
     free, values = dict(own.free), {}
@@ -86,10 +90,13 @@ def _with_velocities(own: Experiment, before: Experiment, comparison: Comparison
 
 
 def own_starts(experiment: Experiment, before: LadderEntry, seconds: float, say: Progress) -> Fit | None:
-    """The fit (of at most so many `seconds`) of all that is free with a start of its own for each record, where one begins
-    elsewhere than the model of the entry `before`; None where none does, and where the sum of squares of what was fitted
-    falls by no more than chance would have it. The noise alone is the yardstick: that a state begins elsewhere is measured,
-    and beside an effect that is missing the start may hardly be seen."""
+    """Fit initial values for each record together with all free parameters, in at most `seconds`. `before` is the model
+    without them. Velocities are added in a second fit.
+
+    None if no first sample differs from the model, or if the sum of squares of the fitted records falls by no more than
+    chance allows. The significance is judged in units of the noise, not of the residual: the difference of the first samples
+    is a measured fact, and a large residual of a missing effect could hide it.
+    """
     own = _with_own_starts(experiment, before.comparison)
     best, chi2, free = None, before.chi2_fit, experiment.free
     ends = clock.monotonic() + seconds
@@ -104,8 +111,8 @@ def own_starts(experiment: Experiment, before: LadderEntry, seconds: float, say:
 
 
 def _as_a_sensor(channels: Sequence[Channel]) -> bool:
-    """Whether one offset or one gain of the sensor explains how all records begin, as it always does where there is but one
-    record. What they show at their first instants cannot tell it from other starts then."""
+    """True if one offset or one gain of the sensor explains the first samples of all records. This is always so with one
+    record. In this case the first samples cannot distinguish a sensor error from a different initial state."""
     shifts = [float(c.measured[0] - c.model[0]) for c in channels]
     noise = ELSEWHERE * max(max(c.noise, c.step) for c in channels)
     largest, starts = max(((abs(float(c.model[0])), k) for k, c in enumerate(channels)), default=(0.0, 0))
@@ -115,17 +122,18 @@ def _as_a_sensor(channels: Sequence[Channel]) -> bool:
 
 
 def _begins(channel: Channel, value: float) -> bool:
-    """Whether the model of a channel begins at a value, in the channel's unit, but for noise."""
+    """True if the model of a channel begins at `value`, in the channel's unit, to within the noise."""
     return abs(float(channel.model[0]) - value) <= ELSEWHERE * max(channel.noise, channel.step)
 
 
 def started_entry(fitted: Fit) -> LadderEntry:
-    """The entry of the ladder of a fit with starts of each record."""
+    """The entry in the table of models for a fit with initial values for each record."""
     return ladder_entry(f"{fitted.experiment.model.name}, start of each record fitted", fitted.after)
 
 
 def own_start_words(before: Experiment, base: Fit | None, fitted: Fit | None) -> list[str]:
-    """Where each record begins by the last fit, and what to write in the experiment; `base` is that without effects."""
+    """Messages that state the fitted initial values of each record and what to write in the experiment. `base` is the fit
+    without effects, `fitted` the last fit."""
     if base is None or fitted is None:
         return []
     diagrams = {p.name: p.before for p in base.parameters}
@@ -145,7 +153,7 @@ def own_start_words(before: Experiment, base: Fit | None, fitted: Fit | None) ->
             channels = {record.name: record.channels[output] for record in fitted.after.records.values()}
             diagram = float(unit.from_si(diagrams[name]))
             if all(_begins(c, diagram) for c in channels.values()):
-                continue  # beside what was found they begin there
+                continue  # with the selected effects, the records begin at the diagram's value
             begins = {record: float(c.model[0]) for record, c in channels.items()}
             told.add(state.rpartition(".")[0])
         said = listing(f"{readable(value, unit.text, 3)} in {record}" for record, value in begins.items())
@@ -157,7 +165,8 @@ def own_start_words(before: Experiment, base: Fit | None, fitted: Fit | None) ->
 
 
 def free_text(free: Free) -> str:
-    """A start of each record as it is written under `free:`, its range rounded outwards to two digits of the larger end."""
+    """A free initial value for each record as text for the section `free:`. The range is rounded outwards to two digits
+    of its larger end."""
     unit = free.range.unit
     low, high = (float(unit.from_si(end)) for end in (free.range.low, free.range.high))
     step = 10.0 ** (math.floor(math.log10(max(abs(low), abs(high)))) - 1)

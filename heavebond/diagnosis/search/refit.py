@@ -1,15 +1,16 @@
-"""Refit of one candidate: its numbers and all free parameters, fitted in the diagram that contains it.
+"""Refit of one candidate: its numbers and all free parameters are fitted in the diagram that contains the candidate.
 
-A score (see `diagnosis.search.scoring`) is local; the refit decides. It begins at the points of `refit_starts`.
+A score (see `diagnosis.search.scoring`) is local; the refit decides. It starts from the points of `refit_starts`.
 
-A number of the candidate may end at an end of its search range. An end is either a limit of the parameter itself (friction
-is not below 0), where a minimum is as good as any other, or an end of the search only. For the latter, the score test of
-the bound shows whether the search stopped short: with r (n,) the residuals and priors, and s_o (n,) the outward derivative
-that the unknowns inside their ranges cannot absorb, the sum of squares falls beyond the end by (s_o'r)**2 / |s_o|**2 to
-first order (the Lagrange multiplier of the bound; S. D. Silvey, 1959, doi:10.1214/aoms/1177706259).
+A number of the candidate may end at an end of its search range. There are two kinds of ends. An optimum at a limit of the
+parameter itself (friction is not below 0) is acceptable. At an end of the search range only, the score test of the bound
+shows whether the search stopped too early. Let r (n,) be the residuals and priors, and s_o (n,) the derivative in the
+outward direction that the unknowns inside their ranges cannot absorb. Beyond the end, the sum of squares then falls by
+(s_o'r)**2 / |s_o|**2 to first order (the Lagrange multiplier of the bound; S. D. Silvey, 1959,
+doi:10.1214/aoms/1177706259).
 
-An amplitude is not shown by the records if it lies so near to its neutral value that the sum of squares rises by a
-negligible amount there: with d the distance to neutral, by d**2 |s_o|**2 + 2 d s_o'r to first order.
+An amplitude is not supported by the records if moving it to its neutral value raises the sum of squares by a negligible
+amount only. With d the distance to the neutral value, the rise is d**2 |s_o|**2 + 2 d s_o'r to first order.
 """
 
 from __future__ import annotations
@@ -48,13 +49,15 @@ from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Probe
 
-# The fall beyond an end, or the rise towards it, from which on it counts, in units of what is left: as `stage.EARNED`.
+# Change of the sum of squares that counts as significant, in units of the residual chi-square per sample (see
+# `step.EARNED`).
 MISSED = 12.0
 
 
 def passed_ends(problem: Residuals, numbers: Sequence[EffectNumber], inner: Array, r: Array) -> tuple[str, ...]:
-    """The names of those `numbers` that stand at an end of the search, beyond which the sum of squares would fall by more
-    than chance, at the optimum `inner` (m,) of a least squares problem with residuals `r` (n,) of the data there."""
+    """The names of those `numbers` that ended at an end of the search range although the sum of squares would fall beyond
+    it by more than chance. `inner` (m,) is the optimum of the least squares problem, `r` (n,) are the residuals of the
+    data there."""
     own, ended = {n.name: n for n in numbers}, problem.at_end(inner)
     stopped = [int(k) for k in np.flatnonzero(ended) if problem.columns[k].free.name in own]
     found = []
@@ -72,9 +75,9 @@ def passed_ends(problem: Residuals, numbers: Sequence[EffectNumber], inner: Arra
 
 
 def unshown_amplitudes(problem: Residuals, numbers: Sequence[EffectNumber], inner: Array, r: Array) -> tuple[str, ...]:
-    """The names of those amplitudes that the records do not tell from the value at which they make no effect: the neutral
-    one, or an end of the range of one that has no neutral value (the smallest gap of a play); `inner` (m,) and `r` (n,) as
-    for `passed_ends`."""
+    """The names of the amplitudes that the records do not distinguish from the value without an effect. This is the
+    neutral value, or an end of the range for amplitudes without a neutral value (the smallest gap of a play). `inner`
+    (m,) and `r` (n,): see `passed_ends`."""
     amplitudes = {n.name: n for n in numbers if n.amplitude}
     found = []
     for k, column in enumerate(problem.columns):
@@ -93,7 +96,8 @@ def unshown_amplitudes(problem: Residuals, numbers: Sequence[EffectNumber], inne
 
 
 def _alone(problem: Residuals, k: int, inner: Array, r: Array) -> tuple[float, float]:
-    """(s_o'r, |s_o|**2) of the k-th unknown, s_o (n,) the derivative that the unknowns inside their ranges do not take."""
+    """Compute (s_o'r, |s_o|**2) of the k-th unknown. s_o (n,) is its derivative without the part that the unknowns inside
+    their ranges can absorb."""
     J, (prior, priors) = problem.evaluate(inner)[1], problem.priors(inner)
     whole, slopes = np.concatenate([r, prior]), np.vstack([J, priors])
     inside = ~problem.at_end(inner)
@@ -103,38 +107,45 @@ def _alone(problem: Residuals, k: int, inner: Array, r: Array) -> tuple[float, f
 
 
 def _unit(r: Array) -> float:
-    """What is left per sample, at least the noise."""
+    """The residual chi-square per sample, at least 1 (the noise)."""
     return max(1.0, float(r @ r) / len(r))
 
 
-FIRST, LAST = 8, 40  # runs of a descent: to compare starts, and to end
-# A refit is not followed to its end where its first steps leave all but this share of a chi-square per sample above LARGE.
+FIRST, LAST = 8, 40  # maximum number of runs of a descent: to compare starts, and to converge
+# A refit is not continued if chi-square per sample exceeds LARGE and its first steps reduce it by less than the share
+# NOTHING.
 NOTHING, LARGE = 0.02, 10.0
-SECONDS = 60.0  # of this process, after which a refit that has not come far is not followed further
-WIDENED = 2  # times that the range of an amplitude is made wider where it ends at its end (see `refit_starts.WIDE`)
-ASIDE = 0.02  # share of its range from an end at which a limit stands that is not felt: chi-square rises
-UNFELT = 4.0  # by no more than this, two standard deviations, in units of what is left
-CLOSE = 1e-8  # changes of the sum of squares at which a refit that is compared closely ends
-# Another start than the best is followed to its end where its sum of squares is so many times that of the best by then: from
-# a point that is not the same, and from one that may still win.
+SECONDS = 60.0  # processor time after which a refit is not continued
+WIDENED = 2  # maximum number of times that the range of an amplitude is widened (see `refit_starts.WIDE`)
+ASIDE = 0.02  # a limit without influence is moved to this share of its range from the end,
+UNFELT = 4.0  # if chi-square rises by at most this (two standard deviations), in units of the residual per sample
+CLOSE = 1e-8  # relative change of the sum of squares at which a refit for a close comparison ends
+# Another start than the best one is continued if the ratio of their sums of squares is in this interval: it is not the same
+# point, and may still become the best one.
 ANOTHER = (1.001, 3.0)
 
 
 @dataclass(frozen=True)
 class Refit:
-    """A candidate after its refit: the values of all that was free (SI), the sum of squares with priors `cost`, chi-square
-    per sample on the fitted and the held-out records, the number of unknowns, which of the free parameters ended at an end
-    of their range, and the experiment with the candidate in it. `score` is the gain that its score had promised. By `slack`
-    the sum of squares on what was held out would fall, more than that of the fit would rise, if all numbers moved as the fit
-    lets them (of the trials that are compared closely; see `_Refit.slack`). `begun` are the first steps, from several
-    starts, of a refit that may be followed further, the best first; it `falls` where one of them still fell steeply, or
-    the best of them stands at an end of an amplitude's range that no declared bound is. `errors` are its predictive
-    errors. `beyond` are numbers of the candidate at an end of the range in which they were sought, beyond which the sum of
-    squares would fall: it is not the minimum (see `range_ends`), and `unshown` its amplitudes that the records do not tell
-    from none. `inner` are the values as unknowns of its least squares
-    problem; its runs erred by less than those of the base model by the power `finer` of FINER. It `acts` at some time in the
-    fitted records (see `Candidate.acts`). `own` are the values that each record has of its own (SI), by its name. `lent` is
-    the label of a further effect that the diagram has beside those of its step."""
+    """A candidate after its refit.
+
+    `experiment` contains the candidate. `values` are the values of all free parameters (SI), and `inner` the same values as
+    unknowns of the optimiser. `own` are the values that differ between records (SI), by record name. `cost` is the sum of
+    squares of residuals and priors. `chi2_fit` and `chi2_held_out` are chi-square per sample on the fitted and the held-out
+    records, `errors` the predictive errors. `unknowns` is the number of unknowns, `score` the gain that the score predicted,
+    and `lent` the label of a second effect that was added to the diagram for a comparison in pairs.
+
+    `slack` estimates the error on held-out data that is due to the uncertainty of the fitted numbers, for candidates that
+    are compared closely (see `_RefitProblem.slack`). `begun` are the first steps from several starts of a refit that may be
+    continued, the best first. `falls` is true if one of these starts still fell steeply, or if the best one is at an end of
+    an amplitude's range that is not a declared bound.
+
+    `at_end` are the free parameters at an end of their range. `beyond` are the numbers of the candidate at an end of their
+    search range beyond which the sum of squares would fall; the refit is then not a minimum (see `passed_ends`). `unshown`
+    are the amplitudes that the records do not distinguish from the value without an effect. `acts` is true if the effect
+    acts at some time in the fitted records (see `Candidate.acts`). `finer` is the number of times that the tolerances of its
+    runs were multiplied by `FINER`, relative to the base model.
+    """
 
     candidate: Candidate
     experiment: Experiment
@@ -162,27 +173,28 @@ class Refit:
 
     @property
     def absent(self) -> bool:
-        """Whether the records tell none of its amplitudes from the value at which it makes no effect: the diagram without it
-        would do as well with these values."""
+        """True if the records do not distinguish any of its amplitudes from the value without an effect. The diagram
+        without the effect then fits as well with these values."""
         own = self.candidate.vanishing
         return len(own) > 0 and {n.name for n in own} == {n.name for n in self.candidate.numbers if n.amplitude} \
             and {n.name for n in own} <= set(self.unshown)
 
     @property
     def bic(self) -> float:
-        """n ln(cost/n) + k ln n (G. Schwarz, 1978, doi:10.1214/aos/1176344136), with an unknown scale of the noise."""
+        """Bayesian information criterion n ln(cost/n) + k ln n for noise of unknown scale (G. Schwarz, 1978,
+        doi:10.1214/aos/1176344136)."""
         return bic(self.cost, self.samples, self.unknowns)
 
 
 def bic(cost: float, samples: int, unknowns: int) -> float:
-    """The Bayesian information criterion of a fit with Gaussian residuals of unknown size."""
+    """Bayesian information criterion of a fit with Gaussian residuals of unknown size."""
     return float(samples * np.log(max(cost, 1e-300) / samples) + unknowns * np.log(samples))
 
 
 def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least: float = 0.0,
           progress: Progress | None = None) -> Refit | None:
-    """The first steps of a refit, from the best of several starts; None where the diagram with it cannot be simulated.
-    `least` is what the best of other candidates leaves, where that is known."""
+    """Make the first steps of a refit, from the best of several starts. `least` is the smallest sum of squares of other
+    candidates, 0 if unknown. None if the diagram with the candidate cannot be simulated."""
     try:
         refit = _RefitProblem(base, candidate, guesses)
         found = refit.begin(least or np.inf, progress or (lambda text: None))
@@ -201,13 +213,13 @@ def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least
 
 
 def followed(base: Base, trial: Refit, guesses: Sequence[Score] = (), progress: Progress | None = None) -> Refit:
-    """A refit that was begun, followed until it hardly falls any more."""
+    """Continue a refit after its first steps until its sum of squares has almost stopped falling."""
     if not trial.begun:
         return trial
     try:
         refit, say = _RefitProblem(base, trial.candidate, guesses, trial.finer), progress or (lambda text: None)
         found = refit.judged(refit.follow(trial.begun, say))
-        while refit.rough(found) and refit.finer < TIMES:  # far above the noise, what its runs err by was small
+        while refit.rough(found) and refit.finer < TIMES:  # the errors were small only relative to the first misfit
             refit.make_finer()
             found = refit.judged(refit.descend(found.inner, say, LAST, 1e-5, "dogbox").x)
         return found
@@ -217,8 +229,9 @@ def followed(base: Base, trial: Refit, guesses: Sequence[Score] = (), progress: 
 
 def polished(base: Base, trial: Refit, guesses: Sequence[Score] = (), lender: Refit | None = None,
              progress: Progress | None = None) -> Refit:
-    """A refit followed to the end of its valley: what is compared closely must have arrived. A `lender` is another law's
-    refit at the same place that fits better; from its values, as far as the two have the same, another valley is sought."""
+    """Continue a refit to full convergence for a close comparison. `lender` is a refit of another law at the same place
+    with a smaller sum of squares. If given, the refit starts from the values of the parameters that both have in common,
+    to find a better local minimum."""
     refit = _RefitProblem(base, trial.candidate, guesses, trial.finer)
     refit.sought({n.name: trial.experiment.free[n.name].range for n in trial.candidate.numbers if n.name in refit.ranges})
     values = {**trial.values, **_lent(lender, trial.candidate)} if lender is not None else trial.values
@@ -236,8 +249,8 @@ def polished(base: Base, trial: Refit, guesses: Sequence[Score] = (), lender: Re
 
 
 def refitted_from(base: Base, candidate: Candidate, lender: Refit, progress: Progress | None = None) -> Refit | None:
-    """A candidate refitted from what a refit of the same law found in another diagram, in the same ranges; None where the
-    diagram with it cannot be simulated there."""
+    """Refit a candidate from the values, and in the search ranges, of a refit of the same law in another diagram. None if
+    the diagram cannot be simulated there."""
     spans = {n.name.rpartition(".")[2]: lender.experiment.free[n.name].range for n in lender.candidate.numbers
              if n.name in lender.experiment.free}
     ranges = {n.name: spans[key] for n in candidate.numbers if (key := n.name.rpartition(".")[2]) in spans}
@@ -246,8 +259,9 @@ def refitted_from(base: Base, candidate: Candidate, lender: Refit, progress: Pro
 
 def refitted_at(base: Base, candidate: Candidate, values: Mapping[str, float], ranges: Mapping[str, Range],
                 own: Mapping[str, Mapping[str, float]] | None = None, progress: Progress | None = None) -> Refit | None:
-    """A candidate refitted from values (SI) of its numbers and of free parameters, of which records may have their `own`;
-    its numbers are sought in `ranges`. None where the diagram with it cannot be simulated there."""
+    """Refit a candidate from given values (SI) of its numbers and of free parameters. `own` are values that differ
+    between records, by record name. `ranges` are the search ranges of the candidate's numbers. None if the diagram cannot
+    be simulated there."""
     try:
         refit = _RefitProblem(base, candidate, ())
         refit.sought({name: span for name, span in ranges.items() if name in refit.ranges})
@@ -264,7 +278,7 @@ def refitted_at(base: Base, candidate: Candidate, values: Mapping[str, float], r
 
 def at_end_of(base: Base, candidate: Candidate, guesses: Sequence[Score], ranges: Mapping[str, tuple[float, float]],
               inner: Array, finer: int = 0) -> Refit:
-    """The figures of a refit that sought the candidate's numbers in these `ranges` and ended at `inner`."""
+    """Compute the figures of a refit that ended at `inner`, with these search `ranges` (SI) of the candidate's numbers."""
     refit = _RefitProblem(base, candidate, guesses, finer)
     free = refit.problem.experiment.free
     refit.sought({name: replace(free[name].range, low=low, high=high) for name, (low, high) in ranges.items()})
@@ -272,7 +286,8 @@ def at_end_of(base: Base, candidate: Candidate, guesses: Sequence[Score], ranges
 
 
 def _lent(lender: Refit, candidate: Candidate) -> dict[str, float]:
-    """The values of a refit for another law: what both diagrams have, and numbers of the laws that have the same name."""
+    """The values of a refit that apply to another law: the parameters that both diagrams have, and the numbers with the
+    same name in both laws."""
     own = {n.name.rpartition(".")[2]: n.name for n in candidate.numbers}
     numbers = {n.name: n.name.rpartition(".")[2] for n in lender.candidate.numbers}
     found = {name: value for name, value in lender.values.items() if name not in numbers}
@@ -281,11 +296,11 @@ def _lent(lender: Refit, candidate: Candidate) -> dict[str, float]:
 
 
 class _RefitProblem:
-    """The least squares problem of the diagram with the candidate in it."""
+    """The least squares problem of the diagram that contains the candidate."""
 
     def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score], finer: int = 0):
         self.base, self.candidate, self.guesses, self.began = base, candidate, guesses, process_time()
-        self.finer, self.errs = 0, 0.0  # how often runs were made finer; the length of what they did to residuals by errors
+        self.finer, self.errs = 0, 0.0  # number of tolerance reductions; norm of the residual errors
         changed = base.diagram(candidate.change).experiment
         self.runs = base.runs(candidate.change, [])
         self.starts = RefitStarts(base, candidate, guesses, self.runs)
@@ -297,18 +312,18 @@ class _RefitProblem:
             self.make_finer()
 
     def make_finer(self) -> None:
-        """Let all further runs err by less."""
+        """Reduce the tolerances of all further runs."""
         self.problem, self.finer = finer(self.problem), self.finer + 1
         self.runs = [run.again([], {}, QuickSimulator, of.simulator.tolerances)
                      for run, of in zip(self.runs, self.problem.runs, strict=True)]
 
     def rough(self, trial: Refit) -> bool:
-        """Whether the runs of the search err by more at the end of a trial than is small beside what it leaves, as they may
-        where its law changes within milliseconds: descents end in the roughness of the sum of squares then."""
+        """True if the errors of the search runs at the end of a refit are not small compared with its residual. This may
+        occur if a law changes within milliseconds. The descent then ends in the roughness of the sum of squares."""
         return self.errs > ERRS * float(np.sqrt(trial.cost))
 
     def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
-        """The experiment with the candidate's numbers free as well, and inside their ranges."""
+        """The experiment in which the candidate's numbers are free as well, with first values inside their ranges."""
         place = next(iter(changed.records.values())).place
         numbers, leaves = {n.name: n for n in self.candidate.numbers}, self.runs[0].assembly.flat.expanded.leaves
         free = {name: Free(name, Range(low, high, numbers[name].unit), place, typical=numbers[name].prior(leaves))
@@ -317,7 +332,7 @@ class _RefitProblem:
         return replace(changed, model=changed.model.with_parameters(self._first_values()), free={**kept, **free})
 
     def _first_values(self) -> dict[str, float]:
-        """The first guess of the candidate's numbers, inside their ranges and in the order that their law requires."""
+        """First values of the candidate's numbers, inside their ranges and in the order that the law requires."""
         values = {name: float(np.clip(self.starts.plans[0].numbers[name], *self.ranges[name])) for name in self.ranges}
         for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
             for ends in leaf.component.orders:
@@ -327,9 +342,9 @@ class _RefitProblem:
         return values
 
     def _start(self, plan: Plan) -> Array:
-        """A plan as a point of the problem."""
+        """Convert a starting point into unknowns of this problem."""
         there = {(c.free.name, c.record): v for c, v in zip(self.base.problem.columns, plan.base, strict=True)}
-        # what has a value of its own for each record now begins at the common one
+        # a parameter with a separate value for each record starts at the common value
         there |= {(c.free.name, c.record): there.get((c.free.name, ""), c.inner(c.before)) for c in self.problem.columns
                   if c.free.name in self.candidate.change.each}
         start: Array = np.array([there[c.free.name, c.record] if (c.free.name, c.record) in there else
@@ -339,12 +354,13 @@ class _RefitProblem:
         return np.asarray(np.clip(start, self.problem.low + 1e-6 * span, self.problem.high - 1e-6 * span))
 
     def _residuals(self, inner: Array, runs: Sequence[Run]) -> Array:
-        """Of the data (n,) in runs without sensitivities."""
+        """Residuals of the data (n,) from runs without sensitivities."""
         problem, inner = self.problem, self.problem.allowed(inner)
         return np.concatenate([run.residuals(problem.values_of(inner, run.record.name))[0] for run in runs])
 
     def _cost(self, inner: Array, most: float = np.inf) -> float:
-        """The sum of squares with the priors, by runs without sensitivities; infinite where it is above `most`."""
+        """Sum of squares of residuals and priors from runs without sensitivities; infinite if it exceeds `most` or a run
+        fails."""
         problem, prior = self.problem, self.problem.priors(inner)[0]
         cost, inner = float(prior @ prior), problem.allowed(inner)
         try:
@@ -353,17 +369,18 @@ class _RefitProblem:
                 cost += float(r @ r)
         except (ModelError, SimulationError, StartError, Exceeded):
             return np.inf
-        return cost if cost <= most else np.inf  # (not where it is no number)
+        return cost if cost <= most else np.inf  # also infinite for NaN
 
     def arrive(self, start: Array, progress: Progress) -> Array:
-        """From near an optimum to it."""
+        """Converge to the optimum from a point near it."""
         def arrived(start: Array) -> Array:
             return self.problem.minimise(start, False, progress, most=LAST, tolerance=CLOSE, settle=True).x
 
         return self._further_out(arrived(start), arrived)
 
     def _further_out(self, inner: Array, descended: Callable[[Array], Array]) -> Array:
-        """Further out where an amplitude ends at an end of its range that no declared bound is."""
+        """Widen the range of amplitudes that end at an end of their range, unless it is a declared bound, and continue
+        the descent."""
         for _ in range(WIDENED):
             wider = self.wider(inner)
             if not wider or process_time() - self.began > SECONDS:
@@ -374,7 +391,7 @@ class _RefitProblem:
         return inner
 
     def wider(self, inner: Array) -> dict[str, Range]:
-        """Wider ranges for amplitudes that ended at an end of theirs."""
+        """Wider search ranges for the amplitudes that ended at an end of their range. Declared bounds are kept."""
         found = {}
         numbers = {n.name: n for n in self.candidate.vanishing}
         for column, value, low, high in zip(self.problem.columns, inner, self.problem.low, self.problem.high, strict=True):
@@ -389,23 +406,26 @@ class _RefitProblem:
         return found
 
     def sought(self, ranges: Mapping[str, Range]) -> None:
-        """Seek some numbers in other ranges from now on."""
+        """Change the search ranges of these numbers from now on."""
         experiment = self.problem.experiment
         free = {name: replace(f, range=ranges[name]) if name in ranges else f for name, f in experiment.free.items()}
         self.ranges |= {name: (span.low, span.high) for name, span in ranges.items()}
         now, runs = self.problem.runs[0].assembly.parameter_values, self.problem.runs
         moved = {name: float(np.clip(now[name], span.low, span.high)) for name, span in ranges.items()
                  if not span.low <= now[name] <= span.high}
-        if moved:  # a first guess outside of the ranges
+        if moved:  # first values outside of the new ranges
             runs = [run.again(run.names, moved, QuickSimulator) for run in runs]
         self.problem = Residuals(replace(experiment, free=free), runs=runs)
 
     def _out_of_the_way(self, inner: Array) -> Array:
-        """With limits that the fitted samples hardly feel (a stop that is not reached, or by one sample) at that end
-        of their range, or near it, where they are not felt either: other records go further. A time at which something
-        begins goes to an end where that makes no difference: it acts in the whole record, or not at all."""
+        """Move limits without influence on the fitted samples to the outer end of their range.
+
+        A limit that is not reached, or reached by one sample only (an end stop), is moved to this end or near it, provided
+        that chi-square rises by no more than `UNFELT`. Other records may move further than the fitted ones. An onset time
+        without influence is moved to an end in the same way: the effect then acts in the whole record, or not at all.
+        """
         cost = self._cost(inner)
-        # residuals are in units of the noise: a fit far below it (a record without noise) feels nothing but rounding
+        # at least one unit of noise: in a record without noise the residual is rounding errors only
         felt = UNFELT * max(cost / self.base.r.size, 1.0)
         limits = {n.name for n in self.candidate.numbers if not n.amplitude and n.sought is not None and n.sought.seen}
         for k, column in enumerate(self.problem.columns):
@@ -420,16 +440,17 @@ class _RefitProblem:
         return inner
 
     def begin(self, least: float, progress: Progress) -> list[Descent]:
-        """The first steps from the best starts, that which leaves least first; none where no start can be simulated."""
+        """Make the first steps from the best starts; the descents are sorted by their sum of squares. The list is empty
+        if no start can be simulated."""
         starts = list({start.tobytes(): start for start in map(self._start, self.starts.plans)}.values())
         number = 3 if len(starts) > FURTHER else 2
         costs: list[float] = []
-        for start in starts:  # a run is ended where it can no longer be among the best
+        for start in starts:  # a run ends when it can no longer be among the best
             costs.append(self._cost(start, sorted(costs)[number - 1] if len(costs) >= number else np.inf))
         chosen = [starts[k] for k in np.argsort(costs, kind="stable") if np.isfinite(costs[k])][:number]
         if not chosen or process_time() - self.began > SECONDS:
             return []
-        # beside a candidate that takes most of the misfit, one that takes nothing in its first steps is no rival
+        # if another candidate explains most of the misfit, one whose first steps explain nothing is given up
         nothing = self._nothing if least < DECISION.mainly * self.base.cost else np.inf
         enough = stop_inferior_starts(self.problem.high - self.problem.low, least, nothing)
         found = [self.descend(start, progress, FIRST, 1e-4, enough=enough) for start in chosen]
@@ -438,34 +459,36 @@ class _RefitProblem:
         return sorted(found, key=lambda e: e.cost)
 
     def follow(self, begun: Sequence[Descent], progress: Progress) -> Array:
-        """The best of what was begun, and another that is near it, to the end."""
+        """Run the best start, and a second one if its cost is close, to convergence."""
         first, *others = begun
         ends = [first, *(e for e in others if ANOTHER[0] < e.cost / first.cost < ANOTHER[1])][:2]
         ends = [self.descend(e.x, progress, LAST, 1e-5) if e.unfinished else e for e in ends]
         best = min(ends, key=lambda e: e.cost)
-        if self.problem.at_end(best.x).any():  # the reflective method may stop there though other unknowns could move on
+        if self.problem.at_end(best.x).any():  # the reflective method may stop here although other unknowns can move
             best = min(best, self.descend(best.x, progress, LAST, 1e-5, "dogbox"), key=lambda e: e.cost)
         return self._out_of_the_way(self._further_out(best.x, lambda start: self.descend(start, progress, LAST, 1e-5).x))
 
     def hopeful(self, first: Descent) -> bool:
-        """Whether its first steps have taken anything of a large misfit away, and did not take too long."""
+        """True if the first steps have reduced a large misfit noticeably, or the misfit is small, and they did not take
+        too long."""
         return process_time() - self.began <= SECONDS and 2 * first.cost <= self._nothing
 
     @property
     def _nothing(self) -> float:
-        """The sum of squares above which a refit takes nothing of a large misfit away; infinite beside a small one."""
+        """The sum of squares above which a refit does not reduce a large misfit noticeably; infinite if the misfit is
+        small."""
         r = self.base.r
         whole = float(r @ r)
         return (1 - NOTHING) * whole if whole > LARGE * len(r) else np.inf
 
     def descend(self, start: Array, progress: Progress, most: int, tolerance: float,
                 method: Literal["trf", "dogbox"] = "trf", enough: Enough = stop_stalled) -> Descent:
-        """Steps that find their way from afar, until they hardly bring anything more."""
+        """Descend from a distant start until the sum of squares has almost stopped falling."""
         return self.problem.descend(start, False, progress, most=most, tolerance=tolerance, method=method,
                                     enough=enough, promise=LITTLE)
 
     def judged(self, inner: Array) -> Refit:
-        """The figures at the end, from runs of IDAS."""
+        """Compute the figures of the refit at `inner`, from runs by IDAS."""
         problem, inner = self.problem, self.problem.allowed(inner)
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
         r, prior = self._residuals(inner, [exact[run.record.name] for run in self.runs]), problem.priors(inner)[0]
@@ -487,7 +510,7 @@ class _RefitProblem:
                      finer=self.finer, acts=self._acts(inner, exact), own={**own, **held_out} if each else {})
 
     def _acts(self, inner: Array, exact: Mapping[str, Run]) -> bool:
-        """Whether the effect acts in a fitted record; one that says nothing of this always does."""
+        """True if the effect acts in a fitted record. An effect whose component declares no such quantity always acts."""
         for run in (exact[run.record.name] for run in self.runs) if self.candidate.acts else ():
             result = run.simulator.run(self.problem.values_of(inner, run.record.name))
             if np.any(Probe(run.assembly, [self.candidate.acts], si=True).values(result) > 0):
@@ -495,13 +518,16 @@ class _RefitProblem:
         return not self.candidate.acts
 
     def slack(self, inner: Array, own: Mapping[str, Mapping[str, float]]) -> float:
-        """What the numbers' own uncertainty does to the figure on what was held out. With r (n,) and J (n, m) the residuals
-        there and their derivatives, F the information of the fit with its priors, and steps d of what is not at an end of
-        its range,
+        """The part of chi-square on held-out data that is due to the uncertainty of the fitted numbers.
 
-            |r|**2 - min over d of |r + J d|**2 + d'F d  =  (J'r)' (J'J + F)**-1 J'r,
+        Let r (n,) be the residuals of the held-out samples, J (n, m) their derivatives, F the information of the fit with
+        its priors, and d steps of the unknowns that are not at an end of their range. The result is
 
-        so that |r|**2 less this is what a fit to all samples at once would add, as far as the tangent holds."""
+            |r|**2 - min over d of |r + J d|**2 + d'F d  =  (J'r)' (J'J + F)**-1 J'r.
+
+        If all samples were fitted together, the sum of squares would increase by |r|**2 minus this result, as long as the
+        tangent is accurate.
+        """
         problem = self.problem
         moving = np.flatnonzero(~problem.at_end(inner))
         fitted = np.vstack([problem.evaluate(inner)[1], problem.priors(inner)[1]])[:, moving]
@@ -512,8 +538,8 @@ class _RefitProblem:
         return float(slope / scale @ np.linalg.lstsq(normal / scale[:, None] / scale, slope / scale, rcond=1e-12)[0])
 
     def _checked(self, inner: Array, own: Mapping[str, Mapping[str, float]]) -> tuple[Array, Array]:
-        """Residuals (n,) of all samples that are held out, and their derivatives (n, m) to the inner unknowns; `own` are the
-        values that records have of their own."""
+        """Residuals (n,) of all held-out samples, and their derivatives (n, m) with respect to the unknowns of the
+        optimiser. `own` are the values that differ between records."""
         problem, names = self.problem, list(self.problem.experiment.free)
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
         parts, blocks = [np.zeros(0)], [np.zeros((0, len(inner)))]

@@ -1,11 +1,11 @@
-"""Starting points and stopping rules of the refits of candidates.
+"""Starting points and stopping rules for the refits of candidates.
 
-A refit begins at the optimum of the base model with the step that the scores suggest, and at the values of the data sheet;
-with amplitudes that act as strongly as the whole misfit, and several times as strongly; and, for a law of several shape
-parameters, with more choices of these spread over their ranges.
+A refit starts from several points. The first is the optimum of the base model plus the step that the scores suggest. Others
+use the initial values of the free parameters, amplitudes whose effect is as large as the whole misfit, and several times
+these amplitudes. For a law with several shape parameters, further choices are spread over their ranges.
 
-A stopping rule is a function of the sums of squares of the runs so far and of the best unknowns (see `Residuals.descend`).
-It ends a descent that has converged, that repeats another descent, or that has no prospect of reaching the best candidate.
+A stopping rule is a function of the sums of squares of all runs so far and of the best unknowns (see `Residuals.descend`).
+It ends a descent that has converged, that repeats another descent, or that cannot reach the best candidate.
 """
 
 from __future__ import annotations
@@ -29,34 +29,37 @@ from heavebond.diagnosis.search.scoring import (
 from heavebond.estimation.residuals import ARRIVED, GIVEN_UP, Run
 from heavebond.numerics.dae import Array
 
-# It has arrived where so many runs in a row have not lowered the sum of squares by this share, as far as the errors of its
-# runs let it see, or creeps. What comes near the best is followed to the very end later.
+# A descent has converged if IDLE runs in a row lowered the sum of squares by less than the share LITTLE: it is at the
+# minimum within the errors of the runs, or it creeps. Candidates near the best one are later followed to full convergence.
 IDLE, LITTLE = 4, 1e-3
-# After so many runs it is given up where it stands where another one stood by then: within this share of each range, and of
-# the sum of squares.
+# After MIDWAY runs a descent is ended if it repeats another one: its unknowns and its sum of squares at this run agree with
+# the other descent within the share MEETS of each range and of the sum of squares.
 MIDWAY, MEETS = 4, 0.03
-# And where it then leaves more than so many times what the best of other candidates leaves, or as good as all of the misfit
-# of which another one takes most, unless its last two steps have brought it to this share.
+# It is also given up if its sum of squares is then more than HOPE times the smallest one of other candidates, or if it has
+# not reduced a misfit that another candidate mostly explains. Exception: its last two steps halved it (STEEP).
 HOPE, STEEP = 10.0, 0.5
 
 Enough = Callable[[Sequence[float], Array], str]
 
 
 def stop_stalled(costs: Sequence[float], best: Array) -> str:
-    """Ends a descent that hardly falls any more."""
+    """Stopping rule: end a descent whose sum of squares has almost stopped falling."""
     return ARRIVED if len(costs) > IDLE and min(costs[:-IDLE]) - min(costs) < LITTLE * min(costs) else ""
 
 
 def made_progress(costs: Sequence[float]) -> bool:
-    """Whether the last two steps of a descent have brought it far, given the smallest sum after each."""
+    """True if the last two steps of a descent reduced the sum of squares to less than the share `STEEP`. `costs` holds the
+    smallest sum after each step."""
     return len(costs) > 2 and costs[-1] < STEEP * costs[-3]
 
 
 def stop_inferior_starts(spans: Array, least: float, nothing: float = np.inf) -> Enough:
-    """Ends the first steps from several starts of one candidate, one start after the other. `spans` (m,) are the ranges of
-    the unknowns, `least` is what the best of other candidates leaves; a descent that leaves `nothing` or more by then is
-    hopeless, too."""
-    midway: list[tuple[float, Array]] = []  # where each stood after a few
+    """Stopping rule for the first steps from several starts of one candidate, used for one start after the other.
+
+    `spans` (m,) are the ranges of the unknowns. `least` is the sum of squares of the best other candidate. A descent that is
+    at `nothing` or above after `MIDWAY` runs is also given up.
+    """
+    midway: list[tuple[float, Array]] = []  # sum of squares and unknowns of each descent after MIDWAY runs
 
     def met(cost: float, inner: Array) -> bool:
         return any(abs(cost - other) < MEETS * other and float(np.max(np.abs(inner - there) / spans)) < MEETS
@@ -75,28 +78,29 @@ def stop_inferior_starts(spans: Array, least: float, nothing: float = np.inf) ->
     return enough
 
 
-# An amplitude is sought up to this many times what would move the channels by their whole misfit, as far as the tangent at
-# zero tells, and up to as many times that where it ends there.
+# Search range of an amplitude, as a multiple of the amplitude whose effect (by the tangent at zero) is as large as the whole
+# misfit. If the amplitude ends at an end of this range, the range is widened by the same factor.
 WIDE = 30.0
 STARTS = (0.15, 0.5, 0.85)  # shares of the ranges of shapes
-APART = 1.5  # where an amplitude begins that must be above another one
-SMALL = 0.02  # share of the amplitude that a score asks for with which a refit begins besides
-INSIDE = 0.4  # share of its range at which an amplitude begins besides, where the range has an end
-MOST_SHAPES = 3  # choices of the shapes from which a refit begins
-FURTHER = 16  # more of them for laws of several shapes, of which the best are taken
-LARGER = (0.7, 3.0, 12.0)  # amplitudes to be looked at besides, in units of what would move the channels by their misfit
+APART = 1.5  # start of an amplitude that must be above another one, as a multiple of the other one
+SMALL = 0.02  # share of the amplitude suggested by a score, for an additional start
+INSIDE = 0.4  # share of a bounded range of an amplitude, for an additional start
+MOST_SHAPES = 3  # number of shape choices from which a refit starts
+FURTHER = 16  # number of additional choices for laws of several shapes; the best are used
+LARGER = (0.7, 3.0, 12.0)  # additional amplitudes, in units of the one whose effect is as large as the misfit
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Where a refit begins: values of the candidate's numbers, and of the base's free parameters (inner)."""
+    """Starting point of a refit: values of the candidate's numbers (SI), and unknowns (m,) of the base model's optimiser."""
 
     numbers: Mapping[str, float]
     base: Array
 
 
 class RefitStarts:
-    """The ranges of the numbers of a candidate by their names, and the starts of its refit: `ranges`, `plans`."""
+    """Search ranges and starting points of a refit: `ranges` maps the candidate's numbers to their ranges, `plans` lists
+    the starting points."""
 
     def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score], runs: Sequence[Run]):
         self.base, self.candidate, self.guesses = base, candidate, guesses
@@ -105,7 +109,8 @@ class RefitStarts:
 
     @property
     def beside(self) -> Plan | None:
-        """A start next to the base model, from where a refit cannot end above it; None where the effect has no zero."""
+        """A start near the base model, from which a refit cannot end with a larger sum of squares. None if the effect has
+        no neutral value."""
         if not self._neutral or not self.guesses:
             return None
         first = self.plans[0].numbers
@@ -113,12 +118,12 @@ class RefitStarts:
         return Plan({**first, **small}, np.clip(self.base.inner, self.base.problem.low, self.base.problem.high))
 
     def _scale(self, guess: Score) -> float:
-        """The amplitude whose own effect is as large as the whole misfit."""
+        """The amplitude whose effect is as large as the whole misfit, by the tangent."""
         return float(np.linalg.norm(self.base.r)) / guess.size if guess.size > 0 else 1.0
 
     def _amplitudes(self) -> dict[str, tuple[float, float]]:
-        """Where each amplitude is sought; one that the records do not see (the turbulent part of a line in which the oil
-        hardly moves) stays neutral."""
+        """Search ranges of the amplitudes. An amplitude without influence on the records (for example the turbulent part
+        of a line in which the oil hardly moves) is not in the result and remains neutral."""
         found = {}
         for number in self.candidate.vanishing:
             scales = [self._scale(g) for g in self.guesses if number.name in g.along]
@@ -132,7 +137,7 @@ class RefitStarts:
 
     @property
     def _neutral(self) -> dict[str, float]:
-        """The amplitudes that are sought, each with the value at which the effect is absent."""
+        """The neutral values of the amplitudes that are estimated."""
         return {n.name: n.neutral for n in self.candidate.vanishing if n.name in self.ranges}
 
     def _plans(self) -> list[Plan]:
@@ -141,7 +146,7 @@ class RefitStarts:
         given = np.clip(problem.given, problem.low, problem.high)
         neutral = self._neutral
         vanishing = list(neutral)
-        # amplitudes that a guess does not move begin small: from an end of its range one finds no way
+        # amplitudes that a score does not move start with a small value: a descent cannot leave an end of a range
         carried = {n.name: n.neutral for n in self.candidate.vanishing if n.neutral_of}
         little = {name: neutral[name] + (g.side or 1) * SMALL * self._scale(g) for g in self.guesses for name in g.along}
         plans = []
@@ -150,13 +155,13 @@ class RefitStarts:
             size = guess.amplitude if right else (guess.side or 1) * 0.1 * self._scale(guess)
             point = np.clip(inside + guess.step, problem.low, problem.high) if right else inside
             numbers = {**carried, **little, **{name: neutral[name] + size for name in guess.along}, **guess.shapes}
-            # what must be above another amplitude begins there: at the same value its shapes would have no effect yet
+            # an amplitude that must be above another one starts there: at equal values its shapes have no effect
             numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
                             if high in vanishing and low in vanishing})
             plans += [Plan(numbers, point), Plan(numbers, given)]
         ended = {n.name: n.neutral + INSIDE * (n.high - n.neutral) for n in self.candidate.numbers
                  if n.name in vanishing and n.high is not None}
-        if plans and ended:  # at the end of a range a law may have no slope any more
+        if plans and ended:  # the derivative of a law may vanish at the end of a range
             plans.append(Plan({**plans[0].numbers, **ended}, inside))
         if not plans:
             for share in STARTS:
@@ -165,7 +170,8 @@ class RefitStarts:
         return [*plans, *self._larger(), *self._further(plans[0], vanishing)]
 
     def _further(self, first: Plan, vanishing: Sequence[str]) -> list[Plan]:
-        """For a law of several shapes more choices of them, spread over their ranges, and of its size, to be looked at."""
+        """Further starts for a law of several shape parameters: choices of its shapes and of its size, spread over their
+        ranges. The list is empty for laws with fewer than two shapes."""
         shapes = [name for name in self.ranges if name not in vanishing]
         if len(shapes) < 2:
             return []
@@ -182,9 +188,9 @@ class RefitStarts:
         return plans
 
     def _larger(self) -> list[Plan]:
-        """Amplitudes that do as much as the whole misfit, as far as the tangent tells, and several times that, either way
-        round where both are allowed. Far from the optimum it tells neither size nor sign: a machine that has swung many
-        times out of step with the record swings no further out of it."""
+        """Starts with amplitudes whose effect, by the tangent, is as large as the whole misfit or several times larger,
+        with either sign if both are allowed. Far from the optimum the tangent shows neither the size nor the sign: if the
+        model oscillates many cycles out of phase with the record, more detuning does not increase the error."""
         best = sorted(self.guesses, key=lambda g: -g.gain)
         shapes = list({tuple(g.shapes.values()): g.shapes for g in best}.values())[:MOST_SHAPES]
         scales = {n: max((self._scale(g) for g in best if n.name in g.along), default=0.0)
@@ -196,8 +202,8 @@ class RefitStarts:
 
 
 def _halton(dimensions: int, number: int) -> Array:
-    """The first points (number, dimensions) of the sequence of J. H. Halton (1960, doi:10.1007/BF01386213) in the unit cube
-    but its origin: the digits of k in a prime base, mirrored at the point."""
+    """The first points (number, dimensions) of the Halton sequence in the unit cube, without the origin: the digits of k
+    in a prime base, reversed behind the radix point (J. H. Halton, 1960, doi:10.1007/BF01386213)."""
     primes = [p for p in range(2, 60) if all(p % q for q in range(2, p))][:dimensions]
     points = np.zeros((number, len(primes)))
     for column, base in enumerate(primes):

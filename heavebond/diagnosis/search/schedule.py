@@ -1,8 +1,9 @@
-"""Which candidates are refitted, in what order, and how far each refit is followed.
+"""Selection, order and depth of the refits of a step.
 
-A score names class and place rather than the law, and costs a run; a refit costs some twenty. So those with the largest
-scores go first. Every refit is begun by a few steps, and at first only those that may still come near the best are followed
-further: all of them only where none of these comes near the noise.
+A score identifies class and place of an effect rather than its law, and costs about one run; a refit costs about twenty
+runs. Candidates with the largest scores are therefore refitted first. Each refit starts with a few steps. Only the refits
+that may still come near the best one are then continued. All refits are continued only if none of these comes near the
+noise.
 """
 
 from __future__ import annotations
@@ -22,23 +23,23 @@ from heavebond.diagnosis.search.refit_starts import HOPE
 from heavebond.diagnosis.search.scoring import Score
 from heavebond.diagnosis.search.workers import Workers
 
-FIRST = 6  # candidates are begun before the others, which are given up early beside the best of them
-REFITS = 24  # at least so many candidates are refitted, those with the largest scores
-PROMISING = 0.1  # and where one of a class at a place has a gain of this share of the largest, all there
-AT_LEAST = 0.01  # that have this share of it
-BEGINNING = 2 / 3  # share of the time after which no refit is begun, so that the promising ones can be followed
-TWINS = 1 - 5e-8  # candidates whose directions agree to this are the same machine,
-ALIKE = 1e-3  # their gains and shapes to this share,
-JOINED = 0.02  # and to this one where they are the same law at nodes that move as one
+FIRST = 6  # number of candidates that are started first; others are ended early if they are much worse
+REFITS = 24  # minimum number of refitted candidates, those with the largest scores
+PROMISING = 0.1  # if one law of a class at a place reaches this share of the largest gain, all laws there
+AT_LEAST = 0.01  # that reach this share of it are refitted, too
+BEGINNING = 2 / 3  # share of the time after which no refit is started, so that promising ones can be continued
+TWINS = 1 - 5e-8  # candidates are equivalent if the cosine of their directions exceeds this,
+ALIKE = 1e-3  # and their gains and shapes agree to this share,
+JOINED = 0.02  # or to this share for the same law at nodes that move together
 
-Job = tuple[Candidate, list[Score]]  # to be refitted
+Job = tuple[Candidate, list[Score]]  # a candidate that will be refitted, with its scores
 
 
 @dataclass
 class RefitSchedule:
-    """The refits of a step as far as they have come, by the labels of their candidates; `failed` are the labels of those
-    that could not be simulated. `explains`: whether a refit takes away so much of the misfit that a further step is made
-    before more candidates are refitted."""
+    """The refits of a step so far, by the labels of their candidates. `failed` lists the labels of candidates with which
+    the diagram could not be simulated. `explains` is a predicate: true if a refit explains so much of the misfit that a
+    further step is made before more candidates are refitted."""
 
     workers: Workers
     say: Progress
@@ -47,13 +48,13 @@ class RefitSchedule:
     failed: list[str] = field(default_factory=list)
 
     def make(self, leading: Sequence[Job], rest: Sequence[Job], until: float) -> bool:
-        """Refit the leading candidates, and the rest if none of these comes near the noise, `until` a time of
-        `time.perf_counter`. Return whether all that concerns the leading candidates was done.
+        """Refit the leading candidates. If none of them comes near the noise, refit the rest as well.
 
-        Candidates with the largest scores are first: compared with the best of them, the others are soon seen to leave
-        more. If one of the first `REFITS` explains the misfit, but more than noise is left, other effects are missing as
-        well. The remaining candidates are then not refitted: the next step scores them on the residual, and each effect is
-        sought again among all candidates in the presence of the others.
+        Candidates with the largest scores are refitted first: compared with the best of them, inferior candidates are
+        recognised after a few steps. If one of the first `REFITS` candidates explains most of the misfit, but its residual
+        is more than noise, other effects are missing as well. The remaining candidates are then not refitted, because the
+        next step scores them on the residual, and each effect is searched again with the others in the diagram. `until` is a
+        time of `time.perf_counter`. The result is true if all planned refits of the leading candidates were completed.
         """
         guesses = {c.label: g for c, g in (*leading, *rest)}
         now = clock.perf_counter()
@@ -74,11 +75,11 @@ class RefitSchedule:
 
     @property
     def explained(self) -> bool:
-        """Whether more than noise is left, and one of the refits takes away most of the misfit."""
+        """True if no refit comes near the noise, but one of them explains most of the misfit."""
         return unexplained(self.trials.values()) and any(map(self.explains, self.trials.values()))
 
     def _begin(self, jobs: Sequence[Job], others: str, until: float) -> bool:
-        """Whether all of them were begun."""
+        """Make the first steps of these refits; true if all of them were started in time."""
         done = 0
         least = min((trial.cost for trial in self.trials.values()), default=0.0)
         for done, (candidate, trial) in enumerate(self.workers.begin(jobs, least, until), 1):
@@ -91,7 +92,7 @@ class RefitSchedule:
         return done == len(jobs)
 
     def _follow(self, trials: Iterable[Refit], guesses: Mapping[str, Sequence[Score]], until: float) -> None:
-        """Follow those that were only begun, best first."""
+        """Continue the refits that have made only their first steps, the best first."""
         open_ = sorted((t for t in trials if t.begun), key=lambda t: t.cost)
         jobs = [(t, guesses[t.candidate.label]) for t in open_]
         for done, (candidate, trial) in enumerate(self.workers.follow(jobs, until), 1):
@@ -106,23 +107,26 @@ class RefitSchedule:
 
 
 def _hopeful(trials: Iterable[Refit]) -> list[Refit]:
-    """Those that may still come near the best."""
+    """The refits that may still come near the best one."""
     found = list(trials)
     least = min((t.cost for t in found), default=0.0)
     return [t for t in found if t.cost <= HOPE * least or t.falls]
 
 
 def unexplained(trials: Iterable[Refit]) -> bool:
-    """Whether none of them comes near the noise: then the score, which is local, may have misled. A free parameter that the
-    missing effect has moved far away turns the sign of the tangent."""
+    """True if no refit comes near the noise. In this case the scores may be misleading, as they are local: if the missing
+    effect has moved a free parameter far from its true value, the tangent can have the wrong sign."""
     return all(max(t.chi2_fit, t.chi2_held_out if t.samples_held_out else 0.0) > DECISION.near for t in trials)
 
 
 def planned(scores: Sequence[Score], as_one: Mapping[str, str]
             ) -> tuple[list[Job], list[Job], dict[str, tuple[str, ...]]]:
-    """What is refitted first, what after that, and which candidates are the same as one of them. After a strong misfit a
-    score names class and place rather than the law: all laws of one class at one place come together, the largest gain of
-    any of them first."""
+    """Divide the candidates into those that are refitted first and the rest, and find equivalent candidates.
+
+    After a strong misfit a score identifies class and place rather than the law. All laws of one class at one place are
+    therefore sorted by the largest gain of any of them. The third result maps the label of a candidate to the labels of
+    candidates that are equivalent to it; these are not refitted.
+    """
     families: dict[object, float] = {}
     for score in scores:
         families[_family(score)] = max(score.gain, families.get(_family(score), 0.0))
@@ -138,7 +142,7 @@ def planned(scores: Sequence[Score], as_one: Mapping[str, str]
         if k is None:
             kept.append(group)
             continue
-        # of the same machine twice the one stands that comes first in the catalogue: a part's own dormant effect
+        # of two equivalent candidates keep the first one of the catalogue, where dormant effects of parts come first
         other = kept[k][0].candidate.label
         first, second = sorted((other, label), key=place.__getitem__)
         kept[k] = group if first == label else kept[k]
@@ -153,8 +157,9 @@ def planned(scores: Sequence[Score], as_one: Mapping[str, str]
 
 
 def _in_turn(jobs: Sequence[Job]) -> list[Job]:
-    """The first of each class, then the second, ...: where time is short every class has had its turn, however many laws
-    and places another one has that promise a little more."""
+    """Sort the jobs so that the first candidate of each class comes first, then the second candidate of each class, and
+    so on. If time is short, each class is tried, even if another class has many laws and places with slightly larger
+    scores."""
     before: Counter[str] = Counter()
     turns = []
     for candidate, _ in jobs:
@@ -164,15 +169,19 @@ def _in_turn(jobs: Sequence[Job]) -> list[Job]:
 
 
 def _family(score: Score) -> tuple[str, frozenset[str]]:
-    """Class and place."""
+    """Class and place of the candidate."""
     return score.candidate.kind, frozenset(score.candidate.where)
 
 
 def _same(one: Sequence[Score], other: Sequence[Score], as_one: Mapping[str, str]) -> bool:
-    """Whether two candidates move all channels in the same proportion at all shapes: one law at places that act alike.
-    Where its nodes move as one it is the same machine, and only what a channel measures inside of what joins them could tell
-    them apart; steps over kinks make some directions rough, so that there the clearest decides. (A lag of an input and of a
-    channel stand at no node, and differ by their initial states.)"""
+    """True if two candidates move all channels in the same proportion at all choices of their shapes: one law at places with
+    the same influence.
+
+    If the nodes of both candidates move together, they model the same machine, unless a channel measures a quantity inside
+    the connection between the nodes. Steps of the integrator across kinks make some directions inaccurate. In this case only
+    the scores at the shape choice with the largest gain are compared. (Lags of an input and of a channel have no nodes, and
+    differ by their initial states.)
+    """
     a, b = one[0].candidate, other[0].candidate
     if a.vanishes != b.vanishes or len(one) != len(other) or len(a.numbers) != len(b.numbers):
         return False
@@ -183,29 +192,32 @@ def _same(one: Sequence[Score], other: Sequence[Score], as_one: Mapping[str, str
 
 
 def _alike(one: Score, other: Score, share: float, cosine: float) -> bool:
-    """Whether two scores are the same to this share, and their directions to this cosine."""
+    """True if the shapes and gains of two scores agree to the relative tolerance `share`, and the cosine of their
+    directions exceeds `cosine`."""
     shapes, others = _shapes(one)[0], _shapes(other)[0]
-    # one of them may be allowed in the other direction only
+    # opposite directions agree as well: one candidate may have the other sign only
     return len(shapes) == len(others) and np.allclose(shapes, others, rtol=share) and \
         abs(one.gain - other.gain) <= share * max(one.gain, other.gain) and \
         abs(float(one.direction @ other.direction)) > cosine
 
 
 def _nodes(candidate: Candidate, as_one: Mapping[str, str]) -> list[str]:
-    """The nodes that a candidate is put on, those that move as one by one name."""
+    """The nodes to which a candidate is attached, with one name for nodes that move together."""
     return [as_one.get(node, node) for node in candidate.change.nodes]
 
 
 def _shapes(score: Score) -> tuple[list[float], int, int]:
-    """The choice of shapes and amplitudes and the side at which it was taken."""
+    """Sort key: the shape values, the number of amplitudes and the side of the neutral value."""
     return list(score.shapes.values()), len(score.along), score.side
 
 
 def beyond_their_members(scores: Sequence[Score]) -> list[Score]:
-    """The scores without those of laws at several places that promise less than the law does at one of these on average.
+    """Remove laws at several places at once whose score is smaller than the average score of the same law at one of these
+    places.
 
-    With the effect at all of them the residual is along the sum of the members' directions, whose score is then the largest
-    of all as far as the tangent holds; with the effect at one of two unlike directions it is the average.
+    If the effect acts at all these places, the residual is along the sum of the members' directions. The joint score is then
+    the largest, as long as the tangent is accurate. If the effect acts at only one of two places with different directions,
+    the joint score equals the average of the members.
     """
     best: dict[str, float] = {}
     for score in scores:

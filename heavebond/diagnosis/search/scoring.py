@@ -1,23 +1,23 @@
 """Score of each candidate: how much of the misfit it could explain, from the exact sensitivity to its amplitude at zero.
 
-With r (n,) the residuals of the data over their noise at the base model's optimum, J (n, m) their derivatives to the free
-parameters and s (n,) those to the amplitude a of a candidate that is in the diagram at a = 0,
+Let r (n,) be the residuals of the data over their noise at the base model's optimum, J (n, m) their derivatives with respect
+to the free parameters, and s (n,) their derivative with respect to the amplitude a of a candidate that is in the diagram at
+a = 0. P holds the priors of the free parameters. The score (Lagrange multiplier) test is
 
-    s_o = s - J (J'J + P)^-1 J's,     z = -s_o'r / |s_o|,     gain = z**2 (0 if the sign is not allowed),
+    s_o = s - J (J'J + P)^-1 J's,     z = -s_o'r / |s_o|,     gain = z**2 (0 if the sign is not allowed).
 
-is the score (Lagrange multiplier) test: P holds the priors of the free parameters. If nothing is missing, z is normal with
-variance 1; with an amplitude a its mean is a |s_o| (the noncentrality), which says how large an effect must be to be seen.
-C. R. Rao (1948), doi:10.1017/S0305004100023987.
+If no effect is missing, z is normal with variance 1. With an amplitude a, its mean is a |s_o| (the noncentrality). This
+gives the size that an effect must have to be detected. C. R. Rao (1948), doi:10.1017/S0305004100023987.
 
-A score is local: after a strong misfit it orders the work and names the family rather than the law. An amplitude that is
-too small to be seen may already change how the machine moves (a leakage that is the only way out of a chamber). If the
-tangent turns before the effect can be seen, the tangent at a visible amplitude is a second score. There every tangent is
-compared with the secant, and the secant replaces a tangent that promised more.
+A score is local. After a strong misfit it determines the order of the refits, and identifies the family rather than the law.
+An amplitude that is too small to be detected may already change the motion of the machine (a leakage that is the only path
+out of a chamber). If the tangent turns before the effect can be detected, the tangent at a detectable amplitude gives a
+second score. There each tangent is compared with the secant, and the secant replaces a tangent that predicted more.
 
-Some candidates make the diagram singular at zero: at R = 0 a pressure loss R between two volumes makes their pressures
-equal, and no equation gives the flow between them. Such amplitudes are tried over decades around the natural size of their
-place. With X the span of the across variable of the node there and Y the largest through variable of the port in the base
-model, the dimension of the amplitude gives the powers in X**a * Y**b: X/Y for R, X/Y**2 for a turbulent loss.
+Some candidates make the diagram singular at zero. A pressure loss R = 0 between two volumes makes their pressures equal, and
+no equation gives the flow between them. Such amplitudes are tried over decades around the natural size of their place.
+The natural size is X**a * Y**b. X is the span of the across variable of the node, and Y the largest through variable of the
+port in the base model. The dimension of the amplitude determines the exponents: X/Y for R, X/Y**2 for a turbulent loss.
 """
 
 from __future__ import annotations
@@ -41,14 +41,15 @@ from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Probe
 
-# Of the natural size: below the first the two ends are one for all that is measured, above the last next to nothing passes.
+# Multiples of the natural size: below LOWEST both sides are equal in all measurements, above HIGHEST the flow is negligible.
 LOWEST, HIGHEST = 1e-5, 10.0
-POWERS = ((1, -1), (-1, 1), (1, -2))  # of X and Y: a resistance, a conductance, a resistance to the square
+POWERS = ((1, -1), (-1, 1), (1, -2))  # exponents of X and Y: a resistance, a conductance, a quadratic resistance
 
 
 def from_finite_amplitudes(base: Base, candidate: Candidate) -> Candidate | None:
-    """The candidate with all its amplitudes sought around the natural size of its place; None where it does not stand in
-    series with a port, nothing moves there, or an amplitude is of another kind."""
+    """The candidate with finite search ranges of all amplitudes, around the natural size of its place. None if it is not
+    in series with a port, if the variables there do not change, or if an amplitude has another dimension than those in
+    `POWERS`."""
     if candidate.attaches != "in series":
         return None
     sizes = _sizes(base, candidate)
@@ -58,14 +59,15 @@ def from_finite_amplitudes(base: Base, candidate: Candidate) -> Candidate | None
 
 
 def ranged(candidate: Candidate, ranges: Mapping[str, tuple[float, float]]) -> Candidate:
-    """The candidate with amplitudes that are sought in these ranges (SI) instead of from zero on."""
+    """The candidate with these search ranges (SI) of its amplitudes, in place of ranges that begin at zero."""
     return replace(candidate, numbers=tuple(
         replace(n, sought=SearchRange(Range(*ranges[n.name], n.unit), "")) if n.name in ranges else n
         for n in candidate.numbers))
 
 
 def _sizes(base: Base, candidate: Candidate) -> dict[Dimension, float]:
-    """The natural sizes at the place of a candidate by their dimensions; none where nothing moves."""
+    """Natural sizes of amplitudes at the place of a candidate, by their dimension. Empty if the variables there do not
+    change."""
     run = base.problem.runs[0]
     node = nodes_of(run.assembly.flat).get(candidate.where[0])
     port = next((end.lstrip("-") for ends in candidate.change.nodes.values() for end in ends if end.startswith("-")), "")
@@ -81,46 +83,51 @@ def _sizes(base: Base, candidate: Candidate) -> dict[Dimension, float]:
     return {times(times((), members[0], a), members[1], b): x**a * y**b for a, b in POWERS}
 
 
-# Of a direction less than this share is left when what is free has taken its part: the candidate acts as the free
-# parameters do, and no record can tell them apart.
+# Smallest share of a direction that the free parameters cannot explain. Below it, the candidate has the same influence as
+# the free parameters, and the records cannot distinguish them.
 SAME = 1e-3
-# Share of the amplitude that would move the channels by the whole misfit, at which the tangent beside a kink is taken.
+# Amplitude at which the tangent next to a kink is computed, as a share of the amplitude whose effect is as large as the
+# misfit.
 BESIDE = 1e-3
-# z from which one effect is seen, at whose amplitude a second tangent is taken; and the cosine of the two (what free
-# parameters take left out) above which they are one: the second would tell 1 % more of the misfit.
+# A second tangent is computed at the amplitude with z = SEEN, at which the effect is clearly detected. It is dropped if its
+# cosine with the first tangent (both without the part that the free parameters explain) exceeds TURNED, because it would
+# then explain at most 1 % more of the misfit.
 SEEN, TURNED = 5.0, 0.995
-# The secant at that amplitude checks both tangents: they are wrong where it brings less than either by more than this share,
-# as the derivative of a weak effect of a stiff machine may be numerical noise. Then the secant at a larger amplitude takes
-# their place, so many decades larger at most, until the effect is seen.
+# The secant at that amplitude checks both tangents. They are wrong if both exceed the secant by more than the share AGREES;
+# for example, the derivative of a weak effect in a stiff machine may be numerical noise. A secant at a larger amplitude then
+# replaces them. The amplitude is increased until the effect is detected, by at most DECADES decades.
 AGREES, DECADES = 0.2, 15
-# What is sought where the motion of the base model goes is sought this share of its span beyond: the machine and other
-# records move further, and a limit that is not reached must not stand where they do.
+# The range of a number that is searched within the motion of the base model is extended by this share of its span: the
+# machine and other records may move further, and a limit that is not reached must lie outside their motion.
 BEYOND = 0.5
-# A motion is taken to begin at zero where its smallest value is less than this share of the largest: of a magnitude that
-# passes zero the smallest sample tells how near to zero one came to lie, and points between the two would all be small.
+# The lower end of a range of motion is set to zero if it is less than this share of the upper end. The smallest sample of a
+# magnitude that passes through zero is arbitrary, and a logarithmic scale from there would yield small values only.
 PASSES = 1e-3
-# The size of an amplitude for error control: it moves the channels by so many times the misfit. With 10 the tangents of a
-# stiff rig err by 1 % in runs of a third more evaluations, with 1 by 5 %, with 0.01 by as much as they are. It is sought in
-# so many runs at most, until one changes it by less than a factor.
+# The size of an amplitude for error control is SIZED times the amplitude whose effect is as large as the misfit. The error
+# of the tangents of a stiff rig is 1 % with 10 (and a third more evaluations), 5 % with 1, and 100 % with 0.01. The size is
+# iterated in at most RUNS runs, until it changes by less than the factor STAYS.
 SIZED, RUNS, STAYS = 10.0, 6, 3.0
-# A difference of two runs of the search is nothing where it is below so many times the error of one: the two err alike or
-# apart, up to twice as much.
+# A difference of two search runs is treated as zero if it is below ROUGH times the error of one run: the errors of both may
+# add.
 ROUGH = 2.0
 
 
-# Shares of the duration at which the step of a parameter in time is scored: the tangent of a step tells where it must move
-# only as far as its width.
+# Shares of the duration at which the step of a parameter in time is scored. The tangent with respect to the time of a step
+# is valid only within the width of the step.
 INSTANTS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
 
 @dataclass(frozen=True)
 class Score:
-    """One candidate at one choice of its shapes: z (see the module), the amplitude that the score asks for, `step` of the
-    free parameters with it (in inner unknowns), the size |s| of its direction and the share of it that the free parameters
-    do not take; `direction` (n,) is s_o / |s_o|, and s / |s| where the free parameters take it all. An unseen one moves no
-    channel beyond a thousandth of the noise. Of several amplitudes those `along` are moved, which have one unit (a stiffness
-    and a damping have no common size). A law with a kink at amplitude zero, or whose tangent turns near it, has another
-    tangent on either `side` (1, -1; 0: at zero), each with its own score."""
+    """Score of one candidate at one choice of its shapes.
+
+    z: see the module. `amplitude` is the amplitude that the score suggests, `step` (m,) the change of the free parameters
+    with it (in unknowns of the optimiser). `size` is |s|. `share` is |s_o| / |s|, the share of the direction that the free
+    parameters cannot explain. `direction` (n,) is s_o / |s_o|, or s / |s| if the free parameters explain all of it. `along`
+    are the amplitudes that are moved together; they have the same unit, as a stiffness and a damping have no common size.
+    `side` is 0 for the tangent at zero. A law with a kink at amplitude zero, or whose tangent turns near zero, has separate
+    tangents and scores on the sides 1 and -1.
+    """
 
     candidate: Candidate
     shapes: Mapping[str, float]
@@ -135,24 +142,26 @@ class Score:
 
     @property
     def gain(self) -> float:
-        """How much chi-square it would take away, as far as the tangent holds."""
+        """The reduction of chi-square to first order."""
         return self.z**2 if self.z > 0 or self.signed else 0.0
 
     @property
     def signed(self) -> bool:
-        """Whether the amplitude may have either sign."""
+        """True if the amplitude may have either sign."""
         return self.side == 0 and any(may_be_below_neutral(n) for n in _amplitudes_of(self))
 
     @property
     def told_apart(self) -> bool:
-        """Whether the records see it as anything but the free parameters."""
+        """True if the records distinguish the effect from changes of the free parameters."""
         return self.size > 0 and self.share > SAME
 
 
 def scored(base: Base, candidate: Candidate, shared: SharedDiagram | None = None) -> list[Score]:
-    """The scores of one candidate at a few choices of its shapes; none where the diagram with it cannot be simulated. Where
-    it is one of several in a `shared` diagram, its runs are made with that, the others asleep; where it cannot be simulated
-    at amplitude zero, from finite amplitudes on."""
+    """Compute the scores of one candidate at a few choices of its shapes.
+
+    If the candidate is in a `shared` diagram, this diagram is simulated with the other candidates inactive. If the diagram
+    cannot be simulated at amplitude zero, finite amplitudes are used. The list is empty if no simulation succeeds.
+    """
     if candidate.differs:
         return _of_records(base, candidate)
     found = _scored_from_zero(base, candidate, shared)
@@ -162,9 +171,9 @@ def scored(base: Base, candidate: Candidate, shared: SharedDiagram | None = None
 
 
 def _of_records(base: Base, candidate: Candidate) -> list[Score]:
-    """The score of a parameter with a value of its own for each record. Its directions are the derivatives to the
-    parameter on one record each; together they take away the projection of the residual on what the free parameters leave
-    of them."""
+    """The score of a parameter that has a separate value in each record. Each direction is the derivative with respect to
+    the parameter in one record, without the part that the free parameters explain. The gain is the squared length of the
+    projection of the residual on all directions."""
     (name, _), = candidate.change.each.items()
     columns = [k for k, column in enumerate(base.problem.columns) if column.free.name == name]
     try:
@@ -177,7 +186,7 @@ def _of_records(base: Base, candidate: Candidate) -> list[Score]:
         own[ends[k]:ends[k + 1], k] = whole[ends[k]:ends[k + 1]]
     left = np.column_stack([base.split(column)[0] for column in own.T])
     common, least = left.sum(axis=1), SAME * float(np.linalg.norm(whole))
-    if float(np.linalg.norm(common)) > least:  # another value on all records alike is no difference between them
+    if float(np.linalg.norm(common)) > least:  # a common change in all records is not a difference between them
         left = left - np.outer(common, common @ left / (common @ common))
     basis, sizes, _ = np.linalg.svd(left, full_matrices=False)
     basis = basis[:, sizes > max(least, 1e-300)]
@@ -190,7 +199,7 @@ def _of_records(base: Base, candidate: Candidate) -> list[Score]:
 
 
 def _scored_from_zero(base: Base, candidate: Candidate, shared: SharedDiagram | None) -> list[Score]:
-    """The scores where zero is a value like others."""
+    """The scores of a candidate whose diagram can be simulated at amplitude zero."""
     sleeping = base.sleeping(shared, candidate.label)
     if shared is None or sleeping is None:
         return _all_scores(base, candidate, lambda one, names: base.runs(one.change, names))
@@ -202,7 +211,8 @@ def _scored_from_zero(base: Base, candidate: Candidate, shared: SharedDiagram | 
 
 
 def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate, list[str]], list[Run]]) -> list[Score]:
-    """The scores by the `prepared` runs of a candidate with sensitivities to some of its numbers."""
+    """The scores of a candidate at all choices of its shapes. `prepared` returns runs with sensitivities to the numbers
+    of the candidate that it receives."""
     try:
         moving = [n.name for n in candidate.vanishing]
         runs = prepared(candidate, moving)
@@ -223,22 +233,25 @@ def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate,
                           for score in _on_sides(base, first, runs, kink)]
             else:
                 found.append(_scored(base, candidate, shapes, _difference(base, runs, shapes), ROUGH * base.error))
-        except HeavebondError:  # this choice of the shapes cannot be simulated
+        except HeavebondError:  # the diagram cannot be simulated at this choice of the shapes
             continue
     return found
 
 
 def _neutral(candidate: Candidate) -> dict[str, float]:
-    """The amplitudes where the effect is absent."""
+    """The amplitudes with their neutral values, at which the effect is absent."""
     return {n.name: n.neutral for n in candidate.vanishing}
 
 
 def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping[str, float], kink: bool,
               sizes: Mapping[str, float]) -> tuple[list[Run], dict[str, Array], dict[str, float]]:
-    """d r / d a (n,) for each amplitude at zero, runs whose error control knows how large amplitudes are, and these sizes;
-    `sizes` are those that the error control of the given runs knows, from another choice of the shapes. It takes one
-    that is zero for one unit; what 1 N of friction does to a machine of 100 t is less than the integrator errs by, and the
-    tangent would be that; what 1 m3/(s Pa) of a leakage does is so much that the runs would be finer than they need be."""
+    """Compute the derivatives dr/da (n,) at zero for each amplitude, with error control that is scaled to the amplitudes.
+
+    The results are the runs, the derivatives, and the amplitude sizes used in the error control. `sizes` are the sizes from
+    another choice of the shapes. Without sizes, the error control would use 1 unit for an amplitude that is zero. The effect
+    of 1 N of friction on a machine of 100 t is below the integration error, so that the tangent would be numerical noise.
+    The effect of 1 m3/(s Pa) of leakage is so large that the runs would be unnecessarily accurate.
+    """
     there = {**_neutral(candidate), **shapes}
     moved = sensitivities(base, runs, there)
     zero = {n.name: n for n in candidate.vanishing if n.neutral == 0}
@@ -249,19 +262,20 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
         steps = {name: min(step, zero[name].high or np.inf) for name, step in steps.items()}
         settled = all(step < STAYS * sizes[name] for name, step in steps.items())
         fine = settled and all(step * STAYS > sizes[name] for name, step in steps.items())
-        if fine or (settled and kink):  # runs beside a kink must not step over where the law changes
+        if fine or (settled and kink):  # runs next to a kink need steps that resolve the change of the law
             break
         sizes |= steps
         runs = [run.again(run.names, sizes, QuickSimulator) for run in runs]
-        if settled:  # the tangent is finer than it need be, and so would the runs beside it be
+        if settled:  # the tangent is more accurate than necessary; later runs use the new sizes
             break
         moved = sensitivities(base, runs, there)
     return runs, moved, sizes
 
 
 def _at_zero(base: Base, candidate: Candidate, moved: Mapping[str, Array], shapes: Mapping[str, float]) -> list[Score]:
-    """The scores at amplitude zero, where d r / d a is `moved`: amplitudes of one unit move together. Those that have the
-    value of an old parameter instead of zero move alone: together they are another value of that parameter."""
+    """The scores at amplitude zero, with the derivatives `moved` of the residuals. Amplitudes of one unit are moved
+    together. Amplitudes whose neutral value is the value of a replaced parameter are moved one at a time, because moving
+    them together is the same as changing that parameter."""
     together: dict[tuple[Dimension, str], list[str]] = {}
     for number in candidate.vanishing:
         together.setdefault((number.unit.dimension, number.name if number.neutral_of else ""), []).append(number.name)
@@ -270,33 +284,36 @@ def _at_zero(base: Base, candidate: Candidate, moved: Mapping[str, Array], shape
 
 
 def may_be_below_neutral(number: EffectNumber) -> bool:
-    """Whether it is an amplitude that may be less than neutral."""
+    """True if the number is an amplitude that may be below its neutral value."""
     return number.amplitude and (number.low is None or number.low < number.neutral)
 
 
 def admissible_sides(amplitudes: Sequence[EffectNumber]) -> tuple[int, ...]:
-    """The sides of neutral (1, -1) on which they may be, together."""
+    """The sides of the neutral value (1: above, -1: below) that the bounds of these amplitudes allow."""
     return (1, -1) if any(map(may_be_below_neutral, amplitudes)) else (1,)
 
 
 def _kinked(base: Base, candidate: Candidate) -> bool:
-    """Whether its law has a kink at amplitude zero."""
+    """True if the law of the candidate has a kink at amplitude zero."""
     amplitudes = {n.name.rpartition(".")[2]: n for n in candidate.vanishing}
     component = base.problem.experiment.model.library.component(candidate.component)
     return any(kinked(side, amplitudes) for line in component.equations for side in (line.tree.left, line.tree.right))
 
 
 def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> list[Score]:
-    """The score at amplitude zero and those beside it that say something else. At a kink these stand alone: they are taken
-    at so small an amplitude that it does next to nothing, since the derivative at the kink itself is of neither side (of a
-    valve whose edges shut at the same point, a thousand times that of either)."""
+    """The score at amplitude zero, and the scores from both sides of zero if they differ from it.
+
+    For a law with a kink, only the scores from the sides are returned. They are taken at an amplitude that is so small that
+    its effect is negligible. The derivative at the kink itself belongs to neither side. For example, for a valve whose edges
+    close at the same point, it is a thousand times the derivative on either side.
+    """
     amplitudes = _amplitudes_of(at_zero)
     if at_zero.size == 0 or not amplitudes or not (kink or at_zero.told_apart):
         return [at_zero]
     step = BESIDE * float(np.linalg.norm(base.r)) / at_zero.size if kink else SEEN / (at_zero.size * at_zero.share)
     beside, seen, wrong = [], [], 0
     for side in admissible_sides(amplitudes):
-        with suppress(HeavebondError):  # so much cannot be simulated, or is more than there may be
+        with suppress(HeavebondError):  # the amplitude cannot be simulated or exceeds its bound
             found, effect = _beside(base, at_zero, runs, side * step)
             if not kink and _promised_more(base, step * min(at_zero.size, found.size), effect) \
                     and (secant := _secant(base, at_zero, runs, side * step)) is not None:
@@ -311,13 +328,14 @@ def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> li
 
 
 def _promised_more(base: Base, promised: float, effect: Array) -> bool:
-    """Whether an effect (n,) is less than promised by either of the tangents at its ends, which no smooth law is."""
+    """True if the effect (n,) of a finite amplitude is smaller than `promised` by more than the numerical error. `promised`
+    is the smaller one of the predictions of the tangents at zero and at this amplitude. A smooth law cannot give less."""
     return float(np.linalg.norm(effect)) < promised - max(AGREES * promised, ROUGH * base.error)
 
 
 def _secant(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Score | None:
-    """The score from the secant at an amplitude, decades beyond `step` beside neutral, where the effect can be seen; None
-    where none can be simulated."""
+    """The score from the secant at an amplitude that is large enough for the effect to be detected, up to `DECADES`
+    decades above `step`. None if no amplitude can be simulated."""
     side = 1 if step > 0 else -1
     ends = [(n.high if side > 0 else n.low, n.neutral) for n in _amplitudes_of(at_zero)]
     most = min((abs(end - neutral) for end, neutral in ends if end is not None), default=np.inf)
@@ -338,17 +356,18 @@ def _secant(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Sco
 
 
 def _at(score: Score, step: float) -> dict[str, float]:
-    """The values of a score's candidate with its amplitudes `step` beside neutral."""
+    """The values of the candidate's numbers with the amplitudes at their neutral values plus `step`."""
     return {**_neutral(score.candidate), **score.shapes, **{n.name: n.neutral + step for n in _amplitudes_of(score)}}
 
 
 def _turned(one: Score, other: Score) -> bool:
-    """Whether two scores of a candidate are about different directions."""
+    """True if two scores of a candidate have different directions."""
     return one.size > 0 and float(one.side * one.direction @ other.direction) < TURNED
 
 
 def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> tuple[Score, Array]:
-    """The score from the tangent at an amplitude, and the effect (n,) of that on the residuals."""
+    """The score from the tangent at an amplitude `step` from the neutral value, and the effect (n,) of this amplitude on
+    the residuals."""
     side = 1 if step > 0 else -1
     r, moved = responses(base, runs, _at(at_zero, step))
     s = side * np.sum([moved[name] for name in at_zero.along], axis=0)
@@ -362,7 +381,8 @@ def _amplitudes_of(score: Score) -> list[EffectNumber]:
 
 
 def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate:
-    """The candidate with the numbers that are held at what the motion says (`middle s`) set to it, and no longer sought."""
+    """The candidate with its held numbers fixed at the value that the motion of the base model gives (`middle s`,
+    `half s` or `peak s`)."""
     held = {n.name: n for n in candidate.numbers if n.sought is not None and n.sought.held}
     values = {}
     seen = motion_ranges(list(held.values()), runs, base)
@@ -375,7 +395,7 @@ def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate
 
 
 def holding(candidate: Candidate, values: Mapping[str, str]) -> Candidate:
-    """The candidate with numbers set to values, as they are written, and no longer sought."""
+    """The candidate with these numbers fixed at `values` (with units, as text) and excluded from the search."""
     if not values:
         return candidate
     return replace(candidate, change=candidate.change.with_values(values),
@@ -383,15 +403,16 @@ def holding(candidate: Candidate, values: Mapping[str, str]) -> Candidate:
 
 
 def _difference(base: Base, runs: Sequence[Run], shapes: Mapping[str, float]) -> Array:
-    """What an effect that has no zero does to the residuals (n,) from a finite value on: the secant in place of the
-    tangent, so that an amplitude of 1 is that value."""
+    """The change of the residuals (n,) from an effect without a neutral value, at a finite value of its numbers. It
+    replaces the tangent; an amplitude of 1 is the effect at this value."""
     return plain_residuals(base, runs, shapes) - base.quick
 
 
 def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Array, least: float = 0.0) -> Score:
-    """The score along s (n,); one no larger than `least` is taken for the errors of the integrator. (Of a tangent there is
-    none: what an amplitude does not move has the derivative 0, and how small another one is depends on its unit alone.)"""
-    with np.errstate(over="ignore"):  # a run that went astray
+    """The score along s (n,). If |s| is at most `least`, s is treated as the error of the integrator and the score is
+    zero. Tangents need no such limit: the derivative with respect to an amplitude without effect is exactly 0, and the
+    size of other derivatives depends on the unit of the amplitude."""
+    with np.errstate(over="ignore"):  # a run that diverged
         size = float(np.linalg.norm(s))
     if not np.isfinite(size) or size <= least:
         return Score(candidate, shapes, 0.0, 0.0, np.zeros(len(base.inner)), 0.0, 0.0, np.zeros(0))
@@ -404,14 +425,16 @@ def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Ar
 
 
 def shape_points(candidate: Candidate, runs: Sequence[Run], base: Base) -> list[dict[str, float]]:
-    """Choices of the shape parameters (see `points_within`) by the motion in these runs."""
+    """Choices of the shape parameters from the motion in these runs, see `points_within`."""
     return points_within(candidate, motion_ranges(candidate.numbers, runs, base))
 
 
 def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
-    """Choices of the shape parameters: points along the diagonal of their ranges, in logarithms above zero. Where the motion
-    alone leaves no range (a limit above zero of what moves below zero only), that of a refit. `motions` as from
-    `motion_ranges`."""
+    """Choices of the shape parameters: points along the diagonal of their ranges, in logarithms if a range is above zero.
+
+    `motions` are ranges of motion as from `motion_ranges`. If the motion alone gives an empty range (a limit that must be
+    positive for a variable that is always negative), the extended range of a refit is used.
+    """
     ranges = _ranges_within(candidate, motions, 0.0)
     if any(n.sought is not None and n.name not in ranges for n in candidate.numbers):
         ranges = {**_ranges_within(candidate, motions, BEYOND), **ranges}
@@ -422,7 +445,7 @@ def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float
     for share in INSTANTS if candidate.attaches == "parameter" else \
             (0.1, 0.5, 0.9) if not candidate.vanishes else (0.25, 0.5, 0.75) if signed else (0.25, 0.75):
         point = {name: point_of_range(low, high, share) for name, (low, high) in ranges.items()}
-        for high_one, low_one in candidate.orders:  # a pair of limits is drawn together from outside
+        for high_one, low_one in candidate.orders:  # a pair of limits is moved from the ends of the range inwards
             for name, part in ((high_one, 1 - share / 2), (low_one, share / 2)):
                 if name in ranges:
                     point[name] = point_of_range(*ranges[name], part)
@@ -431,14 +454,14 @@ def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float
 
 
 def point_of_range(low: float, high: float, share: float) -> float:
-    """A point of a range: geometric above zero."""
+    """The point at `share` of a range, on a logarithmic scale if the range is above zero."""
     return float(low * (high / low) ** share) if low > 0 else float(low + (high - low) * share)
 
 
 def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: float = 0.0
                  ) -> dict[str, tuple[float, float]]:
-    """Where each shape is sought; `seen s` by the motion of s in the base model, and a share `beyond` of its span
-    further."""
+    """Search range of each shape. For a shape with `seen s`, the range is the motion of s in the base model, extended at
+    both ends by the share `beyond` of its span."""
     return _ranges_within(candidate, motion_ranges(candidate.numbers, runs, base), beyond)
 
 
@@ -462,8 +485,8 @@ def _ranges_within(candidate: Candidate, seen: Mapping[str, tuple[float, float]]
 
 
 def motion_ranges(numbers: Sequence[EffectNumber], runs: Sequence[Run], base: Base) -> dict[str, tuple[float, float]]:
-    """For each number that is sought or held by the motion of a variable, between what values that moves in the base
-    model."""
+    """The smallest and largest value, in the base model, of the variables whose motion gives the search range or the
+    fixed value of a number. The result has one entry for each such number."""
     variables = {n.name: n.motions for n in numbers if n.follows}
     if not variables:
         return {}

@@ -1,8 +1,8 @@
 """One step of the diagnosis: the search for one missing effect.
 
-The free parameters are fitted. If more than noise is left, every candidate of the catalogue is scored, and the candidates
-that can matter are refitted. The step chooses the candidate that leaves least on held-out data, if it improves the
-prediction there materially.
+The free parameters are fitted. If the residual is more than noise, every candidate of the catalogue is scored, and the
+candidates that can matter are refitted. The step chooses the candidate with the smallest residual on held-out data, if it
+improves the prediction there materially.
 """
 
 from __future__ import annotations
@@ -55,30 +55,40 @@ from heavebond.estimation.residuals import Residuals
 from heavebond.language.library import same_class
 from heavebond.numerics.dae import Array
 
-CLOSELY = 6  # trials at most are followed to the very end before they are compared,
-CLOSE = 0.05  # those within this share of the logarithm of chi-square of the best
-AS_ONE = 1e-6  # nodes move as one that differ by less than this share of the largest value
-CALIBRATED = 3  # calibration errors that are refitted beside a law, those with the largest scores
-STEADY = 0.01  # what varies by less than this share of its size is steady
-SECONDS = 600.0  # of refits, after which none is begun
-# A candidate earns its place where chi-square on held-out data falls by this, in units of what is left: normal
-# deviations of some 3 squared would come by chance once in a thousand tries.
+CLOSELY = 6  # maximum number of candidates that are refitted to full convergence for the comparison,
+CLOSE = 0.05  # those whose ln(chi-square) is within this of the best one
+AS_ONE = 1e-6  # nodes move together if they differ by less than this share of the largest value
+CALIBRATED = 3  # number of calibration errors that are refitted together with a law, those with the largest scores
+STEADY = 0.01  # a variable is constant if it varies by less than this share of its size
+SECONDS = 600.0  # time of refits after which none is started
+# A candidate is justified if chi-square on held-out data falls by this, in units of the residual per sample. The square of a
+# standard normal number exceeds it by chance less than once in a thousand cases.
 EARNED = 12.0
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One step: the experiment that was diagnosed, its best fit of what was free (chi-square per sample on what was and was
-    not fitted), the tests on what that leaves, all scores and refits, best first, what was chosen, and those that the
-    records cannot tell from it (the chosen one first). `partial`: not all that was planned was refitted; `lost` are the
-    candidates whose process died, `broken` the labels of those with which the diagram cannot be simulated; `acts_as` are the
-    numbers of the diagram of which candidates are another value, by their labels. `errors` are the predictive errors without
-    any candidate, `identity` the comparison of the candidates with the chosen one. `planned` is the number of candidates
-    that were to be scored, `as_one` are the nodes that move as one in the base model, each with the first of them; `failed`
-    are the labels of candidates that were scored, but with which no refit could be simulated. `prescored` is the number of
-    candidates between nodes that no component joins; `excluded` are the labels of effects that were not tried, got no exact
-    score (see `search.prescore`) or were not kept, each with the reason. `joint` are the leading candidates, each refitted
-    with one further effect (see `stepwise.best_pairs`); none if no further step was made."""
+    """Result of one step.
+
+    The model without candidates: `experiment` is the diagnosed experiment, `values` its fitted free parameters (SI), `cost`
+    the sum of squares, `chi2_fit` and `chi2_held_out` chi-square per sample on the fitted and the held-out records, `errors`
+    the predictive errors, `left` the tests on the residual. `at_end` are the free parameters at an end of their range.
+
+    The candidates: `planned` is the number of candidates for an exact score, `prescored` the number of candidates between
+    nodes that no component connects. `scores` and `trials` are all scores and refits, the best first. `unseen` are
+    candidates that the records do not distinguish from the free parameters. `twins` maps labels of refitted candidates to
+    labels of equivalent ones. `acts_as` maps labels of candidates to the numbers of the diagram of which they are another
+    value. `as_one` maps each node to the first of the nodes that move together with it in the base model. `excluded` gives
+    the reason for each effect that was not tried, got no exact score (see `search.prescore`) or was not kept.
+
+    The choice: `chosen` is the chosen refit, `cluster` the candidates that the records cannot distinguish from it (the
+    chosen one first), `identity` the comparison of the candidates with it. `joint` are the leading candidates, each refitted
+    with one further effect (see `stepwise.best_pairs`); it is empty if no further step was made.
+
+    Failures: `partial` is true if some planned refits were not made. `lost` are the candidates whose process died, `broken`
+    the labels of candidates with which the diagram cannot be simulated, and `failed` the labels of candidates that have a
+    score but no refit that could be simulated.
+    """
 
     experiment: Experiment
     values: dict[str, float]
@@ -111,33 +121,36 @@ class Stage:
 
     @property
     def bic(self) -> float:
-        """The information criterion of the model without any of the candidates."""
+        """Bayesian information criterion of the model without candidates."""
         return bic(self.cost, self.samples, len(self.values))
 
     @cached_property
     def places(self) -> Places:
-        """The places of its diagram."""
+        """The places of the diagram."""
         return Places.of(self.experiment, self.as_one)
 
     @property
     def shown_held_out(self) -> bool:
-        """Whether the model without any of the candidates leaves more than noise on what was not fitted: otherwise nothing
-        can leave less there, and only the cross-validated errors of what was fitted tell."""
+        """True if the model without candidates has more than noise as its residual on held-out data. If not, no candidate
+        can improve the prediction there, and the cross-validated errors of the fitted data decide."""
         return is_above_noise(self.chi2_held_out, self.samples_held_out)
 
     @property
     def merit(self) -> float:
-        """That of the model without any of the candidates; see `merit`."""
+        """Ranking value of the model without candidates, see the function `merit`."""
         return _merit(self.cost, self.samples, len(self.values), self.errors)
 
 
 def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), number: int | None = None,
                seconds: float = SECONDS, classes: Sequence[str] = (), progress: Progress | None = None,
                thorough: bool = True) -> Stage:
-    """Score the candidates of the catalogue, and refit those that can matter. `beside` are the effects that were added to
-    the diagram before: candidates that act on these instead of the machine are left out. `classes` restricts the catalogue
-    to candidates of these classes. A `thorough` search refits all other candidates, too, if no refit of the candidates with
-    the largest scores leaves nearly noise."""
+    """Score the candidates of the catalogue, and refit those that can matter.
+
+    `beside` are the effects that earlier steps added to the diagram. Candidates that act on these effects instead of the
+    machine are left out. `classes` restricts the catalogue to candidates of these classes. `seconds` limits the time of the
+    refits, `number` is the number of processes. A `thorough` search also refits all other candidates if no refit of the
+    candidates with the largest scores comes near the noise.
+    """
     def chosen(candidate: Candidate) -> bool:
         return candidate.kind != UNKNOWN and (not classes or candidate.kind in classes) and not candidate.acts_on(beside)
 
@@ -153,9 +166,12 @@ def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), numb
 def make_curve_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (),
                      among: Callable[[Candidate], bool] | None = None, number: int | None = None,
                      seconds: float = SECONDS, progress: Progress | None = None) -> Stage:
-    """A step with identified curves only: effects without a name, at single places; at several places at once and between
-    nodes that no component joins, only at the places of the effects `beside`. With `among`, the curves for which it holds
-    are refitted whatever their scores are."""
+    """Make a step with identified curves only: effects without a specific law, at single places.
+
+    Curves at several places at once are tried only at the places of the effects `beside`. Curves between nodes that no
+    component connects are tried only at these places, or if `among` is given. `among` is a predicate; the curves that
+    satisfy it are refitted whatever their scores are, and no others are tried.
+    """
     places, site = {frozenset(c.where) for c in beside}, site_of(experiment)
     curves = [c for c in candidates(experiment, site=site)
               if c.kind == UNKNOWN and (not c.members or frozenset(c.where) in places)]
@@ -169,8 +185,8 @@ def make_curve_stage(experiment: Experiment, *, beside: Sequence[Candidate] = ()
 
 def make_calibration_stage(experiment: Experiment, *, number: int | None = None, seconds: float = SECONDS,
                            classes: Sequence[str] = (), progress: Progress | None = None) -> Stage:
-    """A rung with calibration errors only: offsets and gains of inputs and channels. Only what the best of them leaves is
-    wanted, so that it alone is followed to the end of its valley."""
+    """Make a step with calibration errors only: offsets and gains of inputs and channels. Only the best of them is
+    refitted to full convergence, because only its residual is needed."""
     found = [c for c in single_candidates(experiment) if is_calibration_error(c, experiment)
              and (not classes or c.kind in classes)]
     return _step(experiment, found, number, seconds, progress or (lambda text: None), most=CALIBRATED)
@@ -179,13 +195,13 @@ def make_calibration_stage(experiment: Experiment, *, number: int | None = None,
 def make_value_stage(experiment: Experiment, *, beside: Refit | None = None, number: int | None = None,
                      seconds: float = SECONDS,
                      progress: Progress | None = None) -> Stage:
-    """A rung with other values of what the diagram holds fixed, in place of effects; `beside` what was found with these,
-    which it ranks among them: a value that soon is seen to leave more is not followed."""
+    """Make a step with other values of the fixed parameters of the diagram instead of effects. `beside` is the refit of
+    an effect that is ranked together with these values, so that a value that fits much worse is given up early."""
     return _step(experiment, fixed_values(experiment), number, seconds, progress or (lambda text: None), beside=beside)
 
 
 def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> Stage:
-    """A rung with one candidate, chosen by hand: it is refitted whatever its score."""
+    """Make a step with one given candidate, which is refitted whatever its score is."""
     return _step(experiment, [candidate], 1, SECONDS, progress, always=True)
 
 
@@ -193,10 +209,13 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
           always: bool = False, thorough: bool = False, beside: Refit | None = None, most: int | None = None,
           distant: Sequence[Candidate] = (), varying: Callable[[Candidate], bool] | None = None, later: bool = False
           ) -> Stage:
-    """`distant` are candidates of which those get an exact score whose prescore promises it; `varying` chooses among the
-    variations of parameters, which are scored if no other candidate comes near the noise. In a `later` step, and if a law
-    explains most of the misfit, those are refitted whose scores promise most of the residual, as only those count that
-    leave far less than the law."""
+    """Make a step with these candidates.
+
+    `distant` are further candidates, which get an exact score only if their prescore is large enough. `varying` is a
+    predicate that selects variations of parameters; these are scored if no other candidate comes near the noise. `later` is
+    true after the first step. In a later step, or if a law explains most of the misfit, variations are refitted only if
+    their scores predict most of the residual, because only variations with a far smaller residual than the law are kept.
+    """
     began = clock.perf_counter()
     say("fitting what is free")
     base = fitted_base(experiment)
@@ -270,9 +289,9 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
 
 def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate], bool], workers: Workers, say: Progress
                 ) -> tuple[list[Candidate], list[Score], dict[str, str]]:
-    """Variations of parameters, and effects that lead the scores `before` with a time at which they begin; the scores of
-    these candidates; and the variations that are not tried, each with the reason. They are tried if no other candidate
-    comes near the noise."""
+    """Make and score the candidates that are tried if no other candidate comes near the noise. These are variations of
+    parameters, and the candidates with the best scores in `before`, extended by an onset time. The third result maps
+    variations that are not tried to the reason."""
     say("looking for parameters that may vary")
     varying = varying_parameters(base.problem, base.inner)
     added = [c for c in varying.candidates if chosen(c)]
@@ -287,8 +306,9 @@ def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate
 
 
 def _score(workers: Workers, found: Sequence[Candidate], scores: list[Score], say: Progress) -> None:
-    """Add the scores of candidates to an empty list as they are made, so that an early end keeps them; at the end in the
-    order of the candidates, whichever process was done first."""
+    """Append the scores of candidates to the empty list `scores` as they are computed, so that an early end keeps them.
+    At the end, sort them in the order of the candidates, so that the result does not depend on the order of the
+    processes."""
     for k, (candidate, got) in enumerate(workers.score(found), 1):
         say(f"scoring {k} of {len(found)}: {candidate.label}")
         scores += got
@@ -298,8 +318,8 @@ def _score(workers: Workers, found: Sequence[Candidate], scores: list[Score], sa
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int
               ) -> dict[str, Refit]:
-    """The trials of candidates that were scored here and are near the best, at most so many, followed to the end of their
-    valleys: near on all samples or on those that were fitted, as one that has not arrived may miss the others by much."""
+    """Refit up to `most` of the best candidates to full convergence. A candidate is included if it is near the best one
+    on all samples or on the fitted samples, because an incomplete refit may have large errors on the other samples."""
     order = sorted(trials, key=merit)
     if not order:
         return {}
@@ -314,8 +334,9 @@ def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, S
 
 def _told_apart_held_out(workers: Workers, trials: Sequence[Refit], twins: Mapping[str, tuple[str, ...]],
                          scores: Sequence[Score]) -> dict[str, Refit]:
-    """Refits of candidates that count as the same as one near the best, where data that were not fitted tell them apart: the
-    tangents compare on the fitted samples alone, where dry friction of what turns one way is a constant torque."""
+    """Refit candidates that are equivalent to one of the best on the fitted records, and return those that differ on the
+    held-out data. Equivalence is judged on the fitted samples only. For example, dry friction of a shaft that turns in
+    one direction is a constant torque."""
     lowest = min((t.bic for t in trials), default=0.0)
     best = [t for t in trials if t.bic - lowest < STRONG + CLOSE * t.samples]
     near = {label: t for t in best for label in twins.get(t.candidate.label, ())}
@@ -330,24 +351,26 @@ def _told_apart_held_out(workers: Workers, trials: Sequence[Refit], twins: Mappi
 
 
 def _differ_held_out(one: Refit, other: Refit) -> bool:
-    """Whether two refits leave more than by chance one beside the other on what was not fitted."""
+    """True if the residuals of two refits on held-out data differ by more than chance."""
     a, b, samples = one.chi2_held_out, other.chi2_held_out, one.samples_held_out
     return samples > 0 and max(fallen(a, b, samples), fallen(b, a, samples)) > EARNED
 
 
 def _lender(trial: Refit, others: Iterable[Refit]) -> Refit | None:
-    """The best fitting law at the same place that fits better: what it found may do for this one too, as a law that holds
-    it as a special case should never leave less by ending in another valley."""
+    """The refit with the smallest sum of squares among other laws at the same place, if it is below the sum of `trial`.
+    The trial is then refitted from its values: a law that contains the other law as a special case cannot have a larger
+    residual, unless it ended in another local minimum."""
     there = [t for t in others if set(t.candidate.where) == set(trial.candidate.where) and t.cost < trial.cost]
     return min(there, key=lambda t: t.cost, default=None)
 
 
 def refitted_beside(made: Stage, known: Sequence[Refit], exact: Refit) -> Stage:
-    """The step with candidates refitted once more from what is `known` of them in a diagram without the other effects: a law
-    has several valleys, and the one that was found there is the best to begin from. `exact` is the refit of a candidate in
-    this very diagram. Each takes the place of one that leaves more."""
+    """The step with some candidates refitted again from other starting values. `known` are refits of these candidates in
+    a diagram without the other effects. A law may have several local minima, and the minimum in that diagram is a good
+    starting point. `exact` is a refit of one candidate in the present diagram. A refit replaces an earlier one if its sum
+    of squares is smaller."""
     there = {s.candidate.label: s for s in made.scores}
-    twins = {label for group in made.twins.values() for label in group}  # the same machine as one that was refitted
+    twins = {label for group in made.twins.values() for label in group}  # equivalent to a candidate that was refitted
     lent = [(there[t.candidate.label], t) for t in known if t.candidate.label in {*there} - twins]
     found = [exact]
     if lent:
@@ -364,7 +387,8 @@ def refitted_beside(made: Stage, known: Sequence[Refit], exact: Refit) -> Stage:
 
 
 def fitted_base(experiment: Experiment) -> Base:
-    """The experiment with what is free fitted, from the diagram's values, with runs that err by little beside the noise."""
+    """Fit the free parameters of an experiment from the diagram's values. The tolerances of the runs are reduced until
+    their errors are small compared with the noise."""
     problem = searched(experiment)
     base = _fitted(problem, problem.start)
     for _ in range(TIMES):
@@ -373,7 +397,7 @@ def fitted_base(experiment: Experiment) -> Base:
         try:
             base = _fitted(finer(base.problem), base.inner)
         except SimulationError:
-            break  # finer than the integrator can: beside a record far above its noise that is fine enough
+            break  # below the limit of the integrator; sufficient, as the record is far above its noise
     return base
 
 
@@ -384,7 +408,7 @@ def _fitted(problem: Residuals, inner: Array) -> Base:
 
 
 def _courses(base: Base) -> dict[str, tuple[str, Array]]:
-    """Each node of the base model with its domain and the course of its across variable on the fitted records."""
+    """The domain of each node of the base model and the time course of its across variable on all fitted records."""
     runs = [base.exact[run.record.name] for run in base.problem.runs]
     results = [run.simulator.run(base.problem.values_of(base.inner, run.record.name)) for run in runs]
     return {node.name: (node.domain.name, np.concatenate([result.si[f"{node.name}.{node.across}"] for result in results]))
@@ -392,7 +416,8 @@ def _courses(base: Base) -> dict[str, tuple[str, Array]]:
 
 
 def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
-    """Nodes that move as one in the base model (what a lossless rope or lever joins), each with the first of them."""
+    """Map each node to the first of the nodes that move together with it in the base model, for example because a
+    lossless rope or lever connects them."""
     found: dict[str, str] = {}
     for name, (domain, course) in courses.items():
         near = AS_ONE * max(float(np.abs(course).max()), 1e-300)
@@ -402,7 +427,7 @@ def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
 
 
 def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> str:
-    """Why a candidate cannot act on the fitted records as its class does; empty where it can."""
+    """The reason why a candidate cannot act on the fitted records as its class does; empty if it can."""
     if not _says_more(candidate, base, courses):
         return "what presses it is steady, so that it is dry friction"
     if candidate.reverses and not _reverses(candidate, base):
@@ -412,8 +437,8 @@ def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[s
     return ""
 
 
-ONE_WAY = 1.02  # path over distance, up to which a motion goes one way
-POSITIONS = 50  # at which passes are counted
+ONE_WAY = 1.02  # ratio of path and distance up to which a motion has one direction
+POSITIONS = 50  # number of positions at which passes are counted
 
 
 def _displacements(candidate: Candidate, base: Base) -> list[Array]:
@@ -424,7 +449,7 @@ def _displacements(candidate: Candidate, base: Base) -> list[Array]:
         nodes = nodes_of(run.assembly.flat)
         ends = [nodes[name] for name in candidate.where if name in nodes and nodes[name].mechanical]
         result = run.simulator.run(base.problem.values_of(base.inner, run.record.name))
-        # of the speeds, as a diagram has positions only if an equation uses them
+        # integrated from speeds: a diagram has positions only if an equation uses them
         speeds = [result.si[f"{node.name}.{node.across}"] for node in ends]
         if speeds:
             speed = speeds[0] - (speeds[1] if len(speeds) > 1 else 0.0)
@@ -433,14 +458,15 @@ def _displacements(candidate: Candidate, base: Base) -> list[Array]:
 
 
 def _reverses(candidate: Candidate, base: Base) -> bool:
-    """Whether the motion between the nodes of a candidate turns back in one of the fitted records by more than noise and
-    vibration: the path is longer than the distance from its start to its end."""
+    """True if the motion between the nodes of a candidate reverses in one of the fitted records by more than noise and
+    vibration: the path is longer than the distance from start to end."""
     paths = _displacements(candidate, base)
     return not paths or any(float(np.abs(np.diff(x)).sum()) > ONE_WAY * abs(float(x[-1])) for x in paths)
 
 
 def retraced(displacements: Sequence[Array]) -> bool:
-    """Whether at least half of the positions that motions (N,) reach are passed more than once, by all of them together."""
+    """True if at least half of the positions that the motions (N,) reach are passed more than once, by all motions
+    together."""
     low, high = (min((float(x.min()) for x in displacements), default=0.0),
                  max((float(x.max()) for x in displacements), default=0.0))
     positions = low + (high - low) * (np.arange(POSITIONS) + 0.5) / POSITIONS
@@ -450,8 +476,8 @@ def retraced(displacements: Sequence[Array]) -> bool:
 
 
 def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
-    """Whether what a law depends on besides its own motion changes at all: a seal that is pressed by a steady pressure has
-    dry friction, which the catalogue has without the pressure."""
+    """True if the additional variables of a law change during the fitted records. If they are constant, the catalogue
+    contains a simpler law with the same influence. For example, a seal under constant pressure has dry friction."""
     effect = base.problem.experiment.model.library.component(candidate.component).effect
     if effect is None or not effect.also:
         return True
@@ -473,12 +499,15 @@ def _judged(base: Base, errors: PredictiveErrors, left: ResidualTests, scores: S
 
 
 def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
-    """The trial that is named first: among the plausible ones, which the records cannot distinguish from the best one on all
-    records and which take away a noticeable part if any of these does, the one that predicts the fitted data,
-    cross-validated, and the selection data best; of its refinements the simplest law that leaves no more.
+    """The refit that is named first.
 
-    If the plausible ones reach the noise, chance decides which predicts best: then `merit` orders them, and a dormant
-    parameter of a part goes before an additional part.
+    Candidates are plausible if the records cannot distinguish them from the best one on all records. If some of them explain
+    a noticeable part of the residual, the others are dropped. The leader is the plausible candidate with the best prediction
+    of the fitted data (cross-validated) and the selection data. If the leader only refines a simpler law with an equal
+    residual, the simpler law is named.
+
+    If the plausible candidates reach the noise, the best prediction is a matter of chance. Then `merit` ranks them, and a
+    dormant parameter of a part is preferred to an additional part.
     """
     plausible = _plausible(made, earned)
     first = min(plausible, key=merit)
@@ -497,15 +526,17 @@ def _plausible(made: Stage, earned: Sequence[Refit]) -> list[Refit]:
 
 
 def is_noticeable(made: Stage, trial: Refit) -> bool:
-    """Whether a trial takes away a noticeable part of what is left above the noise: on held-out data if these hold more than
-    noise, otherwise on all samples, each predicted by parameters that were not fitted to it; in units of the discrepancy of
-    each record."""
+    """True if a refit explains a noticeable part of the residual above the noise.
+
+    Held-out data are used if their residual is more than noise. Otherwise all samples are used, each predicted by parameters
+    that were not fitted to it. The errors are in units of the discrepancy of each record.
+    """
     assert made.errors is not None and trial.errors is not None
     return share_taken(made.errors, trial.errors, *((SELECTION, TEST) if made.shown_held_out else ALL)) > DECISION.further
 
 
 def choosing(made: Stage, trial: Refit) -> Stage:
-    """The step with one of its trials chosen, and what the records cannot tell from it."""
+    """The step with one of its refits chosen, and the candidates that the records cannot distinguish from it."""
     assert made.errors is not None
     earned = _earned(made)
     found = compared(trial, [trial, *(t for t in earned if t is not trial)], made.errors)
@@ -518,23 +549,26 @@ def choosing(made: Stage, trial: Refit) -> Stage:
 
 
 def _as_good(trial: Refit, best: Refit) -> bool:
-    """Whether the same law at another place fits as well and leaves noise too: what it then leaves more on other records
-    comes of numbers that the fit leaves open (play on the one or the other side of a cylinder)."""
+    """True if the same law at another place fits as well and its residual is also noise. Its larger residual on other
+    records is then due to numbers that the fit does not determine (play on either side of a cylinder)."""
     return trial.candidate.component == best.candidate.component and trial.experiment.noise_given \
         and trial.cost - best.cost < EARNED and is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
 
 
 def refines(trial: Refit, laws: Iterable[Refit]) -> bool:
-    """Whether a law only refines one of these at the same place, but for chance."""
+    """True if a law refines one of `laws` at the same place without a significant improvement."""
     return any(_needless(trial, simpler) for simpler in laws)
 
 
 def _needless(trial: Refit, simpler: Refit) -> bool:
-    """Whether this law refines a simpler one at the same place that leaves no more, but for chance: where both are of one
-    class, or it generalises the simpler law, and it has more numbers; and where an amplitude of it is not shown (play whose
-    gap has closed in the fit is the compliance beside it, however many numbers shape that). Another law of another class
-    whose amplitudes are shown is another explanation, however many numbers it has. That no law is exact is no excuse for
-    one that could bend further."""
+    """True if a law refines a simpler law at the same place without a significantly smaller residual.
+
+    A law refines another one if it has more numbers, and if both are of one class or it generalises the other. It also
+    refines the other one if one of its amplitudes is not supported by the records. For example, play whose gap is closed in
+    the fit is the compliance that acts together with it, even with more shape parameters. A law of another class with
+    supported amplitudes is a different explanation, even with more numbers. The threshold is not raised for inexact laws,
+    because a more flexible law always fits an inexact law better.
+    """
     more = trial.unknowns > simpler.unknowns
     refines = (more and (same_class(trial.candidate.kind, simpler.candidate.kind) or _generalises(trial, simpler))) \
         or (bool(trial.unshown) and (more or not simpler.unshown))
@@ -542,22 +576,23 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
 
 
 def _generalises(trial: Refit, simpler: Refit) -> bool:
-    """Whether the component of a law contains that of a simpler one, by an entry `replaces` of its effects (Bouc-Wen
+    """True if the component of a law contains the simpler law, as an entry `replaces` of its effects declares (Bouc-Wen
     hysteresis contains dry friction with presliding)."""
     law = trial.experiment.model.library.component(trial.candidate.component)
     return any(simpler.candidate.component in effect.replaces for effect in law.effects)
 
 
 def _leaves_no_more(trial: Refit, other: Refit) -> bool:
-    """Whether a refit leaves no more than another one, but for chance, where it was fitted and where it was not."""
+    """True if the residual of a refit is not significantly larger than the residual of another one, on fitted and on
+    held-out data."""
     return (trial.cost - other.cost) / max(1.0, other.chi2_fit) < EARNED \
-        and not fallen(trial.chi2_held_out, other.chi2_held_out, other.samples_held_out) > EARNED  # (NaN: none held out)
+        and not fallen(trial.chi2_held_out, other.chi2_held_out, other.samples_held_out) > EARNED  # (NaN: no held-out data)
 
 
 def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
-    """The step with each of the best trials chosen that earn their place, one of each class at each place; the leader
-    first, without those that the test data exclude beside it. `simplest`: besides, of each of these classes and places, the
-    law with the fewest numbers."""
+    """Copies of the step, each with another choice: the best justified refit of each class and place, at most `most`, the
+    leader first. Refits that the test data exclude in comparison with the leader are left out. With `simplest`, the law
+    with the fewest numbers of each of these classes and places is added."""
     earned = _earned(made)
     if not earned:
         return []
@@ -575,8 +610,11 @@ def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
 
 
 def simpler_law(made: Stage, trial: Refit) -> Refit | None:
-    """Of the trials of a step the best that earns its place, leaves no more than another one but for chance and has the
-    smaller merit, with fewer numbers, or as a law of the same class at the same place that this one refines."""
+    """A justified refit that is preferred to `trial` because its law is simpler; None if there is none.
+
+    It has a smaller `merit` and no significantly larger residual. It also has fewer numbers, or `trial` refines it (a law of
+    the same class at the same place, see `_needless`).
+    """
     found = [t for t in _earned(made) if merit(t) < merit(trial) and (
         (t.unknowns < trial.unknowns and _leaves_no_more(t, trial))
         or (t.candidate.kind == trial.candidate.kind and _needless(trial, t)))]
@@ -584,8 +622,9 @@ def simpler_law(made: Stage, trial: Refit) -> Refit | None:
 
 
 def twins_of(close: Sequence[Refit], made: Stage) -> list[Refit]:
-    """Candidates of another class, or at another place, that are the same machine as one that was refitted. (`leakage`
-    between the chambers is `internal leakage` of the piston; a delay of an input and of the only channel may act alike.)"""
+    """Candidates that are equivalent to the refits `close` but have another class or another place. Examples: `leakage`
+    between the chambers is the `internal leakage` of the piston; delays of an input and of the only channel may have the
+    same influence."""
     by_label = {s.candidate.label: s.candidate for s in made.scores}
     pairs = [(trial, by_label[label]) for trial in close for label in made.twins.get(trial.candidate.label, ())]
     return [replace(trial, candidate=twin) for trial, twin in pairs if not same_class(trial.candidate.kind, twin.kind)
@@ -600,14 +639,14 @@ def _best_of_each(scores: Sequence[Score]) -> list[Score]:
 
 
 def _unseen(scores: Sequence[Score]) -> list[Candidate]:
-    """Candidates that the records cannot see apart from what is free already, at no choice of their shapes."""
+    """Candidates that the records do not distinguish from the free parameters at any choice of their shapes."""
     told = {s.candidate.label for s in scores if s.told_apart}
     return [s.candidate for s in _best_of_each(scores) if s.candidate.label not in told]
 
 
 def merit(trial: Refit) -> float:
-    """What ranks the refits: BIC of the fitted samples and n ln(chi-square) of the selection data; smaller is better. The
-    test data have no part in it."""
+    """Ranking value of a refit: BIC of the fitted samples plus n ln(chi-square) of the selection data; smaller is better.
+    The test data are not used."""
     return _merit(trial.cost, trial.samples, trial.unknowns, trial.errors)
 
 
@@ -618,8 +657,9 @@ def _merit(cost: float, samples: int, unknowns: int, errors: PredictiveErrors | 
 
 
 def _earned(made: Stage) -> list[Refit]:
-    """The trials whose merit, and chi-square on the selection data where they hold more than noise, both fall by more than
-    chance allows, best first."""
+    """The justified refits, the best first. `merit` must fall by more than chance allows. If the residual on the
+    selection data was more than noise, chi-square there must also fall by more than chance allows. The residual on all
+    held-out data must not be larger (see `_worse`)."""
     assert made.errors is not None
     before, samples = made.errors.mean(SELECTION), made.errors.samples(SELECTION)
     return [t for t in made.trials if merit(t) < made.merit - EARNED and t.errors is not None
@@ -628,26 +668,29 @@ def _earned(made: Stage) -> list[Refit]:
 
 
 def _worse(made: Stage, trial: Refit) -> bool:
-    """Whether a refit leaves more than the model without it on all that was not fitted; where that leaves no more than
-    noise, whether the refit leaves more than noise."""
+    """True if the residual of a refit on held-out data is larger than the residual of the model without it. If the latter
+    is noise, true if the residual of the refit is more than noise."""
     if made.shown_held_out:
         return not trial.chi2_held_out < made.chi2_held_out
     return is_above_noise(trial.chi2_held_out, trial.samples_held_out)
 
 
 def fallen(before: float, after: float, samples: int) -> float:
-    """How far chi-square of so many samples has fallen, from `before` to `after` per sample, in units of what is left."""
+    """The decrease of chi-square of `samples` samples from `before` to `after` (per sample), in units of the residual
+    chi-square per sample."""
     return (before - after) * samples / max(1.0, after)
 
 
 def following(before: Stage) -> Experiment:
-    """The experiment with the chosen effect in its diagram, everything at its fitted values and free as it was sought."""
+    """The experiment with the chosen effect in its diagram, at the fitted values; the numbers of the effect are free in
+    their search ranges."""
     assert before.chosen is not None
     return at_values_of(before.chosen, before.chosen.experiment)
 
 
 def at_values_of(trial: Refit, experiment: Experiment) -> Experiment:
-    """The experiment with what is free in it at the values of a refit, of this diagram or of one with an effect more."""
+    """The experiment with its free parameters at the values of a refit, which may be of this diagram or of one with an
+    additional effect."""
     values = {n: v for n, v in trial.values.items() if n in experiment.free}
     own = {record: {n: v for n, v in there.items() if n in experiment.free and not n.startswith("initial.")}
            for record, there in trial.own.items()}
@@ -655,6 +698,6 @@ def at_values_of(trial: Refit, experiment: Experiment) -> Experiment:
 
 
 def worth_it(step: Stage) -> bool:
-    """Whether the effect of a step takes away a noticeable part of what is left."""
+    """True if the chosen effect of a step explains a noticeable part of the residual."""
     assert step.chosen is not None
     return is_noticeable(step, step.chosen)

@@ -1,33 +1,36 @@
 """Stepwise selection of several effects.
 
-If two effects are missing, the first step sees both: a flexible law at a wrong place may take more of the misfit than
-either of them alone, and every further effect then compensates its errors. Therefore:
+If two effects are missing, the first step sees the misfit of both. A flexible law at a wrong place may then explain more of
+the misfit than either effect alone, and each further effect compensates the errors of this law. Therefore:
 
-* While more than the given noise is left, the search follows not only the best first effect but the best of a few classes
-  and places, and of all selections so begun the best few, until one reaches the noise.
-* The laws that lead the first step are each refitted beside calibration errors (offsets and gains of inputs and
-  channels), and followed in the order of their residuals then.
-* These laws are compared with each other as pairs: each with the further effect that completes it best (see
-  `best_pairs`). Of a law alone the residual holds all other effects, and a law that imitates these leaves less.
-* Beside all others, each effect is removed and sought again among all candidates: one that is not needed stays out, one
-  that another improves on is replaced, and its alternatives are determined anew.
-* A further effect that is absent at the end of its refit, but lowers the residual, has led the values out of a wrong
-  local minimum of the diagram without it: this diagram is refitted from there, and the effect is left out.
+* While the residual is more than the given noise, the search continues several selections: the best few classes and
+  places of the first step, and later the best few selections, until one of them reaches the noise.
+* The leading laws of the first step are each refitted together with calibration errors (offsets and gains of inputs and
+  channels). Their residuals then determine the order in which the search continues.
+* These laws are also compared in pairs, each with the further effect that complements it best (see `best_pairs`). The
+  residual of one law alone contains all other missing effects, and a law that imitates these has a smaller residual.
+* Each effect is removed and searched again among all candidates, with all other effects in the diagram. An effect that is
+  not needed is left out, an effect for which there is a better one is replaced, and its alternatives are determined
+  again.
+* A further effect may be absent at the end of its refit and still lower the residual. It has then led the parameters out
+  of a wrong local minimum of the diagram without it. This diagram is refitted from the new values, and the effect is left
+  out.
 
 This is forward selection with backward steps after P. Pudil, J. Novovicova and J. Kittler (1994, doi
-10.1016/0167-8655(94)90127-9), by `merit` in place of their criterion.
+10.1016/0167-8655(94)90127-9), with `merit` as the criterion.
 
-A further effect that does not reach the noise is certain only if its strength is the same at small and at large motion,
-and if no flexible law at the place of an earlier effect explains as much (see `doubts`). A law of the wrong form may
-imitate the missing one at one amplitude, with numbers that another amplitude would not confirm: damping that grows with
-the square of the distance looks like damping that grows with the speed. The strength may vary with the amplitude A(t) of
-its influence on the channels (its envelope over two periods),
+A further effect that does not reach the noise is certain only under two conditions: its strength is the same at small and at
+large motion, and no flexible law at the place of an earlier effect explains as much (see `doubts`). A law of the wrong form
+may imitate the missing law at one amplitude, with numbers that do not hold at another amplitude. For example, damping that
+grows with the square of the distance looks like damping that grows with the speed. The strength may vary with the amplitude
+A(t) of the effect's influence on the channels (its envelope over two periods),
 
-    strength(t) = 1 + b_1 g(t) + b_2 g(t)**2,      g = the rank of A(t) among all samples, from -1 to 1,
+    strength(t) = 1 + b_1 g(t) + b_2 g(t)**2,      g = the rank of A(t) among all samples, from -1 to 1.
 
-and b is estimated from the residuals together with all free parameters, to first order at the fit: the test of parameter
-constancy (G. C. Chow, 1960, doi:10.2307/1910133; J. Nyblom, 1989, doi:10.1080/01621459.1989.10478759) along the amplitude
-in place of time. Its covariance comes from blocks of time, as the residuals of an inexact model are correlated.
+b is estimated from the residuals together with all free parameters, to first order at the fit. This is the test of parameter
+constancy (G. C. Chow, 1960, doi:10.2307/1910133; J. Nyblom, 1989, doi:10.1080/01621459.1989.10478759), along the amplitude
+instead of time. The covariance of b is computed from blocks of time, because the residuals of an inexact model are
+correlated.
 """
 
 from __future__ import annotations
@@ -67,27 +70,28 @@ from heavebond.estimation.experiment import Experiment
 from heavebond.localise.error_states import envelope
 from heavebond.numerics.dae import Array
 
-BLOCKS = 30  # of time, over all records: the clusters of the covariance
-AT = (0.1, 0.3, 0.5, 0.7, 0.9)  # quantiles of the amplitude at which the strength is looked at
+BLOCKS = 30  # number of blocks of time over all records, for the covariance
+AT = (0.1, 0.3, 0.5, 0.7, 0.9)  # quantiles of the amplitude at which the strength is evaluated
 
 
 @dataclass(frozen=True)
 class Constancy:
-    """The strength of an effect at five amplitudes, the smallest first (1 is that of the fit), and the probability of such
-    differences where it is constant."""
+    """The strength of an effect at five amplitudes, the smallest first, relative to the fitted strength. `chance` is the
+    probability of such differences if the strength is constant."""
 
     strength: tuple[float, ...]
     chance: float
 
     @property
     def differs(self) -> bool:
-        """Whether the strength differs by more than chance, and noticeably."""
+        """True if the strength differs significantly and by a noticeable share."""
         return self.chance < DECISION.level and max(abs(s - 1) for s in self.strength) > DECISION.constant
 
 
 def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
-    """The strength over the amplitude of the effect with these numbers, which is in the diagram of a fitted model; None
-    where it has no amplitude that vanishes, or does nothing."""
+    """Estimate the strength of an effect as a function of its amplitude. `base` is the fitted model with the effect,
+    `numbers` are the numbers of the effect. None if no amplitude of the effect has a neutral value, or if it has no
+    influence."""
     own = _own_response(base, numbers)
     if own is None or not own.any():
         return None
@@ -109,7 +113,7 @@ def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
     covariance = inverse @ (scores.T @ scores) @ inverse * blocks / max(blocks - 1, 1)
     b = (step / scale)[-2:]
     spread = covariance[-2:, -2:] / scale[-2:, None] / scale[-2:]
-    # the effect's own numbers move as well: what they do is a part of the strength
+    # the numbers of the effect move as well; their contribution is part of the strength
     names = {n.name for n in numbers}
     inside = [k for k, column in enumerate(moving) if base.problem.columns[column].free.name in names]
     common = float(own @ (X[:, inside] @ step[inside])) / float(own @ own)
@@ -118,7 +122,8 @@ def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
 
 
 def _chance(b: Array, spread: Array, blocks: int) -> float:
-    """The p value of b = 0: Hotelling's T**2 with the covariance of so many blocks."""
+    """The p value of the hypothesis b = 0 by Hotelling's T**2. `spread` (2, 2) is the covariance of b, estimated from
+    `blocks` blocks of time."""
     from scipy.special import fdtrc
 
     t = float(b @ np.linalg.pinv(spread) @ b)
@@ -127,7 +132,8 @@ def _chance(b: Array, spread: Array, blocks: int) -> float:
 
 
 def _own_response(base: Base, numbers: Sequence[EffectNumber]) -> Array | None:
-    """What the effect does to the residuals (n,) with the strength that it has, to first order."""
+    """The influence of the effect on the residuals (n,) at its fitted strength, to first order. None if no amplitude has
+    a neutral value."""
     neutral = {n.name: n.neutral for n in numbers if n.amplitude and n.sought is None}
     found = np.zeros(len(base.r))
     for k, (column, inner) in enumerate(zip(base.problem.columns, base.inner, strict=True)):
@@ -137,7 +143,8 @@ def _own_response(base: Base, numbers: Sequence[EffectNumber]) -> Array | None:
 
 
 def _amplitudes(base: Base, own: Array) -> tuple[Array, NDArray[np.int64]]:
-    """The envelope of a response at every residual (n,), over all channels together, and the block of time of each."""
+    """The envelope (n,) of a response at each residual, combined over all channels, and the index (n,) of the block of
+    time."""
     runs, before = base.problem.runs, 0
     found, cluster = np.zeros(len(own)), np.zeros(len(own), dtype=np.int64)
     number, total = 0, len(own)
@@ -157,19 +164,23 @@ def _amplitudes(base: Base, own: Array) -> tuple[Array, NDArray[np.int64]]:
     return found, np.unique(cluster, return_inverse=True)[1].astype(np.int64)
 
 
-MOST = 5  # effects
-RIVALS = 8  # laws of the first step at most that are compared in pairs
-WAYS = 3  # ladders that are followed side by side,
-FOLLOWED = 0.5  # those that take this share of what the best takes away
-BEGUN = 0.5  # share of the time of a step that must be left for the next, which begins near its end and may reach the noise
-DECISIVE = 10.0  # what another effect must be better by to take the place of one that was found (as in `rung.indistinct`)
+MOST = 5  # maximum number of effects
+RIVALS = 8  # maximum number of laws of the first step that are compared in pairs
+WAYS = 3  # maximum number of selections that are continued in parallel,
+FOLLOWED = 0.5  # those that explain at least this share of the misfit that the best one explains
+BEGUN = 0.5  # remaining time required for a further step, as a share of the time of the previous step
+DECISIVE = 10.0  # difference of `merit` that is required to replace a selected effect (strong evidence in BIC)
 
 
 @dataclass(frozen=True)
 class SelectedEffect:
-    """A selected effect: the step at which it was chosen, and its alternatives, which the records cannot distinguish from it
-    beside the effects `beside` (their labels; None: not known yet). `former` are its alternatives beside others, as far as
-    these are known; `review` is the step in which it was sought again beside all other effects, if that was made."""
+    """An effect of a selection.
+
+    `step` is the step at which it was chosen. `alternatives` are the candidates that the records cannot distinguish from it
+    if the effects with the labels `beside` are in the diagram (None: not determined yet). `former` holds known alternatives
+    for other sets of effects. `review` is the step in which the effect was searched again with all other effects in the
+    diagram, if this step was made.
+    """
 
     step: Stage
     alternatives: tuple[Refit, ...]
@@ -179,33 +190,33 @@ class SelectedEffect:
 
     @property
     def chosen(self) -> Refit:
-        """The effect refitted."""
+        """The refit of the effect."""
         assert self.step.chosen is not None
         return self.step.chosen
 
     @property
     def candidate(self) -> Candidate:
-        """What was added."""
+        """The candidate that was added."""
         return self.chosen.candidate
 
     def judged(self, alternatives: tuple[Refit, ...], beside: frozenset[str], review: Stage | None = None) -> SelectedEffect:
-        """The same with what the records cannot tell from it beside other effects."""
+        """The effect with new `alternatives`, which hold if the effects `beside` are in the diagram."""
         known = {} if self.beside is None else {self.beside: self.alternatives}
         return replace(self, alternatives=alternatives, beside=beside, former={**self.former, **known}, review=review)
 
     def among(self, others: frozenset[str]) -> SelectedEffect:
-        """The same with its alternatives beside these effects, where they are known."""
+        """The effect with its alternatives if the effects `others` are in the diagram; unchanged if they are not known."""
         known = self.former.get(others)
         return self if known is None or self.beside == others else self.judged((self.chosen, *known[1:]), others)
 
     @property
     def is_noise(self) -> bool:
-        """Whether no more than the noise is left after it: the given one, or less than an estimated one, which may hold what
-        a channel moves from one sample to the next."""
+        """True if the residual with this effect is noise. If the noise is estimated, chi-square per sample must be at
+        most 1, because the estimate may include true changes of a channel from one sample to the next."""
         trial = self.chosen
         if trial.experiment.noise_given:
             return is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
-        return trial.chi2_fit <= 1 and not trial.chi2_held_out > 1  # (NaN where nothing is held out)
+        return trial.chi2_fit <= 1 and not trial.chi2_held_out > 1  # (NaN without held-out data)
 
 
 Selection = tuple[SelectedEffect, ...]
@@ -216,13 +227,13 @@ Calibrating = Callable[[Experiment], Stage]
 def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, most: int = MOST,
                     left: Callable[[], float] = lambda: inf, calibrating: Calibrating | None = None
                     ) -> Iterator[tuple[Selection, Stage]]:
-    """Yield the selection of at most `most` effects that leaves least so far, and the last step that was made (with the
-    chosen effect in it, or with none that is worth it); the last pair is the result.
+    """Yield the best selection so far of at most `most` effects, and the last step (with its chosen effect, or without one
+    if no effect is justified). The last pair is the result.
 
-    `stepping` makes a step on an experiment, given the selection that leads there, and `calibrating` one of calibration
-    errors alone. A further step begins only if `BEGUN` of the time of the step before is `left` (s), and one that the time
-    ends counts only if it reaches the noise. A pair that is yielded before more work has a partial step: it is the result
-    if this work is ended early.
+    `stepping` makes a step on an experiment, given the selection so far. `calibrating` makes a step with calibration errors
+    only. `left` returns the remaining time (s). A further step starts only if the remaining time is at least the share
+    `BEGUN` of the time of the previous step. A step that runs out of time counts only if it reaches the noise. Pairs that
+    are yielded before the end have a partial step. They are the result if the search is stopped early.
     """
     last = stepping(experiment, ())
     yield (), replace(last, chosen=None, cluster=(), partial=True)
@@ -254,7 +265,7 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
             joint = best_pairs(pairs, joint)
             ways = [_with_joint(way, joint) for way in ways]
             steps = [(made, [_with_joint(way, joint) for way in extended]) for made, extended in steps]
-        cut = bool(steps) and steps[-1][0].partial and left() <= 0  # by the time, not by the user
+        cut = bool(steps) and steps[-1][0].partial and left() <= 0  # ended by the time limit, not by the user
         if not steps or (cut and not any(found[-1].is_noise for found in steps[-1][1])):
             last = ways[0][-1].step
             break
@@ -274,22 +285,24 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
 
 
 def near_the_noise(way: Selection) -> bool:
-    """Whether several effects leave a residual near the noise: a further one would be within the error of the noise. (After
-    the first effect, a second may show that the first is wrong.)"""
+    """True if a selection of several effects has a residual near the noise; a further effect would be within the error of
+    the noise. (A first effect alone is not sufficient, as a second one may show that the first is wrong.)"""
     last = way[-1].chosen
     return len(way) > 1 and last.chi2_fit <= DECISION.near and not last.chi2_held_out > DECISION.near
 
 
 def _extended(way: Selection, made: Stage) -> list[Selection]:
-    """A ladder with each of the effects that lead a step from it."""
+    """Selections that extend `way` by one of the leading effects of the step `made`."""
     return [(*way, SelectedEffect(step, step.cluster, _labels(way))) for step in leaders(made, WAYS)]
 
 
 def _without_absent(way: Selection) -> Selection:
-    """The ladder without its last effect, if that effect is absent from the fitted model and the shorter ladder, refitted
-    from the values found with the effect, is as good: by its merit, or on the fitted records if it leaves nearly noise. (If
-    a motion is sensitive to its start, two fits that the fitted records cannot distinguish may differ on other records by
-    more than the merits allow.)"""
+    """Remove the last effect of a selection if it is absent from the fitted model and the shorter selection is as good.
+
+    The shorter selection is refitted from the values with the effect. It is as good if its `merit` is, or if its fit of the
+    fitted records is as good and its residual is near the noise. (If a motion is sensitive to its initial state, two fits
+    that the fitted records cannot distinguish may differ on other records by more than the merit allows.)
+    """
     chosen = way[-1].chosen
     if len(way) < 2 or not chosen.absent:
         return way
@@ -303,9 +316,12 @@ def _without_absent(way: Selection) -> Selection:
 
 def _beside_calibration(made: Stage, ways: Sequence[Selection], calibrating: Calibrating, left: Callable[[], float]
                         ) -> tuple[list[Selection], list[Selection]]:
-    """The ladders of one effect in the order of what is left beside a calibration error, where that takes a noticeable part
-    of it; those of the simplest law of a class and place stand among them where it leads beside one. And each of these laws
-    with the calibration error that completes it best."""
+    """Sort the selections of one effect by their merit after a calibration error was added.
+
+    If the calibration error does not explain a noticeable part of the residual, the merit without it is used. The simplest
+    law of a class and place is included if a calibration error explains a noticeable part of its residual. The second result
+    lists pairs: each law with the calibration error that complements it best.
+    """
     found = {_label(way): (_merit(way), way) for way in ways}
     pairs = []
     for step in leaders(made, WAYS, simplest=True):
@@ -320,8 +336,8 @@ def _beside_calibration(made: Stage, ways: Sequence[Selection], calibrating: Cal
 
 
 def _completed(way: Selection, made: Stage) -> Selection:
-    """A selection of one effect with the further effect of a step on it that predicts best, whether or not that is
-    justified; none if no further effect was refitted."""
+    """A selection extended by the effect of the step `made` that predicts best, whether or not it is justified; empty if
+    no further effect was refitted."""
     trials = [t for t in made.trials if t.errors is not None]
     if not trials:
         return ()
@@ -330,8 +346,9 @@ def _completed(way: Selection, made: Stage) -> Selection:
 
 
 def joint_refits(pair: Selection, say: Progress, left: Callable[[], float]) -> tuple[Refit, ...]:
-    """The other leading laws of the first step, each refitted with the second effect of a `pair`, from the values of the law
-    alone; of a pair in which the law is absent nothing is kept, as it is the pair of the other effect alone."""
+    """Refit the other leading laws of the first step, each together with the second effect of a `pair`. Each refit starts
+    from the values of the law alone. Pairs in which the law is absent are left out, because they contain only the second
+    effect."""
     law, second = (added.candidate for added in pair)
     first = pair[0].step
     laws = [t for t in leading_laws(first) if t.candidate.label not in (law.label, second.label)]
@@ -355,8 +372,8 @@ def joint_refits(pair: Selection, say: Progress, left: Callable[[], float]) -> t
 
 
 def leading_laws(first: Stage) -> list[Refit]:
-    """The refits of a step that take away at least `FOLLOWED` of the misfit that the best of them takes away, at most
-    `RIVALS`, the best first."""
+    """The refits of a step that explain much of the misfit, at least the share `FOLLOWED` of the misfit that the best
+    refit explains; at most `RIVALS`, the best first."""
     assert first.errors is not None
     shares = [(share_taken(first.errors, t.errors, *ALL), t) for t in first.trials if t.errors is not None]
     least = FOLLOWED * max((share for share, _ in shares), default=0.0)
@@ -364,12 +381,13 @@ def leading_laws(first: Stage) -> list[Refit]:
 
 
 def best_pairs(pairs: Sequence[Selection], joint: Sequence[Refit]) -> tuple[Refit, ...]:
-    """The leading laws of the first step, each in the pair with a further effect that predicts best, the best first.
+    """The leading laws of the first step, each in the pair with the further effect that predicts best, the best first.
 
     `pairs` are selections of two effects that begin with a law of this step, and `joint` other pairs (see `joint_refits`).
-    If a machine lacks several effects, the misfit of one law holds all others, and a law of a wrong class that imitates them
-    leaves less; in pairs each law has the same means to explain the rest. A law is completed only by effects that leave more
-    alone than it does: of two effects the larger one is the first.
+    If several effects are missing, the misfit of one law contains all others, and a law of a wrong class that imitates them
+    has a smaller residual. In pairs, each law can be complemented in the same way. A law is complemented only by effects
+    that have a larger residual than this law if each is refitted alone. The more important effect of a pair is therefore the
+    first.
     """
     first = pairs[0][0].step
     found = {t.candidate.label: t for t in leading_laws(first)}
@@ -385,8 +403,8 @@ def best_pairs(pairs: Sequence[Selection], joint: Sequence[Refit]) -> tuple[Refi
 
 
 def _with_joint(way: Selection, joint: tuple[Refit, ...]) -> Selection:
-    """A selection with the pairs of the leading laws in its first step, and without those alternatives of its first effect
-    that the pairs exclude."""
+    """The selection with the pairs of the leading laws in its first step. Alternatives of its first effect that the pairs
+    exclude are removed."""
     first, known = way[0], {t.candidate.label: t for t in joint}
     alternatives, own = first.alternatives, known.get(first.candidate.label)
     if own is not None and first.step.errors is not None:
@@ -405,14 +423,14 @@ def _merit(way: Selection) -> float:
 
 
 def _promising(ways: Sequence[Selection], base: float) -> list[Selection]:
-    """The ladders that may still win. An estimated noise is no yardstick by which the best could be found wanting: with it
-    the best alone is followed."""
+    """The selections that may still become the best. With an estimated noise only the best one is continued, because an
+    estimated noise does not show whether the best selection is incomplete."""
     given, best = ways[0][-1].step.experiment.noise_given, min(map(_merit, ways))
     return [ways[0], *(way for way in ways[1:WAYS] if given and base - _merit(way) > FOLLOWED * (base - best))]
 
 
 def _distinct(ways: Sequence[Selection]) -> list[Selection]:
-    """The same effects in another order are one ladder."""
+    """The selections without duplicates: the order of the effects does not matter."""
     found: dict[frozenset[str], Selection] = {}
     for way in ways:
         found.setdefault(frozenset(added.candidate.label for added in way), way)
@@ -420,9 +438,12 @@ def _distinct(ways: Sequence[Selection]) -> list[Selection]:
 
 
 def looked_back(way: Selection, stepping: Stepping, say: Progress) -> Iterator[tuple[Selection, bool]]:
-    """Yield the selection without effects that are not needed beside the others, with better ones in their place, and each
-    effect with its alternatives beside all others, as far as that is known; and whether some effect was not examined
-    yet."""
+    """Review each effect of a selection. Yield the selection after each review, and whether some effects have not been
+    reviewed yet.
+
+    The review of an effect removes it if it is not needed together with the others, replaces it if another candidate is
+    better, or determines its alternatives with all other effects in the diagram.
+    """
     way = _among(way)
     while (k := next((k for k, added in enumerate(way) if added.beside != _others(way, k)), None)) is not None:
         yield way, True
@@ -435,11 +456,12 @@ def looked_back(way: Selection, stepping: Stepping, say: Progress) -> Iterator[t
 
 
 def _asked_again(way: Selection, k: int, stepping: Stepping, say: Progress) -> Selection | None:
-    """The ladder after its k-th effect was sought anew beside all others; None where the search for it was ended early."""
+    """The selection after its k-th effect was searched again with all others in the diagram; None if the search was
+    stopped early."""
     others = without_effect(way, k, say)
     if others is None:
         return _with(way, k, way[k].judged(way[k].alternatives, _others(way, k)))
-    # this very diagram is known already with the effect, and its rivals begin from what they were without the others
+    # the refit of this diagram with the effect is known; the alternatives start from their refits without the others
     exact = replace(way[-1].chosen, candidate=way[k].candidate)
     again = stepping(following(others[-1].step) if others else way[k].step.experiment, others)
     if again.partial:
@@ -448,10 +470,10 @@ def _asked_again(way: Selection, k: int, stepping: Stepping, say: Progress) -> S
     if again.chosen is None or not worth_it(again):
         return others
     same = next((t for t in again.trials if t.candidate.label == way[k].candidate.label), None)
-    if same is not None and merit(same) < _merit(way) - DECISIVE:  # the diagram that is known has another valley
+    if same is not None and merit(same) < _merit(way) - DECISIVE:  # a better local minimum of the known diagram
         way = _with_last(way, same)
     assert again.identity is not None
-    excluded = not any(t is same for t in again.identity.members)  # what the records cannot tell from it takes no place
+    excluded = not any(t is same for t in again.identity.members)  # an indistinguishable candidate does not replace it
     if excluded and merit(again.chosen) < _merit(way) - DECISIVE:
         return _instead(way, k, again, others, say)
     if same is not None and (law := simpler_law(again, same)) is not None:
@@ -461,8 +483,9 @@ def _asked_again(way: Selection, k: int, stepping: Stepping, say: Progress) -> S
 
 
 def _instead(way: Selection, k: int, again: Stage, others: Selection, say: Progress) -> Selection:
-    """The ladder with what was chosen beside all `others` in the place of its k-th effect, or behind them where it does
-    nothing noticeable at that place yet."""
+    """Replace the k-th effect by the effect chosen in the step `again`, which was made with all `others` in the diagram.
+    If the new effect does not explain a noticeable part of the residual at the k-th position, it is appended to the
+    others."""
     assert again.chosen is not None
     last = (*others, SelectedEffect(again, again.cluster, _labels(others)))
     there = next((t for t in way[k].step.trials if t.candidate.label == again.chosen.candidate.label), None)
@@ -479,7 +502,8 @@ def _instead(way: Selection, k: int, again: Stage, others: Selection, say: Progr
 
 
 def _in_order(way: Selection, say: Progress) -> Selection:
-    """The ladder with each effect that does nothing noticeable at its place yet behind one beside which it does."""
+    """Sort a selection: an effect that does not explain a noticeable part of the residual at its position is moved behind
+    an effect with which it does."""
     given = way
     for _ in way[1:]:
         k = next((k for k, added in enumerate(way[:-1]) if not worth_it(added.step)), None)
@@ -497,7 +521,7 @@ def _with(way: Selection, k: int, added: SelectedEffect) -> Selection:
 
 
 def _with_last(way: Selection, better: Refit) -> Selection:
-    """The ladder whose last diagram, that of `better` too, has the values found there, where these leave less."""
+    """The selection with the values of the refit `better` of its last diagram, if their sum of squares is smaller."""
     last = way[-1]
     trial = replace(better, candidate=last.candidate)
     if trial.cost >= last.chosen.cost or any(n.name not in trial.values for n in last.candidate.numbers
@@ -518,20 +542,21 @@ def _others(way: Selection, k: int) -> frozenset[str]:
 
 
 def _among(way: Selection) -> Selection:
-    """The ladder with the alternatives of each effect beside all others of it, where these are known."""
+    """The selection in which each effect has its alternatives with all other effects in the diagram, if these are known."""
     return tuple(added.among(_others(way, k)) for k, added in enumerate(way))
 
 
 def without_effect(way: Selection, k: int, say: Progress) -> Selection | None:
-    """The ladder without its k-th effect, what followed refitted one after the other; None where that stands upon it."""
+    """The selection without its k-th effect. The effects after it are refitted one after the other. None if one of them
+    depends on the removed effect."""
     return _continued(way[:k], way, k, say)
 
 
 def _continued(found: Selection, way: Selection, k: int, say: Progress) -> Selection | None:
-    """A ladder with what follows the k-th effect of another one, refitted one after the other; None where that stands upon
-    this effect."""
+    """Extend the selection `found` by the effects of `way` after the k-th one, refitted one after the other. None if one
+    of them depends on the k-th effect."""
     for added in way[k + 1:]:
-        step = way[0].step if not found else None  # the first has tried nearly everything already
+        step = way[0].step if not found else None  # the first step has already refitted most candidates
         wanted, gone = added.candidate, way[k].candidate
         beside: frozenset[str] | None = frozenset()
         if step is None or not any(_is(t.candidate, wanted, gone) for t in step.trials):
@@ -553,8 +578,8 @@ def _continued(found: Selection, way: Selection, k: int, say: Progress) -> Selec
 
 
 def _is(candidate: Candidate, wanted: Candidate, gone: Candidate) -> bool:
-    """Whether a candidate is the one that is wanted, in a diagram without the effect that is gone: what stood before that
-    effect's input (lag_inlet.u) stands before the input that this one took over (inlet.u)."""
+    """True if `candidate` is the same effect as `wanted`, after the effect `gone` was removed from the diagram. An effect
+    before the input of the removed effect (lag_inlet.u) is then before the input that this effect had replaced (inlet.u)."""
     former = {new: old for old, new in gone.change.moved.items()}
     place = (former.get(wanted.signal, wanted.signal), "") if wanted.signal else ("", wanted.place)
     return (candidate.component, candidate.attaches, candidate.signal, "" if candidate.signal else candidate.place) == \
@@ -563,8 +588,9 @@ def _is(candidate: Candidate, wanted: Candidate, gone: Candidate) -> bool:
 
 @dataclass(frozen=True)
 class Unsupported:
-    """A further effect that is not certain, and why: its strength is not constant over the amplitude (`constancy`), or an
-    identified `curve` in addition to an earlier effect explains most of what it explains."""
+    """A further effect that is not certain, and the reason: its strength is not constant over the amplitude
+    (`constancy`), or an identified `curve` in addition to an earlier effect explains most of the same part of the
+    residual."""
 
     added: SelectedEffect
     constancy: Constancy | None = None
@@ -574,7 +600,7 @@ class Unsupported:
     def words(self) -> str:
         """The reason in a sentence."""
         step, chosen = self.added.step, self.added.chosen
-        held = step.chi2_held_out == step.chi2_held_out  # (NaN: nothing is held out)
+        held = step.chi2_held_out == step.chi2_held_out  # (NaN without held-out data)
         before, after = (step.chi2_held_out, chosen.chi2_held_out) if held else (step.chi2_fit, chosen.chi2_fit)
         refused = f"{called(self.added.candidate)} lowers the reduced chi-square from {number(before, 3)} to " \
                   f"{number(after, 3)}, but is not certain: "
@@ -590,15 +616,18 @@ class Unsupported:
 
 def doubts(way: Selection, say: Progress, curves: Callable[[Experiment, Callable[[Candidate], bool]], Stage] | None = None
            ) -> list[Unsupported]:
-    """Of the effects of a selection those at its end that are not certain, in their order, and why.
+    """The effects at the end of a selection that are not certain, in their order, with the reason for each.
 
-    A further effect is judged against the residual before it, of which `worth_it` demands a noticeable share. No law is
-    exact, and what remains may be the error of an earlier law, which another law may imitate on all records of one kind. So
-    a further effect that does not reach the noise is named only if its strength is the same at small and at large motion,
-    and if no identified curve at the place of an earlier effect, added to it, explains most of what the further effect
-    explains (`curves` makes a step of those identified curves for which a predicate holds). An effect at the place of an
-    earlier one is part of the law there. An effect that is not certain remains in the model: the earlier effects are judged
-    beside it.
+    A further effect is compared with the residual before it, of which it must explain a noticeable share (`worth_it`). No
+    law is exact. The residual may therefore be the error of an earlier law, and another law may imitate this error on all
+    records of one kind. So a further effect that does not reach the noise is named only under two conditions:
+
+    * Its strength is the same at small and at large motion.
+    * No identified curve at the place of an earlier effect explains most of the same part of the residual.
+
+    `curves` makes a step with the identified curves that satisfy a predicate. A further effect at the place of an earlier
+    one is considered part of the law there. An effect that is not certain remains in the model, because the earlier effects
+    were determined with it.
     """
     doubtful: list[Unsupported] = []
     while len(way) > 1 and not _reaches_the_noise(way[-1]):
@@ -622,21 +651,21 @@ def doubts(way: Selection, say: Progress, curves: Callable[[Experiment, Callable
 
 
 def _at_earlier_place(way: Selection) -> Callable[[Candidate], bool]:
-    """Whether a candidate of the last step is at the place of an effect before the last one."""
+    """A predicate: true if a candidate of the last step is at the place of an effect before the last one."""
     step = way[-1].step
     earlier = {Places.of(added.step.experiment, step.as_one).place(added.candidate) for added in way[:-1]}
     return lambda candidate: step.places.place(candidate) in earlier
 
 
 def _explains_most(curve: Refit, added: SelectedEffect) -> bool:
-    """Whether a curve takes away most of what an added effect takes away from the residual before it."""
+    """True if a curve explains most of the part of the residual that an added effect explains."""
     assert added.step.errors is not None
     before = added.step.errors.mean(*ALL)
     return before - loss(curve) > DECISION.mainly * (before - loss(added.chosen))
 
 
 def _reaches_the_noise(added: SelectedEffect) -> bool:
-    """Whether the given noise is left with an effect, and clearly more than that without it."""
+    """True if the residual with an effect is the given noise, and the residual without it is clearly larger."""
     before = added.step.chi2_held_out if added.step.samples_held_out else added.step.chi2_fit
     return added.chosen.experiment.noise_given and leaves_noise(added.chosen) and before > DECISION.near
 

@@ -1,13 +1,14 @@
-"""Scores and refits in parallel processes, and the file that keeps refits.
+"""Scores and refits in parallel processes, and the resume file that keeps refits.
 
 Each worker assembles the base model once and then processes one candidate after the other. Workers are processes of this
-computer, or those of a scheduler, which receive the experiment and the point with each task and keep what they assembled.
+computer or of a scheduler. Workers of a scheduler receive the experiment and the point with each task, and cache the
+assembled model.
 
-Each line of the file holds one refit, and a digest of everything that it depends on: the residuals and derivatives of the
-base model at its optimum (to the last bit), the samples of all records, the candidate with the file of its component, and
-the state of the search when the refit was made. A search that asks for the same digest again takes the line. The figures of
-a refit are computed anew by one run of each record; a line whose figures differ is ignored. Scores are computed again: each
-takes a tenth of the time of a refit, and its direction is as long as the records.
+Each line of the file holds one refit and a digest of all its inputs: the residuals and derivatives of the base model at its
+optimum (exact bits), the samples of all records, the candidate with the file of its component, and the state of the search
+when the refit was made. A search that needs a refit with the same digest uses the line. The figures of a refit are then
+recomputed by one run of each record, and a line with different figures is ignored. Scores are not stored, because a score
+takes a tenth of the time of a refit and its direction is as long as the records.
 """
 
 from __future__ import annotations
@@ -41,15 +42,15 @@ from heavebond.estimation.residuals import Descent
 from heavebond.numerics.dae import Array
 from heavebond.numerics.simulator import Tolerances
 
-SAME = 1e-6  # share by which the sum of squares may differ from the kept one: that of the tolerances of the runs
-ROUNDING = 1e-9  # of the length of the residuals, by which a kept score may differ from that of its direction
+SAME = 1e-6  # relative difference of the sum of squares from the stored one, as large as the tolerances of the runs
+ROUNDING = 1e-9  # of the norm of the residuals, by which a stored score may differ from the score of its direction
 
 _here: ContextVar[KeptLines | None] = ContextVar("kept refits", default=None)
 
 
 @contextmanager
 def keeping(kept: KeptLines) -> Iterator[None]:
-    """Within it searches take refits from those that are kept, and keep those that they make."""
+    """Context manager: searches use the stored refits of `kept` and add the refits that they make."""
     before = _here.set(kept)
     try:
         yield
@@ -58,12 +59,12 @@ def keeping(kept: KeptLines) -> Iterator[None]:
 
 
 def kept_here() -> KeptLines | None:
-    """What is kept in the `keeping` block around; None outside of any."""
+    """The stored refits of the surrounding `keeping` block; None without such a block."""
     return _here.get()
 
 
 def entry(candidate: Candidate, refit: Refit | None) -> dict[str, Any]:
-    """What is kept of a refit (None: it cannot be simulated)."""
+    """The entry of a refit in the resume file. `refit` is None if the diagram cannot be simulated."""
     if refit is None:
         return {"candidate": candidate.label}
     own = {n.name for n in refit.candidate.numbers}
@@ -75,12 +76,12 @@ def entry(candidate: Candidate, refit: Refit | None) -> dict[str, Any]:
 
 
 def is_broken(kept: Kept) -> bool:
-    """Whether the diagram with the candidate could not be simulated."""
+    """True if the entry states that the diagram with the candidate cannot be simulated."""
     return "inner" not in kept
 
 
 def restored(base: Base, candidate: Candidate, guesses: Sequence[Score], kept: Kept) -> Refit | None:
-    """The refit that was kept; None where the model gives another one there."""
+    """Restore a stored refit; None if the model now gives a different sum of squares at its values."""
     try:
         found = at_end_of(base, candidate, guesses, {n: (low, high) for n, (low, high) in kept["ranges"].items()},
                           np.array(kept["inner"], float), int(kept["finer"]))
@@ -94,7 +95,7 @@ def restored(base: Base, candidate: Candidate, guesses: Sequence[Score], kept: K
 
 
 def digest_of(base: Base) -> str:
-    """A digest of the base model at its optimum and of all records."""
+    """Digest of the base model at its optimum and of all records."""
     made = hashlib.sha256()
     problem = base.problem
     for part in (VERSION, problem.runs[0].simulator.tolerances, problem.columns,
@@ -110,8 +111,8 @@ def digest_of(base: Base) -> str:
 
 
 def digest(base: str, what: str, candidate: Candidate, component: Path | None, known: Sequence[object]) -> str:
-    """The digest of a refit: of the base model (see `digest_of`), what is done, the candidate, the file of its component,
-    and what is known when it is done: sums of squares, scores, other refits."""
+    """Digest of a refit. It depends on the digest `base` of the base model (see `digest_of`), on the task `what`, the
+    candidate, the file of its component, and the inputs `known`: sums of squares, scores and other refits."""
     made = hashlib.sha256(f"{base} {what} {candidate!r} {_plain(known)!r}".encode())
     if component is not None and component.is_file():
         made.update(component.read_bytes())
@@ -119,8 +120,9 @@ def digest(base: str, what: str, candidate: Candidate, component: Path | None, k
 
 
 def _plain(known: object) -> object:
-    """A refit by its digits; a score by six, as it is computed again when a search is resumed, and the number of processes
-    and the order of their work change its last digits."""
+    """The content of an input of a refit for its digest. Refits are compared with all digits. Scores are rounded to six
+    digits, because a resumed search recomputes them, and the last digits depend on the number of processes and the order
+    of their work."""
     if isinstance(known, Refit):
         return known.candidate.label, known.cost, known.inner.tolist(), [d.x.tolist() for d in known.begun]
     if isinstance(known, Score):
@@ -133,14 +135,15 @@ def _plain(known: object) -> object:
 
 T = TypeVar("T")
 R = TypeVar("R", bound="Refit | None")
-Given = tuple[Experiment, Array, Tolerances]  # what the base model is made of
-_base: Base | None = None  # of this worker process
+Given = tuple[Experiment, Array, Tolerances]  # the data from which a worker builds the base model
+_base: Base | None = None  # base model of this worker process
 _cluster: ContextVar[Cluster | None] = ContextVar("cluster of searches", default=None)
 
 
 @contextmanager
 def working_on(cluster: Cluster | None) -> Iterator[None]:
-    """Within it searches work on the workers of a cluster, where there is one, instead of processes of this computer."""
+    """Context manager: searches use the workers of a cluster instead of processes of this computer, unless `cluster` is
+    None."""
     before = _cluster.set(cluster)
     try:
         yield
@@ -149,8 +152,8 @@ def working_on(cluster: Cluster | None) -> Iterator[None]:
 
 
 class Workers:
-    """The base model at a point, in `number` processes (in this one where it is 1), or on the workers of the cluster of the
-    `working_on` block around."""
+    """Scores and refits with one base model, in `number` processes (in the present process if `number` is 1), or on the
+    cluster of the surrounding `working_on` block."""
 
     def __init__(self, base: Base, number: int | None = None):
         self.base, self.kept = base, kept_here()
@@ -158,7 +161,7 @@ class Workers:
         self.cluster = _cluster.get()
         self.number = number or processors()
         self.processes: Processes | None = None
-        self.lost: list[str] = []  # candidates whose process died
+        self.lost: list[str] = []  # labels of the candidates whose process died
 
     @property
     def _given(self) -> Given:
@@ -170,7 +173,7 @@ class Workers:
 
     def __enter__(self) -> Workers:
         if self.cluster is None and self.number > 1:
-            # forked workers have the base model already; where there is no fork they make it
+            # forked workers already have the base model; without fork, each worker builds it
             self.processes = Processes(self.number, _keep, (self.base,)) if forks() else \
                 Processes(self.number, _make, self._given)
         return self
@@ -180,13 +183,15 @@ class Workers:
             self.processes.__exit__()
 
     def score(self, candidates: Sequence[Candidate], until: float = float("inf")) -> Iterator[tuple[Candidate, list[Score]]]:
-        """The scores of each candidate, in the order in which they are done; those not begun at `until` are left out."""
+        """Yield the scores of each candidate in the order of completion. Candidates that are not started at the time
+        `until` are left out."""
         shared = self._shared(candidates)
         none: list[list[Score]] = [[] for _ in candidates]
         yield from self._each(_scored, [(c, shared.get(c.label)) for c in candidates], candidates, until, none)
 
     def _shared(self, candidates: Sequence[Candidate]) -> dict[str, SharedDiagram]:
-        """The diagrams that candidates share, those of the catalogue with names of their own for their parts."""
+        """The shared diagrams by candidate label. Candidates of the catalogue get distinct part names, so that several
+        fit into one diagram."""
         experiment = self.base.problem.experiment
         adding = any(c.change.components for c in candidates)
         labels = {c.label for c in candidates if c.attaches == "across"}
@@ -195,24 +200,25 @@ class Workers:
 
     def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf")
               ) -> Iterator[tuple[Candidate, Refit | None]]:
-        """The first steps of each refit, in the order in which they are done; those not begun at `until` are left out.
-        `least` as in `begun`."""
+        """Make the first steps of each refit, and yield them in the order of completion. Refits that are not started at
+        the time `until` are left out. `least`: see the function `begun`."""
         return self._refits("begin", begun, [(c, guesses, least) for c, guesses in jobs], [c for c, _ in jobs], until,
                             [None] * len(jobs))
 
     def follow(self, jobs: Sequence[tuple[Refit, Sequence[Score]]], until: float = float("inf")
                ) -> Iterator[tuple[Candidate, Refit]]:
-        """Each refit that was begun followed, in the same way."""
+        """Continue each refit after its first steps, and yield the refits in the order of completion."""
         return self._refits("follow", followed, jobs, [t.candidate for t, _ in jobs], until, [t for t, _ in jobs])
 
     def polish(self, jobs: Sequence[tuple[Refit, Sequence[Score], Refit | None]]) -> Iterator[tuple[Candidate, Refit]]:
-        """Each trial followed to the end of its valley, or of that to which another one leads."""
+        """Continue each refit to full convergence, or refit it from the values of another law; see the function
+        `polished`."""
         return self._refits("polish", polished, jobs, [job[0].candidate for job in jobs], float("inf"),
                             [trial for trial, _, _ in jobs])
 
     def _refits(self, what: str, work: Callable[..., R], jobs: Sequence[tuple[Any, ...]], candidates: Sequence[Candidate],
                 until: float, instead: Sequence[R]) -> Iterator[tuple[Candidate, R]]:
-        """As `_each`, each job with what is kept of it."""
+        """Run `_each` for refits, with the stored refits as results if their digests agree."""
         kept = self.kept
         if kept is None:
             yield from self._each(_refitted, [(work, job, None) for job in jobs], candidates, until, instead)
@@ -225,15 +231,16 @@ class Workers:
             yield candidate, found
 
     def _digests(self, what: str, candidates: Sequence[Candidate], known: Sequence[Sequence[object]]) -> dict[str, str]:
-        """The digest of what is done for each candidate, by their labels; none where nothing is kept."""
+        """The digest of each refit by candidate label; empty without a resume file."""
         files = self.base.problem.experiment.model.library.files
         return {c.label: digest(self.digest, what, c, files.get(c.component), job)
                 for c, job in zip(candidates, known, strict=True)} if self.kept is not None else {}
 
     def _each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]], keys: Sequence[Candidate], until: float,
               instead: Sequence[T]) -> Iterator[tuple[Candidate, T]]:
-        """What comes of each job, by its candidate; of one whose process dies (killed, out of memory), also when it is tried
-        again alone, the value of `instead`, and its candidate is noted in `lost`."""
+        """Yield the result of each job with its candidate. If the process of a job dies (killed, out of memory), the job
+        is tried once more alone. If it dies again, the result is taken from `instead`, and the candidate's label is added
+        to `lost`."""
         if self.cluster is None and self.processes is None:
             for key, job in zip(keys, jobs, strict=True):
                 if clock.perf_counter() > until:
@@ -277,13 +284,13 @@ def _base_of(given: bytes) -> Base:
 
 
 def _beside(function: Callable[..., T], *job: Any) -> T:
-    """A job in a worker process of this computer."""
+    """Run a job in a worker process of this computer."""
     assert _base is not None
     return function(_base, *job, check_cancelled)
 
 
 def _elsewhere(given: bytes, function: Callable[..., T], *job: Any) -> T:
-    """A job in a process that another one has sent everything."""
+    """Run a job in a worker process of a cluster, which receives all data with the job."""
     return function(_base_of(given), *job)
 
 
@@ -293,7 +300,8 @@ def _scored(base: Base, candidate: Candidate, shared: SharedDiagram | None, prog
 
 def _refitted(base: Base, work: Callable[..., Refit | None], job: Sequence[Any], kept: Kept | None,
               progress: Progress | None = None) -> Any:
-    """A refit that is kept, or else what `work` makes of the job: a candidate or its refit so far, guesses, and more."""
+    """A stored refit if there is a valid one, otherwise the result of `work`. `job` holds a candidate or its refit so
+    far, its scores, and further arguments of `work`."""
     if kept is not None:
         if is_broken(kept):
             return None
