@@ -37,7 +37,7 @@ MODULES = ("heavebond.commands.diagnose", "heavebond.diagnosis.diagnose", "heave
            "heavebond.reports.report", "scipy.optimize")
 # what a diagnosis says it is doing, by how its words begin; these two are said when they are done, the others before
 PHASES = {"simulating": "comparing with all records",
-          "fitting what is free": "fitting what is free", "scoring": "scoring candidates",
+          "fitting the free parameters": "fitting the free parameters", "scoring": "scoring candidates",
           "refitting": "refitting candidates", "comparing": "following the best closely",
           "confirming": "confirming the one chosen", "trying": "trying fixed values",
           "learning": "learning a curve", "is ": "looking back",
@@ -49,7 +49,7 @@ class Watch:
     """Processor time by phase, from what a diagnosis says on its way."""
 
     def __init__(self) -> None:
-        self.phase, self.since = PHASES["fitting what is free"], time.process_time()
+        self.phase, self.since = PHASES["fitting the free parameters"], time.process_time()
         self.spent: dict[str, float] = {}
 
     def __call__(self, text: str) -> None:

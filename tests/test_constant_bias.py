@@ -186,7 +186,7 @@ def test_a_diagnosis_leads_with_a_channel_of_another_sign(tmp_path: Path) -> Non
         np.savetxt(tmp_path / f"{name}.csv", columns, delimiter=",", header="t,u,x", comments="")
     first, then = wrong_channels(hb.compare(tmp_path / "rig_record.yaml"))
     assert first.startswith("one, two: load.x moves against the model") and "write `is: -(load.x)`" in first
-    assert then.startswith("If so, set it right")
+    assert then.startswith("If so, correct it")
 
 
 def test_a_value_that_acts_as_another_and_was_not_fitted_is_told_without_a_number() -> None:

@@ -307,7 +307,7 @@ def test_words_tell_what_acts_as_another_value() -> None:
     step: Any = SimpleNamespace(acts_as={"Mass on crown": ("crown.m",)})
     finding: Any = SimpleNamespace(candidate=candidate)
     (line,) = acting_as_values([finding], [step], [])
-    assert line.startswith("added mass on crown (Mass) acts as another value of crown.m does")
+    assert line.startswith("added mass on crown (Mass) acts as another value of crown.m:")
     assert acting_as_values([finding], [step], ["crown.m"]) == []  # told already
     value: Any = SimpleNamespace(candidate=SimpleNamespace(label="Mass in crown (m)", kind=VALUE,
                                                            numbers=(SimpleNamespace(name="crown.m"),)))

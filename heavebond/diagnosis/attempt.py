@@ -72,7 +72,7 @@ def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] 
     made = single(at_fit(experiment, base), chosen, say)
     if made.chosen is None and not made.trials:
         raise UsageError([Problem("try-broken", f"the diagram with {chosen.label} cannot be simulated", None,
-                                  "Try another place, or attach it in a diagram of your own and run that.")])
+                                  "Try another place, or add the component to a diagram and run it.")])
     trial = made.trials[0]
     added = confirmed(SelectedEffect(replace(made, chosen=trial), (trial,)), experiment)
     return Attempt((*rungs, added.rung), added, trial.bic - made.bic, made.chosen is not None)

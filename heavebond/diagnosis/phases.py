@@ -188,8 +188,8 @@ def fit_parameters(state: State, task: Task) -> Iterator[State]:
     if not state.given.free:
         return
     most, began = min(FITTING * task.budget.seconds, task.budget.left(2 * state.comparing)), task.budget.spent
-    base = fit(state.given, progress=lambda text: task.say(f"fitting what is free: {text}"), partial=True, seconds=most,
-               before=state.models[0].comparison if state.models else None)
+    base = fit(state.given, progress=lambda text: task.say(f"fitting the free parameters: {text}"), partial=True,
+               seconds=most, before=state.models[0].comparison if state.models else None)
     by_user = was_ended(base) and task.budget.spent - began < most
     yield replace(state, base=base, models=tuple(first_entries(state.given, base)),
                   ended=("fit_parameters",) if by_user else ())
@@ -223,7 +223,7 @@ def search(state: State, task: Task) -> Iterator[State]:
     def calibrating(experiment: Experiment) -> Stage:
         cut_short.add(CALIBRATION)  # until it is complete
         made = make_calibration_stage(experiment, number=task.number, seconds=left(), classes=task.classes,
-                                      progress=lambda text: task.say(f"beside calibration errors: {text}"))
+                                      progress=lambda text: task.say(f"adding calibration errors: {text}"))
         if not made.partial:
             cut_short.clear()
         return made
@@ -281,7 +281,7 @@ def try_fixed_values(state: State, task: Task) -> Iterator[State]:
     made = make_value_stage(
         as_long_as(searched, at_fit(state.experiment, state.base)), beside=chosen, number=task.number,
         seconds=task.budget.left(state.kept),
-        progress=lambda text: task.say(f"trying other values of what is held fixed: {text}"))
+        progress=lambda text: task.say(f"trying other values of the fixed parameters: {text}"))
     if (value := _value(made, confirm_one, state.before_findings)) is not None:
         yield replace(state, models=(*state.before_findings, value.rung), findings=(value,), doubtful=(), reviews=(),
                       value_step=made,

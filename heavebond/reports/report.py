@@ -286,7 +286,7 @@ def _candidates(diagnosis: Diagnosis) -> Html:
                     "it, and from the error on held-out data.", class_="small")
     steps = [joined([element("h3", f"Step {k}"), ranking(step)]) for k, step in enumerate(diagnosis.steps, 1)]
     if diagnosis.verdict == "parameters" and diagnosis.findings:
-        steps.insert(1, element("p", "In the next step other values of what the diagram holds fixed were tried, without an "
+        steps.insert(1, element("p", "In the next step other values of the fixed parameters were tried, without an "
                                 "effect.", class_="small"))
     return joined([words, *steps])
 

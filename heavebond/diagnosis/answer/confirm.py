@@ -32,7 +32,7 @@ def loaded(experiment: ExperimentOrFile) -> tuple[Experiment, tuple[str, ...]]:
     that is smoothed. UsageError where no record of it is fitted."""
     found = load_experiment(experiment)
     if not any(r.use == "fit" for r in found.records.values()):
-        raise UsageError([Problem("fit-no-record", "no record is to be fitted", None,
+        raise UsageError([Problem("fit-no-record", "no record is marked `use: fit`", None,
                                   "Mark at least one record with `use: fit`.")])
     smoothed, said = with_smoothed_inputs(found, assemble_for(found, next(iter(found.records.values()))))
     return with_noise(smoothed), said

@@ -32,7 +32,7 @@ JUDGEMENTS = {
     "immaterial": f"takes away less than {100 * DECISION.further:.0f} % of the misfit of its step",
     "replaced": "justified, but another explanation is in the answer",
     "same_direction": "acts the same as a candidate that was fitted",
-    "not_identifiable": "not identifiable beside the free parameters",
+    "not_identifiable": "not identifiable together with the free parameters",
     "low_score": "score too small for a refit",
     "not_reached": "not reached before the search ended",
     "not_simulated": "could not be simulated",
@@ -131,7 +131,7 @@ COLUMNS: tuple[Column, ...] = (
            "held fixed, or, of a candidate that is not identifiable, a free one",
            lambda e: e.acts_as),
     Column("seen", "identifiable", "", 0, "of one that was not fitted: whether its effect on the channels is identifiable "
-           "beside the free parameters", lambda e: e.identifiable),
+           "together with the free parameters", lambda e: e.identifiable),
     Column("judgement", "result", "", 0, f"why it is the result or not: {', '.join(f'`{word}`' for word in JUDGEMENTS)}",
            lambda e: e.judgement, REPORT),
 )

@@ -132,7 +132,7 @@ def _of_estimates(best: LadderEntry) -> list[str]:
              if m.channel in estimates and not estimates[m.channel].separable]
     return [*([f"The noise of {listing(mixed, 3)} cannot be separated from the signal: judge the residual by the error in "
                "its unit, not by chi-square, or give `noise:`."] if mixed else []),
-            *([f"The noise is estimated, and an estimate sees only what is white. If the residual is the sensor's own (a "
+            *([f"The noise is estimated, and only white noise can be estimated. If the residual is the sensor's own (a "
                f"filter, a slow swaying), write {listing(more, 3)}: then no more is sought in it."] if more else []),
             *([f"Less than the estimated noise is left in {listing(less, 3)}, which moves too much from one sample to the "
                "next for an estimate: give its `noise:` to have more sought."] if less else [])]
@@ -190,7 +190,7 @@ def _beaten(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     nearest = f" ({first})" if first else ""
     return f"Something is missing {curve.candidate.place} that no entry of the catalogue explains: an identified curve " \
            f"there explains most of what the best law of the catalogue{nearest} leaves." \
-           + (f" Found beside it: {'; '.join(others)}." if others else "")
+           + (f" Found together with it: {'; '.join(others)}." if others else "")
 
 
 def _yardstick(adequacy: Adequacy) -> list[str]:
@@ -255,8 +255,8 @@ def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], kn
     for finding, step in zip(findings, steps, strict=False):
         names = [n for n in step.acts_as.get(finding.candidate.label, ()) if n not in known]
         if names:
-            lines.append(f"{called(finding.candidate)} acts as another value of {listing(names, len(names))} does: where "
-                         "the effect is small, the records cannot distinguish them. Check that value.")
+            lines.append(f"{called(finding.candidate)} acts as another value of {listing(names, len(names))}: the "
+                         "records cannot distinguish them if the effect is small. Check that value.")
         if finding.candidate.kind == VALUE and (alike := [label for label, names in step.acts_as.items()
                                                           if finding.candidate.numbers[0].name in names]):
             lines.append(f"If {finding.candidate.numbers[0].name} is right in the diagram, an effect that acts the same is "
@@ -450,7 +450,7 @@ def wrong_channels(last: Comparison) -> list[str]:
         for slip in record.slips:
             told.setdefault(slip, []).append(name)
     found = [f"{listing(records)}: {slip}." for slip, records in told.items()]
-    return [*found, "If so, set it right and diagnose again: what is named was found with it as it is."] if found else []
+    return [*found, "If so, correct it and diagnose again: the answer holds for its present value."] if found else []
 
 
 def closed_loops(first: Comparison) -> list[str]:
@@ -474,17 +474,17 @@ def left_out_words(steps: Sequence[Stage]) -> list[str]:
 def search_limits(classes: Sequence[str], looked: str, shorter: bool) -> list[str]:
     """What was left out of the search."""
     only = f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."
-    fitted = "the time did not suffice to fit what it found to all of them. Every figure is that of these beginnings" \
-        if shorter else "what it found was fitted to all of them"
-    part = f"The records are long: the search looked at their beginning ({looked}), and {fitted}. `--samples` sets how " \
+    fitted = "the time did not suffice to fit the effects to the whole records. All figures hold for these beginnings" \
+        if shorter else "the effects were fitted to the whole records"
+    part = f"The records are long: the search used their beginning ({looked}), and {fitted}. `--samples` sets how " \
         "much, `from:` and `to:` at a record which part."
     return [*([only] if classes else []), *([part] if looked else [])]
 
 
 # What a search may leave out, in its order.
 EFFECTS = "effects of the catalogue"
-CALIBRATION = "offsets and gains of inputs and channels beside the leading effects"
-FURTHER, VALUES = "further effects", "other values of what the diagram holds fixed"
+CALIBRATION = "offsets and gains of inputs and channels together with the leading effects"
+FURTHER, VALUES = "further effects", "other values of the fixed parameters"
 CURVES = "identified curves in place of an effect"
 MORE_TIME = "More time: `--seconds`. Less to do: `--samples`, `--only CLASS`, or `from:` and `to:` at a record."
 

@@ -274,7 +274,7 @@ def _lacking(site: Site, component: Component, effect: Effect, candidate: Candid
                 not any(part.stores is not None and not is_bundled(part.path) for part in parts):
             return f"no {listing(wanted)} is connected there"
         if there := [kind for kind in excluded if any(part.is_a(kind) for part in parts)]:
-            return f"the node is that of {listing(there)}"
+            return f"{listing(there)} is connected there"
     return ""
 
 

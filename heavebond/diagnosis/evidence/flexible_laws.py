@@ -249,7 +249,7 @@ class Remainder:
             return "The residual acts as no force or flow at any place of the diagram."
         curve, percent = place.curve, number(100 * self.share, 2)
         if not self.decided:
-            why = f"{number(100 * curve.covered, 2)} % of the held-out motion lies within that of the fitted records" \
+            why = f"{number(100 * curve.covered, 2)} % of the held-out motion is inside the range of the fitted records" \
                 if curve.covered < DECISION.covered else "none predicts held-out data better than the model without it"
             return f"Whether a law of one or two variables at some place would explain the residual is not decided: {why}."
         said = f"a {noun(place)} {place.place.words} over the {curve.variable.phrase}, {shape_words(curve)}"

@@ -157,8 +157,8 @@ def own_start_words(before: Experiment, base: Fit | None, fitted: Fit | None) ->
             begins = {record: float(c.model[0]) for record, c in channels.items()}
             told.add(state.rpartition(".")[0])
         said = listing(f"{readable(value, unit.text, 3)} in {record}" for record, value in begins.items())
-        lines.append(f"The records do not begin where the diagram does: {state} begins at {said}. What is said here is "
-                     f"beside these starts; to keep them, write `{name}: {free_text(free)}` under `free:`"
+        lines.append(f"The records do not begin where the diagram does: {state} begins at {said}. The answer holds "
+                     f"for these start values. To keep them, write `{name}: {free_text(free)}` under `free:`"
                      + (f", and `initial: {{{state}: 0 {unit.text}}}` in the diagram"
                         if state not in before.model.initial.conditions else "") + ".")
     return lines

@@ -217,7 +217,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     their scores predict most of the residual, because only variations with a far smaller residual than the law are kept.
     """
     began = clock.perf_counter()
-    say("fitting what is free")
+    say("fitting the free parameters")
     base = fitted_base(experiment)
     errors = predictive_errors(base.problem, base.inner, base.exact, base.r)
     courses = _courses(base)
@@ -429,7 +429,7 @@ def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
 def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> str:
     """The reason why a candidate cannot act on the fitted records as its class does; empty if it can."""
     if not _says_more(candidate, base, courses):
-        return "what presses it is steady, so that it is dry friction"
+        return "the pressure that it depends on is steady, so that it is dry friction"
     if candidate.reverses and not _reverses(candidate, base):
         return "the motion there goes in one direction only"
     if candidate.curve_of_displacement and not retraced(_displacements(candidate, base)):
