@@ -70,13 +70,14 @@ class Workers:
             yield trial.candidate, Trial(trial.candidate, SAMPLES * found[1])
 
 
-def made(workers: Workers, leading: str, rest: str, seconds: float = 60.0, explained: float = 0.0
-         ) -> tuple[bool, dict[str, float]]:
+def made(workers: Workers, leading: str, rest: str, seconds: float = 60.0, explained: float = 0.0,
+         postponed: Sequence[str] = ()) -> tuple[bool, dict[str, float]]:
     """Whether all was done, and the figure that each candidate was left with; a trial below `explained` explains the
     misfit."""
     refits = RefitSchedule(cast(Any, workers), lambda text: None, lambda trial: trial.chi2_fit < explained)
     first, others = ([(cast(Any, Candidate(label)), list[Any]()) for label in labels] for labels in (leading, rest))
     whole = refits.make(first, others, clock.perf_counter() + seconds)
+    assert refits.postponed == [*postponed]
     return whole, {label: trial.chi2_fit for label, trial in refits.trials.items()}
 
 
@@ -105,7 +106,7 @@ def test_the_rest_waits_for_the_next_step_if_a_law_explains_most_and_more_than_n
     leading = "b" + "acdefghijklmnopqrstuvwxyzABC"
     many = dict.fromkeys(leading, (500.0, 400.0))
     workers = Workers({**many, "b": (30.0, 20.0), "D": (1.0, 1.0)})
-    whole, figures = made(workers, leading, "D", explained=200.0)
+    whole, figures = made(workers, leading, "D", explained=200.0, postponed=leading[REFITS:])
     assert whole and figures["b"] == 20.0 and len(figures) == REFITS and "D" not in figures
     whole, figures = made(Workers({**many, "b": (3.0, 1.0), "D": (1.0, 1.0)}), leading, "D", explained=200.0)
     assert whole and len(figures) == len(leading)

@@ -34,6 +34,7 @@ JUDGEMENTS = {
     "same_direction": "acts the same as a candidate that was fitted",
     "not_identifiable": "not identifiable together with the free parameters",
     "low_score": "score too small for a refit",
+    "left_out": "left out for a reason that `left_out` states",
     "not_reached": "not reached before the search ended",
     "not_simulated": "could not be simulated",
 }
@@ -157,7 +158,7 @@ def entries(step: Stage) -> tuple[Entry, ...]:
         if label not in fitted:
             why = "indistinguishable" if label in alike else "same_direction" if label in twins else \
                 "not_identifiable" if label in unseen else "not_simulated" if label in step.failed else \
-                "not_reached" if step.partial and s.gain >= least else "low_score"
+                "left_out" if label in step.excluded else "not_reached" if step.partial and s.gain >= least else "low_score"
             ranked.append(Entry(s.candidate, s.gain, None, step, why, s.told_apart))
     return tuple(ranked)
 

@@ -38,7 +38,8 @@ Job = tuple[Candidate, list[Score]]  # a candidate that will be refitted, with i
 @dataclass
 class RefitSchedule:
     """The refits of a step so far, by the labels of their candidates. `failed` lists the labels of candidates with which
-    the diagram could not be simulated. `explains` is a predicate: true if a refit explains so much of the misfit that a
+    the diagram could not be simulated, and `postponed` those of promising candidates that are left to a further step.
+    `explains` is a predicate: true if a refit explains so much of the misfit that a
     further step is made before more candidates are refitted."""
 
     workers: Workers
@@ -46,6 +47,7 @@ class RefitSchedule:
     explains: Callable[[Refit], bool] = lambda trial: False
     trials: dict[str, Refit] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
+    postponed: list[str] = field(default_factory=list)
 
     def make(self, leading: Sequence[Job], rest: Sequence[Job], until: float) -> bool:
         """Refit the leading candidates. If none of them comes near the noise, refit the rest as well.
@@ -61,6 +63,7 @@ class RefitSchedule:
         last, whole = now + BEGINNING * (until - now), True
         for begin, end in ((0, FIRST), (FIRST, REFITS), (REFITS, len(leading))):
             if begin == REFITS and self.explained:
+                self.postponed += [candidate.label for candidate, _ in leading[begin:]]
                 break
             jobs = leading[begin:end]
             whole &= self._begin(jobs, "", last)

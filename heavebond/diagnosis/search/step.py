@@ -275,6 +275,7 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
             partial, left, twins = True, leftover(base, scores, prescored.scores), {}
     if not always:
         excluded |= {label: "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
+    excluded |= dict.fromkeys(refits.postponed, "another effect explains most of the misfit of this step")
     trials = [t for label, t in refits.trials.items() if label not in excluded]
     why = "it leaves more than noise, and effects were added before" if later else \
         "laws with constant parameters leave hardly more"
