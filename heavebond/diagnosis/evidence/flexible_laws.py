@@ -120,7 +120,7 @@ def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None
     beaten = here is not None and covered >= DECISION.covered and _explains_most(here, law)
     rival = here if beaten and here is not None else law
     if there is not None and _explains_most(there, rival) \
-            and (so_far := coverage(there, beside.experiment)) >= DECISION.covered:  # the coverage requires runs of all records
+            and (so_far := coverage(there, beside.experiment)) >= DECISION.covered:  # simulates all records
         here, there, beaten, covered = there, None, True, so_far
     return Adequacy(explained, here, there, beaten, covered, complete, curves is not None and not curves.partial, law,
                     tuple(t for t in curves.trials if t.errors is not None) if curves is not None else ())

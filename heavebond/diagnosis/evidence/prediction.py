@@ -2,9 +2,9 @@
 
 Predictive errors are squared whitened residuals of samples that the parameters were not fitted to. On held-out records the
 fitted model is used unchanged. On fitted records the errors are cross-validated by blocks of time: block B is predicted by
-the parameters fitted to the samples outside B and outside a gap on either side of B, so that the correlation of residuals does
-not carry information into B. No refit is needed. With the residuals r (n,) and their derivatives J (n, m) at the optimum,
-the derivatives P of the priors, and B' the block with its gaps, the parameters without B' are to first order
+the parameters fitted to the samples outside B and outside a gap on either side of B, so that correlated residuals do not
+carry information into B. No refit is needed. With the residuals r (n,) and their derivatives J (n, m) at the optimum, the
+derivatives P of the priors, and B' the block with its gaps, the parameters without B' are to first order
 
     d = (J'J + P'P)^-1 J_B' 'r_B',      r_B(-B') = r_B + J_B d
 
@@ -217,15 +217,15 @@ def predictive_errors(problem: Residuals, inner: Array, exact: Mapping[str, Run]
                       own: Mapping[str, Mapping[str, float]] | None = None) -> PredictiveErrors:
     """Compute the predictive errors of a fit.
 
-    `r` (n,) are the residuals on the fitted samples, `exact` are runs of all records. `own` contains the values that apply
-    to single held-out records; if None, they are fitted.
+    `r` (n,) are the residuals on the fitted samples, `exact` are runs of all records. `own` contains the separate values
+    of each held-out record; if None, they are fitted.
     """
     own = own_starts_of(problem, inner, exact) if own is None else own
     return binned([*_fitted(problem, inner, r), *_held_out(problem, inner, exact, own)])
 
 
 def own_starts_of(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> dict[str, dict[str, float]]:
-    """Fit the initial values of each held-out record; a record that cannot be simulated is left out."""
+    """Fit the separate values (`each: record`) of each held-out record; a record that cannot be simulated is left out."""
     found = {}
     for record in problem.experiment.records.values():
         if record.use != "fit" and exact[record.name].counts.any():
