@@ -73,7 +73,7 @@ class Places:
         series = candidate.attaches == "in series"
         if series and candidate.members:
             return "in series", frozenset(candidate.where), frozenset()
-        # a node may have the name of a part
+        # a node and a part may have the same name
         of_parts = candidate.attaches in ("in", "replaces", "parameter")
         parts = candidate.where[1:] if series else candidate.where if of_parts else ()
         nodes = set(candidate.where[:len(candidate.where) - len(parts)])
@@ -113,7 +113,7 @@ def _grounds(site: Site, domain: str) -> list[str]:
 
 
 Signature = tuple[object, ...]
-LAWS = ("across", "at", "in series", "in", "replaces")  # ways to attach that are considered: not sensors
+LAWS = ("across", "at", "in series", "in", "replaces")  # kinds of attachment with similar places: no sensors
 
 
 def candidates(experiment: ExperimentOrFile, excluded: dict[str, str] | None = None, site: Site | None = None
