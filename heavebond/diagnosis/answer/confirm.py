@@ -28,7 +28,7 @@ from heavebond.text.expression import constant
 
 
 def loaded(experiment: ExperimentOrFile) -> tuple[Experiment, tuple[str, ...]]:
-    """Load an experiment with the propagated noise of its inputs, and a sentence for each input that is smoothed.
+    """Load an experiment, and return it with the noise of its channels and inputs, and a sentence for each smoothed input.
 
     Raises UsageError if no record is to be fitted.
     """
