@@ -472,7 +472,7 @@ def _value(made: Stage, confirm_one: Callable[[SelectedEffect, Comparison], Adde
            models: Sequence[LadderEntry]) -> AddedEffect | None:
     """Fixed value with which the residual becomes noise, fitted to all samples.
 
-    None if there is none, if an effect that was compared with the values is as good, or if not all values were tried.
+    None if there is none, if the records cannot distinguish it from an effect, or if not all values were tried.
     """
     if made.partial or made.chosen is None or not worth_it(made) or any(t.candidate.kind != VALUE for t in made.cluster):
         return None
