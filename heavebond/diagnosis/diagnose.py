@@ -196,12 +196,14 @@ def diagnose(experiment: ExperimentOrFile, *, steps: int = MOST, number: int | N
     The effects are selected stepwise, at most `steps` of them, as long as the residual exceeds the noise and each effect
     reduces the errors on the selection data significantly and noticeably (see `diagnosis.search.stepwise`).
 
-    number: number of processes (default: number of processors). executor: cluster whose workers score and refit the
-    candidates. seconds: time limit (s, or text with a unit), after which the search ends with its best result. classes:
-    classes of effects to which the catalogue is restricted. samples: number of samples of long records that the search uses
-    (see `estimation.excerpts`); the final fit uses all. progress: called with a text at each step. growing: called with the
-    table of models after each change (name, errors and chi-square of each model; the errors of an effect that is not yet
-    confirmed are NaN).
+    * number: number of processes (default: number of processors).
+    * executor: cluster whose workers score and refit the candidates.
+    * seconds: time limit (s, or text with a unit), after which the search ends with its best result.
+    * classes: classes of effects to which the catalogue is restricted.
+    * samples: number of samples of long records that the search uses (see `estimation.excerpts`); the final fit uses all.
+    * progress: called with a text at each step.
+    * growing: called with the table of models after each change (name, errors and chi-square of each model; the errors of an
+      effect that is not yet confirmed are NaN).
 
     Ctrl-C ends the search with the effects found up to then. Raises ModelError and DataError for an invalid experiment,
     UsageError if no record is to be fitted.

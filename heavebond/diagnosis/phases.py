@@ -69,8 +69,12 @@ FITTING, KEPT, MOST_KEPT, LAST_RUNS = 0.4, 0.1, 0.4, 6.0
 class Task:
     """The options of a diagnosis.
 
-    budget: time. steps: largest number of effects. number: number of processes. classes: classes of effects to which the
-    catalogue is restricted. samples: number of searched samples of long records. say, grow: report of progress.
+    * budget: time.
+    * steps: largest number of effects.
+    * number: number of processes.
+    * classes: classes of effects to which the catalogue is restricted.
+    * samples: number of searched samples of long records.
+    * say, grow: report of progress.
     """
 
     budget: Budget
@@ -86,16 +90,27 @@ class Task:
 class State:
     """The state of a diagnosis.
 
-    given: the original experiment. experiment: the same with separate initial values for each record, if required. models:
-    the table of models with their errors. base: the fit of the free parameters. comparing: duration of a comparison with all
-    records (s). kept: time (s) that is kept for the closing phases. searched: experiment on the searched samples. selection,
-    last: the selected effects and the last step of the search. doubts: effects that are not certain, with the reasons.
-    steps, findings, doubtful: steps, certain effects and uncertain effects of the answer. reviews: for each step, the step
-    in which its effect was compared again in the diagram with all others. confirming: the fits to all samples. values: fixed
-    values that the records cannot distinguish from the findings. value_step: the step of all fixed values. shape: the
-    identified curve that replaces a named effect. adequacy, remainder: see `evidence.flexible_laws`. localization: see
-    `localise`. differences: sentences on parameters with another value in a held-out record. verdict, separation: see
-    `Diagnosis`. untried: parts of the search that were not completed. ended: phases that were ended early.
+    * given: the original experiment.
+    * experiment: the same with separate initial values for each record, if required.
+    * models: the table of models with their errors.
+    * base: the fit of the free parameters.
+    * comparing: duration of a comparison with all records (s).
+    * kept: time (s) that is kept for the closing phases.
+    * searched: experiment on the searched samples.
+    * selection, last: the selected effects and the last step of the search.
+    * doubts: effects that are not certain, with the reasons.
+    * steps, findings, doubtful: steps, certain effects and uncertain effects of the answer.
+    * reviews: for each step, the step in which its effect was compared again in the diagram with all others.
+    * confirming: the fits to all samples.
+    * values: fixed values that the records cannot distinguish from the findings.
+    * value_step: the step of all fixed values.
+    * shape: the identified curve that replaces a named effect.
+    * adequacy, remainder: see `evidence.flexible_laws`.
+    * localization: see `localise`.
+    * differences: sentences on parameters with another value in a held-out record.
+    * verdict, separation: see `Diagnosis`.
+    * untried: parts of the search that were not completed.
+    * ended: phases that were ended early.
     """
 
     given: Experiment

@@ -68,9 +68,12 @@ class ChannelError:
 class AddedEffect:
     """An effect that was added to the diagram.
 
-    candidate: the effect. parameters: its fitted parameters. rung: entry of the model with the effect in the table. fit: the
-    fit. alternatives: refits that the records cannot distinguish from it, the selected one first. doubt: sentence on why a
-    further effect is not certain.
+    * candidate: the effect.
+    * parameters: its fitted parameters.
+    * rung: entry of the model with the effect in the table.
+    * fit: the fit.
+    * alternatives: refits that the records cannot distinguish from it, the selected one first.
+    * doubt: sentence on why a further effect is not certain.
     """
 
     candidate: Candidate

@@ -116,10 +116,14 @@ SHORTER, COMPARING = 0.03, 2.0
 class Confirming:
     """Fits of effects to the whole records within the remaining time.
 
-    budget: total time. given: experiment on the whole records. part: experiment on the searched samples. base: fit without
-    effects. comparing: duration of a comparison with all records (s). say: report of progress. shorter: set if the time only
-    suffices for fits to `part`. ended: set if it does not suffice for these either; then the values of the search are the
-    result.
+    * budget: total time.
+    * given: experiment on the whole records.
+    * part: experiment on the searched samples.
+    * base: fit without effects.
+    * comparing: duration of a comparison with all records (s).
+    * say: report of progress.
+    * shorter: set if the time only suffices for fits to `part`.
+    * ended: set if it does not suffice for these either; then the values of the search are the result.
     """
 
     budget: Budget

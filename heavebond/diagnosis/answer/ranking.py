@@ -71,8 +71,12 @@ class Entry:
 class Column:
     """A column of the ranking.
 
-    key: key in `--json`. title: heading. unit. digits: significant digits (0: text). meaning: description. value: function
-    of an entry. shown: media that show the column (`terminal`, `report`).
+    * key: key in `--json`.
+    * title, unit: heading and unit.
+    * digits: significant digits (0: text).
+    * meaning: description.
+    * value: function of an entry.
+    * shown: media that show the column (`terminal`, `report`).
     """
 
     key: str

@@ -68,8 +68,12 @@ FOLLOWED = {"across": "rate", "pressure": "rate", "position": "displacement"}
 class Node:
     """A branch of the answer.
 
-    level: one of LEVELS. name: text. probability: sum over the branches below. children: branches of the next level, most
-    probable first. key: distinguishes the branch from others of its level. labels: candidates in the branch.
+    * level: one of LEVELS.
+    * name: text.
+    * probability: sum over the branches below.
+    * children: branches of the next level, most probable first.
+    * key: distinguishes the branch from others of its level.
+    * labels: candidates in the branch.
     """
 
     level: str
@@ -89,8 +93,12 @@ class Node:
 class EffectTree:
     """The tree of one effect.
 
-    root: the tree. path: stated branches from the top down. statement: sentence on the path. meaning: sentence on the
-    physics of the best law (empty without one). name: short name. share: share of the misfit (NaN if no effect was added).
+    * root: the tree.
+    * path: stated branches from the top down.
+    * statement: sentence on the path.
+    * meaning: sentence on the physics of the best law (empty without one).
+    * name: short name.
+    * share: share of the misfit (NaN if no effect was added).
     """
 
     root: Node

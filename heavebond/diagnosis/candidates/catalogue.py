@@ -57,11 +57,15 @@ UNKNOWN = "unknown law"  # class of identified curves: a shape without a name
 class EffectNumber:
     """A parameter of an effect.
 
-    name: full name. unit: base unit. low, high: bounds of the value. sought: search range (None: the search begins at
-    `neutral` without a fixed range). amplitude: True for an amplitude, False for a shape. limits: bounds of the parameter
-    itself (its `min` and `max`); all other ends of a range are ends of the search. neutral: value without the effect.
-    neutral_of: for a replacing law, the formula of the diagram's parameters for the neutral value. parts: further parts that
-    have the same parameter (one law at several places).
+    * name: full name.
+    * unit: base unit.
+    * low, high: bounds of the value.
+    * sought: search range (None: the search begins at `neutral` without a fixed range).
+    * amplitude: True for an amplitude, False for a shape.
+    * limits: bounds of the parameter itself (its `min` and `max`); all other ends of a range are ends of the search.
+    * neutral: value without the effect.
+    * neutral_of: for a replacing law, the formula of the diagram's parameters for the neutral value.
+    * parts: further parts that have the same parameter (one law at several places).
     """
 
     name: str
@@ -110,12 +114,17 @@ class EffectNumber:
 class Candidate:
     """One effect at one place.
 
-    name, component: name of the new part (or of the parameter), and its component. kind: class of the effect. place, where:
-    the place in words, and as names of nodes, ports or outputs. change: change to the diagram that inserts the effect at its
-    neutral values. numbers: parameters of the effect. orders: pairs of parameters of which the first must exceed the second.
-    signal: signal input that the effect precedes. members: if the law acts at several places at once, labels of the
-    candidates at the single places. old: component of the replaced part. acts: quantity of the diagram that is positive
-    while the effect acts. reverses: True if the effect acts only if the motion reverses.
+    * name, component: name of the new part (or of the parameter), and its component.
+    * kind: class of the effect.
+    * place, where: the place in words, and as names of nodes, ports or outputs.
+    * change: change to the diagram that inserts the effect at its neutral values.
+    * numbers: parameters of the effect.
+    * orders: pairs of parameters of which the first must exceed the second.
+    * signal: signal input that the effect precedes.
+    * members: if the law acts at several places at once, labels of the candidates at the single places.
+    * old: component of the replaced part.
+    * acts: quantity of the diagram that is positive while the effect acts.
+    * reverses: True if the effect acts only if the motion reverses.
     """
 
     name: str
@@ -188,8 +197,9 @@ class Candidate:
 class Site:
     """A diagram in which effects are placed.
 
-    taken: names that must not be used, in addition to the names of the diagram. apart: if True, each name that is assigned
-    is added to `taken`. excluded: reason for each effect that is not a candidate, by label.
+    * taken: names that must not be used, in addition to the names of the diagram.
+    * apart: if True, each name that is assigned is added to `taken`.
+    * excluded: reason for each effect that is not a candidate, by label.
     """
 
     experiment: Experiment

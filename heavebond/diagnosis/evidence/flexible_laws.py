@@ -47,13 +47,15 @@ from heavebond.numerics.result import Probe
 class Adequacy:
     """Share of the misfit that the selected effects explain, and its comparison with identified curves.
 
-    explained: share of chi-square above the noise that the effects remove together, cross-validated and on held-out data.
-    flexible: the best-predicting identified curve at the place of the first effect, or one at another place that explains
-    most of the residual of that curve. elsewhere: another curve, at another place, that predicts as well as the effect or
-    better. beaten: True if the curve `flexible` explains most of the residual of the effect. covered: share of the held-out
-    motion inside the motion that this curve was fitted to (NaN without a curve). complete: True if all candidates of the
-    step and other values of fixed parameters were tried. tried: True if all identified curves were tried. law, curves: the
-    refits of the effect and of all identified curves in its place, in the same diagram.
+    * explained: share of chi-square above the noise that the effects remove together, cross-validated and on held-out data.
+    * flexible: the best-predicting identified curve at the place of the first effect, or one at another place that explains
+      most of the residual of that curve.
+    * elsewhere: another curve, at another place, that predicts as well as the effect or better.
+    * beaten: True if the curve `flexible` explains most of the residual of the effect.
+    * covered: share of the held-out motion inside the motion that this curve was fitted to (NaN without a curve).
+    * complete: True if all candidates of the step and other values of fixed parameters were tried.
+    * tried: True if all identified curves were tried.
+    * law, curves: the refits of the effect and of all identified curves in its place, in the same diagram.
     """
 
     explained: float

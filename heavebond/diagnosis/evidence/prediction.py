@@ -50,8 +50,9 @@ LARGEST = 3  # the mean length of a stretch is at least this many blocks
 class ConfidenceSet:
     """A model confidence set of m models.
 
-    p: p value of each model (m,); the set contains the models with p >= the significance level. best: share of the resamples
-    in which each model has the smallest mean loss (m,). blocks: number of independent blocks in the samples.
+    * p: p value of each model (m,); the set contains the models with p >= the significance level.
+    * best: share of the resamples in which each model has the smallest mean loss (m,).
+    * blocks: number of independent blocks in the samples.
     """
 
     p: Array
@@ -157,8 +158,10 @@ GAP = 0.5  # largest gap as a share of a block
 class PredictiveErrors:
     """Squared whitened prediction errors in consecutive bins of time.
 
-    sums (k,): sum of the errors in each bin; counts (k,): number of samples in each bin; stretch (k,): number of the
-    uninterrupted stretch of a record to which the bin belongs; role (k,): FITTED (cross-validated), SELECTION or TEST.
+    * sums (k,): sum of the errors in each bin.
+    * counts (k,): number of samples in each bin.
+    * stretch (k,): number of the uninterrupted stretch of a record to which the bin belongs.
+    * role (k,): FITTED (cross-validated), SELECTION or TEST.
     """
 
     sums: Array

@@ -71,10 +71,12 @@ class Calibration:
     The machines of these cases lack at most one law. `python -m benchmarks.diagnosis.calibration report` compares the
     calibration with machines that also have clutter.
 
-    cases: number of cases. temperature: T, by which log-likelihoods are divided. outside: A, odds of a law outside the
-    catalogue if the residual of a law of the catalogue is noise. excess: B, logarithm of the factor on these odds if the
-    residual is much larger than the noise. simpler: K, prior odds that nothing is missing, and that the data sheet is right.
-    lapse: share kept for effects of the catalogue that were not considered.
+    * cases: number of cases.
+    * temperature: T, by which log-likelihoods are divided.
+    * outside: A, odds of a law outside the catalogue if the residual of a law of the catalogue is noise.
+    * excess: B, logarithm of the factor on these odds if the residual is much larger than the noise.
+    * simpler: K, prior odds that nothing is missing, and that the data sheet is right.
+    * lapse: share kept for effects of the catalogue that were not considered.
     """
 
     cases: int = 744
@@ -124,12 +126,14 @@ class Event:
 class Evidence:
     """Data from which the probabilities are computed.
 
-    effects: events of the models, with probability 0; class VALUE for another value of a fixed number. weights: their
-    weights (m,) at each of the TEMPERATURES. left: mean squared whitened prediction error of the best model, at least 1 (1 =
-    noise level; 1 if no model was fitted). missing: bound of the Bayes factor for "nothing is missing" from the residual
-    tests. sheet: bound of the Bayes factor for the values of the data sheet from the fitted parameters. curves, flexible:
-    places of identified curves, and their weights (k,) relative to the best effect at each of the TEMPERATURES; empty if no
-    curve was fitted. untried: share of the promising candidates without a refit, because the search was ended early.
+    * effects: events of the models, with probability 0; class VALUE for another value of a fixed number.
+    * weights: their weights (m,) at each of the TEMPERATURES.
+    * left: mean squared whitened prediction error of the best model, at least 1 (1 = noise level; 1 if no model was fitted).
+    * missing: bound of the Bayes factor for "nothing is missing" from the residual tests.
+    * sheet: bound of the Bayes factor for the values of the data sheet from the fitted parameters.
+    * curves, flexible: places of identified curves, and their weights (k,) relative to the best effect at each of the
+      TEMPERATURES; empty if no curve was fitted.
+    * untried: share of the promising candidates without a refit, because the search was ended early.
     """
 
     effects: tuple[Event, ...]
