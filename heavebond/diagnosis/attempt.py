@@ -26,8 +26,10 @@ from heavebond.estimation.fitting import Fit, fit
 class Attempt:
     """Result of a single effect that the user specifies.
 
-    ladder: table of models without and with the effect. finding: the effect. bic_difference: change of BIC, negative if the
-    effect improves the model. earned: True if held-out data justify the effect.
+    * ladder: table of models without and with the effect.
+    * finding: the effect.
+    * bic_difference: change of BIC, negative if the effect improves the model.
+    * earned: True if held-out data justify the effect.
     """
 
     ladder: tuple[LadderEntry, ...]

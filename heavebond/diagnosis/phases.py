@@ -312,8 +312,8 @@ def try_fixed_values(state: State, task: Task) -> Iterator[State]:
 
 
 def fit_flexible_laws(state: State, task: Task) -> Iterator[State]:
-    """Compare the first finding with identified curves in its place if the residual exceeds the noise, or fit curves if
-    there is no finding. A curve that explains most of the residual replaces the finding."""
+    """Compare the first finding with identified curves in its place if the residual exceeds the noise. Without a finding,
+    fit identified curves only. A curve that explains most of the residual replaces the finding."""
     if not state.unexplained:
         return
     assert state.confirming is not None
@@ -487,7 +487,8 @@ def _value(made: Stage, confirm_one: Callable[[SelectedEffect, Comparison], Adde
            models: Sequence[LadderEntry]) -> AddedEffect | None:
     """Fixed value with which the residual becomes noise, fitted to all samples.
 
-    None if there is none, if the records cannot distinguish it from an effect, or if not all values were tried.
+    None if no value reaches the noise, if the records cannot distinguish the value from an effect, or if not all values were
+    tried.
     """
     if made.partial or made.chosen is None or not worth_it(made) or any(t.candidate.kind != VALUE for t in made.cluster):
         return None
@@ -499,8 +500,8 @@ def _beside(findings: Sequence[AddedEffect], chosen: Refit, made: Stage
             ) -> tuple[tuple[AddedEffect, ...], tuple[Refit, ...]]:
     """Findings, and fixed values that the records cannot distinguish from them; `chosen` is the refit of the last finding.
 
-    A single finding gets the values that explain the misfit better, though not significantly, as alternatives. Otherwise the
-    fixed values of the diagram are assumed to be right.
+    If there is a single finding, values that explain the misfit better, though not significantly, become its alternatives.
+    Otherwise the findings remain unchanged.
     """
     values = () if made.partial else tuple(t for t in made.cluster if t.candidate.kind == VALUE)
     better_values = [t for t in values if merit(t) < merit(chosen) - DECISIVE]

@@ -135,8 +135,8 @@ def ladder_entry(name: str, comparison: Comparison) -> LadderEntry:
 
 
 def channel_errors(rung: LadderEntry) -> list[ChannelError]:
-    """Error of a model in each channel on the held-out samples of all records, or on the fitted samples if there are no
-    held-out ones."""
+    """Error of a model in each channel, over the held-out samples of all records (without held-out samples, over the fitted
+    ones)."""
     parts = [p for p in rung.comparison.parts if p.use != "fit"] or list(rung.comparison.parts)
     found: dict[str, list[Channel]] = {}
     for part in parts:

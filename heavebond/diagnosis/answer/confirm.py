@@ -46,7 +46,7 @@ def compared(experiment: Experiment) -> Comparison:
 
 
 def first_entries(experiment: Experiment, base: Fit | None, before: Comparison | None = None) -> list[LadderEntry]:
-    """Entries of the table of models for the unchanged diagram and for the same with fitted parameters. `before` is the
+    """Entries of the table of models for the unchanged diagram and for the diagram with fitted parameters. `before` is the
     comparison of the unchanged diagram if it was computed before."""
     name = experiment.model.name
     if base is None:
@@ -56,8 +56,8 @@ def first_entries(experiment: Experiment, base: Fit | None, before: Comparison |
 
 
 def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
-    """Experiment with the fitted values in its diagram. Each free parameter keeps the value of the original diagram as its
-    given value."""
+    """Insert the fitted values into the diagram of an experiment. The original value of each free parameter is kept as
+    `given`."""
     if fitted is None:
         return experiment
     before = {p.name: p.before for p in fitted.parameters if not p.record}  # each record keeps its separate initial values
@@ -87,8 +87,11 @@ def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, be
 
 
 def _with_late_times(experiment: Experiment, searched: Experiment, before: Comparison) -> Experiment:
-    """Move times at or after the end of an excerpt, whose event thus does not occur in the excerpt, to the same distance
-    after the end of the whole record. `before` is a comparison with the whole records."""
+    """Adapt event times that were fitted to an excerpt to the whole record.
+
+    A time at or after the end of the excerpt means that the event does not occur. It is moved to the same distance after the
+    end of the whole record, which is taken from `before`.
+    """
     ends = {name: (searched.records[name].end, float(record.result.time[-1])) for name, record in before.records.items()
             if record.use == "fit" and name in searched.records}
     for name, free in experiment.free.items():

@@ -27,7 +27,7 @@ LADDER = 200  # number of free file numbers that are reserved; exceeds the numbe
 
 
 def finding_files(finding: AddedEffect, before: Experiment, model: Path, experiment: Path) -> tuple[str, str]:
-    """Texts of a diagram and an experiment for one finding.
+    """Create the texts of a diagram and an experiment for one finding.
 
     The diagram at `model` extends the diagram of `before` by the effect, with all fitted values. In the experiment at
     `experiment` the parameters of the effect are free.
@@ -76,9 +76,10 @@ def _smoothed_inputs(experiment: Experiment) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Targets:
-    """Paths of the files of findings: pairs (diagram, experiment) in `folder` with unused names.
+    """Unused paths for the files of findings: pairs (diagram, experiment) in `folder`.
 
-    The numbers in the names are counted from the number of `experiment` plus `first`. `numbers` are the unused ones.
+    Consecutive numbers in the names make them unique. Numbering begins at the number in the name of `experiment` plus
+    `first`; `numbers` are the increments without existing files.
     """
 
     folder: Path
@@ -138,7 +139,7 @@ class Targets:
 
     @property
     def passed(self) -> Path | None:
-        """First existing file that prevented the use of a number; None if there is none."""
+        """First existing file with a name that the targets would use; None if there is none."""
         taken = (path for k in range(self.first, self.numbers[0]) for path in self._files(k) if os.path.lexists(path))
         return next(taken, None)
 

@@ -41,8 +41,10 @@ JUDGEMENTS = {
 class Entry:
     """One candidate in the ranking of a step.
 
-    score: chi-square that the candidate could remove, to first order. trial: its refit (None if it was not refitted).
-    judgement: a key of `JUDGEMENTS`.
+    * score: chi-square that the candidate could remove, to first order.
+    * trial: its refit (None if it was not refitted).
+    * judgement: a key of `JUDGEMENTS`.
+    * identifiable: for a candidate without a refit, True if its effect on the channels is identifiable.
     """
 
     candidate: Candidate
@@ -171,8 +173,8 @@ def entries(step: Stage) -> tuple[Entry, ...]:
 
 
 def _judged(trial: Refit, step: Stage, alike: set[str]) -> str:
-    """Judgement on a refitted candidate. `alike` are the labels of the alternatives in the answer. The judgement uses the
-    labels because refits together with later effects are different objects."""
+    """Judgement on a refitted candidate. `alike` are the labels of the alternatives in the answer; labels are compared
+    because the alternatives may have been refitted together with later effects."""
     if step.chosen is not None and trial.candidate.label == step.chosen.candidate.label:
         return "chosen"
     if trial.candidate.label in alike:

@@ -1,7 +1,7 @@
 """The result of a diagnosis in sentences.
 
-The verdict is followed by notes: the final residual, wrong initial values, inputs that depend on outputs, and what the
-search left out or did not reach.
+The verdict is followed by notes on the final residual, on wrong initial values, on inputs that depend on outputs, and on
+omitted parts of the search.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ def _yardstick(adequacy: Adequacy) -> list[str]:
 
 
 def _other_place(curve: Refit, law: Refit | None) -> str:
-    """Sentence on an identified curve at another place that is not excluded, because it predicts as well or not
+    """Sentence on an identified curve at another place that is not excluded, because its predictions are as good or not
     significantly worse."""
     place, own = curve.candidate.place, loss(curve)
     said = f"The place is not certain: an identified curve {place}"
@@ -274,7 +274,7 @@ def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], kn
 
 
 def equivalent_value_words(trial: Refit) -> str:
-    """Sentence on a fixed parameter another value of which explains as much as an effect."""
+    """Sentence on another value of a fixed parameter that explains the misfit as well as an effect."""
     return f"The diagram without an effect comes as near to the noise with {_revalued(trial)}: check that value."
 
 
@@ -445,8 +445,8 @@ def broken_candidates(said: str, steps: Sequence[Stage]) -> list[str]:
 
 
 def wrong_starts(said: str, last: Comparison) -> list[str]:
-    """Sentences on channels whose initial values differ from those of the model with all effects, with advice if the verdict
-    is undetermined."""
+    """Sentences on channels whose initial values differ from the model with all effects, with advice if the verdict is
+    undetermined."""
     found = [f"{name}: {start}." for name, record in last.records.items() for start in record.starts]
     if found and said == "undetermined":
         found.append("A wrong start leaves a transient that no effect explains, and may hide the one that is missing: set "
@@ -472,7 +472,7 @@ def closed_loops(first: Comparison) -> list[str]:
 
 
 def left_out_words(steps: Sequence[Stage]) -> list[str]:
-    """Sentence on the effects that the first step did not try or keep: each reason with one effect and the number of
+    """Sentence on the effects that the first step did not try or discarded: for each reason one effect and the number of
     others."""
     if not steps:
         return []

@@ -1,16 +1,16 @@
 """The answer as a tree with the levels measuring chain or machine, place, kind, class and law, with a probability at each
 level.
 
-The probabilities are those of `evidence.probability`, summed over the branches. The probabilities of the children add up to
-the probability of their parent; "another" is the part that belongs to none of the listed children. The probability of a law
-outside the catalogue is distributed over places and kinds. If the localisation finds an unknown input, the weights are the
-likelihoods of its places, and the kind follows from the variable on which the input depends. Otherwise the distribution is
-proportional to the effects of the catalogue. The answer states the deepest level with a probability of at least `STATED`.
+The probabilities are computed in `evidence.probability` and summed over the branches. The probabilities of the children add
+up to the probability of their parent; "another" is the part that belongs to none of the listed children. The probability of
+a law outside the catalogue is distributed over places and kinds. If the localisation finds an unknown input, the weights are
+the likelihoods of its places, and the kind follows from the variable on which the input depends. Otherwise the distribution
+is proportional to the effects of the catalogue. The answer states the deepest level with a probability of at least `STATED`.
 
 Each of several effects has a separate tree. It is computed from the step that added the effect, or from the step in which it
 was compared again in the diagram with all other effects. The share of an effect is the part of the misfit (chi-square above
-the noise) that it removes. A search that was ended early has the same tree. The share of the candidates that were not
-reached is then moved from the effects to "another", and the answer begins with "so far".
+the noise) that it removes. A search that was ended early has a tree with the same levels. The share of the candidates that
+were not reached is then moved from the effects to "another", and the answer begins with "so far".
 """
 
 from __future__ import annotations
@@ -166,7 +166,8 @@ class Tree:
 
 @dataclass(frozen=True)
 class Leaf:
-    """A law with its probability; `keys` and `names` are those of the levels below the answer, from the top down."""
+    """A law with its probability. `keys` and `names` contain one element for each level below the answer, from the top
+    down."""
 
     keys: tuple[object, ...]
     names: tuple[str, ...]
@@ -306,8 +307,8 @@ def _outside(step: Stage, known: Evidence, effects: Sequence[Leaf], localization
              temperature: float) -> list[Leaf]:
     """Distribute the probability of a law outside the catalogue over places and kinds.
 
-    The weights are those of the identified curves; without curves, those of the localisation; otherwise those of the effects
-    of the catalogue.
+    The weights are taken from the identified curves; without curves, from the localisation; otherwise from the effects of
+    the catalogue.
     """
     among = sum(leaf.probability for leaf in effects) or 1.0
     if known.curves:
@@ -425,7 +426,7 @@ def _path(root: Node) -> tuple[Node, ...]:
 
 
 def _best(step: Stage, finding: AddedEffect | None, path: Sequence[Node], root: Node) -> Refit | AddedEffect | None:
-    """Law that is described: the added effect if it belongs to the deepest stated branch, otherwise the most probable
+    """Select the law to describe: the added effect if it belongs to the deepest stated branch, otherwise the most probable
     refitted law of this branch."""
     if path and path[-1].name in (NOTHING, PARAMETERS):
         return finding if finding is not None and finding.candidate.kind == VALUE else None
@@ -466,7 +467,7 @@ def _meaning(best: Refit | AddedEffect, library: Library) -> str:
 
 
 def _value_words(finding: AddedEffect) -> str:
-    """Sentence on a fixed value of the diagram that is another one according to the records."""
+    """Sentence on the fitted value of a parameter that the diagram holds fixed, and its value in the diagram."""
     (number,) = finding.candidate.numbers
     value = finding.parameters[0].value if finding.parameters else number.neutral
     written = [readable(v, number.unit.text, 4) for v in (value, number.neutral)]

@@ -33,8 +33,7 @@ def variation_words(findings: Sequence[AddedEffect]) -> list[str]:
 def onset_words(finding: AddedEffect) -> str:
     """Sentence on the time at which an effect begins in each record; empty for an effect without an onset.
 
-    A time before the beginning of a record means that the effect acts in the whole record; a time after its end, that it
-    does not act.
+    If this time is not inside a record, the sentence states that the effect acts in the whole record, or not at all.
     """
     name = next((n for n in finding.candidate.change.each if is_instant(finding.fit.experiment.model, n)), "")
     if not name:

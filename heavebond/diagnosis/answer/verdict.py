@@ -30,10 +30,13 @@ STILL = 3.0  # smallest standard deviation of a channel that moves, in units of 
 def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) -> bool:
     """True if the residual of the model with all findings is noise.
 
-    If all noise is specified, the chi-square must be that of noise, or near it after a single effect that removes most of
-    the misfit. (Several wrong effects that correct each other also come near the noise.) If the noise is estimated,
-    chi-square must be near 1. The result is False if a parameter ended at an end of its search range beyond which the error
-    would decrease, because the fit is then not a minimum.
+    If the noise of all channels is specified, chi-square must not be significantly above the noise level. After a single
+    effect that removes most of the misfit, a chi-square near the noise level is sufficient. (It is not sufficient for
+    several effects, because wrong effects that correct each other also reach it.) If the noise is estimated, chi-square must
+    be near the noise level.
+
+    The result is False if a parameter ended at an end of its search range beyond which the error would decrease, because the
+    fit is then not a minimum.
     """
     if any(f.beyond for f in findings):
         return False
@@ -53,12 +56,12 @@ def without_effects(ladder: Sequence[LadderEntry], added: Sequence[AddedEffect])
 
 
 def gone(first: float, last: float) -> float:
-    """Share of the chi-square above the noise that is removed when chi-square per sample changes from `first` to `last`."""
+    """Relative reduction of the chi-square above the noise, from `first` to `last` (chi-square per sample)."""
     return (first - last) / (first - 1) if first > 1 else 0.0
 
 
 def held_out_or_fitted(rung: LadderEntry) -> float:
-    """Chi-square per sample of the held-out samples; of the fitted samples if there are no held-out ones."""
+    """Chi-square per sample of the held-out samples, or of the fitted samples without held-out ones."""
     return rung.chi2_held_out if rung.chi2_held_out == rung.chi2_held_out else rung.chi2_fit
 
 
@@ -74,7 +77,7 @@ def unexplained(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
 
 def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
             shape: AddedEffect | None, adequacy: Adequacy | None = None, complete: bool = True) -> str:
-    """Derive the verdict, one of seven; `complete`: all values and curves that could explain the residual were tried."""
+    """Derive one of the seven verdicts; `complete` is True if fixed values and identified curves were tried."""
     if findings and _astray([without_effects(ladder, findings)]) and all(f.candidate.differs for f in findings):
         return "effect"  # a parameter of a held-out record differs
     if not steps[0].left.significant or (complete and shape is None and not findings and _refuted(steps)):
@@ -95,8 +98,8 @@ def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[
 
 
 def _refuted(steps: Sequence[Stage]) -> bool:
-    """True if a score was significant, but no refit is justified and all other tests show noise. The p value of the score
-    must exceed the p value of the fall in chi-square that justifies an effect."""
+    """True if a score was significant, but no refit is justified and chi-square is at the noise level. The p value of the
+    score must exceed the p value that justifies an effect."""
     from scipy.special import chdtrc
 
     first = steps[0]

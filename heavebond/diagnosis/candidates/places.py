@@ -138,7 +138,7 @@ def between_all_nodes(experiment: ExperimentOrFile, site: Site | None = None) ->
 def named_apart(experiment: Experiment, labels: Container[str] = frozenset()) -> list[Candidate]:
     """Candidates with unique names of their parts, so that several can be inserted into the diagram together.
 
-    These are all of `candidates`, and those of `between_all_nodes` with these `labels`.
+    The result contains all of `candidates`, and the candidates of `between_all_nodes` with these `labels`.
     """
     site = replace(site_of(experiment), apart=True)
     return [*_at_all_places(site), *distant_candidates(site, labels)]
@@ -220,7 +220,7 @@ def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
 
 
 def _with_numbers_of(first: Candidate, other: Candidate) -> Change:
-    """Change that sets the dormant parameters of another part equal to those of the first part."""
+    """Change that sets the dormant parameters of another part equal to the parameters of the first part."""
     owner, another = (c.name.rpartition(".")[0] for c in (first, other))
     return Change(settings={f"{another}.{key}": f"={owner}.{key}"
                             for key in (n.name.rpartition(".")[2] for n in first.numbers)})

@@ -68,12 +68,11 @@ class Identity:
 
 
 def likelihood(trial: Refit, joint: bool = False) -> float:
-    """Negative log-likelihood with penalty: BIC of the fitted samples plus n ln(chi-square) of the n other samples; smaller
-    is better.
+    """Information criterion of a refit over all samples; smaller is better.
 
-    If `joint`, chi-square of the other samples is reduced by `Refit.slack`, an estimate of the residual after a fit to all
-    records. Numbers that the fitted records do not determine can change the other records by more than the difference
-    between two laws.
+    It is BIC of the fitted samples plus n ln(chi-square) of the n other samples. If `joint`, chi-square of the other samples
+    is reduced by `Refit.slack`, which estimates a fit to all records. Parameters that the fitted records do not determine
+    can change the errors on other records by more than the difference between two laws.
     """
     held = trial.chi2_held_out - joint * trial.slack / max(trial.samples_held_out, 1)
     others = trial.samples_held_out * float(np.log(max(held, 1e-300))) if trial.samples_held_out else 0.0

@@ -103,8 +103,8 @@ class Comparand:
 def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None, complete: bool = True) -> Adequacy:
     """Compute the adequacy of a selection that begins with the stage `made` and ends with the refit `chosen`.
 
-    `curves` is the stage of identified curves in place of the first effect. `beside` is the first effect in the diagram with
-    the later ones. `complete` as in `Adequacy`.
+    `curves` is the stage of identified curves in place of the first effect. `beside` contains the first effect, compared in
+    the diagram with the later ones. `complete` as in `Adequacy`.
     """
     assert made.errors is not None
     misfit = made.errors.mean(*ALL) - 1.0
@@ -145,8 +145,8 @@ def better(one: Refit, other: Refit) -> bool:
 def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
     """True if a curve at another place predicts as well as the named effect.
 
-    Either its residual is not materially larger. Or it is not significantly larger, and the curve explains at least the
-    share `DECISION.mainly` of the misfit that the effect explains.
+    This is the case if its residual is not materially larger. It is also the case if the residual is not significantly
+    larger and the curve explains at least the share `DECISION.mainly` of the misfit that the effect explains.
     """
     explained, other = misfit + 1.0 - loss(named), misfit + 1.0 - loss(curve)
     return loss(curve) <= loss(named) or not differs_materially(named, curve, misfit) \
@@ -239,8 +239,8 @@ OTHER_CAUSES = "Noise of a measured input (give its `noise:`), the dynamics of a
 class Remainder:
     """The law that acts in the final residual.
 
-    missing: True if more than parameters and noise is needed to explain the residual. place: the most likely place with its
-    law, None if there is no place with a variable.
+    * missing: True if parameters and noise do not explain the residual.
+    * place: the most likely place with its law; None if no place has a law.
     """
 
     missing: bool

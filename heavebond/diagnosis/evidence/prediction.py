@@ -10,8 +10,8 @@ derivatives P of the priors, and B' the block with its gaps, the parameters with
 
 (the infinitesimal jackknife: R. Giordano et al., A Swiss Army Infinitesimal Jackknife, AISTATS 2019, arXiv:1806.00550; for
 blocks of dependent data P. Burman, E. Chow, D. Nolan, 1994, doi:10.1093/biomet/81.2.351). The normal matrix includes the
-block. So a parameter that only one block determines (for example at the single contact with a stop) does not diverge without
-it.
+block. So a parameter that only one block determines (for example at the single contact with a stop) does not diverge when
+this block is left out.
 
 The model confidence set is computed from the losses of several models on the same samples. Models whose mean loss is
 significantly larger than the loss of another model are removed one by one, until the hypothesis that all remaining models
