@@ -192,6 +192,7 @@ def restrictions(finding: AddedEffect) -> str:
 
 
 def _component(fit: Fit, path: str) -> Component | None:
+    """Component at a path of the fitted diagram; None if the diagram has no such part."""
     leaves = next(iter(fit.after.records.values())).result.assembly.flat.expanded.leaves
     return leaves[path].component if path in leaves else None
 

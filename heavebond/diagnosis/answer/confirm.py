@@ -87,7 +87,7 @@ def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, be
 
 
 def _with_late_times(experiment: Experiment, searched: Experiment, before: Comparison) -> Experiment:
-    """Adapt event times that were fitted to an excerpt to the whole record.
+    """Extend event times that were fitted to an excerpt to the whole record.
 
     A time at or after the end of the excerpt means that the event does not occur. It is moved to the same distance after the
     end of the whole record, which is taken from `before`.

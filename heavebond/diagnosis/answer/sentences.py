@@ -256,9 +256,9 @@ def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
 
 
 def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], known: Sequence[str]) -> list[str]:
-    """Sentences on findings that are equivalent, to first order, to other values of fixed parameters, and vice versa.
+    """Sentences on findings that are equivalent to other values of fixed parameters, to first order.
 
-    Parameters in `known` are left out. If the finding is such a value, the equivalent effects are listed.
+    Parameters in `known` are left out. If the finding is itself such a value, the sentence lists the equivalent effects.
     """
     lines = []
     for finding, step in zip(findings, steps, strict=False):

@@ -60,12 +60,12 @@ class EffectNumber:
     * name: full name.
     * unit: base unit.
     * low, high: bounds of the value.
-    * sought: search range (None: the search begins at `neutral` without a fixed range).
+    * sought: search range; None if the search begins at `neutral` without a fixed range.
     * amplitude: True for an amplitude, False for a shape.
-    * limits: bounds of the parameter itself (its `min` and `max`); all other ends of a range are ends of the search.
     * neutral: value without the effect.
-    * neutral_of: for a replacing law, the formula of the diagram's parameters for the neutral value.
+    * limits: physical bounds of the parameter (its `min` and `max`); other bounds only limit the search.
     * parts: further parts that have the same parameter (one law at several places).
+    * neutral_of: for a replacing law, the formula of the diagram's parameters for the neutral value.
     """
 
     name: str
@@ -171,9 +171,9 @@ class Candidate:
     def acts_on(self, effects: Sequence[Candidate]) -> bool:
         """True if the candidate changes one of these effects instead of the machine.
 
-        It replaces a part of an effect, is in series with it, or activates or varies one of its parameters. Two further
-        cases: a second factor of one parameter with the same variable, and an effect before the input of an effect in a
-        channel, which is equivalent to an effect behind it.
+        Such a candidate replaces a part of an effect, is in series with it, or activates or varies one of its parameters.
+        Two further cases are equivalent to other candidates: a second factor of one parameter with the same variable, and an
+        effect before the input of an effect in a channel.
         """
         parts = {name for effect in effects if effect.attaches != "replaces" for name in effect.change.components}
         behind = {name for effect in effects if effect.attaches == "channel" for name in effect.change.components}
@@ -286,8 +286,8 @@ def _where_meaningful(site: Site, component: Component, effect: Effect, made: Se
 def _lacking(site: Site, component: Component, effect: Effect, candidate: Candidate) -> str:
     """Reason why the place of a candidate does not satisfy the requirements of its effect; empty if it does.
 
-    A required component may be missing, or an excluded one present. A user-defined component that stores energy or fluid
-    satisfies any requirement.
+    The place must have the required components and must not have the excluded ones. A user-defined component that stores
+    energy or fluid counts as any required component.
     """
     for port, kinds in effect.requires.items():
         node = next((node for node, ends in candidate.change.nodes.items() if f"+{candidate.name}.{port}" in ends), "")
@@ -440,8 +440,8 @@ def _across(site: Site, component: Component, effect: Effect, pairs: Pairs | Non
 def _pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group | None, str]]:
     """Pairs of nodes that a component connects, and pairs of each node with the surroundings.
 
-    The surroundings are the node of the reference component of the domain (`reference:`). If there is none, the name of the
-    component to be added is yielded.
+    The surroundings are the node of the reference component of the domain (`reference:`). If the diagram has no reference
+    component, the second node is None and the third element is the component to be added.
     """
     grounds = site.grounds(domain)
     seen: set[frozenset[str]] = set()
@@ -706,6 +706,7 @@ def _allowed(parameter: Parameter, value: float) -> bool:
 
 
 def _names(formula: str) -> set[str]:
+    """Names in a formula."""
     return {name.text for name in names(parse_formula(formula, units=False))}
 
 

@@ -87,8 +87,8 @@ class Places:
         return (self._acting(part, amplitudes) if candidate.attaches == "in" else set()) or set(self.parts[part].values())
 
     def _acting(self, part: str, parameters: set[str]) -> set[str]:
-        """Nodes on which a part acts through the equations that contain these parameters. For a block, also through its
-        parts that take values from these parameters."""
+        """Nodes of the ports in the equations of a part that contain these parameters. For a block, these are the equations
+        of its parts that take values from the parameters."""
         ports, paths = self.parts[part], {f"{part}.{name}" for name in parameters}
         found = {ports[name] for name in _ports_beside(self.leaves[part].component, parameters) & ports.keys()}
         for path, leaf in self.leaves.items() if self.leaves[part].component.composite else ():
@@ -198,7 +198,8 @@ def _joining(site: Site, nodes: Sequence[str]) -> frozenset[str]:
 
 
 def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
-    """Combine the candidates of a group into one law at all places, with the parameters of the first."""
+    """Combine the candidates of a group into one candidate: the same law at all places, with the parameters of the first
+    place."""
     first, *others = group
     own = site if site.apart else replace(site, taken={*site.taken, *first.change.components})
     change = first.change

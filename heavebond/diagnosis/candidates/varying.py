@@ -220,7 +220,7 @@ def unit_of_variable(flat: Flat, variable: str) -> Unit:
 
 
 def _moving(courses: Mapping[str, Array]) -> list[str]:
-    """Select variables that change and are not correlated with each other, up to the largest number."""
+    """Select variables that change and are not strongly correlated with each other, at most `VARYING.variables`."""
     found: list[str] = []
     for name, course in courses.items():
         span, size = float(np.ptp(course)), float(np.abs(course).max())
@@ -287,10 +287,10 @@ def _candidate(form: Component, leaf: Leaf, key: str, variable: str, unit: Unit,
 
 def with_onset(candidate: Candidate, library: Library, spans: Mapping[str, tuple[float, float]],
                begins: Mapping[str, float]) -> Candidate | None:
-    """Candidate whose effect begins at a time in each record; None if its amplitudes cannot vary.
+    """Candidate whose effect begins at a separate time in each record; None if its amplitudes cannot vary.
 
     `begins` are the initial values of these times (s). They are sought within the `spans` (s) of the records and a short
-    distance beyond. If the candidate is a parameter that changes at a time, this time becomes separate for each record.
+    distance beyond. If the candidate is a step of a parameter at a time, this time becomes separate for each record.
     """
     component = library.component(candidate.component)
     amplitudes = candidate.vanishing

@@ -132,10 +132,10 @@ def _explains(best: Refit, other: Refit, misfit: float) -> bool:
 
 
 def differs_materially(best: Refit, other: Refit, misfit: float) -> bool:
-    """True if the residual of a candidate exceeds the residual of the best materially.
+    """True if the residual of a candidate is materially larger than the residual of the best.
 
-    The criterion is a material share of the misfit, or a multiple of the residual of the best above the noise. It must hold
-    with and without the part of the residuals that is due to undetermined numbers.
+    The criterion is a difference of a material share of the misfit, or a multiple of the residual of the best above the
+    noise. It must be satisfied with and without the part of the residuals that is due to undetermined parameters.
     """
     def differ(least: float, more: float) -> bool:
         return more - least > DECISION.material * misfit or more > DECISION.times * max(least, DECISION.near - 1.0)
@@ -181,7 +181,8 @@ NEARLY, FINELY = 0.05, 0.01
 
 
 def equivalent_values(base: Base, scores: Sequence[Score]) -> dict[str, tuple[str, ...]]:
-    """Find the numbers of the diagram that have the same effect as a candidate, by the label of the candidate.
+    """Find the numbers of the diagram that are equivalent to candidates. The keys of the result are the labels of the
+    candidates.
 
     A candidate is equivalent to another value of a number if its tangents at all shapes are proportional to the tangent of
     this number. Tangents that are nearly proportional are computed again with smaller tolerances, because the errors of the

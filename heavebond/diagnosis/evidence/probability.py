@@ -101,9 +101,10 @@ def percent(probability: float) -> str:
 class Event:
     """An event that can explain the records, and its probability.
 
-    An effect has its class `kind`, its `place` in words, the names of the place `where`, and the `labels` of its candidates.
-    An identified curve has its place and, as `kind`, the type of its variable (rate or displacement). Other events have
-    `kind` only.
+    * kind: class of an effect; for an identified curve, the type of its variable (rate or displacement); otherwise the name
+      of the event.
+    * place, where: place of an effect or a curve, in words and as names.
+    * labels: candidates of an effect.
     """
 
     kind: str
@@ -208,10 +209,14 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
 def compared_step(step: Stage, review: Stage | None) -> Stage:
     """Select the refits from which the probabilities of the effect of a step are computed.
 
-    If the effect was compared again in the diagram with all later effects (the step `review`), and a refit there reaches the
-    noise, the refits of `review` are used. Otherwise candidates that imitate the later effects would get weight. If no refit
-    reaches the noise, further effects are still missing, and the later effects, which complete one law, favour this law.
-    Then the leading laws are compared in pairs, each with the further effect that completes it best (`Stage.joint`).
+    There are three cases:
+
+    * The effect was compared again in the diagram with all later effects (the step `review`), and a refit there reaches the
+      noise: the refits of `review` are used. Otherwise candidates that imitate the later effects would get weight.
+    * No refit reaches the noise, so further effects are missing. The later effects were selected to complete one law and
+      favour it. Therefore the leading laws are compared in pairs, each with the further effect that completes it best
+      (`Stage.joint`).
+    * Without such pairs, the refits of `review` are used if there is a review, otherwise those of the step.
     """
     if review is not None and (not step.joint or any(map(leaves_noise, review.trials))):
         return replace(review, left=step.left)
@@ -222,7 +227,8 @@ def compared_step(step: Stage, review: Stage | None) -> Stage:
 
 
 def _families(trials: Sequence[Refit], made: Stage) -> list[list[Refit]]:
-    """Group the refits with predictive errors on the samples of a step by class and place, and values by their names."""
+    """Group refits by class and place (fixed values by their names). Only refits with predictive errors on the samples of
+    the step are used."""
     bins = len(made.errors.sums) if made.errors is not None else 0
     found: dict[object, list[Refit]] = {}
     for trial in (t for t in trials if t.errors is not None and len(t.errors.sums) == bins > 0):
@@ -248,8 +254,8 @@ def _with_prior(weights: Mapping[float, Array], best: Sequence[Refit], made: Sta
 
 def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone: Sequence[Sequence[Refit]], made: Stage
                    ) -> dict[float, Array]:
-    """Combine the weights of pairs of effects with the weights of values of the diagram, which were refitted without a
-    further effect.
+    """Combine the weights of pairs of effects with the weights of fixed values, which were refitted without a further
+    effect.
 
     Each value keeps the share that it has in the comparison with single effects (`alone`).
     """
@@ -303,8 +309,10 @@ def _depends_on(curve: Candidate) -> str:
 
 def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weights: Mapping[float, Array],
                 made: Stage) -> dict[float, Array]:
-    """Add the weight of a law that refines a simpler one at the same place without a significant gain to the weight of the
-    simpler one. Both are the same law if the additional amplitude is not significant."""
+    """Move the weights of laws that only refine a simpler law at the same place to the simpler law.
+
+    A refinement without a significant gain is the same law, because its additional amplitude is not significant.
+    """
     least = [min(t.unknowns for t in family) for family in families]
     laws = [(*family, *twins_of(family, made)) for family in families]  # with the equivalent candidates at other places
     to = np.arange(len(best))

@@ -94,8 +94,8 @@ def is_above_noise(chi2: float, samples: int) -> bool:
 def _largest(scores: Sequence[Score], errors: Array, prescored: Sequence[Prescore] = ()) -> tuple[float, float]:
     """p value of the largest score, and this score.
 
-    The scores are correlated as their directions and the residual are. Scores of `prescored` candidates count as all
-    prescored ones.
+    The correlation of the scores follows from their directions and from the covariance of the residual. Scores of
+    `prescored` candidates count as all prescored ones.
     """
     if not scores:
         return 1.0, 0.0
