@@ -336,8 +336,8 @@ def _dormant_number(full: str, parameter: Parameter) -> EffectNumber:
 
 
 def _middle(sought: SearchRange | None) -> float:
-    """Initial value of a parameter before the search. If the motion determines the value, it is 1, which is a valid divisor
-    in any law."""
+    """Value of a shape parameter before the search. If the motion determines the value, it is set to 1, so that a law can
+    divide by it."""
     if sought is None:
         return 0.0
     if sought.range is None:
@@ -629,7 +629,7 @@ def _is_input_of(site: Site, block: str, wire: str | None) -> bool:
 
 
 def _at_rest(site: Site, component: Component, name: str) -> dict[str, str]:
-    """Initial conditions of a signal component as if its input had always had its initial value.
+    """Initial conditions of a signal component for an input that was constant before the start.
 
     Each state with the unit of the input is equal to the input. The conditions are guesses (`~`), because variables that are
     not states follow from the equations.

@@ -45,10 +45,12 @@ Place = tuple[str, frozenset[str], frozenset[str]]
 
 @dataclass(frozen=True)
 class Places:
-    """Nodes and parts of a diagram, by which places of candidates are compared.
+    """Nodes and parts of a diagram, by which the places of candidates are compared.
 
-    parts: node of each port of each part. grounds: nodes that represent the surroundings. as_one: for nodes that move
-    together, the first of them. leaves: the parts.
+    * parts: node of each port of each part.
+    * grounds: nodes that represent the surroundings.
+    * as_one: for each node that moves together with others, the first of them.
+    * leaves: the parts.
     """
 
     parts: Mapping[str, Mapping[str, str]]
@@ -150,7 +152,8 @@ def _at_all_places(site: Site) -> list[Candidate]:
 
 
 def at_like_places(site: Site, found: Sequence[Candidate]) -> list[Candidate]:
-    """One candidate for each law and each group of at least two similar places in `found`."""
+    """Combine the candidates in `found` that have one law at similar places: one candidate for each group of at least
+    two."""
     kinds = _kinds(site)
     groups: dict[Signature, list[Candidate]] = {}
     for candidate in found:

@@ -126,9 +126,9 @@ def stretches(stretch: NDArray[np.int64]) -> list[tuple[int, int]]:
 def block_length(x: Array, stretch: NDArray[np.int64]) -> tuple[float, float]:
     """Optimal mean length b of the bootstrap blocks of a series, and the share of the variance that the bootstrap misses.
 
-    `x` (k,) has zero mean. The length minimises the error of the variance of the mean. The missing share is G/(b g) + b/k to
-    first order, with the spectrum g at frequency zero and the sum G of |lag| times the autocovariance (S. N. Lahiri, 1999,
-    doi:10.1214/aos/1018031117).
+    `x` (k,) has zero mean. The length b minimises the mean squared error of the estimated variance of the mean. The missing
+    share is G/(b g) + b/k to first order, with the spectrum g at frequency zero and the sum G of |lag| times the
+    autocovariance (S. N. Lahiri, 1999, doi:10.1214/aos/1018031117).
     """
     parts = [x[begin:end] for begin, end in stretches(stretch)]
     n = len(x)

@@ -405,8 +405,10 @@ def _independent_blocks(differences: Array, counts: Array, stretch: NDArray[np.i
 
 
 def _p_value(left: ResidualTests) -> float:
-    """Combine the p values of the three residual tests. The result is below the total level if one p value is below its
-    level."""
+    """Combine the p values of the three residual tests into one.
+
+    The result is below the sum of the significance levels if one p value is below the level of its test.
+    """
     level = sum(LEVELS.values())
     return float(min(1.0, *(getattr(left, name) * level / own for name, own in LEVELS.items())))
 
@@ -452,8 +454,8 @@ def probabilities(known: Evidence, constants: Calibration = CALIBRATION) -> tupl
 
 
 def stated(events: Sequence[Event], named: Sequence[str]) -> tuple[Event, ...]:
-    """Merge improbable events that the answer does not name into one. `named` are the labels of the candidates in the
-    answer."""
+    """Merge the improbable events that the answer does not name into one event. `named` are the labels of the candidates in
+    the answer."""
     own = [e for e in events if e.kind == OTHER or e.probability >= STATED or set(e.labels) & set(named)]
     more = sum(e.probability for e in events if e not in own)
     found = [replace(e, probability=e.probability + more) if e.kind == OTHER else e for e in own]
