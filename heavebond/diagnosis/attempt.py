@@ -1,4 +1,4 @@
-"""One effect put into a diagram by hand and fitted."""
+"""Insertion and fit of a single effect that the user specifies."""
 
 from __future__ import annotations
 
@@ -24,8 +24,13 @@ from heavebond.estimation.fitting import Fit, fit
 
 @dataclass(frozen=True)
 class Attempt:
-    """One effect tried by hand: the ladder without and with it, the finding, how far BIC falls, and whether it earns its
-    place on held-out data."""
+    """Result of a single effect that the user specifies.
+
+    * ladder: table of models without and with the effect.
+    * finding: the effect.
+    * bic_difference: change of BIC, negative if the effect improves the model.
+    * earned: True if held-out data justify the effect.
+    """
 
     ladder: tuple[LadderEntry, ...]
     finding: AddedEffect
@@ -33,7 +38,7 @@ class Attempt:
     earned: bool
 
     def as_dict(self) -> dict[str, object]:
-        """The figures, for machines."""
+        """Return the figures for JSON."""
         return {"ladder": [r.as_dict() for r in self.ladder], "step": self.finding.as_dict(),
                 "bic_difference": self.bic_difference, "earned": self.earned}
 
@@ -44,11 +49,11 @@ def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] 
             progress: Progress | None = None) -> Attempt:
     """Insert one effect into the diagram of an experiment and fit it.
 
-    `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`. `component` is the name of a component with an
-    `effect:`, of a dormant parameter (`cylinder.leakage`) or of a fixed one (`crown.m`); `places` name nodes, parts or
-    outputs until one place is left. A component whose effect attaches to a parameter (`LinearVariation`) has the parameter
-    and the variable as its places, `["spring.c", "spring.s"]`. Values of the result are in SI. `progress` is called with a
-    text at each step. Raises UsageError where no place or several fit, and whatever `fit` raises.
+    Example: `attempt("rig.yaml", "CoulombFriction", ["platform", "crown"])`. `component` is the name of a component with an
+    `effect:`, of a dormant parameter (`cylinder.leakage`) or of a fixed parameter (`crown.m`). `places` are names of nodes,
+    parts or outputs that determine the place. For a component whose effect attaches to a parameter (`LinearVariation`),
+    `places` are the parameter and the variable, `["spring.c", "spring.s"]`. Values of the result are in SI. `progress` is
+    called with a text at each step. Raises UsageError if no place or several places fit, and the errors of `fit`.
     """
     experiment, _ = loaded(experiment)
     say = progress or (lambda text: None)
@@ -61,7 +66,7 @@ def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] 
         return fit(experiment, progress=say) if experiment.free else None
 
     base = fitted() if varies else None
-    if varies:  # which parameters move the channels, and which variables move, is seen in the fitted model
+    if varies:  # the fitted model shows which parameters matter and which variables change
         problem = searched(at_fit(experiment, base))
         found = list(varying_parameters(problem, problem.start).candidates)
     else:
@@ -79,7 +84,8 @@ def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] 
 
 
 def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) -> Candidate:
-    """The one candidate that is meant; UsageError with those that could be."""
+    """Select the candidate that matches the component and the places; UsageError with suggestions if there is not exactly
+    one."""
     kinds = [c for c in found if component in (c.component, c.name)]
     if not kinds and any(c.kind == component for c in found):
         alike = [c for c in found if c.kind == component]
@@ -106,13 +112,12 @@ def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) ->
 
 
 def _places_of(candidate: Candidate) -> set[str]:
-    """The names by which the place of a candidate may be told: nodes and parts, of a variation the parameter and the
-    variable."""
+    """Names that specify the place of a candidate: nodes and parts; for a variation, the parameter and the variable."""
     if candidate.change.vary:
         return {*candidate.change.vary, candidate.place.rpartition(" with ")[2]}
     return {*candidate.where, *candidate.change.nodes}
 
 
 def _at_all(places: Sequence[str], known: set[str]) -> bool:
-    """Whether each place is among the names of nodes, parts and outputs, or a port of a part among them (`inlet.a`)."""
+    """True if each of `places` is a known node, part or output, or a port of a known part (`inlet.a`)."""
     return all(place in known or place.rpartition(".")[0] in known for place in places)

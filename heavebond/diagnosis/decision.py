@@ -1,6 +1,6 @@
-"""The constants of the decision of a diagnosis, in one place.
+"""Constants of the decision of a diagnosis.
 
-The page on the diagnosis lists them with what changes where each is halved or doubled.
+The documentation page on the diagnosis lists them with the consequences of halving or doubling each.
 """
 
 from __future__ import annotations
@@ -10,20 +10,24 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Decision:
-    """The constants of the decision, all without unit.
+    """Constants of the decision, all dimensionless.
 
-    level: significance level of the confidence set and of every comparison of two predictive errors. material: share of
-    the misfit (chi-square of the model without the effect, above the noise) by which the predictive errors of two
-    candidates must differ to be told apart where none of them reaches the noise. times: multiple of what the better one
-    leaves above the noise, at least of `near` - 1, that differs materially too: beside a large misfit the share alone
-    calls much alike. further: share of the misfit at hand that an effect must take away to be added. mainly: share of
-    the misfit that an effect must explain to be named although more than noise is left, and share of what the best one
-    explains that a rival must explain. covered: share of the held-out
-    motion that must lie inside the fitted range for an identified curve to be a yardstick. constant: share by which the
-    strength of an effect may differ between small and large motion. blocks: number of independent
-    blocks below which a record is too short to tell candidates apart. near: chi-square per sample up to which a residual
-    is near the noise. folds: number of blocks of the cross-validation within the fitted records. draws: resamples of the
-    bootstrap.
+    * level: significance level of the confidence set and of each comparison of two predictive errors.
+    * material: smallest difference of the predictive errors of two candidates that distinguishes them if neither reaches the
+      noise, as a share of the misfit (chi-square of the model without the effect, above the noise).
+    * times: a difference is also material if the larger residual above the noise exceeds this multiple of the smaller one
+      (which counts as at least `near` - 1). With a large misfit, the share alone would not distinguish very different
+      residuals.
+    * further: smallest share of the present misfit that a further effect must remove.
+    * mainly: smallest share of the misfit that an effect must explain to be named although the residual exceeds the noise;
+      and smallest share of the misfit explained by the best candidate that an alternative must explain.
+    * covered: smallest share of the held-out motion that must be inside the fitted range for an identified curve to be a
+      valid reference.
+    * constant: largest relative difference of the strength of an effect between small and large motion.
+    * blocks: number of independent blocks below which a record is too short to distinguish candidates.
+    * near: largest chi-square per sample of a residual that is near the noise.
+    * folds: number of blocks of the cross-validation within the fitted records.
+    * draws: number of resamples of the bootstrap.
     """
 
     level: float = 0.05

@@ -1,9 +1,9 @@
 """Identification of the physical effects that a diagram lacks.
 
-`diagnose` runs the phases of `diagnosis.phases` one after the other, each from the state that the one before left, and
-makes the answer from the last state. An effect is named only if the residual with it is near the noise, or if it explains
-nearly all of the misfit; otherwise the answer is a shape: a place and a curve. If the records cannot distinguish
-candidates, all are named.
+`diagnose` runs the phases of `diagnosis.phases` in order. Each phase starts from the state after the previous one, and the
+answer is derived from the last state. An effect is named only if the residual with it is near the noise, or if it explains
+nearly all of the misfit. Otherwise the answer is a shape: a place and a curve. If the records cannot distinguish candidates,
+all are named.
 """
 
 from __future__ import annotations
@@ -69,19 +69,30 @@ from heavebond.localise.misfit import Localization
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The result of a diagnosis: `verdict` (see `diagnosis.answer.verdict`), the same in `words`, and the evidence.
+    """The result of a diagnosis.
 
-    `ladder` begins with the diagram unchanged and the same with its free parameters fitted. `findings` and `steps`
-    correspond, but for a last step that found nothing; a fixed value that explains what no effect does is the only finding,
-    after a step of effects and one of values. `shape` is the identified curve that lowers the error most where no effect
-    can be named; `separation` the experiment that would distinguish the alternatives; `noise` the noise of each channel
-    with its unit; `adequacy` that of the first finding where more than noise is left after it, `remainder` the law that
-    explains most of what is left then, or where nothing was found; `seconds` the duration in s; `searched` is the
-    experiment on the samples that the search used; `untried` what was not tried, as the search was ended early (candidates
-    of a step that was cut short are in that step). One that was ended before its first candidate was scored has no steps,
-    one that was ended before all records were simulated no ladder. `evidence` is what the probabilities of `events` are
-    computed from, `restricted` whether only classes of effects were tried. `localization` is the unknown input of the first
-    diagram, place by place, where it was estimated: the evidence for the upper levels of the `tree`.
+    * verdict, words: the verdict (see `diagnosis.answer.verdict`), and the answer in sentences.
+    * ladder: table of models, which begins with the unchanged diagram and the diagram with fitted parameters. Empty if the
+      search was ended before all records were simulated.
+    * findings, steps: the effects and the steps that selected them; a last step without a result has no finding. If a fixed
+      value is the finding, it is the only one, after one step of effects and one of values. No steps if the search was ended
+      before its first candidate was scored.
+    * doubtful: further effects that are not certain.
+    * shape: if no effect can be named, the identified curve that reduces the error most.
+    * fitted: the fit of the free parameters of the diagram.
+    * noise: noise of each channel with its unit, and True if it was specified.
+    * seconds: duration (s).
+    * separation: experiment that would distinguish the alternatives.
+    * searched: experiment on the searched samples.
+    * adequacy: adequacy of the first finding if the residual exceeds the noise.
+    * untried: parts of the search that were left out because it was ended early. (The candidates of an incomplete step are
+      in this step.)
+    * remainder: law that explains most of the final residual, if this exceeds the noise.
+    * evidence: data from which the probabilities of `events` are computed.
+    * restricted: True if only some classes of effects were tried.
+    * reviews: for each step, the step in which its effect was compared again in the diagram with all others.
+    * localization: unknown input of the first diagram for each place, if it was estimated; evidence for the upper levels of
+      the `tree`.
     """
 
     experiment: Experiment
@@ -109,51 +120,54 @@ class Diagnosis:
         return brief(self, self.experiment.name, self.verdict, *self.words)
 
     def _repr_html_(self) -> str:
-        """The verdict, the ladder and the parameters of the findings, for notebooks."""
+        """Verdict, table of models and parameters of the findings for notebooks."""
         return str(facade.call("Diagnosis._repr_html_", self))
 
     @property
     def partial(self) -> bool:
-        """Whether the search was ended early."""
+        """True if the search was ended early."""
         return bool(self.untried) or any(stage.partial for stage in self.steps)
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """What the records may be explained by, with the calibrated probability of each (see `evidence.probability`);
-        none after a search that was restricted to classes. The calibration does not hold for a search that was ended early:
-        candidates that it did not refit then count as another effect of the catalogue."""
+        """Events that can explain the records, with their calibrated probabilities (see `evidence.probability`).
+
+        Empty if the search was restricted to classes. If the search was ended early, the calibration does not hold:
+        candidates without a refit count as another effect of the catalogue.
+        """
         if self.evidence is None or self.restricted:
             return ()
         return stated(probabilities(self.evidence), self.named_first)
 
     @cached_property
     def tree(self) -> Tree:
-        """The answer from the top down: measuring chain or machine, place, kind, class, law, each with its probability."""
+        """The answer as a tree: measuring chain or machine, place, kind, class, law, each with its probability."""
         return answer_tree(self.steps, self.evidence, self.findings, self.ladder, self.localization, self.partial,
                            self.doubtful, self.reviews)
 
     @property
     def named_first(self) -> tuple[str, ...]:
-        """The labels of what the answer names for the first step."""
+        """Labels of the candidates that the answer names for the first step."""
         return tuple(t.candidate.label for f in self.findings[:1] for t in f.alternatives)
 
     @property
     def started(self) -> bool:
-        """Whether each record has a start of its own that was not free in the experiment."""
+        """True if separate initial values were fitted for each record, although the experiment does not declare them
+        free."""
         return self.fitted is not None and bool({*self.fitted.experiment.free} - {*self.experiment.free})
 
     @property
     def last(self) -> Experiment:
-        """The experiment on the last diagram of the ladder."""
+        """Experiment on the last diagram of the table of models."""
         return self.added[-1].fit.experiment if self.added else self.experiment
 
     @property
     def added(self) -> tuple[AddedEffect, ...]:
-        """The findings, the further effects that are not certain, and the identified curve."""
+        """The findings, the uncertain effects, and the identified curve."""
         return (*self.findings, *self.doubtful, *([self.shape] if self.shape is not None else []))
 
     def as_dict(self) -> dict[str, object]:
-        """Everything for machines."""
+        """Return the whole result for JSON."""
         return {
             "verdict": self.verdict, "tree": self.tree.as_dict(), "words": list(self.words),
             "probabilities": [e.as_dict() for e in self.events],
@@ -177,18 +191,22 @@ def diagnose(experiment: ExperimentOrFile, *, steps: int = MOST, number: int | N
              executor: Cluster | None = None, seconds: float | str = SECONDS, classes: Sequence[str] = (),
              samples: int | None = None, progress: Progress | None = None,
              growing: Callable[[list[dict[str, object]]], None] | None = None) -> Diagnosis:
-    """Identify the effect that the diagram of an experiment lacks.
+    """Identify the effects that the diagram of an experiment lacks.
 
-    Stepwise selection of at most `steps` effects, as long as more than the noise is left and each lowers the errors on the
-    selection data beyond chance and noticeably (see `diagnosis.search.stepwise`). `number` is the number of processes,
-    by default that of the processors; with an `executor` candidates are scored and refitted on the workers of that cluster.
-    After `seconds` (s, or text with a unit) in all the search ends with its best result so far; `classes` restricts the
-    catalogue to classes of effects. The search uses `samples` samples of long records (see `estimation.excerpts`), the
-    final fit uses all. `progress` is called with a text at each step, `growing` with the ladder as far as it has come
-    (name, errors and chi-square of each model; of an effect that is not confirmed yet the errors are NaN). Ctrl-C ends the
-    search with the effects found so far.
-    Raises ModelError and DataError where `experiment` is wrong, UsageError where
-    no record is to be fitted.
+    The effects are selected stepwise, at most `steps` of them, as long as the residual exceeds the noise and each effect
+    reduces the errors on the selection data significantly and noticeably (see `diagnosis.search.stepwise`).
+
+    * number: number of processes (default: number of processors).
+    * executor: cluster whose workers score and refit the candidates.
+    * seconds: time limit (s, or text with a unit), after which the search ends with its best result.
+    * classes: classes of effects to which the catalogue is restricted.
+    * samples: number of samples of long records that the search uses (see `estimation.excerpts`); the final fit uses all.
+    * progress: called with a text at each step.
+    * growing: called with the table of models after each change (name, errors and chi-square of each model; the errors of an
+      effect that is not yet confirmed are NaN).
+
+    Ctrl-C ends the search with the effects found up to then. Raises ModelError and DataError for an invalid experiment,
+    UsageError if no record is to be fitted.
     """
     with working_on(executor):
         budget = Budget(si_value(seconds, "s", "seconds"))
@@ -200,8 +218,11 @@ def diagnose(experiment: ExperimentOrFile, *, steps: int = MOST, number: int | N
 
 
 def _run_phases(state: State, task: Task) -> State:
-    """The state after all phases. One that is ended early, by Ctrl-C or the end of the time, leaves its last state; after it
-    only the closing phases run. The time of the closing phases is kept from the others."""
+    """Run all phases and return the last state.
+
+    If a phase is ended early, by Ctrl-C or the time limit, its last state is kept and only the closing phases follow. Time
+    for the closing phases is reserved.
+    """
     for phase in PHASES:
         if phase not in CLOSING and (state.partial or not (state.models or phase in FIRST)):
             continue
@@ -221,7 +242,7 @@ def _run_phases(state: State, task: Task) -> State:
 
 
 def _answer(state: State, task: Task) -> Diagnosis:
-    """The result of a diagnosis from its last state."""
+    """Create the result of a diagnosis from its last state."""
     noise = _noise(state.models[0].comparison) if state.models else {}
     budget = task.budget
     if not state.steps or state.searched is None:

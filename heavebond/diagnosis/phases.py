@@ -1,8 +1,8 @@
 """Phases of a diagnosis.
 
-A phase is a generator: it takes the state of the diagnosis and yields it again whenever it has improved. `diagnose` runs
-the phases in order and keeps the last state, so that a phase which is ended early (by Ctrl-C, a signal or the end of the
-time) loses nothing of what it had found. Phases that only work out the result (`CLOSING`) run in any case.
+A phase is a generator: it takes the state of the diagnosis and yields it again after each improvement. `diagnose` runs the
+phases in order and keeps the last state. A phase that is ended early (by Ctrl-C, a signal or the time limit) thus loses no
+results. The phases that only compute the answer (`CLOSING`) always run.
 """
 
 from __future__ import annotations
@@ -59,16 +59,23 @@ from heavebond.estimation.fitting import Fit, fit
 from heavebond.experiment_design.separation import Alternative, Separation, separate
 from heavebond.localise.misfit import Localization, localize
 
-# Share of the time after which the first fit of all samples is ended with its best so far, and shares that are kept for the
-# end: the fit of the selected effects to all samples (as long as so many of its runs take), and writing the result.
+# FITTING: share of the time after which the first fit of all samples is ended with its best result. KEPT, MOST_KEPT:
+# smallest and largest share of the time kept for the closing phases. LAST_RUNS: number of runs that the fit of the selected
+# effects to all samples takes.
 FITTING, KEPT, MOST_KEPT, LAST_RUNS = 0.4, 0.1, 0.4, 6.0
 
 
 @dataclass(frozen=True)
 class Task:
-    """The options of a diagnosis: the time `budget`, the largest number of `steps`, the `number` of processes, the
-    `classes` that the catalogue is restricted to, the `samples` of long records that are searched; `say` and `grow` report
-    progress."""
+    """The options of a diagnosis.
+
+    * budget: time.
+    * steps: largest number of effects.
+    * number: number of processes.
+    * classes: classes of effects to which the catalogue is restricted.
+    * samples: number of searched samples of long records.
+    * say, grow: report of progress.
+    """
 
     budget: Budget
     steps: int
@@ -83,17 +90,27 @@ class Task:
 class State:
     """The state of a diagnosis.
 
-    given: the experiment as it was given; experiment: the same with a start of its own for each record if they need one;
-    models: the table of models, each with its errors; base: the fit of the free parameters; comparing: the duration of a
-    comparison with all records (s); kept: the time (s) that is kept for the closing phases. searched: the experiment on the
-    samples that are searched; selection, last: the effects that the search selected and its last step; doubts: which of them
-    are not certain, and why; steps, findings, doubtful: the steps, certain effects and uncertain effects of the answer;
-    reviews: for each step, the step in which its effect was sought again beside all others;
-    confirming: the fits to all samples. values: fixed values that the records cannot distinguish from the findings;
-    value_step: the step of all fixed values; shape: the identified curve in place of a name; adequacy, remainder: see
-    `evidence.flexible_laws`; localization: see `localise`; differences: sentences on parameters with another value in a
-    held-out record. verdict, separation: see `Diagnosis`. untried: parts of the search that were not completed; ended: the
-    phases that were ended early.
+    * given: the original experiment.
+    * experiment: the same with separate initial values for each record, if required.
+    * models: the table of models with their errors.
+    * base: the fit of the free parameters.
+    * comparing: duration of a comparison with all records (s).
+    * kept: time (s) that is kept for the closing phases.
+    * searched: experiment on the searched samples.
+    * selection, last: the selected effects and the last step of the search.
+    * doubts: effects that are not certain, with the reasons.
+    * steps, findings, doubtful: steps, certain effects and uncertain effects of the answer.
+    * reviews: for each step, the step in which its effect was compared again in the diagram with all others.
+    * confirming: the fits to all samples.
+    * values: fixed values that the records cannot distinguish from the findings.
+    * value_step: the step of all fixed values.
+    * shape: the identified curve that replaces a named effect.
+    * adequacy, remainder: see `evidence.flexible_laws`.
+    * localization: see `localise`.
+    * differences: sentences on parameters with another value in a held-out record.
+    * verdict, separation: see `Diagnosis`.
+    * untried: parts of the search that were not completed.
+    * ended: phases that were ended early.
     """
 
     given: Experiment
@@ -125,22 +142,22 @@ class State:
 
     @property
     def partial(self) -> bool:
-        """Whether the search for effects was ended early."""
+        """True if the search for effects was ended early."""
         return bool(self.ended) or (self.last is not None and self.last.partial) or any(s.partial for s in self.steps)
 
     @property
     def unexplained(self) -> bool:
-        """Whether more than noise is left that no name explains."""
+        """True if a residual above the noise remains that no named effect explains."""
         return unexplained(self.models, self.findings, self.steps)
 
     @property
     def added(self) -> tuple[AddedEffect, ...]:
-        """The findings, the effects that are not certain, and the identified curve."""
+        """The findings, the uncertain effects, and the identified curve."""
         return (*self.findings, *self.doubtful, *([self.shape] if self.shape is not None else []))
 
     @property
     def table(self) -> tuple[LadderEntry, ...]:
-        """The table of models, with the identified curve."""
+        """The table of models, including the identified curve."""
         return (*self.models, *([self.shape.rung] if self.shape is not None else []))
 
     @property
@@ -149,11 +166,11 @@ class State:
         return self.models[:len(self.models) - len(self.findings) - len(self.doubtful)]
 
     def without(self, what: str) -> State:
-        """The state with one more part of the search that was not completed."""
+        """Add a part of the search that was not completed."""
         return replace(self, untried=tuple(dict.fromkeys((*self.untried, what))))
 
     def at_last_fit(self) -> Experiment:
-        """The experiment on the last diagram, at its fitted values."""
+        """Experiment on the last diagram at its fitted values."""
         last = self.added
         return at_fit(last[-1].fit.experiment, last[-1].fit) if last else at_fit(self.experiment, self.base)
 
@@ -162,7 +179,7 @@ Phase = Callable[[State, Task], Iterator[State]]
 
 
 def kept_time(state: State, task: Task) -> float:
-    """The time (s) that is kept for the fit of the selected effects to all samples, which takes some runs from near its
+    """Time (s) to keep for the fit of the selected effects to all samples, which takes several runs even from near its
     optimum."""
     if not isfinite(task.budget.seconds):
         return 0.0
@@ -172,14 +189,14 @@ def kept_time(state: State, task: Task) -> float:
 
 
 def simulate_records(state: State, task: Task) -> Iterator[State]:
-    """Compare the diagram as it is with all records."""
+    """Compare the unchanged diagram with all records."""
     task.say("simulating all records")
     before: tuple[LadderEntry, ...] = ()
     try:
         before = tuple(first_entries(state.given, None, compared(state.given)))
     except (SimulationError, StartError):
         if not state.given.free:
-            raise  # otherwise the fit may find values at which it can be simulated, and its message says more if it does not
+            raise  # otherwise the fit may find values that can be simulated, or reports a better message
     yield replace(state, models=before, comparing=task.budget.spent)
 
 
@@ -196,7 +213,7 @@ def fit_parameters(state: State, task: Task) -> Iterator[State]:
 
 
 def fit_record_starts(state: State, task: Task) -> Iterator[State]:
-    """Fit a start of each record if the records begin elsewhere than the model."""
+    """Fit initial values of each record if the records and the model begin at different values."""
     seconds = min(FITTING * task.budget.seconds, task.budget.left())
     started = own_starts(state.given, state.models[-1], seconds, task.say)
     if started is not None:
@@ -204,8 +221,7 @@ def fit_record_starts(state: State, task: Task) -> Iterator[State]:
 
 
 def search(state: State, task: Task) -> Iterator[State]:
-    """Select effects step by step on the samples that are searched; on all samples if these show nothing, as a missing
-    effect may show later."""
+    """Select effects step by step on the searched samples. If these show no effect, repeat the search on all samples."""
     task.grow([entry.as_dict() for entry in state.models])
 
     def left() -> float:
@@ -221,7 +237,7 @@ def search(state: State, task: Task) -> Iterator[State]:
     cut_short: set[str] = set()
 
     def calibrating(experiment: Experiment) -> Stage:
-        cut_short.add(CALIBRATION)  # until it is complete
+        cut_short.add(CALIBRATION)  # removed after completion
         made = make_calibration_stage(experiment, number=task.number, seconds=left(), classes=task.classes,
                                       progress=lambda text: task.say(f"adding calibration errors: {text}"))
         if not made.partial:
@@ -250,7 +266,7 @@ def confirm(state: State, task: Task) -> Iterator[State]:
     if last is None or state.searched is None:
         return
     last = replace(last, partial=last.partial or bool(state.ended))
-    # the last step may be that of the last effect itself
+    # the last step may be the step that selected the last effect
     own = bool(way) and last.chosen is way[-1].chosen
     short = own and not last.partial and len(way) < task.steps and not way[-1].is_noise and not near_the_noise(way)
     steps = [*(_answered(added.step, added) for added in (way[:-1] if own else way)),
@@ -267,8 +283,8 @@ def confirm(state: State, task: Task) -> Iterator[State]:
 
 
 def try_fixed_values(state: State, task: Task) -> Iterator[State]:
-    """Compare the findings with other values of the parameters that the diagram holds fixed: a value replaces them if it is
-    better, and is an alternative if the records cannot distinguish them."""
+    """Compare the findings with other values of the fixed parameters. A value replaces the findings if it is better, and is
+    an alternative if the records cannot distinguish it."""
     if not state.steps or not state.steps[0].left.significant or (task.classes and VALUE not in task.classes):
         return
     assert state.confirming is not None and state.searched is not None
@@ -296,8 +312,8 @@ def try_fixed_values(state: State, task: Task) -> Iterator[State]:
 
 
 def fit_flexible_laws(state: State, task: Task) -> Iterator[State]:
-    """Judge the first finding, after which more than noise is left, by identified curves in its place; or fit identified
-    curves if there is no finding. A curve replaces the name if it explains most of what is left."""
+    """Compare the first finding with identified curves in its place if the residual exceeds the noise. Without a finding,
+    fit identified curves only. A curve that explains most of the residual replaces the finding."""
     if not state.unexplained:
         return
     assert state.confirming is not None
@@ -323,14 +339,15 @@ def fit_flexible_laws(state: State, task: Task) -> Iterator[State]:
 
 
 def explain_remainder(state: State, task: Task) -> Iterator[State]:
-    """The law that explains most of the final residual, if more than noise is left."""
+    """Find the law that explains most of the final residual, if it exceeds the noise."""
     if state.steps and not state.steps[-1].partial and state.unexplained:
         assert state.searched is not None
         yield replace(state, remainder=remainder(as_long_as(state.searched, state.at_last_fit()), task.say))
 
 
 def localise_misfit(state: State, task: Task) -> Iterator[State]:
-    """The unknown input at each place of the fitted diagram: the evidence for the place and the kind of what is missing."""
+    """Estimate the unknown input at each place of the fitted diagram, which is evidence for the place and kind of the
+    missing effect."""
     if state.searched is None or not state.steps or not state.steps[0].left.significant:
         return
     try:
@@ -343,7 +360,8 @@ def localise_misfit(state: State, task: Task) -> Iterator[State]:
 
 
 def compare_held_out_records(state: State, task: Task) -> Iterator[State]:
-    """Parameters with another value in a held-out record, if the fitted records leave noise and the held-out ones more."""
+    """Find parameters with another value in a held-out record, if the residual is noise on fitted records but not on
+    held-out ones."""
     if state.steps and not state.findings and not state.untried and not state.steps[0].left.significant \
             and state.table[-1].chi2_held_out > DECISION.near:
         found = record_differences(at_fit(state.given, state.base))
@@ -354,7 +372,7 @@ def compare_held_out_records(state: State, task: Task) -> Iterator[State]:
 
 
 def decide(state: State, task: Task) -> Iterator[State]:
-    """The verdict, and the experiment that would distinguish the alternatives."""
+    """Derive the verdict, and design an experiment that would distinguish the alternatives."""
     if not state.steps:
         return
     if state.adequacy is None and state.unexplained and state.selection and state.findings \
@@ -379,8 +397,8 @@ FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts)
 
 
 def _with_difference(state: State, task: Task, difference: RecordDifference) -> State:
-    """The state with a value for each record of the parameter that differs in a held-out record, as a finding; the same
-    state if the fit with these values does not predict the held-out records better."""
+    """Add the parameter that differs in a held-out record as a finding with a value for each record. Return the same state
+    if this does not improve the prediction of the held-out records."""
     assert state.confirming is not None and state.searched is not None
     trial = begun(fitted_base(at_fit(state.searched, state.base)), difference.candidate, progress=task.say)
     if trial is None:
@@ -389,15 +407,18 @@ def _with_difference(state: State, task: Task, difference: RecordDifference) -> 
     effect = state.confirming.one(SelectedEffect(made, made.cluster), state.models[-1].comparison)
     if effect is None or gone(state.models[-1].chi2_held_out, effect.rung.chi2_held_out) < DECISION.mainly:
         return state
-    # the fitted records show nothing: what shows the effect is the size of the residual of the held-out records
+    # the fitted records show no effect; the evidence is the size of the residual of the held-out records
     made = replace(made, left=replace(made.left, size=difference.chance))
     return replace(state, models=(*state.models, effect.rung), findings=(effect,), steps=(made,))
 
 
 def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
-    """The state with the adequacy of the first finding. If an identified curve explains most of what is left, and nothing
-    was found beside it, or one alone leaves less than all findings, it replaces the name. Effects that are not
-    certain may explain more than a curve, too."""
+    """Compute the adequacy of the first finding, and replace the finding by an identified curve if the curve explains most
+    of the residual.
+
+    If there are several findings, the curve alone must have a smaller residual than all of them together. The curve does not
+    replace the finding if uncertain effects explain the residual as well.
+    """
     assert state.confirming is not None
     task.say("fitting identified curves in place of the effect")
     way, confirm_one = state.selection[:len(state.findings)], state.confirming.one
@@ -428,28 +449,28 @@ def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
 
 
 def _unconfirmed(added: SelectedEffect) -> dict[str, object]:
-    """The figures of an effect on the searched samples, for the growing table of models."""
+    """Entry of an effect for the growing table of models, with the figures on the searched samples."""
     trial = added.chosen
     return {"name": f"+ {added.candidate.label}", "error_fit": nan, "error_held_out": nan, "chi2_fit": trial.chi2_fit,
             "chi2_held_out": trial.chi2_held_out}
 
 
 def _answered(step: Stage, added: SelectedEffect) -> Stage:
-    """The step whose ranking marks the answer: the alternatives of its effect beside all others."""
+    """Step whose ranking marks the alternatives of its effect, as compared in the diagram with all other effects."""
     return replace(step, cluster=added.alternatives)
 
 
 def _noticeable(way: Selection, last: Stage) -> tuple[Selection, Stage]:
-    """A selection without a single effect that takes hardly anything away: some law always takes a few percent of an
-    unexplained residual (the noise of a measured input), beyond chance, and would be a name for nothing."""
+    """Discard a single effect that removes hardly any misfit. Some law always removes a few percent of an unexplained
+    residual (noise of a measured input) significantly, but is not the cause."""
     if len(way) != 1 or worth_it(way[0].step):
         return way, last
     return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
 
 
 def _separation(machine: Experiment, findings: Sequence[AddedEffect], say: Progress, seconds: float) -> Separation | None:
-    """The experiment that would distinguish the alternatives of the first finding without one name, the best law of each
-    class at each place; None if one of the diagrams cannot be simulated."""
+    """Design an experiment that distinguishes the alternatives of the first uncertain finding, with the best law of each
+    class and place. None if one of the diagrams cannot be simulated."""
     unsure = next(f for f in findings if not f.certain)
     best: dict[object, Refit] = {}
     for trial in unsure.alternatives:
@@ -464,8 +485,11 @@ def _separation(machine: Experiment, findings: Sequence[AddedEffect], say: Progr
 
 def _value(made: Stage, confirm_one: Callable[[SelectedEffect, Comparison], AddedEffect | None],
            models: Sequence[LadderEntry]) -> AddedEffect | None:
-    """The fixed value with which the residual becomes noise, fitted to all samples; None if there is none, if an effect
-    beside the values is no worse, or if not all values were tried."""
+    """Fixed value with which the residual becomes noise, fitted to all samples.
+
+    None if no value reaches the noise, if the records cannot distinguish the value from an effect, or if not all values were
+    tried.
+    """
     if made.partial or made.chosen is None or not worth_it(made) or any(t.candidate.kind != VALUE for t in made.cluster):
         return None
     found = confirm_one(SelectedEffect(made, made.cluster), models[-1].comparison)
@@ -474,9 +498,11 @@ def _value(made: Stage, confirm_one: Callable[[SelectedEffect, Comparison], Adde
 
 def _beside(findings: Sequence[AddedEffect], chosen: Refit, made: Stage
             ) -> tuple[tuple[AddedEffect, ...], tuple[Refit, ...]]:
-    """The findings, the last of which came with the refit `chosen`, and the values that the records cannot distinguish from
-    them. A single finding has those as alternatives that explain better, though not by enough to decide: as well with fewer
-    numbers. If they are no better, the fixed values are taken as right."""
+    """Findings, and fixed values that the records cannot distinguish from them; `chosen` is the refit of the last finding.
+
+    If there is a single finding, values that explain the misfit better, though not significantly, become its alternatives.
+    Otherwise the findings remain unchanged.
+    """
     values = () if made.partial else tuple(t for t in made.cluster if t.candidate.kind == VALUE)
     better_values = [t for t in values if merit(t) < merit(chosen) - DECISIVE]
     if len(findings) > 1 or not better_values:

@@ -1,4 +1,4 @@
-"""What a diagnosis reports: models on the ladder of a falling error, and the effects that were added on it."""
+"""Table of models of a diagnosis, and the effects that it adds to the diagram."""
 
 from __future__ import annotations
 
@@ -25,8 +25,11 @@ from heavebond.numerics.result import Probe
 
 @dataclass(frozen=True)
 class LadderEntry:
-    """One model on the ladder: its errors (root mean square over that of the measured about its mean) and chi-square per
-    sample on the fitted samples and on those held out."""
+    """One entry of the table of models.
+
+    error_fit, error_held_out: rms error over the rms of the measured signal about its mean, on fitted and held-out samples.
+    chi2_fit, chi2_held_out: chi-square per sample.
+    """
 
     name: str
     error_fit: float
@@ -37,18 +40,18 @@ class LadderEntry:
 
     @property
     def samples_held_out(self) -> int:
-        """How many samples were not fitted."""
+        """Number of held-out samples."""
         return sum(int(c.counts.sum()) for p in self.comparison.parts if p.use != "fit" for c in p.channels.values())
 
     def as_dict(self) -> dict[str, object]:
-        """The figures, for machines."""
+        """Return the figures for JSON."""
         return {"name": self.name, "error_fit": self.error_fit, "error_held_out": self.error_held_out,
                 "chi2_fit": self.chi2_fit, "chi2_held_out": self.chi2_held_out}
 
 
 @dataclass(frozen=True)
 class ChannelError:
-    """What a model misses in a channel: the rms error and the noise, both in the channel's unit."""
+    """Error of a model in a channel: rms error and noise, both in the unit of the channel."""
 
     channel: str
     unit: str
@@ -57,14 +60,21 @@ class ChannelError:
 
     @property
     def words(self) -> str:
-        """`9549 Pa`."""
+        """Error with a readable unit, for example `9549 Pa`."""
         return readable_difference(self.error, self.unit, 3)
 
 
 @dataclass(frozen=True)
 class AddedEffect:
-    """An effect that was added: the candidate, the numbers that it was fitted with, the model with it, and the candidates
-    that the records cannot distinguish from it. `doubt`: why a further effect is not certain, in a sentence."""
+    """An effect that was added to the diagram.
+
+    * candidate: the effect.
+    * parameters: its fitted parameters.
+    * rung: entry of the model with the effect in the table.
+    * fit: the fit.
+    * alternatives: refits that the records cannot distinguish from it, the selected one first.
+    * doubt: sentence on why a further effect is not certain.
+    """
 
     candidate: Candidate
     parameters: tuple[Fitted, ...]
@@ -75,37 +85,38 @@ class AddedEffect:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The classes that it may be of, the likeliest first."""
+        """Possible classes of the effect, the most likely first."""
         return tuple(dict.fromkeys(t.candidate.kind for t in self.alternatives))
 
     @property
     def certain(self) -> bool:
-        """Whether all that cannot be told from it are of one class at one place."""
+        """True if all alternatives have the same class and the same place."""
         return len(self.kinds) == 1 and len({frozenset(t.candidate.where) for t in self.alternatives}) == 1
 
     @property
     def beyond(self) -> tuple[str, ...]:
-        """Its numbers that stand at an end of the range in which they were sought, where the error would fall beyond."""
+        """Parameters at an end of their search range beyond which the error would decrease."""
         return self.alternatives[0].beyond if self.alternatives else ()
 
     @property
     def at_limits(self) -> tuple[Fitted, ...]:
-        """Its numbers that stand at a limit of the parameter itself (a friction of 0), which is a value like any other,
-        with that limit as their value: the search approaches it to rounding."""
+        """Parameters at a limit of the parameter itself (a friction of 0), which is a valid result. Their values are set to
+        the limit, which the search only approaches."""
         limits = {n.name: n.limits for n in self.candidate.numbers}
         return tuple(replace(p, value=limit) for p in self.parameters if p.ended for limit in limits.get(p.name, ())
                      if limit is not None and abs(p.value - limit) <= AT_END * (p.high - p.low))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Its amplitudes, where the records determine none of them: each interval covers its whole range."""
+        """Amplitudes if the records determine none of them, that is if each interval covers the whole range; otherwise
+        empty."""
         amplitudes = {n.name for n in self.candidate.numbers if n.amplitude}
         own = [p for p in self.parameters if p.name in amplitudes]
         unknown = [p.name for p in own if p.told == (None, None)]
         return tuple(unknown) if len(unknown) == len(own) else ()
 
     def as_dict(self) -> dict[str, object]:
-        """The figures, for machines."""
+        """Return the figures for JSON."""
         return {**self.candidate.as_dict(), "part": self.candidate.name,
                 "parameters": {p.name: p.as_dict() for p in self.parameters},
                 **({"each_record": {record: {name: values[name] for name in self.candidate.change.each if name in values}
@@ -117,15 +128,15 @@ class AddedEffect:
 
 
 def ladder_entry(name: str, comparison: Comparison) -> LadderEntry:
-    """A model on the ladder, from its comparison with every record."""
+    """Create an entry of the table of models from the comparison with all records."""
     fitted = [p for p in comparison.parts if p.use == "fit"]
     checked = [p for p in comparison.parts if p.use != "fit"]
     return LadderEntry(name, _error(fitted), _error(checked), _chi2(fitted), _chi2(checked), comparison)
 
 
 def channel_errors(rung: LadderEntry) -> list[ChannelError]:
-    """What a model misses in each channel where nothing was fitted (where nothing was held out: where it was), all records
-    together."""
+    """Error of a model in each channel, over the held-out samples of all records (without held-out samples, over the fitted
+    ones)."""
     parts = [p for p in rung.comparison.parts if p.use != "fit"] or list(rung.comparison.parts)
     found: dict[str, list[Channel]] = {}
     for part in parts:
@@ -137,9 +148,11 @@ def channel_errors(rung: LadderEntry) -> list[ChannelError]:
 
 
 def with_limits(candidate: Candidate, fit: Fit) -> Fit:
-    """The fit with those numbers of an effect marked that are limits (sought where a variable of the part moves) and that
-    the variable does not reach on the fitted records: beyond its largest or smallest value there, with nothing that bounds
-    them on that side."""
+    """Mark fitted limits that the motion does not reach.
+
+    Such a limit is a parameter that is sought within the motion of a variable of the part. It is not reached if it is beyond
+    the largest or smallest value of the variable on the fitted records, and its interval is open on this side.
+    """
     limits = {n.name: n.follows for n in candidate.numbers if n.follows and n.sought is not None and not n.sought.held}
     runs = [record.result for record in fit.after.records.values() if record.use == "fit"]
     return replace(fit, parameters=tuple(
@@ -155,7 +168,7 @@ def _limited(p: Fitted, course: Array) -> Fitted:
 
 
 def parameter_description(fit: Fit, name: str) -> str:
-    """What the component says that a fitted parameter is; empty for an initial value or where it says nothing."""
+    """Description of a fitted parameter from its component; empty for an initial value or without a description."""
     path, _, own = name.rpartition(".")
     if not path:
         return "parameter of the diagram"
@@ -165,21 +178,21 @@ def parameter_description(fit: Fit, name: str) -> str:
 
 
 def typical_values(fit: Fit, name: str) -> Typical | None:
-    """What the component says of typical values of a parameter; None where it says nothing."""
+    """Typical values of a parameter from its component; None if there are none."""
     path, _, own = name.rpartition(".")
     component = _component(fit, path) if path else None
     return component.parameters[own].typical if component is not None and own in component.parameters else None
 
 
 def restrictions(finding: AddedEffect) -> str:
-    """For what the law of a finding holds, in the words of its component; empty where that says nothing."""
+    """Restrictions of the law of a finding, from its component; empty if there are none."""
     candidate = finding.candidate
     component = _component(finding.fit, candidate.where[0] if candidate.attaches == "in" else candidate.name)
     return component.restrictions if component is not None else ""
 
 
 def _component(fit: Fit, path: str) -> Component | None:
-    """The component at a path of the fitted diagram."""
+    """Component at a path of the fitted diagram; None if the diagram has no such part."""
     leaves = next(iter(fit.after.records.values())).result.assembly.flat.expanded.leaves
     return leaves[path].component if path in leaves else None
 
@@ -190,7 +203,7 @@ def _error(parts: Sequence[RecordComparison]) -> float:
 
 
 def _chi2(parts: Sequence[RecordComparison]) -> float:
-    """Of all samples together."""
+    """Chi-square per sample of all samples together."""
     counts = [int(c.counts.sum()) for p in parts for c in p.channels.values()]
     values = [c.chi2 for p in parts for c in p.channels.values()]
     return float(np.average(values, weights=counts)) if values else math.nan
@@ -198,11 +211,11 @@ def _chi2(parts: Sequence[RecordComparison]) -> float:
 
 @reporting
 def ladder(experiments: Sequence[ExperimentOrFile], *, progress: Progress | None = None) -> list[LadderEntry]:
-    """Compare several models with the same records: the errors of `experiments` in the order given.
+    """Compare several models with the same records, in the order of `experiments`.
 
-    An error is the rms of the residual over that of the record about its mean, without unit. Each model has the values
-    of its diagram. `progress` is called with the name of each experiment. Raises UsageError where records or channels
-    differ, and whatever `compare` raises.
+    An error is the rms of the residual over the rms of the record about its mean (dimensionless). Each model has the values
+    of its diagram. `progress` is called with the name of each experiment. Raises UsageError if records or channels differ,
+    and the errors of `compare`.
     """
     found = [load_experiment(e) for e in experiments]
     for other in found[1:]:
@@ -220,6 +233,6 @@ def ladder(experiments: Sequence[ExperimentOrFile], *, progress: Progress | None
 
 
 def _measured(experiment: Experiment) -> tuple[object, ...]:
-    """What is measured: the parts of records and their channels."""
+    """Parts of the records and their channels, for a comparison of two experiments."""
     return (sorted((str(r.file.resolve()), r.use, r.begin or 0.0, r.end or 0.0) for r in experiment.records.values()),
             sorted((o.column, o.shown.unit) for o in experiment.outputs.values()))

@@ -1,1 +1,1 @@
-"""The verdict, its sentences, tables and files."""
+"""The verdict of a diagnosis, its sentences, tables and files."""

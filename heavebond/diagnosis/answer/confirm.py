@@ -1,6 +1,6 @@
-"""Fits of the selected effects to all samples, and the first models of the table.
+"""Fits of the selected effects to all samples, and the first entries of the table of models.
 
-The search uses excerpts of long records; the reported figures come from runs over whole records, as far as the time
+The search uses excerpts of long records. The reported figures are computed from runs over whole records, if the time
 permits.
 """
 
@@ -28,8 +28,10 @@ from heavebond.text.expression import constant
 
 
 def loaded(experiment: ExperimentOrFile) -> tuple[Experiment, tuple[str, ...]]:
-    """An experiment, read where it is a file, with what the noise of its inputs does; and a sentence for each of its inputs
-    that is smoothed. UsageError where no record of it is fitted."""
+    """Load an experiment, and return it with the noise of its channels and inputs, and a sentence for each smoothed input.
+
+    Raises UsageError if no record is to be fitted.
+    """
     found = load_experiment(experiment)
     if not any(r.use == "fit" for r in found.records.values()):
         raise UsageError([Problem("fit-no-record", "no record is marked `use: fit`", None,
@@ -39,12 +41,13 @@ def loaded(experiment: ExperimentOrFile) -> tuple[Experiment, tuple[str, ...]]:
 
 
 def compared(experiment: Experiment) -> Comparison:
-    """The diagram as it stands, compared with each record."""
+    """Compare the unchanged diagram with each record."""
     return Comparison(experiment, {name: compare_record(experiment, r) for name, r in experiment.records.items()})
 
 
 def first_entries(experiment: Experiment, base: Fit | None, before: Comparison | None = None) -> list[LadderEntry]:
-    """The diagram as it stands, compared as `before` where that is known, and with its free parameters fitted."""
+    """Entries of the table of models for the unchanged diagram and for the diagram with fitted parameters. `before` is the
+    comparison of the unchanged diagram if it was computed before."""
     name = experiment.model.name
     if base is None:
         return [ladder_entry(name, before or compare(experiment))]
@@ -53,10 +56,11 @@ def first_entries(experiment: Experiment, base: Fit | None, before: Comparison |
 
 
 def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
-    """The experiment with the fitted values in its diagram; what is free keeps the value that was written there."""
+    """Insert the fitted values into the diagram of an experiment. The original value of each free parameter is kept as
+    `given`."""
     if fitted is None:
         return experiment
-    before = {p.name: p.before for p in fitted.parameters if not p.record}  # a record keeps its own start
+    before = {p.name: p.before for p in fitted.parameters if not p.record}  # each record keeps its separate initial values
     free = {name: replace(f, given=before.get(name)) if f.given is None else f for name, f in experiment.free.items()}
     own = {record: {name: value for name, value in there.items() if not name.startswith("initial.")}
            for record, there in fitted.record_values.items()}
@@ -66,9 +70,11 @@ def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
 
 def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, before: Comparison | None = None,
               progress: Progress | None = None) -> AddedEffect:
-    """The chosen effect with intervals and figures from full runs on the whole of the records; the fit begins from the
-    values of the search and ends after `seconds` with the best so far; without time, the values of the search are the
-    result. `before` is the comparison without the effect."""
+    """Fit the chosen effect to the whole records, and compute its intervals and figures from full runs.
+
+    The fit begins at the values of the search and ends after `seconds` with the best result. Without time, the values of the
+    search are the result. `before` is the comparison without the effect.
+    """
     searched = following(added.step)
     experiment = as_long_as(given, searched)
     if before is not None:
@@ -81,8 +87,11 @@ def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, be
 
 
 def _with_late_times(experiment: Experiment, searched: Experiment, before: Comparison) -> Experiment:
-    """The experiment in which a time that was found at or after the end of an excerpt, so that something does not begin in
-    it, is as far after the end of the whole record, which `before` has."""
+    """Extend event times that were fitted to an excerpt to the whole record.
+
+    A time at or after the end of the excerpt means that the event does not occur. It is moved to the same distance after the
+    end of the whole record, which is taken from `before`.
+    """
     ends = {name: (searched.records[name].end, float(record.result.time[-1])) for name, record in before.records.items()
             if record.use == "fit" and name in searched.records}
     for name, free in experiment.free.items():
@@ -101,17 +110,24 @@ def _with_late_times(experiment: Experiment, searched: Experiment, before: Compa
     return experiment
 
 
-# Share of the time that is kept for a fit to the excerpt alone, and as often the time of a comparison with all records is
-# kept from a fit for the comparison with what it finds: with an effect a run may take longer.
+# SHORTER: share of the time kept for a fit to the excerpt only. COMPARING: a fit leaves this multiple of the time of a
+# comparison with all records for the comparison of its result, because an effect may slow down the runs.
 SHORTER, COMPARING = 0.03, 2.0
 
 
 @dataclass
 class Confirming:
-    """Fits of effects to the whole of the `given` records, in the time that is left of the `budget`; where it does not
-    suffice for those of a selection, to the `part` that was searched: then `shorter` is set; if not for that either, `ended`
-    is set, and an effect keeps the values of the search. `comparing` is how long a comparison with all records takes (s),
-    `base` the fit without effects."""
+    """Fits of effects to the whole records within the remaining time.
+
+    * budget: total time.
+    * given: experiment on the whole records.
+    * part: experiment on the searched samples.
+    * base: fit without effects.
+    * comparing: duration of a comparison with all records (s).
+    * say: report of progress.
+    * shorter: set if the time only suffices for fits to `part`.
+    * ended: set if it does not suffice for these either; then the values of the search are the result.
+    """
 
     budget: Budget
     given: Experiment
@@ -123,8 +139,10 @@ class Confirming:
     ended: bool = False
 
     def one(self, added: SelectedEffect, before: Comparison) -> AddedEffect | None:
-        """An effect with its intervals and figures, `before` the comparison without it; None if the time is over, unless the
-        fits have `ended`: then the values of the search are the result."""
+        """Fit one effect; `before` is the comparison without it.
+
+        Return None if the time is over. If `ended` is set, return the values of the search instead.
+        """
         if self.ended:
             return confirmed(added, self.part if self.shorter else self.given, 0.0, before)
         limited = isfinite(self.budget.seconds)
@@ -136,9 +154,11 @@ class Confirming:
                 added, given, most, before, lambda text: self.say(f"confirming {label}: {text}")), kept)
 
     def all(self, way: Selection, ladder: Sequence[LadderEntry]) -> tuple[list[LadderEntry], list[AddedEffect]]:
-        """The models with the effects of a selection, and these effects. If the time does not suffice, they have the values
-        of the search, and the figures of the part that was searched. What the first one explains by itself is not taken
-        back because several together do not reach the noise: then it is the only one."""
+        """Fit all effects of a selection; return the table of models with them, and the effects.
+
+        If the time does not suffice, the effects have the values of the search and the figures of the searched samples. If
+        the first effect is adequate but all effects together are not, only the first is returned.
+        """
         if not way:
             return list(ladder), []
         found = self._all(way, ladder)
@@ -168,13 +188,13 @@ class Confirming:
         return findings
 
     def _first(self, ladder: Sequence[LadderEntry]) -> list[LadderEntry]:
-        """The first entries of the ladder on the part that was searched."""
+        """First entries of the table of models, computed on the searched samples."""
         return [ladder_entry(entry.name, compared(at_fit(self.part, fit)))
                 for entry, fit in zip(ladder, (None, self.base), strict=False)]
 
 
 def _beside_all(finding: AddedEffect, last: Fit) -> AddedEffect:
-    """An effect with the values and intervals of the fit with all effects."""
+    """Effect with the values and intervals of the fit with all effects."""
     own = {p.name for p in finding.parameters}
     parameters = tuple(p for p in with_limits(finding.candidate, last).parameters if p.name in own)
     return replace(finding, parameters=parameters) if len(parameters) == len(own) else finding

@@ -1,4 +1,5 @@
-"""Findings written back as diagrams: a file that extends the model and says only what was found."""
+"""Files of a diagnosis: each finding as a diagram and an experiment that extend the original ones, and the proposed
+input."""
 
 from __future__ import annotations
 
@@ -22,12 +23,15 @@ from heavebond.language.edits import Change, block, extended_from, quoted, write
 from heavebond.language.library import bundled
 from heavebond.text.yaml_source import read
 
-LADDER = 200  # free numbers that are looked for: more than a diagnosis has findings
+LADDER = 200  # number of free file numbers that are reserved; exceeds the number of findings
 
 
 def finding_files(finding: AddedEffect, before: Experiment, model: Path, experiment: Path) -> tuple[str, str]:
-    """The texts of a diagram at `model` that extends the one of `before` with what was found, fitted values and all, and of
-    the experiment on it at `experiment`, where what was added is free."""
+    """Create the texts of a diagram and an experiment for one finding.
+
+    The diagram at `model` extends the diagram of `before` by the effect, with all fitted values. In the experiment at
+    `experiment` the parameters of the effect are free.
+    """
     candidate = finding.candidate
     sought = {p.name: p for p in finding.parameters}
     units = {name: read_unit(readable_unit(p.unit, p.value)) for name, p in sought.items()}
@@ -40,7 +44,7 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
            if f.each and (name not in before.free or not before.free[name].each)}
     begun = {p.name.removeprefix(INITIAL): own[p.name].range.unit.written(p.before) for p in finding.fit.parameters
              if p.name in own and p.name.startswith(INITIAL)}
-    # what is free needs a value in the diagram
+    # a free initial value needs a value in the diagram
     change = Change(initial={state: text for state, text in begun.items()
                              if state not in before.model.initial.conditions}).joined(change)
     diagram = change.diagram(model.stem, said, extended_from(model, before.model.path))
@@ -63,7 +67,7 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
 
 
 def _smoothed_inputs(experiment: Experiment) -> dict[str, str]:
-    """The inputs that are smoothed, as they are written: a diagnosis smooths inputs whose file does not say so."""
+    """YAML entries of inputs that the diagnosis smooths although their file does not request it."""
     return {name: f"{{column: {quoted(given.column)}, unit: {quoted(given.unit)}, interpolation: {given.interpolation}, "
                   f"{'gaps: bridge, ' if given.bridge else ''}smooth: {given.smooth:g} Hz"
                   f"{f', noise: {given.noise:g} {given.unit}' if given.noise else ''}}}"
@@ -72,8 +76,11 @@ def _smoothed_inputs(experiment: Experiment) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Targets:
-    """Where the files of findings go: pairs (diagram, experiment) in `folder` whose names are free. A name gets the next
-    numbers, counted from those of `experiment` plus `first`; `numbers` are those that no file has yet."""
+    """Unused paths for the files of findings: pairs (diagram, experiment) in `folder`.
+
+    Consecutive numbers in the names make them unique. Numbering begins at the number in the name of `experiment` plus
+    `first`; `numbers` are the increments without existing files.
+    """
 
     folder: Path
     model: str
@@ -83,9 +90,10 @@ class Targets:
 
     @classmethod
     def beside(cls, experiment: Experiment, folder: Path | None) -> Targets:
-        """Beside the experiment (a bundled one: in the current folder), its names counted up: rig.yaml, rig_2.yaml, ...
+        """Targets in the folder of the experiment, with consecutive numbers: rig.yaml, rig_2.yaml, ...
 
-        Files that exist are kept: the next free number is taken. UsageError where nothing can be written in the folder.
+        For a bundled experiment the folder is the current one. Existing files are kept, and the next unused number is taken.
+        Raises UsageError if the folder is not writable.
         """
         inside = experiment.path.resolve().is_relative_to(bundled("models").resolve())
         found = cls(folder or (Path() if inside else experiment.path.parent), experiment.model.path.stem,
@@ -98,8 +106,11 @@ class Targets:
 
     @classmethod
     def named(cls, experiment: Experiment, file: Path) -> Targets:
-        """The experiment of one finding as `file`, and its diagram as FILE_diagram.yaml beside it; with the next free number
-        where these are of an earlier result for the same experiment. UsageError where they are somebody else's."""
+        """Target `file` for the experiment of one finding, with its diagram FILE_diagram.yaml in the same folder.
+
+        If the files exist and contain an earlier result for the same experiment, the next unused number is taken. Raises
+        UsageError if they contain anything else.
+        """
         found = cls(file.parent, f"{file.stem}_diagram", file.stem, 0)._with_free_numbers()
         if found.passed and not is_finding(file, experiment):
             raise UsageError([Problem("file-exists", f"{found.passed} exists already", None,
@@ -123,35 +134,35 @@ class Targets:
         return *self._pair(number), experiment.with_name(f"{experiment.stem}_input.csv")
 
     def pair(self, k: int) -> tuple[Path, Path]:
-        """The files of the k-th finding, counted from 0."""
+        """Paths of the diagram and the experiment of finding `k`, counted from 0."""
         return self._pair(self.numbers[k])
 
     @property
     def passed(self) -> Path | None:
-        """The first file that exists and keeps its name; None where there is none."""
+        """First existing file with a name that the targets would use; None if there is none."""
         taken = (path for k in range(self.first, self.numbers[0]) for path in self._files(k) if os.path.lexists(path))
         return next(taken, None)
 
     @property
     def proposal(self) -> Path:
-        """The input that would tell alternatives apart: `rig_2_input.csv` beside `rig_2.yaml`."""
+        """Path of the input that would distinguish the alternatives: `rig_2_input.csv` for `rig_2.yaml`."""
         return self._files(self.numbers[0])[-1]
 
     @property
     def kept(self) -> Path:
-        """What a search keeps while it runs: `rig_refits.jsonl`."""
+        """Path of the refits that a running search stores: `rig_refits.jsonl`."""
         return self.folder / f"{self.experiment}_refits.jsonl"
 
     @property
     def report(self) -> Path:
-        """The page on the diagnosis of `rig.yaml`: `rig_report.html`, `rig_report_2.html` where that exists (the page of
-        `rig_2.yaml` is `rig_2_report.html`)."""
+        """Path of the page on the diagnosis of `rig.yaml`: `rig_report.html`, or `rig_report_2.html` if that exists. (The
+        page of `rig_2.yaml` is `rig_2_report.html`.)"""
         names = (f"{self.experiment}_report{f'_{k}' if k > 1 else ''}.html" for k in itertools.count(1))
         return next(path for name in names if not os.path.lexists(path := self.folder / name))
 
 
 def is_finding(path: Path, before: Experiment) -> bool:
-    """Whether a file is an experiment that `write_findings` wrote for a finding in the experiment `before`."""
+    """True if the file is an experiment that `write_findings` wrote for a finding in the experiment `before`."""
     try:
         root = read(path).root.items
     except (HeavebondError, OSError):
@@ -161,7 +172,7 @@ def is_finding(path: Path, before: Experiment) -> bool:
 
 
 def _counted(name: str, more: int) -> str:
-    """`rig` as `rig_2`, `rig_2` as `rig_3`; itself for `more` = 0."""
+    """Increase the number in a name by `more`: `rig` to `rig_2`, `rig_2` to `rig_3`."""
     if not more:
         return name
     base, _, number = name.rpartition("_")
@@ -170,9 +181,9 @@ def _counted(name: str, more: int) -> str:
 
 
 def write_findings(before: Experiment, findings: Sequence[AddedEffect], targets: Targets) -> list[Path]:
-    """Write each finding as a diagram and an experiment that extend the ones before; the experiments' paths.
+    """Write each finding as a diagram and an experiment that extend the previous ones; return the paths of the experiments.
 
-    The experiments are loaded again as they stand: what is written is what was found, or an error says why not.
+    Each experiment is loaded again after writing, so a file that does not represent the finding causes an error.
     """
     written = []
     for k, finding in enumerate(findings):
@@ -186,8 +197,11 @@ def write_findings(before: Experiment, findings: Sequence[AddedEffect], targets:
 
 
 def write_proposal(separation: Separation, path: Path) -> list[Path]:
-    """Write the proposed input as a record without measured channels: time and inputs in the columns and units of the
-    records, to run the machine with. The path, none where nothing is proposed."""
+    """Write the proposed input as a record without measured channels, to be applied to the machine.
+
+    The columns are time and the inputs in the units of the records. Return the path in a list, which is empty without a
+    proposal.
+    """
     if not separation.decides:
         return []
     rows = zip(*separation.columns.values(), strict=True)
@@ -197,7 +211,8 @@ def write_proposal(separation: Separation, path: Path) -> list[Path]:
 
 
 def span(fitted: Fitted, unit: Unit, amplitude: bool) -> str:
-    """The range of a number that was found: an amplitude may grow by half and shrink to nothing, a shape keeps its own."""
+    """Range of a fitted parameter in the new experiment. An amplitude may increase by half or decrease to zero; a shape
+    keeps its range."""
     low, high = fitted.low, fitted.high
     if amplitude and fitted.value:
         reach = 1.5 * abs(fitted.value)

@@ -1,4 +1,4 @@
-"""Sentences of physics: what an effect does, with its values, from `meaning:` in the component files."""
+"""Sentences on the physics of an effect with its values, from `meaning:` in the component files."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from heavebond.text.expression import Expr, Name, constant, names, parse_formula
 
 SURROUNDINGS = "the surroundings"
 DIGITS = 3  # of a value without an interval
-FEWEST, MOST_DIGITS = 2, 6  # of one with an interval, whose width sets the digits
-PERCENT = " %"  # after a field: the sign stands before the interval
-NAMED_UNITS = ("ohm", "J/K")  # of quotients, beside those of `dimension_text`
+FEWEST, MOST_DIGITS = 2, 6  # of a value with an interval, whose width sets the number of digits
+PERCENT = " %"  # follows a field; the sign is printed before the interval
+NAMED_UNITS = ("ohm", "J/K")  # units of quotients, in addition to those of `dimension_text`
 
 
 def physics(candidate: Candidate, library: Library, values: Mapping[str, float], fitted: Sequence[Fitted] = ()) -> str:
-    """What a candidate does, in a sentence with its `values` (full names, SI) and the intervals of those that were `fitted`.
+    """Sentence on the physics of a candidate with its `values` (full names, SI) and the intervals of the `fitted` ones.
 
-    Its component file has the sentence under `meaning:`; without one, the description with the parameters.
+    The text is `meaning:` of the component file. If there is none, it is the description with the parameters.
     """
     component = library.component(candidate.component)
     if candidate.differs:
@@ -44,7 +44,7 @@ def physics(candidate: Candidate, library: Library, values: Mapping[str, float],
     for field, following in zip(meaning.fields, meaning.texts[1:], strict=True):
         if isinstance(field, str) and field in places:
             single = single or field not in ("part", "place")
-            again = field == "part" and text.endswith(f" {places[field]} ")  # the damper `damper`
+            again = field == "part" and text.endswith(f" {places[field]} ")  # avoids 'the damper damper'
             text = text[:-1] + following if again else text + places[field] + following
             continue
         percent = following.startswith(PERCENT)
@@ -58,7 +58,7 @@ def physics(candidate: Candidate, library: Library, values: Mapping[str, float],
 
 
 def _described(candidate: Candidate, values: Mapping[str, float], fitted: Mapping[str, Fitted]) -> str:
-    """The description of an effect, its place and its values."""
+    """Description of an effect with its place and values."""
     figures = [f"{n.name.rpartition('.')[2]} = {_figure(values[n.name], n.unit.text, _ends(fitted.get(n.name)))}"
                for n in candidate.numbers if n.name in values]
     what = candidate.description or candidate.kind
@@ -66,7 +66,7 @@ def _described(candidate: Candidate, values: Mapping[str, float], fitted: Mappin
 
 
 def _places(candidate: Candidate) -> dict[str, str]:
-    """The part, the place, and the node of each port of a part that is added."""
+    """Texts for the fields `part`, `place` and the ports of a new part (their nodes)."""
     parts = [candidate.name.rpartition(".")[0]] if candidate.attaches == "in" else [candidate.name]
     if candidate.attaches == "in":
         parts += [p for n in candidate.numbers[:1] for p in n.parts]
@@ -83,7 +83,8 @@ def _places(candidate: Candidate) -> dict[str, str]:
 
 def _value(field: str | Expr, candidate: Candidate, component: Component, values: Mapping[str, float],
            fitted: Mapping[str, Fitted], label: str) -> str | None:
-    """A field as a figure with its unit, and its interval where one parameter in it was fitted; None without a value."""
+    """Format a field as a number with its unit, and with an interval if one of its parameters was fitted. None if a value is
+    missing."""
     expr = parse_formula(field) if isinstance(field, str) else field
     part = candidate.name.rpartition(".")[0] if candidate.attaches == "in" else candidate.name
     keys = list(dict.fromkeys(name.text for name in names(expr)))
@@ -113,7 +114,7 @@ def _value(field: str | Expr, candidate: Candidate, component: Component, values
 
 
 def _known(full: str, key: str, candidate: Candidate, component: Component, values: Mapping[str, float]) -> float | None:
-    """The value of a parameter of the part: fitted, set with the candidate, or the default."""
+    """Value of a parameter of the part: the fitted value, the value in the change to the diagram, or the default."""
     if full in values:
         return values[full]
     part = candidate.change.components.get(candidate.name)
@@ -139,7 +140,8 @@ def _ends(p: Fitted | None) -> tuple[float | None, float | None] | None:
 
 def _figure(value: float, unit: str, ends: tuple[float | None, float | None] | None, label: str = "",
             unreached: bool = False) -> str:
-    """`8.2 kN (8.1 to 8.3)`, with as many digits as the interval determines; `label` in place of the unit."""
+    """Format a value as `8.2 kN (8.1 to 8.3)`, with the number of digits that the interval determines. `label` replaces the
+    unit."""
     shown = readable_unit(unit, value)
     scale = 1.0 if shown == unit else 1 / read_unit(shown).scale
     value, label = value * scale, label or ("" if unit == "1" else f" {unit_label(shown)}")

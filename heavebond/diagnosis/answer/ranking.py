@@ -1,8 +1,6 @@
-"""The ranking of the candidates of one step: one table of columns for the command line, `--json`, the report and the
-documentation.
+"""Table of the candidates of one step, for the command line, `--json`, the report and the documentation.
 
-A statistic is added as one `Column`: its key in `--json`, its heading, unit, format and meaning, its value, and where it is
-shown.
+Each statistic is one `Column`, with its key in `--json`, heading, unit, format, meaning, value and the media that show it.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from heavebond.diagnosis.search.step import EARNED, Stage, fallen, is_noticeable
 
 Cell = float | bool | str | tuple[str, ...] | None
 
-# why a candidate is the result of its step, may be, or is not
+# reasons why a candidate is, may be or is not the result of its step
 JUDGEMENTS = {
     "chosen": "chosen",
     "indistinguishable": "cannot be distinguished from the chosen one",
@@ -42,8 +40,13 @@ JUDGEMENTS = {
 
 @dataclass(frozen=True)
 class Entry:
-    """A candidate in the ranking of a step: its score (chi-square that it could remove, to first order), its refit (None
-    where it was not fitted), and its judgement, a key of `JUDGEMENTS`."""
+    """One candidate in the ranking of a step.
+
+    * score: chi-square that the candidate could remove, to first order.
+    * trial: its refit (None if it was not refitted).
+    * judgement: a key of `JUDGEMENTS`.
+    * identifiable: for a candidate without a refit, True if its effect on the channels is identifiable.
+    """
 
     candidate: Candidate
     score: float
@@ -53,24 +56,31 @@ class Entry:
     identifiable: bool | None = None
 
     def __getitem__(self, key: str) -> Cell:
-        """The value of the column `key`."""
+        """Value of the column `key`."""
         return BY_KEY[key].value(self)
 
     @property
     def acts_as(self) -> tuple[str, ...]:
-        """The numbers of the diagram of which it is another value, to first order."""
+        """Numbers of the diagram to which the candidate is equivalent, to first order."""
         return tuple(self.step.acts_as.get(self.candidate.label, ()))
 
     @property
     def same_as(self) -> tuple[str, ...]:
-        """Labels of the candidates that act the same and were not fitted for that reason."""
+        """Labels of the equivalent candidates, which were not refitted for this reason."""
         return tuple(self.step.twins.get(self.candidate.label, ())) if self.trial is not None else ()
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the ranking: key in `--json`, heading, unit, significant digits (0: text), its meaning in a sentence, the
-    value of an entry, and which of `terminal` and `report` show it."""
+    """A column of the ranking.
+
+    * key: key in `--json`.
+    * title, unit: heading and unit.
+    * digits: significant digits (0: text).
+    * meaning: description.
+    * value: function of an entry.
+    * shown: media that show the column (`terminal`, `report`).
+    """
 
     key: str
     title: str
@@ -82,11 +92,11 @@ class Column:
 
     @property
     def numeric(self) -> bool:
-        """Whether it holds numbers, which are set to the right."""
+        """True if the column contains numbers, which are aligned to the right."""
         return self.digits > 0
 
     def text(self, entry: Entry) -> str:
-        """The cell as it is printed."""
+        """Format the cell of an entry."""
         value = self.value(entry)
         if value is None:
             return "-"
@@ -102,7 +112,7 @@ BOTH = TERMINAL | REPORT
 
 
 def _fitted(value: Callable[[Refit, Stage], Cell]) -> Callable[[Entry], Cell]:
-    """A value that only candidates have that were fitted."""
+    """Restrict a value to candidates with a refit."""
     return lambda entry: value(entry.trial, entry.step) if entry.trial is not None else None
 
 
@@ -140,12 +150,12 @@ BY_KEY = {column.key: column for column in COLUMNS}
 
 
 def shown_in(medium: str) -> tuple[Column, ...]:
-    """The columns that `terminal` or `report` shows."""
+    """Columns that `terminal` or `report` shows."""
     return tuple(column for column in COLUMNS if medium in column.shown)
 
 
 def entries(step: Stage) -> tuple[Entry, ...]:
-    """All candidates of a step in the order of their rank: those that were fitted, then the others by their score."""
+    """All candidates of a step in the order of their rank: those with a refit, then the others by their score."""
     fitted = {t.candidate.label for t in step.trials}
     alike = {t.candidate.label for t in step.cluster}
     ranked = [Entry(t.candidate, t.score, t, step, _judged(t, step, alike)) for t in step.trials]
@@ -164,8 +174,8 @@ def entries(step: Stage) -> tuple[Entry, ...]:
 
 
 def _judged(trial: Refit, step: Stage, alike: set[str]) -> str:
-    """The judgement on a candidate that was fitted; `alike` are the labels of those in the answer (compared beside effects
-    that were found later, they are other refits)."""
+    """Judgement on a refitted candidate. `alike` are the labels of the alternatives in the answer; labels are compared
+    because the alternatives may have been refitted together with later effects."""
     if step.chosen is not None and trial.candidate.label == step.chosen.candidate.label:
         return "chosen"
     if trial.candidate.label in alike:
@@ -185,7 +195,8 @@ def _judged(trial: Refit, step: Stage, alike: set[str]) -> str:
 
 
 def conclusion(step: Stage) -> str:
-    """The result of a step in a few words: which entries of its ranking are in the answer, or why none is."""
+    """Result of a step in a few words: the entries of its ranking that are in the answer, or the reason why there is
+    none."""
     if step.cluster:
         return "* chosen" if len(step.cluster) == 1 else "* cannot be distinguished"
     better = [t for t in step.trials if t.bic - step.bic < -STRONG]
@@ -196,7 +207,7 @@ def conclusion(step: Stage) -> str:
 
 
 def as_dicts(ranked: Sequence[Entry]) -> list[dict[str, object]]:
-    """The ranking for machines: what each candidate is, and all columns; None where there is no value."""
+    """Ranking for JSON: each candidate with all columns; None for a missing value."""
     return [{**e.candidate.as_dict(), **{c.key: _plain(c.value(e)) for c in COLUMNS}} for e in ranked]
 
 

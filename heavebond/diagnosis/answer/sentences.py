@@ -1,7 +1,7 @@
 """The result of a diagnosis in sentences.
 
-Notes follow the verdict: what the residual still shows, wrong starts, inputs that depend on outputs, and what the search
-left out or did not reach before it was ended.
+The verdict is followed by notes on the final residual, on wrong initial values, on inputs that depend on outputs, and on
+omitted parts of the search.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from heavebond.diagnosis.state import AddedEffect, LadderEntry, channel_errors, 
 from heavebond.estimation.comparison import Comparison
 from heavebond.estimation.fitting import Fit
 
-FILTERED = 5.0  # times an estimated noise that noise behind a filter may be; beyond it is no noise
-LESS = 0.7  # of an estimated noise: a model that leaves less shows that the estimate is too large
-MENTIONED = 3  # candidates at most that are mentioned as not excluded
+FILTERED = 5.0  # largest ratio of a residual to the estimated noise that filtered noise may explain
+LESS = 0.7  # ratio of a residual to the estimated noise below which the estimate is too large
+MENTIONED = 3  # largest number of candidates that are mentioned as not excluded
 
 
 def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
               shape: AddedEffect | None, adequacy: Adequacy | None = None) -> tuple[str, ...]:
-    """The verdict in sentences."""
+    """Sentences on the verdict."""
     lines = [_mainly(findings, adequacy) if said == "mainly" and adequacy is not None else
              _beaten(findings, adequacy) if said == "shape" and adequacy is not None and adequacy.beaten else
              _WORDS[said](ladder, findings, steps, shape)]
@@ -74,7 +74,7 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
 
 
 def at_ends(finding: AddedEffect, shown: bool = True) -> list[str]:
-    """What it means that numbers of an effect stand at an end of their range; `shown`: the records show the effect."""
+    """Sentences on parameters of an effect at an end of their range; `shown`: the records show the effect."""
     limits = {p.name for p in finding.at_limits}
     other = [p.name for p in finding.parameters if p.ended and p.name not in limits and p.name not in finding.beyond]
     several = len(finding.beyond) > 1
@@ -97,9 +97,12 @@ def at_ends(finding: AddedEffect, shown: bool = True) -> list[str]:
 
 
 def _not_excluded(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> list[str]:
-    """Candidates of the first step whose search stopped at an end of a range, beyond which they would leave less, and which
-    explain as much of the misfit as the answer there but for an immaterial share: those among the answer, and those of
-    another class or place that it leaves out."""
+    """Sentences on candidates of the first step whose search stopped at an end of a range, beyond which their residual would
+    decrease.
+
+    They explain as much of the misfit as the answer, except for an immaterial share. Either they are alternatives in the
+    answer, or they have a class or place that the answer does not contain.
+    """
     if not steps or not findings or near_noise(findings[-1].rung):
         return []
     answer = findings[0].alternatives
@@ -122,7 +125,7 @@ def _not_excluded(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> li
 
 
 def _of_estimates(best: LadderEntry) -> list[str]:
-    """What to do about channels whose estimated noise is far from what the best model leaves there."""
+    """Advice for channels whose estimated noise differs strongly from the residual of the best model."""
     outputs = best.comparison.experiment.outputs
     own = [m for m in channel_errors(best) if outputs[m.channel].noise is None]
     more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(DECISION.near) < m.error / m.noise < FILTERED]
@@ -139,8 +142,11 @@ def _of_estimates(best: LadderEntry) -> list[str]:
 
 
 def _fall(fitted: LadderEntry, last: LadderEntry, several: bool) -> str:
-    """The errors without and with the effects, in the units of the channels with their noise, since a share of the measured
-    signal may be small and many times the noise. Both models have fitted parameters: what these take away is no effect."""
+    """Sentence on the errors without and with the effects.
+
+    The errors are stated in the units of the channels together with the noise, because a small share of the measured signal
+    may be many times the noise. Both models have fitted parameters, so the reduction is due to the effects only.
+    """
     channels = "; ".join(f"{a.channel} {a.words} to {b.words} (noise {readable_difference(b.noise, b.unit, 3)})" for a, b in
                          zip(channel_errors(fitted), channel_errors(last), strict=True))
     held = math.isfinite(last.chi2_held_out)
@@ -154,7 +160,7 @@ def _fall(fitted: LadderEntry, last: LadderEntry, several: bool) -> str:
 
 
 def _not_held_out(finding: AddedEffect, step: Stage) -> list[str]:
-    """That the held-out data do not show an effect, which the fitted data do."""
+    """Note that only the fitted data, and not the held-out data, show an effect."""
     after = next((t.errors for t in finding.alternatives), None)
     if step.shown_held_out or not step.samples_held_out or step.errors is None or after is None:
         return []
@@ -165,15 +171,15 @@ def _not_held_out(finding: AddedEffect, step: Stage) -> list[str]:
 
 
 def _share(explained: float) -> str:
-    """A share in %; never 100 beside the words that more is missing."""
+    """Format a share in percent; never as 100, because the text also states that more is missing."""
     return "more than 99" if explained > 0.995 else number(100 * explained, 2)
 
 
 def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
-    """The first effect with its share, and those that were added after it."""
+    """Sentence on the first effect and on those added after it, with their share of the misfit."""
     share = f"{'It explains' if len(findings) == 1 else 'Together they explain'} {_share(adequacy.explained)} % of the " \
             "misfit (chi-square above the noise)"
-    enough = near_noise(findings[-1].rung)  # what is not certain then is the effect itself
+    enough = near_noise(findings[-1].rung)  # the residual is then noise, and only the name of the effect is uncertain
     first, *others = (called(f.candidate) if f.certain else _alternatives(f, 1 if k else MENTIONED)
                       for k, f in enumerate(findings))
     unsure = "" if findings[0].certain else _unsure(findings[:1])
@@ -183,7 +189,7 @@ def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
 
 
 def _beaten(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
-    """That a curve does better than the first effect, and what was found beside that, where there is more."""
+    """Sentence on a curve that explains more than the first effect, and on further effects."""
     curve = adequacy.flexible
     assert curve is not None
     first, *others = (_alternatives(f, 1 if k else MENTIONED) for k, f in enumerate(findings)) if findings else [""]
@@ -194,7 +200,7 @@ def _beaten(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
 
 
 def _yardstick(adequacy: Adequacy) -> list[str]:
-    """What the identified curves show of a name after which more than noise is left."""
+    """Sentences on the comparison of a named effect with identified curves, if the residual exceeds the noise."""
     curve, other = adequacy.flexible, adequacy.elsewhere
     lines = []
     if not adequacy.tried and (curve is None or not adequacy.beaten):
@@ -216,7 +222,8 @@ def _yardstick(adequacy: Adequacy) -> list[str]:
 
 
 def _other_place(curve: Refit, law: Refit | None) -> str:
-    """That an identified curve at another place is not excluded: as it predicts as well, or although it leaves more."""
+    """Sentence on an identified curve at another place that is not excluded, because its predictions are as good or not
+    significantly worse."""
     place, own = curve.candidate.place, loss(curve)
     said = f"The place is not certain: an identified curve {place}"
     if law is None:
@@ -232,7 +239,7 @@ def _nothing(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], ste
 
 
 def _refuted_words(steps: Sequence[Stage]) -> str:
-    """What was found by the scores alone."""
+    """Sentence on a significant score that no refit confirms."""
     left = steps[0].left
     share = number(100 * left.score, 2)
     return f" (The largest score of a candidate, z = {number(left.z, 3)}, is exceeded by chance in {share} % of such " \
@@ -249,8 +256,10 @@ def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
 
 
 def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], known: Sequence[str]) -> list[str]:
-    """Of which numbers that the diagram holds fixed the findings are another value, to first order, but those already
-    `known`; and which effects act as a value that is found."""
+    """Sentences on findings that are equivalent to other values of fixed parameters, to first order.
+
+    Parameters in `known` are left out. If the finding is itself such a value, the sentence lists the equivalent effects.
+    """
     lines = []
     for finding, step in zip(findings, steps, strict=False):
         names = [n for n in step.acts_as.get(finding.candidate.label, ()) if n not in known]
@@ -265,12 +274,13 @@ def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], kn
 
 
 def equivalent_value_words(trial: Refit) -> str:
-    """That another value of a number that is held fixed does what an effect does."""
+    """Sentence on another value of a fixed parameter that explains the misfit as well as an effect."""
     return f"The diagram without an effect comes as near to the noise with {_revalued(trial)}: check that value."
 
 
 def _revalued(trial: Refit) -> str:
-    """`crown.m at 102 t (in the diagram 120 t)`; of one that acts the same as another and was not fitted, no value."""
+    """Format a fixed parameter with its new value, `crown.m at 102 t (in the diagram 120 t)`; without the value if it was
+    not fitted."""
     (held,) = trial.candidate.numbers
     value, before = (readable(v, held.unit.text, 4) for v in (trial.values.get(held.name, held.neutral), held.neutral))
     return f"{held.name} at {value} (in the diagram {before})" if held.name in trial.values and value != before else \
@@ -278,21 +288,21 @@ def _revalued(trial: Refit) -> str:
 
 
 def _effect(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
-    # two laws of one kind at one place may together be one that is not in the catalogue (c_2 s**2 + c_3 s**3)
+    # two laws of one class at one place may together represent a law outside the catalogue (c_2 s**2 + c_3 s**3)
     often = Counter(called(f.candidate) for f in findings)
     return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}." + _laws(findings)
 
 
 def _laws(findings: Sequence[AddedEffect]) -> str:
-    """The laws of the same class at the same place that the records do not tell from those that are named."""
+    """Sentence on laws of the same class and place that the records do not distinguish from the named ones."""
     laws = dict.fromkeys(t.candidate.component for f in findings for t in f.alternatives[1:]
                          if f.certain and t.candidate.component != f.candidate.component)
     return f" The records do not distinguish this law from {listing(laws, len(laws))} there." if laws else ""
 
 
 def _same_laws(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> list[str]:
-    """What else in the catalogue is the law that was found, at the same place: `leakage` of a cylinder is `LaminarLeakage`
-    between its chambers."""
+    """Sentences on other entries of the catalogue that are the same law at the same place: `leakage` of a cylinder and
+    `LaminarLeakage` between its chambers."""
     lines = []
     for finding, step in zip(findings, steps, strict=False):
         named = {t.candidate.label for t in finding.alternatives}
@@ -309,7 +319,7 @@ def _one_of(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: 
 
 
 def _places(finding: AddedEffect) -> dict[str, list[str]]:
-    """The places of a finding by its classes; a value that is held fixed stands for itself."""
+    """Places of a finding for each of its classes; another value of a fixed parameter is an entry without places."""
     found: dict[str, dict[str, None]] = {}
     for trial in finding.alternatives:
         candidate = trial.candidate
@@ -321,7 +331,7 @@ def _places(finding: AddedEffect) -> dict[str, list[str]]:
 
 
 def _alternatives(finding: AddedEffect, classes: int = MENTIONED) -> str:
-    """The first classes and places that a finding may be, and how many more there are: `dry friction at the wall or at the
+    """Format the first classes and places of a finding and the number of further ones: `dry friction at the wall or at the
     floor; or backlash in the gear`."""
     found = _places(finding)
     apart = "; or " if classes > 1 and any(len(places) > 1 for places in found.values()) else " or "
@@ -332,14 +342,14 @@ def _alternatives(finding: AddedEffect, classes: int = MENTIONED) -> str:
 
 
 def _either(places: Sequence[str]) -> str:
-    """`at the wall, at the floor or at one of 2 other places`."""
+    """Format places: `at the wall, at the floor or at one of 2 other places`."""
     said, more = places[:MENTIONED], len(places) - MENTIONED
     said = said if more <= 0 else [*said, f"at {'another place' if more == 1 else f'one of {more} other places'}"]
     return joined(said, "or")
 
 
 def _unsure(findings: Sequence[AddedEffect]) -> str:
-    """What the records cannot tell apart: places alone, where each finding is of one class."""
+    """Sentence on the alternatives that the records cannot distinguish: only places if each finding has a single class."""
     what = "these" if any(len(_places(f)) > 1 for f in findings) else "these places"
     return f" The records cannot distinguish {what}."
 
@@ -355,13 +365,13 @@ def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps
 
 
 def _white_when_held_out(rung: LadderEntry) -> bool:
-    """Whether each channel of what was not fitted leaves white noise, by the test for memory."""
+    """True if the residual of each channel on held-out data is white according to the test for memory."""
     found = [c.white for part in rung.comparison.parts if part.use != "fit" for c in part.channels.values()]
     return bool(found) and all(p * len(found) >= LEVELS["memory"] for p in found)
 
 
 def _noise_to_write(rung: LadderEntry) -> list[str]:
-    """The noise that what is left on held-out data would be, of each channel that leaves more there than its noise."""
+    """Noise entries for the channels whose held-out residual exceeds their noise, with the values that would explain it."""
     return [f"`noise: {m.words}` at {m.channel}" for m in channel_errors(rung)
             if m.error > math.sqrt(DECISION.near) * m.noise]
 
@@ -384,8 +394,8 @@ def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]
 
 
 def _leading_so_far(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> str:
-    """The best result of a search that was ended early, with its share of the misfit; "no conclusion" only if no candidate
-    takes away a good part of it."""
+    """Sentence on the best result of a search that was ended early, with its share of the misfit; "no conclusion" only if no
+    candidate removes a large share."""
     if findings:
         near = "; and ".join(map(_alternatives, findings))
         share = gone(held_out_or_fitted(without_effects(ladder, findings)), held_out_or_fitted(findings[-1].rung))
@@ -401,7 +411,7 @@ def _leading_so_far(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffec
 
 
 def _share_of(step: Stage, trial: Refit) -> float:
-    """The share of the misfit of a step that a refit takes away, on held-out data where there are any."""
+    """Share of the misfit of a step that a refit removes, on held-out data if there are any."""
     held = math.isfinite(step.chi2_held_out)
     return gone(*((step.chi2_held_out, trial.chi2_held_out) if held else (step.chi2_fit, trial.chi2_fit)))
 
@@ -412,7 +422,7 @@ _WORDS: dict[str, Callable[..., str]] = {
 
 
 def residual_notes(said: str, rest: Remainder | None, steps: Sequence[Stage]) -> list[str]:
-    """What is left after what was found, where that is not all."""
+    """Sentences on the final residual if the findings do not explain it."""
     if said not in ("mainly", "shape", "undetermined") or not steps[0].left.significant:
         return []
     if rest is None:
@@ -421,21 +431,22 @@ def residual_notes(said: str, rest: Remainder | None, steps: Sequence[Stage]) ->
 
 
 def lost_candidates(steps: Sequence[Stage]) -> list[str]:
-    """What the search is without, as the system ended a process."""
+    """Sentence on candidates that are missing because the operating system ended a process."""
     lost = list(dict.fromkeys(label for step in steps for label in step.lost))
     return [f"Not tried to the end: {listing(lost, 4)}. The processes that worked on this died, also when it was tried "
             "again alone (killed, or out of memory). Fewer `--processes`, or `--samples`, need less memory."] if lost else []
 
 
 def broken_candidates(said: str, steps: Sequence[Stage]) -> list[str]:
-    """What was not tried beside an answer that leaves something open."""
+    """Sentence on candidates that were not tried, if the answer is incomplete."""
     broken = steps[0].broken if said in ("mainly", "shape", "undetermined") and steps[0].left.significant else ()
     return [f"Not tried, as the diagram with it cannot be simulated: {listing(broken, 4)}. To see why, add one to the "
             "diagram and run it."] if broken else []
 
 
 def wrong_starts(said: str, last: Comparison) -> list[str]:
-    """Channels that begin elsewhere than the model with all effects, and what that means where no name was found."""
+    """Sentences on channels whose initial values differ from the model with all effects, with advice if the verdict is
+    undetermined."""
     found = [f"{name}: {start}." for name, record in last.records.items() for start in record.starts]
     if found and said == "undetermined":
         found.append("A wrong start leaves a transient that no effect explains, and may hide the one that is missing: set "
@@ -444,7 +455,8 @@ def wrong_starts(said: str, last: Comparison) -> list[str]:
 
 
 def wrong_channels(last: Comparison) -> list[str]:
-    """Channels whose unit, sign or zero seems to be another one than the experiment says, with the model of the answer."""
+    """Sentences on channels whose unit, sign or zero seems to differ from the experiment file, according to the final
+    model."""
     told: dict[str, list[str]] = {}
     for name, record in last.records.items():
         for slip in record.slips:
@@ -454,13 +466,14 @@ def wrong_channels(last: Comparison) -> list[str]:
 
 
 def closed_loops(first: Comparison) -> list[str]:
-    """That inputs follow from outputs, once for each input, and what that means for the answer."""
+    """Sentence on inputs that depend on outputs, and the consequence for the answer."""
     told = dict.fromkeys(note for record in first.records.values() for note in record.feedback)
     return [f"The answer may be biased: {next(iter(told))}."] if told else []
 
 
 def left_out_words(steps: Sequence[Stage]) -> list[str]:
-    """The effects that the first step did not try, or did not keep: each reason with one of them and the number of more."""
+    """Sentence on the effects that the first step did not try or discarded: for each reason one effect and the number of
+    others."""
     if not steps:
         return []
     reasons: dict[str, list[str]] = {}
@@ -472,7 +485,7 @@ def left_out_words(steps: Sequence[Stage]) -> list[str]:
 
 
 def search_limits(classes: Sequence[str], looked: str, shorter: bool) -> list[str]:
-    """What was left out of the search."""
+    """Sentences on restrictions of the search: classes and samples."""
     only = f"Tried were only effects of {'this class' if len(classes) == 1 else 'these classes'}: {listing(classes)}."
     fitted = "the time did not suffice to fit the effects to the whole records. All figures hold for these beginnings" \
         if shorter else "the effects were fitted to the whole records"
@@ -481,7 +494,7 @@ def search_limits(classes: Sequence[str], looked: str, shorter: bool) -> list[st
     return [*([only] if classes else []), *([part] if looked else [])]
 
 
-# What a search may leave out, in its order.
+# Parts of a search that may be left out, in order.
 EFFECTS = "effects of the catalogue"
 CALIBRATION = "offsets and gains of inputs and channels together with the leading effects"
 FURTHER, VALUES = "further effects", "other values of the fixed parameters"
@@ -490,7 +503,7 @@ MORE_TIME = "More time: `--seconds`. Less to do: `--samples`, `--only CLASS`, or
 
 
 def before_search(ladder: Sequence[LadderEntry], base: Fit | None) -> tuple[str, ...]:
-    """The answer of a search that was ended before its first candidate was scored."""
+    """Answer of a search that was ended before its first candidate was scored."""
     if not ladder:
         return "No conclusion yet: the search was ended before the model was simulated on all records. Nothing is known.", \
             MORE_TIME
@@ -502,13 +515,13 @@ def before_search(ladder: Sequence[LadderEntry], base: Fit | None) -> tuple[str,
 
 
 def was_ended(fit: Fit) -> bool:
-    """Whether a fit was ended before it came to its end."""
+    """True if the fit was ended before convergence."""
     return fit.message == ENDED_EARLY
 
 
 def so_far(steps: Sequence[Stage], untried: Sequence[str]) -> list[str]:
-    """How far a search came that was ended early: candidates scored and refitted in the step that was cut short, what leads
-    there, and what was not tried at all."""
+    """Sentences on a search that was ended early: the number of scored and refitted candidates, the leading one, and the
+    parts of the search that were not tried."""
     cut = next((k for k, step in enumerate(steps, 1) if step.partial), 0)
     lines = [_cut_short(steps[cut - 1], f"In step {cut}" if len(steps) > 1 else "So far")] if cut else []
     return [*lines, *([f"Not tried, as the search was ended early: {listing(untried, len(untried))}."] if untried else [])]
@@ -529,7 +542,8 @@ def _cut_short(step: Stage, where: str) -> str:
 
 
 def unusual_values(findings: Sequence[AddedEffect]) -> list[str]:
-    """Fitted numbers of the effects that are outside of what is typical, and those to be compared with the machine."""
+    """Sentences on fitted parameters outside the typical range, and on parameters that should be compared with the
+    machine."""
     lines = []
     for p, typical in [(p, typical_values(f.fit, p.name)) for f in findings for p in f.parameters]:
         if typical is None:

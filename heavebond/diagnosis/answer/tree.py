@@ -1,15 +1,16 @@
-"""The answer as a tree: measuring chain or machine, place, kind, class, law; with a probability at each level.
+"""The answer as a tree with the levels measuring chain or machine, place, kind, class and law, with a probability at each
+level.
 
-The probabilities are those of `evidence.probability`, summed over the branches: those of the children add up to that of
-their parent, with "another" for the part that belongs to none of them. A law outside the catalogue acts at some place too.
-Where the localisation finds an unknown input, the probability of such a law goes to its places, by their likelihood, and to
-the kind of variable that the input follows; otherwise to places and kinds in proportion to those of the effects of the
-catalogue. The answer states the deepest level with a probability of at least `STATED`.
+The probabilities are computed in `evidence.probability` and summed over the branches. The probabilities of the children add
+up to the probability of their parent; "another" is the part that belongs to none of the listed children. The probability of
+a law outside the catalogue is distributed over places and kinds. If the localisation finds an unknown input, the weights are
+the likelihoods of its places, and the kind follows from the variable on which the input depends. Otherwise the distribution
+is proportional to the effects of the catalogue. The answer states the deepest level with a probability of at least `STATED`.
 
-Of several effects each has a tree of its own, from the step that added it, or sought it again, given the others. Its
-share is the part of the misfit (chi-square above the noise) before it that it takes away. A search that was ended early
-has the same tree: the share of its candidates that it did not reach goes from the effects to "another", and the answer
-says "so far".
+Each of several effects has a separate tree. It is computed from the step that added the effect, or from the step in which it
+was compared again in the diagram with all other effects. The share of an effect is the part of the misfit (chi-square above
+the noise) that it removes. A search that was ended early has a tree with the same levels. The share of the candidates that
+were not reached is then moved from the effects to "another", and the answer begins with "so far".
 """
 
 from __future__ import annotations
@@ -50,23 +51,30 @@ from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.misfit import Localization, PlaceEstimate
 
 LEVELS = ("answer", "system", "place", "kind", "class", "law")
-STATED = 0.5  # probability from which on a level is stated: then no other branch is as probable
-LISTED = 0.01  # probability from which on a branch is listed
-SHOWN = 0.05  # probability from which on a branch is shown in tables
-DIGITS = 9  # of probabilities in files: the order of sums changes the last ones
-LAWS = 3  # laws at most that are named together
-COMPARABLE = 0.5  # share of the probability of the best law from which on another one is named beside it
-ONE_CLASS = 0.9  # share of the effects of one kind at one place from which on their class is that of an unknown law too
+STATED = 0.5  # smallest probability of a stated level: no other branch is then as probable
+LISTED = 0.01  # smallest probability of a listed branch
+SHOWN = 0.05  # smallest probability of a branch in tables
+DIGITS = 9  # digits of probabilities in files; further digits depend on the order of summation
+LAWS = 3  # largest number of laws that are named together
+COMPARABLE = 0.5  # laws with at least this share of the probability of the best law are also named
+ONE_CLASS = 0.9  # an unknown law gets the class of at least this share of the effects of its kind and place
 MEASURING, MACHINE, ANOTHER = "measuring chain", "machine", "another"
 NO_LAW = "a law outside the catalogue"
-# On what the estimated input at a place depends, as the kind of a law (see `localise.regressors`).
+# Kind of a law from the type of variable on which the estimated input depends (see `localise.regressors`).
 FOLLOWED = {"across": "rate", "pressure": "rate", "position": "displacement"}
 
 
 @dataclass(frozen=True)
 class Node:
-    """A branch of the answer: its level, one of LEVELS, its `name` in words, its probability, and the branches below it in
-    the order of their probability. `key` distinguishes it from others of its level; `labels` are the candidates in it."""
+    """A branch of the answer.
+
+    * level: one of LEVELS.
+    * name: text.
+    * probability: sum over the branches below.
+    * children: branches of the next level, most probable first.
+    * key: distinguishes the branch from others of its level.
+    * labels: candidates in the branch.
+    """
 
     level: str
     name: str
@@ -76,16 +84,22 @@ class Node:
     labels: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
-        """The branch and all below it, for machines."""
+        """Return the branch and all branches below it for JSON."""
         return {"level": self.level, "branch": self.name, "probability": round(self.probability, DIGITS),
                 "branches": [child.as_dict() for child in self.children]}
 
 
 @dataclass(frozen=True)
 class EffectTree:
-    """The tree of one effect: `root`, the stated branches from the top down (`path`), the answer in a `statement`, the best
-    law in a sentence of physics (`meaning`; empty without one), its short `name`, and its `share` of the misfit (NaN if no
-    effect was added)."""
+    """The tree of one effect.
+
+    * root: the tree.
+    * path: stated branches from the top down.
+    * statement: sentence on the path.
+    * meaning: sentence on the physics of the best law (empty without one).
+    * name: short name.
+    * share: share of the misfit (NaN if no effect was added).
+    """
 
     root: Node
     path: tuple[Node, ...]
@@ -95,7 +109,7 @@ class EffectTree:
     share: float
 
     def as_dict(self) -> dict[str, object]:
-        """The statement, the path and the whole tree, for machines."""
+        """Return the statement, the path and the whole tree for JSON."""
         return {"statement": self.statement, "meaning": self.meaning,
                 "share": None if math.isnan(self.share) else self.share,
                 "stated": [{"level": n.level, "branch": n.name, "probability": round(n.probability, DIGITS)}
@@ -105,21 +119,24 @@ class EffectTree:
 
 @dataclass(frozen=True)
 class Further:
-    """A further effect that is in the model but not certain: its short name, its share of the misfit, and its sentence."""
+    """A further effect that is part of the model but not certain: short name, share of the misfit, and sentence on its
+    physics."""
 
     name: str
     share: float
     meaning: str
 
     def as_dict(self) -> dict[str, object]:
-        """Its share and sentence, for machines."""
+        """Return the share and the sentence for JSON."""
         return {"branch": self.name, "share": self.share, "meaning": self.meaning}
 
 
 @dataclass(frozen=True)
 class Tree:
-    """The hierarchical answer: a tree for each effect, whether the search was ended early, and effects that are not
-    certain."""
+    """The hierarchical answer.
+
+    effects: a tree for each effect. so_far: True if the search was ended early. further: effects that are not certain.
+    """
 
     effects: tuple[EffectTree, ...]
     so_far: bool
@@ -127,7 +144,7 @@ class Tree:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The answer in sentences, the summary of several effects first."""
+        """The answer in sentences. If there are several effects, a summary is first."""
         if not self.effects:
             return ("So far no level of the answer is known: no candidate was scored.",)
         lines = []
@@ -142,14 +159,15 @@ class Tree:
         return tuple(f"So far: {line}" for line in lines[:1]) + tuple(lines[1:]) if self.so_far else tuple(lines)
 
     def as_dict(self) -> dict[str, object]:
-        """The answer for machines."""
+        """Return the answer for JSON."""
         return {"words": list(self.words), "so_far": self.so_far, "effects": [e.as_dict() for e in self.effects],
                 "further": [e.as_dict() for e in self.further]}
 
 
 @dataclass(frozen=True)
 class Leaf:
-    """A law with its probability: keys and names of the levels below the answer, from the top down."""
+    """A law with its probability. `keys` and `names` contain one element for each level below the answer, from the top
+    down."""
 
     keys: tuple[object, ...]
     names: tuple[str, ...]
@@ -160,9 +178,12 @@ class Leaf:
 def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequence[AddedEffect],
                 ladder: Sequence[LadderEntry], localization: Localization | None, partial: bool,
                 doubtful: Sequence[AddedEffect] = (), reviews: Sequence[Stage | None] = ()) -> Tree:
-    """The hierarchical answer of a diagnosis; `known` is the evidence of its first step, with other values of what the
-    diagram holds fixed, `localization` that of its first diagram, and `doubtful` are further effects, not certain. An effect
-    that was sought again beside all others, in a step of `reviews`, has its tree from the refits of `compared_step`."""
+    """Create the hierarchical answer of a diagnosis.
+
+    `known` is the evidence of the first step with the other values of fixed parameters. `localization` belongs to the first
+    diagram. `doubtful` are further effects that are not certain. `reviews` contains the steps in which effects were compared
+    again in the diagram with all others; then the tree of the effect uses the refits of `compared_step`.
+    """
     if not steps or known is None:
         return Tree((), True)
     first = held_out_or_fitted(without_effects(ladder, findings)) if ladder else math.nan
@@ -198,8 +219,7 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
 
 def answer_leaves(step: Stage, known: Evidence, localization: Localization | None, constants: Calibration = CALIBRATION
                   ) -> tuple[list[Leaf], list[Leaf], dict[str, float]]:
-    """The laws of the catalogue, and those outside it, with their probabilities; and the probabilities of the other events,
-    by their kinds."""
+    """Laws of the catalogue, laws outside it, and the probabilities of the other events by their kinds."""
     library = step.experiment.model.library
     events = probabilities(known, constants)
     masses = {e.kind: e.probability for e in events if not e.labels}
@@ -211,7 +231,7 @@ def answer_leaves(step: Stage, known: Evidence, localization: Localization | Non
 
 
 def _laws(step: Stage, events: Sequence[Event], library: Library, temperature: float) -> list[Leaf]:
-    """The effects of the catalogue with their probabilities, each class at a place divided among its laws."""
+    """Effects of the catalogue with their probabilities. The probability of a class at a place is divided among its laws."""
     known = [*(s.candidate for s in step.scores), *(t.candidate for t in step.trials)]
     candidates = {c.label: c for c in known}
     trials = {t.candidate.label: t for t in step.trials if t.errors is not None}
@@ -231,8 +251,8 @@ def _laws(step: Stage, events: Sequence[Event], library: Library, temperature: f
 
 
 def _scored(step: Stage, mass: float, library: Library) -> list[Leaf]:
-    """The candidates before the first refit, by their scores, which are the chi-square that they could remove; of the
-    probability `mass` of all the share that was scored."""
+    """Effects before the first refit, with probabilities proportional to their scores, the chi-square that they could
+    remove. The total is `mass` times the share of the candidates with a score."""
     gains = {s.candidate.label: max(s.gain, 0.0) for s in step.scores}
     total = sum(gains.values()) * max(1.0, step.planned / max(1, len(gains)))
     found = []
@@ -255,7 +275,7 @@ def levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> tu
 
 
 def _domain(candidate: Candidate, library: Library) -> Domain | None:
-    """The domain of the ports of a law; None where it has several, or none."""
+    """Domain of the ports of a law; None if it has several or none."""
     component = library.component(candidate.component)
     effect = component.effect_of(candidate.attaches, candidate.old)
     also = effect.also if effect is not None else {}
@@ -264,7 +284,7 @@ def _domain(candidate: Candidate, library: Library) -> Domain | None:
 
 
 def kind_words(kind: str, domain: Domain | None, pair: bool) -> str:
-    """What a law of a kind does in a domain, as a predicate: `dissipates energy, with a force that depends on the speed`."""
+    """Predicate for a kind of law in a domain: `dissipates energy, with a force that depends on the speed`."""
     acts = domain.members[domain.through[0]].noun if domain is not None else ""
     across = domain.members[domain.across[0]].noun if domain is not None else ""
     if domain is not None and not domain.position and pair:
@@ -285,8 +305,11 @@ def kind_words(kind: str, domain: Domain | None, pair: bool) -> str:
 # -- a law outside the catalogue -------------------------------------------------------------------------------------------
 def _outside(step: Stage, known: Evidence, effects: Sequence[Leaf], localization: Localization | None, mass: float,
              temperature: float) -> list[Leaf]:
-    """The probability of a law outside the catalogue over places and kinds: by the weights of the identified curves, else by
-    the localisation, else in proportion to the effects of the catalogue."""
+    """Distribute the probability of a law outside the catalogue over places and kinds.
+
+    The weights are taken from the identified curves; without curves, from the localisation; otherwise from the effects of
+    the catalogue.
+    """
     among = sum(leaf.probability for leaf in effects) or 1.0
     if known.curves:
         weights = known.flexible[temperature]
@@ -309,8 +332,8 @@ def _outside(step: Stage, known: Evidence, effects: Sequence[Leaf], localization
 
 
 def _of_their_class(outside: Sequence[Leaf], effects: Sequence[Leaf]) -> list[Leaf]:
-    """Laws outside the catalogue as laws of a class: that of nearly all effects of the same kind at the same place. (A flow
-    between two nodes that depends on their pressure difference is leakage, whatever its law is.)"""
+    """Assign laws outside the catalogue to a class, if nearly all effects of the same kind at the same place are of this
+    class. Example: a flow between two nodes that depends on their pressure difference is leakage, regardless of its law."""
     found = []
     for leaf in outside:
         alike = [effect for effect in effects if effect.keys[:3] == leaf.keys[:3]]
@@ -324,8 +347,11 @@ def _of_their_class(outside: Sequence[Leaf], effects: Sequence[Leaf]) -> list[Le
 
 
 def _localized(step: Stage, localization: Localization, mass: float, temperature: float) -> list[Leaf]:
-    """The same where the unknown input at the places is known: by the likelihood of each group of places that the records
-    cannot distinguish, tempered as that of the laws; what no place explains is left to "another"."""
+    """Distribute the probability of a law outside the catalogue by the localisation.
+
+    The weights are the tempered likelihoods of the groups of places that the records cannot distinguish. The share of the
+    misfit that no place explains remains for "another".
+    """
     likelihood = {s.place.name: math.exp(-s.behind / temperature) for s in localization.suspects}
     groups = {frozenset((s.place.name, *s.alike)): likelihood[s.place.name] for s in localization.suspects}
     explained = min(1.0, max(0.0, max(s.explained for s in localization.suspects)))
@@ -357,7 +383,7 @@ def _input_levels(step: Stage, suspect: PlaceEstimate) -> tuple[tuple[object, ..
 
 # -- the tree -----------------------------------------------------------------------------------------------------------
 def _grown(leaves: Sequence[Leaf], depth: int) -> tuple[Node, ...]:
-    """The branches of the level below `depth` levels, each called as its most probable leaf."""
+    """Branches of the level below `depth` levels; each has the name of its most probable leaf."""
     groups: dict[object, list[Leaf]] = {}
     for leaf in leaves:
         if len(leaf.keys) > depth:
@@ -376,7 +402,8 @@ def _sorted(nodes: Sequence[Node]) -> tuple[Node, ...]:
 
 
 def _with_rest(node: Node) -> Node:
-    """A branch whose children add up to it: branches that are hardly probable, and the rest, are "another"."""
+    """Replace improbable children of a branch by "another", such that the probabilities of the children add up to the
+    probability of the branch."""
     if not node.children:
         return node
     kept = [child for child in node.children if child.probability >= LISTED and child.name != ANOTHER]
@@ -386,7 +413,8 @@ def _with_rest(node: Node) -> Node:
 
 
 def _path(root: Node) -> tuple[Node, ...]:
-    """The stated branches from the top down: the most probable child, as long as it is probable enough."""
+    """Stated branches from the top down: the most probable child of each, down to the last one with a probability of at
+    least STATED."""
     path: list[Node] = []
     node = root
     while node.children:
@@ -398,8 +426,8 @@ def _path(root: Node) -> tuple[Node, ...]:
 
 
 def _best(step: Stage, finding: AddedEffect | None, path: Sequence[Node], root: Node) -> Refit | AddedEffect | None:
-    """The law that is described: what was added where it lies within the deepest stated branch, else the most probable law
-    there that was refitted."""
+    """Select the law to describe: the added effect if it belongs to the deepest stated branch, otherwise the most probable
+    refitted law of this branch."""
     if path and path[-1].name in (NOTHING, PARAMETERS):
         return finding if finding is not None and finding.candidate.kind == VALUE else None
     inside = next((node.labels for node in reversed(path) if node.labels), None)
@@ -416,7 +444,7 @@ def _leaves_of(node: Node) -> list[Node]:
 
 
 def branches(root: Node) -> list[tuple[int, Node]]:
-    """The branches to be shown, each with its depth: below the stated ones all that are at least `SHOWN` probable."""
+    """Branches with their depth for tables: all with a probability of at least `SHOWN`."""
     found: list[tuple[int, Node]] = []
     for child in root.children:
         if child.probability >= SHOWN:
@@ -426,20 +454,20 @@ def branches(root: Node) -> list[tuple[int, Node]]:
 
 # -- words --------------------------------------------------------------------------------------------------------------
 def _meaning(best: Refit | AddedEffect, library: Library) -> str:
-    """The best law in a sentence of physics."""
+    """Sentence on the physics of the best law."""
     if isinstance(best, AddedEffect):
         values = {**best.fit.values, **{p.name: p.value for p in best.parameters}}
         if best.candidate.kind == VALUE:
             return _value_words(best)
         said, onset = variation_words([best]), onset_words(best)
-        if said in ([], [onset]):  # a law, perhaps from a time on
+        if said in ([], [onset]):  # a law, possibly with an onset
             said = [physics(best.candidate, library, values, best.parameters), *said]
         return " ".join(said)
     return physics(best.candidate, library, best.values)
 
 
 def _value_words(finding: AddedEffect) -> str:
-    """That a value which the diagram holds fixed is another one."""
+    """Sentence on the fitted value of a parameter that the diagram holds fixed, and its value in the diagram."""
     (number,) = finding.candidate.numbers
     value = finding.parameters[0].value if finding.parameters else number.neutral
     written = [readable(v, number.unit.text, 4) for v in (value, number.neutral)]
@@ -447,7 +475,7 @@ def _value_words(finding: AddedEffect) -> str:
 
 
 def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | None) -> str:
-    """The stated levels in a sentence, each with its probability."""
+    """Sentence on the stated levels, each with its probability."""
     by = {node.level: node for node in path}
     if not path:
         likely = [f"{node.name} ({percent(node.probability)})" for node in root.children[:LAWS] if node.name != ANOTHER]
@@ -484,20 +512,21 @@ def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | Non
 
 
 def _introduced(meaning: str, path: Sequence[Node], best: Refit | AddedEffect | None) -> str:
-    """The sentence of physics, with what it is where its class is not stated."""
+    """Sentence on the physics. If the class is not stated, the sentence begins with the nearest class or law of the
+    catalogue."""
     if not meaning or best is None:
         return ""
     last = path[-1] if path else None
     stated = last is not None and (last.level in ("class", "law") or last.name == PARAMETERS) and last.key != OUTSIDE
     if stated:
         return meaning
-    if last is not None and last.level == "law":  # of this class, and of no law of the catalogue
+    if last is not None and last.level == "law":  # a known class, but not a law of the catalogue
         return f"Nearest law of the catalogue: {meaning}"
     return f"Nearest in the catalogue: {best.candidate.kind}. {meaning}"
 
 
 def _short(path: Sequence[Node], best: Refit | AddedEffect | None) -> str:
-    """An effect in a few words, for the list of several: its class, or what it does where."""
+    """Short name of an effect for a list: its class or kind, and its place."""
     by = {node.level: node for node in path}
     if "class" in by and by["class"].key != OUTSIDE:
         return f"{by['class'].name} {by['place'].name}"

@@ -16,7 +16,7 @@ from heavebond.numerics.result import Probe
 
 
 def variation_words(findings: Sequence[AddedEffect]) -> list[str]:
-    """What varies, by how much, and when, for each finding that is a varying parameter."""
+    """Sentences for findings with a varying parameter: the parameter, the size of the variation, and its time."""
     said = []
     for finding in findings:
         change = finding.candidate.change
@@ -31,8 +31,10 @@ def variation_words(findings: Sequence[AddedEffect]) -> list[str]:
 
 
 def onset_words(finding: AddedEffect) -> str:
-    """When an effect begins in each record: at a time, before the begin of the record, or not at all; empty for an effect
-    without an onset."""
+    """Sentence on the time at which an effect begins in each record; empty for an effect without an onset.
+
+    If this time is not inside a record, the sentence states that the effect acts in the whole record, or not at all.
+    """
     name = next((n for n in finding.candidate.change.each if is_instant(finding.fit.experiment.model, n)), "")
     if not name:
         return ""
@@ -59,8 +61,8 @@ def onset_words(finding: AddedEffect) -> str:
 
 
 def _of_records(name: str, values: Sequence[Fitted]) -> str:
-    """The ratio of the largest to the smallest value of a parameter over the fitted records; empty if these values agree
-    within their intervals."""
+    """Sentence on the ratio of the largest to the smallest value of a parameter over the fitted records; empty if their
+    intervals overlap."""
     own = sorted((p for p in values if p.record), key=lambda p: abs(p.value))
     if len(own) < 2 or own[0].value == 0 or _overlap(own[0], own[-1]):
         return ""
@@ -70,15 +72,14 @@ def _of_records(name: str, values: Sequence[Fitted]) -> str:
 
 
 def _overlap(one: Fitted, other: Fitted) -> bool:
-    """Whether the intervals of two values have a part in common; an end that is not known is at the value."""
+    """True if the intervals of two values overlap; an unknown end is replaced by the value."""
     (low, high), (low_other, high_other) = ((p.told[0] if p.told[0] is not None else p.value,
                                              p.told[1] if p.told[1] is not None else p.value) for p in (one, other))
     return max(low, low_other) <= min(high, high_other)
 
 
 def _of_factor(name: str, finding: AddedEffect, effect: Effect) -> str:
-    """The values of a parameter over the range of the variable with which it varies, or before and after the time at which
-    it changes."""
+    """Sentence on the values of a parameter over the range of its variable, or on its change at a time."""
     candidate = finding.candidate
     own = {p.name.rpartition(".")[2]: p for p in finding.parameters}
     amplitudes = [own[key].value for key in effect.amplitude if key in own]

@@ -1,9 +1,12 @@
-"""The result of a diagnosis as one of seven verdicts.
+"""Verdict of a diagnosis, one of seven.
 
-nothing: the residual is noise. parameters: their values were wrong, no physics is missing; of what is free, or of a value
-that the diagram holds fixed. effect: this effect, at this place. one_of: one of these, which the records cannot distinguish.
-mainly: this effect (or one of these) explains most of the misfit, and more is missing. shape: an effect that the catalogue
-lacks; a place and a curve. undetermined: not decided by these records.
+* nothing: the residual is noise.
+* parameters: no effect is missing, but values of free parameters were wrong, or a value that the diagram holds fixed.
+* effect: one effect at one place is missing.
+* one_of: one of several effects is missing, which the records cannot distinguish.
+* mainly: one effect (or one of several) explains most of the misfit, and more is missing.
+* shape: the missing effect is not in the catalogue; the answer is a place and a curve.
+* undetermined: the records do not decide.
 """
 
 from __future__ import annotations
@@ -19,16 +22,22 @@ from heavebond.diagnosis.search.step import EARNED, Stage
 from heavebond.diagnosis.state import AddedEffect, LadderEntry
 from heavebond.estimation.fitting import Fit
 
-CHANCE = 0.005  # p value below which fitted parameters are better than those of the data sheet
-STILL = 3.0  # channels whose own motion is below this many times their noise tell nothing
+CHANCE = 0.005  # p value below which the fitted parameters are significantly better than the data sheet
+STILL = 3.0  # smallest standard deviation of a channel that moves, in units of its noise
 
 
 
 def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) -> bool:
-    """Whether the model with all findings leaves no more than noise: the given one, or near it after one effect that took
-    most of the misfit away (several, each of which corrects what another does wrong, come near it with wrong names as well),
-    or near an estimated one. Not with a number at an end of the range in which it was sought, beyond which the error would
-    fall: then what was fitted is not the minimum."""
+    """True if the residual of the model with all findings is noise.
+
+    If the noise of all channels is specified, chi-square must not be significantly above the noise level. After a single
+    effect that removes most of the misfit, a chi-square near the noise level is sufficient. (It is not sufficient for
+    several effects, because wrong effects that correct each other also reach it.) If the noise is estimated, chi-square must
+    be near the noise level.
+
+    The result is False if a parameter ended at an end of its search range beyond which the error would decrease, because the
+    fit is then not a minimum.
+    """
     if any(f.beyond for f in findings):
         return False
     last = findings[-1].rung if findings else ladder[-1]
@@ -41,36 +50,36 @@ def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) 
 
 
 def without_effects(ladder: Sequence[LadderEntry], added: Sequence[AddedEffect]) -> LadderEntry:
-    """The model that the added effects are compared with: the last one without any, its free parameters fitted."""
+    """Reference for the added effects: the last model without effects, with its free parameters fitted."""
     before = list(takewhile(lambda entry: not any(entry is effect.rung for effect in added), ladder))
     return before[-1] if before else ladder[0]
 
 
 def gone(first: float, last: float) -> float:
-    """The share of what is above the noise that is taken away."""
+    """Relative reduction of the chi-square above the noise, from `first` to `last` (chi-square per sample)."""
     return (first - last) / (first - 1) if first > 1 else 0.0
 
 
 def held_out_or_fitted(rung: LadderEntry) -> float:
-    """Chi-square per sample of what was not fitted; where that is nothing, of what was."""
+    """Chi-square per sample of the held-out samples, or of the fitted samples without held-out ones."""
     return rung.chi2_held_out if rung.chi2_held_out == rung.chi2_held_out else rung.chi2_fit
 
 
 def near_noise(rung: LadderEntry) -> bool:
-    """Whether what a model leaves, on what was and was not fitted, is near the noise."""
+    """True if both chi-squares per sample, on held-out and on fitted samples, are near 1."""
     return max(held_out_or_fitted(rung), rung.chi2_fit) <= DECISION.near
 
 
 def unexplained(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> bool:
-    """Whether more than noise is left that no name explains."""
+    """True if a residual above the noise remains that the findings do not explain."""
     return bool(steps) and steps[0].left.significant and not is_adequate(ladder, findings)
 
 
 def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
             shape: AddedEffect | None, adequacy: Adequacy | None = None, complete: bool = True) -> str:
-    """One of the seven; `complete`: all that could name what is left was tried."""
+    """Derive one of the seven verdicts; `complete` is True if fixed values and identified curves were tried."""
     if findings and _astray([without_effects(ladder, findings)]) and all(f.candidate.differs for f in findings):
-        return "effect"  # a held-out record differs in a parameter
+        return "effect"  # a parameter of a held-out record differs
     if not steps[0].left.significant or (complete and shape is None and not findings and _refuted(steps)):
         if is_still(ladder[0]) or steps[0].partial or _astray(ladder):
             return "undetermined"
@@ -89,8 +98,8 @@ def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[
 
 
 def _refuted(steps: Sequence[Stage]) -> bool:
-    """Whether a score was larger than by chance, but not by so little chance as the fall that justifies an effect, no refit
-    justifies one, and all else says noise."""
+    """True if a score was significant, but no refit is justified and chi-square is at the noise level. The p value of the
+    score must exceed the p value that justifies an effect."""
     from scipy.special import chdtrc
 
     first = steps[0]
@@ -99,20 +108,21 @@ def _refuted(steps: Sequence[Stage]) -> bool:
 
 
 def is_still(rung: LadderEntry) -> bool:
-    """Whether no channel moves by more than a few times its noise."""
+    """True if the standard deviation of no channel exceeds a few times its noise."""
     return all(float(c.measured.std()) < STILL * c.noise for r in rung.comparison.records.values()
                for c in r.channels.values())
 
 
 def _astray(ladder: Sequence[LadderEntry]) -> bool:
-    """Whether what was fitted shows no more than noise, but what was not does: too little was fitted to see more."""
+    """True if the residual of the best model is larger than noise on held-out samples, but not on fitted samples: then the
+    fitted records do not show the missing effect."""
     best = min(ladder, key=held_out_or_fitted)
     return held_out_or_fitted(best) > DECISION.near * max(1.0, best.chi2_fit)
 
 
 def sheet_p_value(base: Fit | None) -> float:
-    """The p value of the hypothesis that the values of the data sheet are right, by the likelihood ratio of the fitted
-    parameters; 1 where nothing is free."""
+    """p value of the hypothesis that the values of the data sheet are right, from the likelihood ratio of the fitted
+    parameters; 1 if no parameter is free."""
     from scipy.special import chdtrc
 
     if base is None:

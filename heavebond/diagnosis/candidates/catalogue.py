@@ -1,8 +1,8 @@
-"""The catalogue of what may be missing: every effect that the library knows, at every place of a diagram where it fits.
+"""The catalogue of candidates: every effect of the library at every place of a diagram that it fits.
 
-Three kinds of entry (see `language.definition.Effect`): a component that attaches, one that takes another's place, a
-dormant parameter that wakes. Nothing here knows any component by name: a component of the user's with an `effect:` takes
-part like the bundled ones.
+There are three kinds of entries (see `language.definition.Effect`): a component that is attached, a component that replaces
+another one, and a dormant parameter that is activated. No component is referred to by name here: a user-defined component
+with an `effect:` is treated like the bundled ones.
 """
 
 from __future__ import annotations
@@ -45,21 +45,28 @@ from heavebond.numerics.dae import Assembly
 from heavebond.text.expression import Name, Number, names, parse_formula
 from heavebond.text.shapes import whole_number
 
-ALL_PAIRS = 40  # nodes of a domain up to which all pairs of them are places of effects
-# order of the approximation by which an effect with delayed variables is tried, the default of PadeDelay
+ALL_PAIRS = 40  # largest number of nodes of a domain for which all pairs are places of effects
+# Order of the approximation of effects with delayed variables; the default of PadeDelay.
 EFFECT_ORDER = "3"
 
 
-UNKNOWN = "unknown law"  # the class of identified curves: a shape, no name
+UNKNOWN = "unknown law"  # class of identified curves: a shape without a name
 
 
 @dataclass(frozen=True)
 class EffectNumber:
-    """A number of an effect: its full name, its unit, the bounds within which it is allowed, where it is sought (None:
-    from `neutral`, as far as the record asks), and whether it makes the effect (an amplitude) or shapes it. `limits` are
-    the bounds of the parameter itself (its `min` and `max`), beyond which it has no meaning; every other end of a range is
-    one of the search. `neutral_of` is the formula of the diagram's parameters that gives the neutral value, of a law that
-    takes another one's place. `parts` are the further parts that have this number too (one law at several places)."""
+    """A parameter of an effect.
+
+    * name: full name.
+    * unit: base unit.
+    * low, high: bounds of the value.
+    * sought: search range; None if the search begins at `neutral` without a fixed range.
+    * amplitude: True for an amplitude, False for a shape.
+    * neutral: value without the effect.
+    * limits: physical bounds of the parameter (its `min` and `max`); other bounds only limit the search.
+    * parts: further parts that have the same parameter (one law at several places).
+    * neutral_of: for a replacing law, the formula of the diagram's parameters for the neutral value.
+    """
 
     name: str
     unit: Unit
@@ -74,15 +81,18 @@ class EffectNumber:
 
     @property
     def follows(self) -> str:
-        """The full name of the variable by whose motion it is sought or held; empty where a range is given."""
+        """Full name of the variable whose motion sets the search range or the value; empty if a range is given."""
         if self.sought is None or self.sought.range is not None:
             return ""
         return f"{self.name.rpartition('.')[0]}.{self.sought.seen}"
 
     def prior(self, leaves: Mapping[str, Leaf]) -> Prior | None:
-        """What its component says of typical values, as a weak prior: the ends of the range are one standard deviation from
-        its middle, in logarithms if the range is above zero. An amplitude has its mean at the neutral value, and the farther
-        end of the range at one standard deviation: a small effect is not unusual. None without a range."""
+        """Weak normal prior from the typical values of the component; None if it has no typical range.
+
+        The ends of the range are one standard deviation from its middle, on a logarithmic scale if the range is positive.
+        The prior of an amplitude has its mean at the neutral value, and the farther end of the range is one standard
+        deviation away: a small effect is not unusual.
+        """
         path, _, own = self.name.rpartition(".")
         parameter = leaves[path].component.parameters.get(own) if path in leaves else None
         if parameter is None or parameter.typical is None or parameter.typical.range is None:
@@ -96,18 +106,26 @@ class EffectNumber:
 
     @property
     def motions(self) -> tuple[str, ...]:
-        """The variable that it follows, in all parts that have the number."""
+        """Variables that set the search range, in all parts that have this parameter."""
         return (self.follows, *(f"{part}.{self.follows.rpartition('.')[2]}" for part in self.parts)) if self.follows else ()
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect at one place: its component, what it is called (`kind`), where it stands in words and by the names of
-    nodes, ports or outputs (`where`), and the change to the diagram that puts it there at its neutral value. `orders` are
-    pairs of numbers of which the first must be above the second; `signal` is the signal input before which it stands.
-    `members` are the labels of the candidates at single places whose law stands at all of these places at once. `old` is the
-    kind of the part whose place it takes. `acts` is a quantity of the diagram that is above zero while the effect acts;
-    `reverses`: only where the motion turns back."""
+    """One effect at one place.
+
+    * name, component: name of the new part (or of the parameter), and its component.
+    * kind: class of the effect.
+    * place, where: the place in words, and as names of nodes, ports or outputs.
+    * change: change to the diagram that inserts the effect at its neutral values.
+    * numbers: parameters of the effect.
+    * orders: pairs of parameters of which the first must exceed the second.
+    * signal: signal input that the effect precedes.
+    * members: if the law acts at several places at once, labels of the candidates at the single places.
+    * old: component of the replaced part.
+    * acts: quantity of the diagram that is positive while the effect acts.
+    * reverses: True if the effect acts only if the motion reverses.
+    """
 
     name: str
     component: str
@@ -127,34 +145,36 @@ class Candidate:
 
     @property
     def label(self) -> str:
-        """`CoulombFriction between platform and crown`."""
+        """Component and place, for example `CoulombFriction between platform and crown`."""
         return f"{self.component} {self.place}"
 
     def as_dict(self) -> dict[str, object]:
-        """What it is and where, for machines."""
+        """Return the candidate and its place for JSON."""
         return {"candidate": self.label, "component": self.component, "class": self.kind, "place": self.place,
                 "where": list(self.where)}
 
     @property
     def curve_of_displacement(self) -> bool:
-        """Whether it is an identified curve over a displacement, by the unit of the limits of its variable."""
+        """True for an identified curve over a displacement, according to the unit of the limits of its variable."""
         return self.kind == UNKNOWN and any(n.follows and n.unit.text in ("m", "rad") for n in self.numbers)
 
     @property
     def varies(self) -> bool:
-        """Whether it is another course of a parameter that the diagram has, instead of a law: over a variable, over time or
-        from one record to the next."""
+        """True if the candidate varies a parameter of the diagram with a variable, with time or between records."""
         return self.attaches == "parameter" or bool(self.change.each)
 
     @property
     def differs(self) -> bool:
-        """Whether the candidate gives a parameter of the diagram another value in each record."""
+        """True if the candidate gives a parameter of the diagram a separate value in each record."""
         return bool(self.change.each) and not self.numbers
 
     def acts_on(self, effects: Sequence[Candidate]) -> bool:
-        """Whether it changes one of these effects instead of the machine: it takes the place of a part of theirs, stands in
-        series with it, or wakes or varies a parameter of it; or it is a second factor of a parameter over one variable, or
-        stands before an effect in a channel, where it acts as behind it in the channel."""
+        """True if the candidate changes one of these effects instead of the machine.
+
+        Such a candidate replaces a part of an effect, is in series with it, or activates or varies one of its parameters.
+        Two further cases are equivalent to other candidates: a second factor of one parameter with the same variable, and an
+        effect before the input of an effect in a channel.
+        """
         parts = {name for effect in effects if effect.attaches != "replaces" for name in effect.change.components}
         behind = {name for effect in effects if effect.attaches == "channel" for name in effect.change.components}
         if self.attaches == "input" and self.where[0] in behind:
@@ -164,20 +184,23 @@ class Candidate:
 
     @property
     def vanishing(self) -> tuple[EffectNumber, ...]:
-        """The amplitudes that are neutral where the effect is absent."""
+        """Amplitudes at whose neutral values the effect vanishes."""
         return tuple(n for n in self.numbers if n.amplitude and n.sought is None)
 
     @property
     def vanishes(self) -> bool:
-        """Whether it can stand in the diagram at amplitude zero."""
+        """True if the effect can be part of the diagram with amplitude zero."""
         return bool(self.vanishing)
 
 
 @dataclass(frozen=True)
 class Site:
-    """A diagram in which effects are to be placed; `taken` are names that are not free besides those of the diagram; with
-    `apart` every name that is given is taken from then on. `excluded` collects the labels of effects that are no candidates,
-    and why."""
+    """A diagram in which effects are placed.
+
+    * taken: names that must not be used, in addition to the names of the diagram.
+    * apart: if True, each name that is assigned is added to `taken`.
+    * excluded: reason for each effect that is not a candidate, by label.
+    """
 
     experiment: Experiment
     assembly: Assembly
@@ -189,14 +212,14 @@ class Site:
 
     @cached_property
     def names(self) -> frozenset[str]:
-        """The names that the diagram has."""
+        """Names that the diagram uses."""
         body = self.experiment.model.body
         return frozenset((*body.instances, *body.wires, *self.experiment.model.parameters, *self.expanded.leaves,
                           *self.expanded.junctions))
 
     @property
     def nodes(self) -> dict[str, list[Group]]:
-        """The nodes of each power domain."""
+        """Nodes of each power domain."""
         found: dict[str, list[Group]] = {}
         for group in self.network.groups:
             if group.domain != "signal":
@@ -204,27 +227,28 @@ class Site:
         return found
 
     def group(self, port: str) -> Group:
-        """What a port is joined to."""
+        """Node to which a port is connected."""
         return self.network.groups[self.network.group_of_port[port]]
 
     def grounds(self, domain: str) -> dict[str, Group]:
-        """The nodes that are held by what stands for the surroundings in the domain (`reference:`): all the same one."""
+        """Nodes of a domain that are connected to its reference component (`reference:`), which represents the surroundings.
+        All these nodes are equivalent."""
         reference = self.experiment.model.library.domains[domain].reference
         found = (self.group(f"{leaf.path}.{p}") for leaf in self.expanded.leaves.values()
                  if reference and leaf.component.is_a(reference) for p in leaf.component.ports)
         return {group.name: group for group in found}
 
     def moving(self, domain: str) -> list[Group]:
-        """The nodes of a domain but the grounds."""
+        """Nodes of a domain without the grounds."""
         grounds = self.grounds(domain)
         return [group for group in self.nodes.get(domain, []) if group.name not in grounds]
 
 
-Pairs = Callable[[Site, str], Iterator[tuple[Group, Group | None, str]]]  # of the nodes of a domain
+Pairs = Callable[[Site, str], Iterator[tuple[Group, Group | None, str]]]  # generator of pairs of nodes of a domain
 
 
 def site_of(experiment: Experiment) -> Site:
-    """The diagram of an experiment."""
+    """Create the site of the diagram of an experiment."""
     assembly = assemble_for(experiment, next(iter(experiment.records.values())))
     expanded = assembly.flat.expanded
     return Site(experiment, assembly, expanded, connect(expanded, formula_order(expanded)))
@@ -233,8 +257,7 @@ def site_of(experiment: Experiment) -> Site:
 def single_candidates(experiment: Experiment, site: Site | None = None) -> list[Candidate]:
     """All effects of the catalogue at all single places of the diagram of an experiment, in the order of the library.
 
-    `site` is the diagram in which they are placed, where there is one. Raises ModelError for an invalid diagram or
-    component.
+    `site` is the diagram if it was created before. Raises ModelError for an invalid diagram or component.
     """
     site = site or site_of(experiment)
     found = list(_dormant(site))
@@ -248,7 +271,8 @@ def single_candidates(experiment: Experiment, site: Site | None = None) -> list[
 
 
 def _where_meaningful(site: Site, component: Component, effect: Effect, made: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates of an effect at places that have what it requires, with the conditions under which it acts."""
+    """Select the candidates at places that satisfy the requirements of the effect, and add the conditions under which it
+    acts."""
     acts = effect.acts
     if acts is not None:
         made = [replace(c, acts=component.in_diagram(acts, c.name)) for c in made]
@@ -260,8 +284,11 @@ def _where_meaningful(site: Site, component: Component, effect: Effect, made: Se
 
 
 def _lacking(site: Site, component: Component, effect: Effect, candidate: Candidate) -> str:
-    """What the place of a candidate lacks of what its effect requires, or what must not be there; empty where the place is
-    right. A component of the user's own that stores something may be of any kind."""
+    """Reason why the place of a candidate does not satisfy the requirements of its effect; empty if it does.
+
+    The place must have the required components and must not have the excluded ones. A user-defined component that stores
+    energy or fluid counts as any required component.
+    """
     for port, kinds in effect.requires.items():
         node = next((node for node, ends in candidate.change.nodes.items() if f"+{candidate.name}.{port}" in ends), "")
         parts = [leaf.component for leaf in site.expanded.leaves.values() for p in leaf.component.ports.values()
@@ -283,7 +310,7 @@ def _dormant(site: Site) -> Iterator[Candidate]:
     for leaf in site.expanded.leaves.values():
         for parameter in leaf.component.parameters.values():
             full = f"{leaf.path}.{parameter.name}"
-            # one that is set somewhere by a formula, or has a value of its own, does not sleep
+            # a parameter that is set by a formula or to another value is active
             if parameter.neutral is None or values.get(full) != parameter.neutral:
                 continue
             woken = [p for p in leaf.component.parameters.values() if p.name in parameter.wakes_with]
@@ -294,7 +321,7 @@ def _dormant(site: Site) -> Iterator[Candidate]:
 
 
 def within(leaf: Leaf, parameter: Parameter, kind: str, numbers: Sequence[EffectNumber]) -> Candidate:
-    """The candidate that is another value of a part's own parameter."""
+    """Create the candidate that changes parameters of a part."""
     settings = {n.name: quantity(n.neutral if n.amplitude else _middle(n.sought), n.unit) for n in numbers}
     return Candidate(f"{leaf.path}.{parameter.name}", leaf.component.name, kind, parameter.doc,
                      f"in {leaf.path} ({parameter.name})", (leaf.path,), Change(settings=settings), tuple(numbers), "in")
@@ -309,7 +336,8 @@ def _dormant_number(full: str, parameter: Parameter) -> EffectNumber:
 
 
 def _middle(sought: SearchRange | None) -> float:
-    """Where a number is set before it is sought; one that follows from the motion is set to 1, a divisor for any law."""
+    """Value of a shape parameter before the search. If the motion determines the value, it is set to 1, so that a law can
+    divide by it."""
     if sought is None:
         return 0.0
     if sought.range is None:
@@ -319,12 +347,13 @@ def _middle(sought: SearchRange | None) -> float:
 
 
 def quantity(value: float, unit: Unit) -> str:
-    """A value in a base unit as it is written in a diagram."""
+    """Format an SI value with its base unit for a diagram."""
     return f"{value:.9g}" if unit.text in ("1", "") else f"{value:.9g} {unit.text}"
 
 
 def _numbers(component: Component, effect: Effect, name: str, signal: Dimension = ()) -> tuple[EffectNumber, ...]:
-    """The numbers of an effect as the parameters of an instance; units in `$U` take the signal's."""
+    """Parameters of an effect with the full names of an instance. Generic units (`$U`) are resolved with the unit of the
+    signal."""
     found = []
     for key, sought in [*effect.amplitude.items(), *effect.shapes.items()]:
         parameter = component.parameters[key]
@@ -344,7 +373,7 @@ def _part(component: Component, numbers: tuple[EffectNumber, ...], more: dict[st
         key = n.name.rpartition(".")[2]
         middle = _middle(n.sought)
         values[key] = quantity(-middle if key in lower and n.sought is not None and n.sought.seen else middle, n.unit)
-    approximation = component.approximation  # many runs of a search are made without history
+    approximation = component.approximation  # many runs of a search are made without a history of delayed variables
     order = {} if approximation is None else {approximation.order: EFFECT_ORDER}
     return Part(component.name, {**(more or {}), **order, **values})
 
@@ -354,7 +383,7 @@ def _full(component: Component, name: str) -> tuple[tuple[str, str], ...]:
 
 
 def fresh(site: Site, base: str) -> str:
-    """An instance name that is free, with the nodes made from it: `coulomb_friction`, `coulomb_friction_2`, ..."""
+    """Unused instance name whose node names are also unused: `coulomb_friction`, `coulomb_friction_2`, ..."""
     names = (base if k == 1 else f"{base}_{k}" for k in count(1))
     found = next(n for n in names for new in [{n, f"{n}_end", f"{n}_in", f"{n}_out"}]
                  if new.isdisjoint(site.names) and new.isdisjoint(site.taken))
@@ -364,13 +393,13 @@ def fresh(site: Site, base: str) -> str:
 
 
 def snake(name: str) -> str:
-    """`CoulombFriction` as `coulomb_friction`."""
+    """Convert `CoulombFriction` to `coulomb_friction`."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 
 def distant_candidates(site: Site, labels: Container[str] | None = None) -> list[Candidate]:
-    """All effects that attach across two nodes, at the pairs of nodes that no component joins (see `_distant_pairs`); with
-    `labels` those alone."""
+    """All effects across two nodes that no component connects (see `_distant_pairs`); if `labels` are given, only candidates
+    with these labels."""
     return [candidate for component in site.experiment.model.library.effects() for effect in component.effects
             if "across" in effect.attaches
             for candidate in _where_meaningful(site, component, effect,
@@ -379,7 +408,8 @@ def distant_candidates(site: Site, labels: Container[str] | None = None) -> list
 
 def _across(site: Site, component: Component, effect: Effect, pairs: Pairs | None = None,
             labels: Container[str] | None = None) -> Iterator[Candidate]:
-    """The effect between all `pairs` of nodes (None: those that a component joins), or at the places of these `labels`."""
+    """Candidates of an effect between `pairs` of nodes (default: nodes that a component connects); if `labels` are given,
+    only these."""
     ports = [p for p in component.ports.values() if p.name not in effect.also]
     domains = [ports[0].domain] if not ports[0].domain.startswith("$") else list(site.nodes)
     for domain in domains:
@@ -408,8 +438,11 @@ def _across(site: Site, component: Component, effect: Effect, pairs: Pairs | Non
 
 
 def _pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group | None, str]]:
-    """Pairs of nodes that a component already joins, and every node with the surroundings: the node of a component that
-    stands for them in the domain (`reference:`), else one that is added."""
+    """Pairs of nodes that a component connects, and pairs of each node with the surroundings.
+
+    The surroundings are the node of the reference component of the domain (`reference:`). If the diagram has no reference
+    component, the second node is None and the third element is the component to be added.
+    """
     grounds = site.grounds(domain)
     seen: set[frozenset[str]] = set()
     for first, second in _joined_pairs(site, domain):
@@ -424,7 +457,7 @@ def _pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group | None, str]]
 
 
 def _joined_pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group]]:
-    """The pairs of nodes on which one component has ports."""
+    """Pairs of nodes to which one component is connected."""
     for leaf in site.expanded.leaves.values():
         groups = {g.name: g for g in (site.group(f"{leaf.path}.{p}") for p in leaf.component.ports
                                       if leaf.component.ports[p].count is None) if g.domain == domain}
@@ -432,10 +465,12 @@ def _joined_pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group]]:
 
 
 def _distant_pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group, str]]:
-    """The pairs of nodes that no component joins, in the order of their distance in the graph of the domain, that is the
-    number of components between them; nodes that are not connected come last, in the order of the diagram. A domain of more
-    than `ALL_PAIRS` nodes has as many pairs at most as one of `ALL_PAIRS` nodes has. Pairs with the surroundings are left
-    out: `_pairs` has them all."""
+    """Pairs of nodes that no component connects, ordered by their distance.
+
+    The distance is the number of components between the nodes in the graph of the domain. Unconnected nodes are last, in the
+    order of the diagram. If a domain has more than `ALL_PAIRS` nodes, the number of pairs is limited to the number for
+    `ALL_PAIRS` nodes. Pairs with the surroundings are included in `_pairs` instead.
+    """
     nodes = {group.name: group for group in site.moving(domain)}
     neighbours: dict[str, list[str]] = {name: [] for name in nodes}
     for first, second in _joined_pairs(site, domain):
@@ -458,7 +493,7 @@ def _distant_pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group, str]
 
 
 def _further(site: Site, effect: Effect) -> Iterator[dict[str, str]]:
-    """The nodes on which further ports are tried: one after the other of their domain."""
+    """Connections of the further ports of an effect: each node of their domain in turn."""
     if not effect.also:
         yield {}
         return
@@ -482,7 +517,8 @@ def _at(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]
 
 
 def _own_wire(site: Site, port: str) -> str | None:
-    """The node on which a port stands, by its path, as the diagram or the file of the block around the port writes it."""
+    """Name of the node to which a port is connected, as written in the diagram or in the file of the surrounding block; None
+    if there is none."""
     for wire in site.experiment.model.body.wires.values():
         if any(end.path == port for end in wire.ends):
             return wire.name
@@ -496,7 +532,7 @@ def _own_wire(site: Site, port: str) -> str | None:
 
 
 def _is_written(site: Site, path: str) -> bool:
-    """Whether a part is one that the diagram, or the file of the block around it, names."""
+    """True if the diagram, or the file of the surrounding block, declares the part."""
     block, _, name = path.rpartition(".")
     body = site.expanded.leaves[block].component.body if block else site.experiment.model.body
     return name in body.instances
@@ -509,7 +545,7 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
         for port in leaf.component.ports.values():
             path = f"{leaf.path}.{port.name}"
             wire = _own_wire(site, path)
-            # an end that carries the node's name cannot leave it
+            # an end with the name of the node cannot be disconnected from it
             if wire is None or port.count is not None or wire == leaf.path:
                 continue
             if _carries_nothing(leaf.component, port.name):
@@ -517,7 +553,7 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
                     site.excluded[f"{component.name} before {path}"] = "nothing flows through that port"
                 continue
             group = site.group(path)
-            # of two ports on a node it is the same behind the one and the other
+            # if a node has two ports, the effect is the same behind either port
             if group.domain != first.domain or len(group.ports) < 2 or (len(group.ports) == 2 and group.name in done):
                 continue
             done.add(group.name)
@@ -532,14 +568,17 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
 
 
 def _carries_nothing(component: Component, port: str) -> bool:
-    """Whether an equation says that the force on a port or the flow through it is zero."""
+    """True if an equation sets the force on a port or the flow through it to zero."""
     return any(isinstance(line.tree.left, Name) and line.tree.left.text.rpartition(".")[0] == port
                and isinstance(line.tree.right, Number) and line.tree.right.value == 0 for line in component.equations)
 
 
 def _settled(component: Component, effect: Effect, name: str) -> dict[str, str]:
-    """What stands still at the start: a machine that runs already when a record begins has not just had a line filled. (A
-    guess: where the conditions of the diagram decide it, they hold.)"""
+    """Initial conditions for an effect at rest: the rates and values in `settled:` are zero.
+
+    A machine that already runs at the beginning of a record is close to this state. The conditions are guesses (`~`), which
+    the conditions of the diagram override.
+    """
     found = {}
     for variable in effect.settled:
         if (own := rate_of(variable)) is not None:
@@ -566,7 +605,7 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
             if signal.direction != "in" or (wire is None and bound is None):
                 continue
             block = leaf.path.rpartition(".")[0]
-            if block and wire is None:  # a formula of the file of the block
+            if block and wire is None:  # a formula in the file of the block
                 site.excluded[f"{component.name} before {path}"] = "a formula inside the block gives this input"
                 continue
             if block and _is_input_of(site, block, wire):
@@ -581,8 +620,8 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
 
 
 def _is_input_of(site: Site, block: str, wire: str | None) -> bool:
-    """Whether a node inside a block leads an input of the block to one part alone: the effect before the input of the block
-    is the same."""
+    """True if a node inside a block only connects an input of the block to one part. An effect before this input of the
+    block is then the same candidate."""
     around = site.expanded.leaves[block].component
     own = next((w for w in around.body.wires.values() if f"{block}.{w.name}" == wire), None)
     ends = [end.path for end in own.ends] if own is not None else []
@@ -590,8 +629,11 @@ def _is_input_of(site: Site, block: str, wire: str | None) -> bool:
 
 
 def _at_rest(site: Site, component: Component, name: str) -> dict[str, str]:
-    """A signal component begins as if its input had always been what it is at the start: the states that count in the
-    input's unit are its value. (A guess: what is no state follows from the equations.)"""
+    """Initial conditions of a signal component for an input that was constant before the start.
+
+    Each state with the unit of the input is equal to the input. The conditions are guesses (`~`), because variables that are
+    not states follow from the equations.
+    """
     if component.approximation is not None:
         component = site.experiment.model.library.component(component.approximation.kind)
     into, out = _signal_ports(component)
@@ -603,11 +645,11 @@ def _at_rest(site: Site, component: Component, name: str) -> dict[str, str]:
 
 
 def _series_signal(name: str, part: Part, into: str, out: str, path: str, wire: str | None, leaf: Leaf) -> Change:
-    """A signal component set before an input, wherever that comes from: a record, a formula or a node."""
+    """Insert a signal component before an input, which may be a column of a record, a formula or a node."""
     bound = leaf.inputs.get(path.rpartition(".")[2])
     if bound is not None and isinstance(bound.value, FileInput):
         placed = Part(part.kind, {into: "0", **part.values})
-        off = {wire: (f"-{path}",)} if wire is not None else {}  # the node of the source that the record stands for
+        off = {wire: (f"-{path}",)} if wire is not None else {}  # disconnects the source that the record replaces
         return Change({name: placed}, off, settings={path: f"={name}.{out}"}, moved={path: f"{name}.{into}"})
     if bound is not None and not isinstance(bound.value, FileInput):
         placed = Part(part.kind, {into: bound.value.text, **part.values})
@@ -629,7 +671,7 @@ def _behind_channel(site: Site, component: Component, effect: Effect) -> Iterato
 
 
 def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> Iterator[Candidate]:
-    """A law in place of a simpler one that it contains, with the values at which the two are equal."""
+    """Candidates that replace a simpler law by a more general one, at the parameter values at which both are equal."""
     check_replacing(component, effect, site.experiment.model.library.component(kind, effect.place))
     for leaf in site.expanded.leaves.values():
         if not leaf.component.is_a(kind) or not _is_written(site, leaf.path):
@@ -646,7 +688,7 @@ def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> I
             if key in numbers:
                 numbers[key] = replace(numbers[key], neutral=values[key], neutral_of=formula)
             elif formula != f"{leaf.path}.{key}" and _names(formula) & site.experiment.free.keys():
-                # a free parameter stays free under its new name
+                # a free parameter remains free under its new name
                 numbers[key] = EffectNumber(f"{leaf.path}.{key}", new.unit, new.low, new.high, None, True, values[key],
                                             (new.low, new.high), neutral_of=formula)
         part = _part(component, tuple(numbers.values()))
@@ -658,19 +700,18 @@ def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> I
 
 
 def _allowed(parameter: Parameter, value: float) -> bool:
-    """Whether a parameter may have a value."""
+    """True if the value is finite and within the bounds of the parameter."""
     return isfinite(value) and (parameter.low is None or value >= parameter.low) and \
         (parameter.high is None or value <= parameter.high)
 
 
 def _names(formula: str) -> set[str]:
-    """The names in a formula."""
+    """Names in a formula."""
     return {name.text for name in names(parse_formula(formula, units=False))}
 
 
 def _written(leaf: Leaf, formula: Formula) -> str:
-    """A value that the old part takes from a formula of the diagram, as it is written in the diagram; empty if the new part
-    does not take just this value over."""
+    """Formula of the diagram for a parameter that the new part takes unchanged from the old one; empty otherwise."""
     bound = leaf.parameters.get(formula.text.strip().removeprefix("old."))
     if bound is None or not formula.text.strip().startswith("old.") or not isinstance(bound.value, Value) \
             or not bound.value.formula or bound.scope.startswith(leaf.scope):
@@ -682,7 +723,7 @@ def _written(leaf: Leaf, formula: Formula) -> str:
 
 
 def _evaluated(assembly: Assembly, formula: str) -> float:
-    """A formula of the diagram's parameters at their present values."""
+    """Evaluate a formula of the diagram's parameters at their present values."""
     expression = assembly.expression(parse_formula(formula, units=False))
     function = ca.Function("start", list(assembly.arguments), [expression])
     zeros = [ca.DM.zeros(a.shape) for a in assembly.arguments]
@@ -691,7 +732,7 @@ def _evaluated(assembly: Assembly, formula: str) -> float:
 
 
 def at_values(candidate: Candidate, assembly: Assembly, values: Mapping[str, float]) -> Candidate:
-    """The candidate with the neutral values that follow from these values of the diagram's parameters (SI)."""
+    """Candidate with the neutral values that follow from the given values of the diagram's parameters (SI)."""
     numbers = [n for n in candidate.numbers if n.neutral_of]
     if not numbers:
         return candidate
@@ -707,7 +748,7 @@ _WAYS = {"across": _across, "at": _at, "in series": _in_series, "input": _before
 
 
 def called(candidate: Candidate) -> str:
-    """The effect by its class and place, and by what `heavebond try` calls it."""
+    """Class and place of an effect, with its name for `heavebond try`."""
     if candidate.attaches == "in":
         return f"{candidate.kind} in {candidate.where[0]} ({candidate.name})"
     return f"{candidate.kind} {candidate.place} ({candidate.component})"

@@ -1,9 +1,10 @@
-"""Fixed values of a diagram and calibration errors of its instruments, as candidates.
+"""Candidates for other values of fixed parameters, and calibration errors of instruments.
 
-A wrong value of a data sheet is no missing physics, but explains a misfit as well.
+A wrong value from a data sheet is not a missing effect, but it explains a misfit as well.
 
-A calibration error is an offset or a gain of an input or of a measured channel. A number of a law can absorb it (friction
-that differs by direction, a free length). So the laws that lead the first step are refitted beside each calibration error.
+A calibration error is an offset or a gain of an input or of a measured channel. A parameter of a law can absorb it (friction
+that depends on the direction, a free length). So the laws that lead the first step are refitted together with each
+calibration error.
 """
 
 from __future__ import annotations
@@ -22,13 +23,15 @@ from heavebond.numerics.dae import Assembly
 from heavebond.text.expression import Binary, Expr, Name, Negative, Number, children, names
 
 VALUE = "value of a parameter"
-WIDE = 10.0  # times and parts of what stands in the diagram: beyond it is another machine
+WIDE = 10.0  # largest factor, up or down, on the value in the diagram
 
 
 def fixed_values(experiment: Experiment) -> list[Candidate]:
-    """One candidate for each number that is not free: the parameters of the diagram itself, those of its parts, and those
-    that parts of parts must be given. Not among them are zeros, effects that sleep, widths of transitions and what follows
-    from a formula."""
+    """One candidate for each parameter that is not free.
+
+    These are the parameters of the diagram, the parameters of its parts, and required parameters of parts inside blocks.
+    Zeros, inactive effects, widths of transitions and values that follow from a formula are left out.
+    """
     assembly = assemble_for(experiment, next(iter(experiment.records.values())))
     found = []
     for leaf in assembly.flat.expanded.leaves.values():
@@ -41,7 +44,7 @@ def fixed_values(experiment: Experiment) -> list[Candidate]:
 
 
 def _of_diagram(experiment: Experiment, assembly: Assembly) -> Iterator[Candidate]:
-    """The numbers under `parameters:` of the diagram that parts use in their formulas."""
+    """Candidates for the parameters under `parameters:` of the diagram that the formulas of parts use."""
     units = {q.name: q.unit for q in assembly.flat.parameters}
     leaves = assembly.flat.expanded.leaves.items()
     for name in assembly.flat.expanded.parameters:
@@ -58,7 +61,7 @@ def _of_diagram(experiment: Experiment, assembly: Assembly) -> Iterator[Candidat
 
 
 def _given(leaf: Leaf) -> Iterator[Parameter]:
-    """What a diagram, or a block, says of a part by a single number."""
+    """Parameters of a part that the diagram, or a block, sets to a single number."""
     for parameter in leaf.component.parameters.values():
         if not parameter.integer and not parameter.width and parameter.count is None \
                 and ("." not in leaf.path or parameter.default is None):
@@ -66,7 +69,7 @@ def _given(leaf: Leaf) -> Iterator[Parameter]:
 
 
 def _number(name: str, parameter: Parameter, value: float) -> EffectNumber:
-    """What stands in the diagram is what an amplitude of zero is to an effect."""
+    """Treat the diagram's value of a fixed parameter as the null value, like amplitude 0 of an effect."""
     ends = sorted((value / WIDE, value * WIDE))
     low = ends[0] if parameter.low is None else max(ends[0], parameter.low)
     high = ends[1] if parameter.high is None else min(ends[1], parameter.high)
@@ -74,8 +77,8 @@ def _number(name: str, parameter: Parameter, value: float) -> EffectNumber:
 
 
 def is_calibration_error(candidate: Candidate, experiment: Experiment) -> bool:
-    """Whether it is an offset or a gain of an input or a channel: a law of one amplitude that is a polynomial of the
-    signal and the amplitude, without states and without time."""
+    """True for an offset or a gain of an input or a channel: a law with one amplitude, polynomial in the signal and the
+    amplitude, without states and without time."""
     if candidate.attaches not in ("input", "channel") or len(candidate.numbers) != 1 or not candidate.vanishes:
         return False
     component = experiment.model.library.component(candidate.component)
@@ -85,7 +88,7 @@ def is_calibration_error(candidate: Candidate, experiment: Experiment) -> bool:
 
 
 def _polynomial(expr: Expr, known: set[str]) -> bool:
-    """Whether an expression holds nothing but sums and products of numbers and `known` names."""
+    """True if an expression contains only sums and products of numbers and `known` names."""
     if isinstance(expr, Name):
         return expr.text in known
     return isinstance(expr, (Number, Binary, Negative)) and all(_polynomial(child, known) for child in children(expr))

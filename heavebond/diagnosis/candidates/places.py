@@ -1,14 +1,21 @@
-"""Places of effects, and one law at all similar places of a diagram.
+"""Places of effects, and candidates with one law at all similar places of a diagram.
 
-A law that replaces a part or is parallel to it acts between the nodes of this part; a dormant parameter between those whose
-ports occur in its equations, of a block in those of its parts (the leakage of a piston between the chambers, and not at its
-rod). A law in series with a part is at one place on either side of it. A node and the same node with the surroundings are
-one place; nodes that move together in the model are one node. An effect of a sensor or an input has a place of its own.
+The place of an effect is the set of nodes between which it acts. A law that replaces a part or is parallel to it acts
+between the nodes of this part. A dormant parameter acts between the nodes of the ports in its equations; for a block, in the
+equations of its parts. So the leakage of a piston acts between the chambers, and not at the rod. A law in series with a part
+has the same place on either side of it. A node, and the same node with the surroundings, are one place. Nodes that move
+together in the model are one node. An effect of a sensor or of an input has a separate place.
 
-Both chambers of a cylinder leak, and both guides of a beam have friction. No single place explains such records. Two places
-are similar if the same kinds of components meet there: nodes by the kinds of all parts on them, pairs of nodes by the kinds
-on both and the kinds that join them, a place in series also by its part and port, a dormant parameter by its component. The
-numbers at the further places are formulas of those at the first, so that as many numbers are fitted as at one place.
+A single place does not explain the records if both chambers of a cylinder leak, or both guides of a beam have friction. Two
+places are similar if the same components are connected there:
+
+* for a node, the components of all parts on it;
+* for a pair of nodes, the components on both nodes and the components that connect them;
+* for a place in series, also the component and port of its part;
+* for a dormant parameter, the component.
+
+The parameters at the further places are formulas of those at the first, so the number of fitted parameters is the same as at
+one place.
 """
 
 from __future__ import annotations
@@ -38,8 +45,13 @@ Place = tuple[str, frozenset[str], frozenset[str]]
 
 @dataclass(frozen=True)
 class Places:
-    """The nodes of each part of a diagram by its ports, the nodes that stand for the surroundings, nodes that move as one,
-    each with the first of them, and the parts."""
+    """Nodes and parts of a diagram, by which the places of candidates are compared.
+
+    * parts: node of each port of each part.
+    * grounds: nodes that represent the surroundings.
+    * as_one: for each node that moves together with others, the first of them.
+    * leaves: the parts.
+    """
 
     parts: Mapping[str, Mapping[str, str]]
     grounds: frozenset[str]
@@ -48,7 +60,7 @@ class Places:
 
     @classmethod
     def of(cls, experiment: Experiment, as_one: Mapping[str, str] | None = None) -> Places:
-        """The places of the diagram of an experiment."""
+        """Create the places of the diagram of an experiment."""
         site = site_of(experiment)
         leaves = site.expanded.leaves.values()
         found = {leaf.path: {port.name: site.group(f"{leaf.path}.{port.name}").name for port in leaf.component.ports.values()
@@ -57,13 +69,13 @@ class Places:
                    site.expanded.leaves)
 
     def place(self, candidate: Candidate) -> Place:
-        """Where a candidate stands: the same for two of them at one place."""
+        """Key of the place of a candidate, which is equal for two candidates at one place."""
         if candidate.attaches in ("input", "channel"):
             return candidate.attaches, frozenset([candidate.signal or candidate.where[0]]), frozenset()
         series = candidate.attaches == "in series"
         if series and candidate.members:
             return "in series", frozenset(candidate.where), frozenset()
-        # a node may have the name of a part
+        # a node and a part may have the same name
         of_parts = candidate.attaches in ("in", "replaces", "parameter")
         parts = candidate.where[1:] if series else candidate.where if of_parts else ()
         nodes = set(candidate.where[:len(candidate.where) - len(parts)])
@@ -72,13 +84,13 @@ class Places:
         return "", frozenset(moving or nodes), frozenset(parts if series else ())
 
     def _nodes(self, candidate: Candidate, part: str) -> set[str]:
-        """The nodes of a part between which a candidate stands that is in it, in its place or in series with it."""
+        """Nodes between which a candidate acts that changes a part, replaces it or is in series with it."""
         amplitudes = {n.name.rpartition(".")[2] for n in candidate.numbers if n.amplitude}
         return (self._acting(part, amplitudes) if candidate.attaches == "in" else set()) or set(self.parts[part].values())
 
     def _acting(self, part: str, parameters: set[str]) -> set[str]:
-        """The nodes on which a part acts by the equations in which these parameters of it stand; a block also by those of
-        its parts that are given their values."""
+        """Nodes of the ports in the equations of a part that contain these parameters. For a block, these are the equations
+        of its parts that take values from the parameters."""
         ports, paths = self.parts[part], {f"{part}.{name}" for name in parameters}
         found = {ports[name] for name in _ports_beside(self.leaves[part].component, parameters) & ports.keys()}
         for path, leaf in self.leaves.items() if self.leaves[part].component.composite else ():
@@ -89,7 +101,7 @@ class Places:
 
 
 def _ports_beside(component: Component, parameters: set[str]) -> set[str]:
-    """The ports of a component whose variables stand in one equation with one of these parameters."""
+    """Ports of a component whose variables are in one equation with one of these parameters."""
     found = set()
     for line in component.equations:
         named = {name.text for side in (line.tree.left, line.tree.right) for name in names(side)}
@@ -103,31 +115,33 @@ def _grounds(site: Site, domain: str) -> list[str]:
 
 
 Signature = tuple[object, ...]
-LAWS = ("across", "at", "in series", "in", "replaces")  # ways to attach that are considered: not sensors
+LAWS = ("across", "at", "in series", "in", "replaces")  # kinds of attachment with similar places: no sensors
 
 
 def candidates(experiment: ExperimentOrFile, excluded: dict[str, str] | None = None, site: Site | None = None
                ) -> list[Candidate]:
     """All effects of the catalogue at all places of the diagram of an experiment.
 
-    They stand in the order of the library, and after them each law at all like places together (`members` are the labels of
-    its single candidates). `experiment` is one that was loaded, or its file or name; `excluded` collects the labels of
-    effects that are no candidates, and why; `site` is its diagram, if that is known. Raises ModelError for an invalid
-    diagram or component, DataError for an experiment that cannot be read.
+    The order is the order of the library, followed by the candidates with one law at all similar places (`members` are the
+    labels of the single candidates). `experiment` is an experiment, a file or a name. `excluded` collects the reasons for
+    effects that are not candidates, by label. `site` is the diagram if it was created before. Raises ModelError for an
+    invalid diagram or component, DataError for an experiment that cannot be read.
     """
     site = site or site_of(load_experiment(experiment))
     return _at_all_places(replace(site, excluded=excluded) if excluded is not None else site)
 
 
 def between_all_nodes(experiment: ExperimentOrFile, site: Site | None = None) -> list[Candidate]:
-    """All effects that attach across two nodes, at all pairs of nodes of one domain that no component joins; `site` is the
-    diagram, where that is known."""
+    """All effects across two nodes of one domain that no component connects; `site` is the diagram if it was created
+    before."""
     return distant_candidates(site or site_of(load_experiment(experiment)))
 
 
 def named_apart(experiment: Experiment, labels: Container[str] = frozenset()) -> list[Candidate]:
-    """All of `candidates`, and of `between_all_nodes` those with these `labels`, each candidate at a single place with names
-    for its parts that no other one has, so that several can be put into the diagram together."""
+    """Candidates with unique names of their parts, so that several can be inserted into the diagram together.
+
+    The result contains all of `candidates`, and the candidates of `between_all_nodes` with these `labels`.
+    """
     site = replace(site_of(experiment), apart=True)
     return [*_at_all_places(site), *distant_candidates(site, labels)]
 
@@ -138,7 +152,8 @@ def _at_all_places(site: Site) -> list[Candidate]:
 
 
 def at_like_places(site: Site, found: Sequence[Candidate]) -> list[Candidate]:
-    """One candidate for each law and each group of at least two like places among those `found`."""
+    """Combine the candidates in `found` that have one law at similar places: one candidate for each group of at least
+    two."""
     kinds = _kinds(site)
     groups: dict[Signature, list[Candidate]] = {}
     for candidate in found:
@@ -150,7 +165,7 @@ def at_like_places(site: Site, found: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _kinds(site: Site) -> dict[str, frozenset[str]]:
-    """The kinds of the components on each node."""
+    """Components that are connected to each node."""
     found: dict[str, set[str]] = {}
     for leaf in site.expanded.leaves.values():
         for port in leaf.component.ports.values():
@@ -160,7 +175,8 @@ def _kinds(site: Site) -> dict[str, frozenset[str]]:
 
 
 def _signature(site: Site, candidate: Candidate, kinds: Mapping[str, frozenset[str]]) -> Signature:
-    """What like places have in common; empty for a candidate that is left out: one that depends on a further node."""
+    """Key that is equal at similar places; empty for a candidate that cannot be combined, for example because it depends on
+    a further node."""
     effect = site.experiment.model.library.component(candidate.component).effect
     law = (candidate.component, candidate.kind, candidate.attaches)
     if candidate.attaches == "in":
@@ -179,13 +195,14 @@ def _signature(site: Site, candidate: Candidate, kinds: Mapping[str, frozenset[s
 
 
 def _joining(site: Site, nodes: Sequence[str]) -> frozenset[str]:
-    """The kinds of the components that stand on all of these nodes."""
+    """Components that are connected to all of these nodes."""
     return frozenset(leaf.component.name for leaf in site.expanded.leaves.values() if set(nodes) <= {
         site.group(f"{leaf.path}.{p.name}").name for p in leaf.component.ports.values() if p.count is None})
 
 
 def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
-    """The same law at all places of a group, with the numbers of the first."""
+    """Combine the candidates of a group into one candidate: the same law at all places, with the parameters of the first
+    place."""
     first, *others = group
     own = site if site.apart else replace(site, taken={*site.taken, *first.change.components})
     change = first.change
@@ -207,29 +224,30 @@ def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
 
 
 def _with_numbers_of(first: Candidate, other: Candidate) -> Change:
-    """Another part's dormant numbers as those of the first part."""
+    """Change that sets the dormant parameters of another part equal to the parameters of the first part."""
     owner, another = (c.name.rpartition(".")[0] for c in (first, other))
     return Change(settings={f"{another}.{key}": f"={owner}.{key}"
                             for key in (n.name.rpartition(".")[2] for n in first.numbers)})
 
 
 def _taken_over(site: Site, candidate: Candidate) -> set[str]:
-    """The numbers of a replacement that begin at a value of the part before: they are of each part, and not in common."""
+    """Parameters of a replacing law whose initial values are taken from the replaced part. They remain separate for each
+    part."""
     effect = site.experiment.model.library.component(candidate.component).effect_of(candidate.attaches, candidate.old)
     start = effect.start if effect is not None and candidate.attaches == "replaces" else {}
     return {key for n in candidate.numbers if (key := n.name.rpartition(".")[2]) in start and "old." in start[key].text}
 
 
 def _replacing_alike(first: Candidate, other: Candidate, shared: Collection[str]) -> tuple[Change, str]:
-    """The change that puts the law in the place of another part, with the `shared` numbers of the first; and that part."""
+    """Change that replaces another part by the law, with the `shared` parameters of the first; and the name of this part."""
     part = other.change.components[other.name]
     values = {key: f"={first.name}.{key}" if key in shared else text for key, text in part.values.items()}
     return Change({other.name: Part(part.kind, values)}), other.name
 
 
 def _following(site: Site, first: Candidate, other: Candidate) -> tuple[Change, str]:
-    """The change that puts the law at another place, under names of its own and with the numbers of the first; and the name
-    of the part there."""
+    """Change that inserts the law at another place under unused names, with the parameters of the first; and the name of the
+    part there."""
     names, change = {}, other.change
     for part in change.components:
         names[part] = fresh(site, part if part != other.name else snake(other.component))

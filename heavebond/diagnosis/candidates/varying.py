@@ -1,9 +1,10 @@
-"""Parameters that vary, as candidates: a factor of a part's parameter that depends on a variable of the part or on time.
+"""Candidates with varying parameters: a parameter of a part times a factor that depends on a variable of the part or on
+time.
 
-The forms of the factors are components with `attaches: parameter` (two values by direction, linear, piecewise linear, a
-step in time). With amplitude 0 the factor is 1, so that the exact sensitivity scores them like any other effect.
-Parameters times variables times forms are many. A candidate is made only if the records can show it: the parameter moves
-the channels, and the variable moves. What is left out is stated with its reason.
+The forms of the factor are components with `attaches: parameter` (two values by direction, linear, piecewise linear, a step
+in time). With amplitude 0 the factor is 1, so that the exact sensitivity scores these candidates like any other effect. The
+combinations of parameters, variables and forms are numerous. A candidate is created only if the records can show it: the
+parameter influences the channels, and the variable changes. The reason for each omission is reported.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Probe
 from heavebond.text.expression import Name
 
-ONSET = "Onset"  # the component that is 0 before a time and 1 after it
+ONSET = "Onset"  # component whose output is 0 before a time and 1 after it
 BY_RECORD = "record-dependent parameter"
 SECOND = declared_unit("s")
 
@@ -39,27 +40,28 @@ SECOND = declared_unit("s")
 class VaryingConstants:
     """Constants of the choice of candidates.
 
-    seen: length of the response of all channels to a change of a parameter by its whole value, in standard deviations of the
-        noise, from which its variation is a candidate. Origin: an amplitude of at most 0.95 is seen from 5 standard
-        deviations on, as a score is. Doubled: variations of weak parameters are left out.
-    steady: share of its size below which the span of a variable counts as steady. Origin: a linear variation over a
-        hundredth of a value is a constant. Doubled: fewer variables.
-    alike: correlation of two variables from which one stands for both. Origin: the linear variations with them are one to
-        the accuracy of a score (1 %). Doubled distance to 1: fewer candidates.
-    both: share of the time that a variable spends on either side of zero where two values by direction are a candidate.
+    seen: smallest response of all channels to a change of a parameter by its whole value, in standard deviations of the
+        noise, for which its variation is a candidate. Origin: an amplitude of at most 0.95 is detected from 5 standard
+        deviations on, like a score. Doubled: variations of weak parameters are left out.
+    steady: largest ratio of the span of a variable to its magnitude for which it counts as steady. Origin: a linear
+        variation over a hundredth of a value is a constant. Doubled: fewer variables.
+    alike: correlation of two variables from which on only one of them is used. Origin: the linear variations with them are
+        equal to the accuracy of a score (1 %). Doubled distance to 1: fewer candidates.
+    both: smallest share of the time that a variable must spend on either side of zero for two values by direction.
         Origin: each value needs some data. Doubled: one-sided motions have linear variations only.
-    variables: variables at most with which one parameter varies. Origin: time of a search. Doubled: up to twice the scores.
-    inside: share of the duration at its beginning and end in which no change of a parameter is sought. Origin: a change
-        there is shown by a twentieth of the samples at most. Doubled: later first changes.
-    width: width of the transition of an onset, in half durations of the shortest record. Origin: half the distance of the
-        times of the scan (`search.onset`), so that a refit from the best of them feels the transition. Doubled: an abrupt
-        onset leaves more.
-    beyond: half durations of the shortest record before the begin and after the end of a record at which an onset may lie.
-        Origin: five widths of its transition, so that the effect acts in the whole record, or in no part of it, to 1e-4.
-        Doubled: the same.
-    between: times and parts of its value that a fixed parameter may have in one record. Origin: more is another machine.
+    variables: largest number of variables for one parameter. Origin: time of a search. Doubled: up to twice the scores.
+    inside: share of the duration at its beginning and end in which no change of a parameter is sought. Origin: at most a
+        twentieth of the samples shows such a change. Doubled: later first changes.
+    width: width of the transition of an onset, in half durations of the shortest record. Origin: half the spacing of the
+        times of the scan (`search.onset`), so that a refit from the best of them is sensitive to the transition. Doubled:
+        the residual of an abrupt onset is larger.
+    beyond: largest distance of an onset before the beginning or after the end of a record, in half durations of the
+        shortest record. Origin: five widths of the transition, so that the effect acts in the whole record, or in no part
+        of it, to 1e-4. Doubled: the same.
+    between: largest factor, up or down, on a fixed parameter in one record. Origin: a larger one means another machine.
         Doubled: a wider search.
-    most: candidates at most. Origin: as many as the rest of the catalogue of a rig of ten parts. Doubled: twice the time.
+    most: largest number of candidates. Origin: the size of the remaining catalogue for a rig of ten parts. Doubled: twice
+        the time.
     """
 
     seen: float = 5.0
@@ -79,15 +81,15 @@ VARYING = VaryingConstants()
 
 @dataclass(frozen=True)
 class Varying:
-    """The candidates, and what is not tried with the reason."""
+    """Candidates, and the reason for each omitted variation."""
 
     candidates: tuple[Candidate, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 def varying_parameters(problem: Residuals, inner: Array) -> Varying:
-    """The variations of parameters that the fitted records can show, at a point of their least squares problem: those of the
-    most influential parameters first."""
+    """Variations of parameters that the fitted records can show, at the point `inner` of the least squares problem. The most
+    influential parameters are first."""
     runs, model = problem.runs, problem.experiment.model
     forms = [c for c in model.library.effects() if c.effect is not None and "parameter" in c.effect.attaches]
     left_out: dict[str, str] = {}
@@ -119,7 +121,7 @@ def varying_parameters(problem: Residuals, inner: Array) -> Varying:
 
 
 def _beside_earlier(candidate: Candidate, model: Model) -> Candidate:
-    """The candidate with the factors that its parameter has in the diagram already."""
+    """Candidate that keeps the factors that its parameter already has in the diagram."""
     vary = {name: (*((f"({setting.value.text.lstrip('= ')})",) if (setting := model.vary.get(name)) is not None
                      and isinstance(setting.value, Value) else ()), *factors)
             for name, factors in candidate.change.vary.items()}
@@ -127,7 +129,7 @@ def _beside_earlier(candidate: Candidate, model: Model) -> Candidate:
 
 
 def differing_parameters(problem: Residuals, inner: Array) -> tuple[Candidate, ...]:
-    """The influential parameters with a value of their own for each record."""
+    """Candidates that give an influential parameter a separate value for each record."""
     leaves = problem.runs[0].assembly.flat.expanded.leaves
     independent = {*problem.runs[0].assembly.parameter_names}
     return tuple(_by_record(problem, leaves[name.rpartition(".")[0]], name) for name in _influence(problem, inner, {})
@@ -135,7 +137,7 @@ def differing_parameters(problem: Residuals, inner: Array) -> tuple[Candidate, .
 
 
 def _influence(problem: Residuals, inner: Array, left_out: dict[str, str]) -> list[str]:
-    """The parameters of parts that move the channels, the most influential first."""
+    """Names of the parameters of parts that influence the channels, the most influential first."""
     assembly = problem.runs[0].assembly
     independent, values = {q.name for q in assembly.flat.parameters}, assembly.parameter_values
     sources = {}
@@ -163,14 +165,16 @@ def _influence(problem: Residuals, inner: Array, left_out: dict[str, str]) -> li
 
 
 def _is_candidate(leaf: Leaf, parameter: Parameter, value: float) -> bool:
-    """Whether a parameter is a single physical number other than zero; signals are computed, not subject to physics."""
+    """True if a parameter is a single physical number other than zero. Parameters of signal components and of sources are
+    excluded."""
     return bool(leaf.component.ports) and not leaf.component.composite and not parameter.integer and not parameter.width \
         and parameter.count is None and bool(np.isfinite(value)) and value not in (0.0, parameter.neutral) \
         and leaf.component.power != "source"
 
 
 def _independent(name: str, leaf: Leaf, independent: set[str]) -> str:
-    """The independent parameter whose value a parameter has: itself, or the one that its formula names alone."""
+    """Independent parameter that determines the value of a parameter: the parameter itself, or the only name in its
+    formula."""
     if name in independent:
         return name
     bound = leaf.parameters.get(name.rpartition(".")[2])
@@ -180,8 +184,8 @@ def _independent(name: str, leaf: Leaf, independent: set[str]) -> str:
 
 
 def _variables(leaf: Leaf, run: Run) -> list[str]:
-    """The variables of a part and the efforts at its ports, as far as the diagram has them. Of a part between two moving
-    nodes only the relative motion matters, which its own variables describe."""
+    """Variables of a part, and the efforts at its ports, that exist in the diagram. For a part between two moving nodes only
+    the relative motion matters, which is described by the variables of the part."""
     flat, domains = run.assembly.flat, [port.domain for port in leaf.component.ports.values()]
     ports = [f"{port.name}.{member}" for port in leaf.component.ports.values()
              if port.count is None and (domain := flat.domains.get(f"{leaf.path}.{port.name}")) is not None
@@ -193,8 +197,8 @@ def _variables(leaf: Leaf, run: Run) -> list[str]:
 
 
 def _relative_positions(leaf: Leaf, run: Run) -> list[str]:
-    """Of a part between two mechanical nodes that has no displacement of its own (a damper, friction) the formula of the
-    relative position of its nodes, as far as the diagram has their positions: friction may vary along the path."""
+    """Formula of the relative position of the nodes of a mechanical part without a displacement variable (damper, friction),
+    because friction may vary along the path. Empty if the diagram lacks the positions."""
     flat = run.assembly.flat
     nodes = {port: node for node in nodes_of(flat).values() for port in node.ports}
     ends = [node for port in reversed(leaf.component.ports) if (node := nodes.get(f"{leaf.path}.{port}")) is not None]
@@ -211,12 +215,12 @@ def _relative_positions(leaf: Leaf, run: Run) -> list[str]:
 
 
 def unit_of_variable(flat: Flat, variable: str) -> Unit:
-    """The unit of a variable with which a parameter may vary: of the diagram, a difference of two, or time."""
+    """Unit of the variable of a varying parameter: a variable of the diagram, a difference of two, or time."""
     return SECOND if variable == "time" else flat.unknowns[flat.names[variable.partition(" - ")[0]]].unit
 
 
 def _moving(courses: Mapping[str, Array]) -> list[str]:
-    """The variables that move, one of those that move alike, at most as many as are tried."""
+    """Select variables that change and are not strongly correlated with each other, at most `VARYING.variables`."""
     found: list[str] = []
     for name, course in courses.items():
         span, size = float(np.ptp(course)), float(np.abs(course).max())
@@ -229,7 +233,7 @@ def _moving(courses: Mapping[str, Array]) -> list[str]:
 
 def _of_form(form: Component, leaf: Leaf, key: str, courses: Mapping[str, Array], units: Mapping[str, Unit],
              times: tuple[float, float]) -> Iterator[Candidate]:
-    """The candidates of one form of factor for one parameter."""
+    """Candidates of one form of factor for one parameter."""
     assert form.effect is not None
     words, u = form.effect.varies_with, next(iter(form.signals))
     for variable, course in courses.items():
@@ -242,7 +246,7 @@ def _of_form(form: Component, leaf: Leaf, key: str, courses: Mapping[str, Array]
 
 
 def _by_record(problem: Residuals, leaf: Leaf, name: str) -> Candidate:
-    """A parameter with a value of its own for each record."""
+    """Candidate that gives a parameter a separate value for each record."""
     key = name.rpartition(".")[2]
     unit = leaf.component.parameters[key].unit
     value = problem.runs[0].assembly.parameter_values[name]
@@ -256,7 +260,7 @@ def _by_record(problem: Residuals, leaf: Leaf, name: str) -> Candidate:
 
 def _candidate(form: Component, leaf: Leaf, key: str, variable: str, unit: Unit, span: tuple[float, float],
                u: str) -> Candidate:
-    """One factor of one parameter with one variable, at its neutral value."""
+    """Candidate with one factor of one parameter that depends on one variable, at its neutral value."""
     effect = form.effect
     assert effect is not None
     low, high = span
@@ -270,7 +274,7 @@ def _candidate(form: Component, leaf: Leaf, key: str, variable: str, unit: Unit,
             values[name] = quantity(float(f"{at_motion[sought.held]:.4g}"), own)
             continue
         if sought is not None and sought.range is None:
-            inside = VARYING.inside * (high - low)  # at the ends a step is another constant value
+            inside = VARYING.inside * (high - low)  # a step at an end is another constant value
             sought = SearchRange(Range(low + inside, high - inside, own), "")
         values[name] = quantity(0.0 if sought is None else (low + high) / 2, own)
         numbers.append(EffectNumber(f"{part}.{name}", own, parameter.low, parameter.high, sought, name in effect.amplitude,
@@ -283,8 +287,11 @@ def _candidate(form: Component, leaf: Leaf, key: str, variable: str, unit: Unit,
 
 def with_onset(candidate: Candidate, library: Library, spans: Mapping[str, tuple[float, float]],
                begins: Mapping[str, float]) -> Candidate | None:
-    """The effect that acts from a time on, with one time for each record: `begins` (s), sought within and beyond the `spans`
-    of the records; None if its amplitudes cannot vary. A parameter that changes at a time changes at one in each record."""
+    """Candidate whose effect begins at a separate time in each record; None if its amplitudes cannot vary.
+
+    `begins` are the initial values of these times (s). They are sought within the `spans` (s) of the records and a short
+    distance beyond. If the candidate is a step of a parameter at a time, this time becomes separate for each record.
+    """
     component = library.component(candidate.component)
     amplitudes = candidate.vanishing
     changes = next((n for n in candidate.numbers if n.name.rpartition(".")[2] in component.parameters
@@ -299,7 +306,7 @@ def with_onset(candidate: Candidate, library: Library, spans: Mapping[str, tuple
     half = min(high - low for low, high in spans.values()) / 2
     beyond = VARYING.beyond * half
     span = Range(min(low for low, _ in spans.values()) - beyond, max(high for _, high in spans.values()) + beyond, SECOND)
-    # at an end the effect acts in the whole record, or not at all
+    # at an end of its range the effect acts in the whole record, or not at all
     ends = {name: (low - beyond, high + beyond) for name, (low, high) in spans.items()}
     there = {name: ends[name][0] if begin <= spans[name][0] else ends[name][1] if begin >= spans[name][1] else begin
              for name, begin in begins.items()}

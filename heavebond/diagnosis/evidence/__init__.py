@@ -1,1 +1,1 @@
-"""Predictive comparison of refits, flexible laws, probabilities."""
+"""Evidence: residual tests, predictive comparison of refits, flexible laws, probabilities."""

@@ -1,16 +1,16 @@
 """Comparison of refits: the candidates that the records cannot distinguish from the best one.
 
-If the best one leaves no more than noise, the noise is the reference: another one is excluded if its likelihood is smaller
-by strong evidence. Otherwise no law is exact, and predictive errors are compared: a candidate is excluded if it is outside
-the model confidence set and also leaves more by a material share of the misfit or by a multiple of the residual of the
-best; and if it explains less than half of what the best one explains. All comparisons use all samples, each predicted by
-parameters that were not fitted to it.
+If the residual of the best candidate is noise, the noise is the reference: another candidate is excluded if strong evidence
+shows that its likelihood is smaller. Otherwise no law is exact, and predictive errors are compared. A candidate is then
+excluded in two cases. First, it is outside the model confidence set, and its residual exceeds the residual of the best by a
+material share of the misfit or by a large factor. Second, it explains less than half of the misfit that the best one
+explains. All comparisons use all samples, each predicted by parameters that were not fitted to it.
 
-Some candidates act as another value of a number of the diagram. With s_o (n,) the part of the derivative of the residuals
-to the candidate's amplitude that the free parameters cannot absorb, and h_o the same of a number that the diagram holds
-fixed, the two cannot be distinguished to first order if s_o is proportional to h_o: added mass on a body, and the mass of
-that body. If s itself is proportional to the derivative to a free parameter, nothing of it remains (see `scoring.SAME`),
-and no record can show the candidate.
+Some candidates are equivalent to another value of a number of the diagram. Let s_o (n,) be the part of the derivative of the
+residuals with respect to the candidate's amplitude that the free parameters cannot absorb, and h_o the same part for a
+number that the diagram holds fixed. The candidate and the number cannot be distinguished to first order if s_o is
+proportional to h_o. Example: an added mass on a body, and the mass of that body. If the whole derivative s is proportional
+to the derivative with respect to a free parameter, s_o vanishes (see `scoring.SAME`), and no record can show the candidate.
 """
 
 from __future__ import annotations
@@ -44,37 +44,43 @@ from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
 
 ALL = (FITTED, SELECTION, TEST)
-# Strong evidence in BIC is 10 (R. E. Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572); as no law is exact,
-# 0.3 % of chi-square besides.
+# A BIC difference of 10 is strong evidence (R. E. Kass, A. E. Raftery, 1995, doi:10.1080/01621459.1995.10476572). As no law
+# is exact, 0.3 % of chi-square is added.
 STRONG, INEXACT = 10.0, 0.003
-HOPELESS = 10.0  # times what the best leaves, from which on a candidate is outside the set without a bootstrap
+HOPELESS = 10.0  # a candidate with this multiple of the best loss is excluded without a bootstrap
 
 
 @dataclass(frozen=True)
 class Identity:
-    """Refits compared with each other: those in the answer, best first; how many independent blocks the samples are worth
-    (NaN where the noise decided)."""
+    """Result of a comparison of refits.
+
+    members: refits that the records cannot distinguish, best first. blocks: number of independent blocks in the samples (NaN
+    if the noise was the reference).
+    """
 
     members: tuple[Refit, ...]
     blocks: float
 
     @property
     def too_short(self) -> bool:
-        """Whether several candidates are left because the records are too short to tell them apart."""
+        """True if several candidates remain because the records are too short to distinguish them."""
         return len(self.members) > 1 and self.blocks < DECISION.blocks
 
 
 def likelihood(trial: Refit, joint: bool = False) -> float:
-    """BIC of the fitted samples and n ln(chi-square) of all others, smaller is better; `joint` with what the others would
-    leave if all records were fitted: numbers that the fit leaves open may miss other records by more than one law does more
-    than another."""
+    """Information criterion of a refit over all samples; smaller is better.
+
+    It is BIC of the fitted samples plus n ln(chi-square) of the n other samples. If `joint`, chi-square of the other samples
+    is reduced by `Refit.slack`, which estimates a fit to all records. Parameters that the fitted records do not determine
+    can change the errors on other records by more than the difference between two laws.
+    """
     held = trial.chi2_held_out - joint * trial.slack / max(trial.samples_held_out, 1)
     others = trial.samples_held_out * float(np.log(max(held, 1e-300))) if trial.samples_held_out else 0.0
     return bic(trial.cost, trial.samples, trial.unknowns) + others
 
 
 def leaves_noise(trial: Refit) -> bool:
-    """Whether a refit leaves no more than noise: the given one, or near an estimated one."""
+    """True if the residual of a refit is noise: not above the specified noise, or near an estimated noise."""
     if trial.experiment.noise_given:
         held = (trial.chi2_held_out, trial.samples_held_out) if trial.samples_held_out else (trial.chi2_fit, trial.samples)
         return is_noise(trial.chi2_fit, *held)
@@ -82,8 +88,8 @@ def leaves_noise(trial: Refit) -> bool:
 
 
 def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> Identity:
-    """The `trials` that cannot be told from the best of them, which is one of them; `before` are the predictive errors of
-    the model without any."""
+    """Select the `trials` that the records cannot distinguish from `best`, one of them; `before` are the predictive errors
+    without any candidate."""
     others = [t for t in trials if t is not best]
     if leaves_noise(best):
         margin = STRONG + INEXACT * (best.samples + best.samples_held_out)
@@ -97,8 +103,8 @@ def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> 
 
 
 def best_predicting(trials: Sequence[Refit], *roles: int) -> Refit:
-    """The trial with the smallest mean predictive error in units of the discrepancy of each record, on samples of these
-    roles (default: all); the first one if the trials have no common samples."""
+    """Trial with the smallest mean predictive error, in units of the discrepancy of each record, on samples of these roles
+    (default: all). Return the first trial if the trials have no common samples."""
     errors = [t.errors for t in trials if t.errors is not None]
     if len(errors) < len(trials) or len({len(e.sums) for e in errors}) != 1 or not len(errors[0].sums):
         return trials[0]
@@ -113,20 +119,24 @@ def loss(trial: Refit) -> float:
 
 
 def _left(trial: Refit, joint: bool) -> float:
-    """What a refit leaves above the noise; `joint`: without what it leaves because its own numbers are uncertain."""
+    """Residual chi-square per sample above the noise; if `joint`, without the part due to undetermined numbers
+    (`Refit.slack`)."""
     assert trial.errors is not None
     return loss(trial) - 1.0 - joint * trial.slack / max(trial.errors.samples(*ALL), 1)
 
 
 def _explains(best: Refit, other: Refit, misfit: float) -> bool:
-    """Whether another candidate takes away a good part of the misfit that the best one takes away: what leaves nearly all of
-    it explains nothing, however few independent blocks the records hold."""
+    """True if a candidate removes at least the share `DECISION.mainly` of the misfit that the best one removes. A candidate
+    that removes hardly any misfit is thus excluded even if the records contain few independent blocks."""
     return misfit - min(_left(other, joint) for joint in (False, True)) >= DECISION.mainly * (misfit - _left(best, False))
 
 
 def differs_materially(best: Refit, other: Refit, misfit: float) -> bool:
-    """Whether another candidate leaves more by a material share of the misfit, or several times what the best leaves above
-    the noise; also where what it leaves because its own numbers are uncertain is not counted."""
+    """True if the residual of a candidate is materially larger than the residual of the best.
+
+    The criterion is a difference of a material share of the misfit, or a multiple of the residual of the best above the
+    noise. It must be satisfied with and without the part of the residuals that is due to undetermined parameters.
+    """
     def differ(least: float, more: float) -> bool:
         return more - least > DECISION.material * misfit or more > DECISION.times * max(least, DECISION.near - 1.0)
 
@@ -134,12 +144,13 @@ def differs_materially(best: Refit, other: Refit, misfit: float) -> bool:
 
 
 def dispensable_variations(trials: Sequence[Refit], later: bool = False) -> list[Refit]:
-    """The trials that vary a parameter of the diagram and that do not reach the noise, if a law with constant parameters is
-    not materially worse, or if this is a `later` step than the first.
+    """Select the trials that vary a parameter and whose residual is not noise, if a law with constant parameters is not
+    materially worse, or if this is a `later` step than the first.
 
-    A parameter that varies over a variable, over time or between records describes a difference without a cause, and there
-    are many of them. So a variation that does not reach the noise must leave several times less above the noise (`times`)
-    than each law. After the first step the residual may be the error of the law before it, which variations imitate.
+    A parameter that varies with a variable, with time or between records describes a difference without a cause, and such
+    candidates are numerous. So the residual of a variation above the noise must be several times (`DECISION.times`) smaller
+    than the residual of each law. After the first step the residual may be the error of the law selected before, and
+    variations can imitate this error.
     """
     laws = [_left(t, False) for t in trials if not t.candidate.varies and t.errors is not None]
     least = 0.0 if later else min(laws, default=inf)
@@ -148,8 +159,8 @@ def dispensable_variations(trials: Sequence[Refit], later: bool = False) -> list
 
 
 def _set(best: Refit, others: Sequence[Refit]) -> ConfidenceSet | None:
-    """The confidence set of the best (its first) and the others; those that leave many times more come out without a share
-    in it."""
+    """Confidence set of the best (index 0) and the others; None without common samples. Candidates with a much larger loss
+    get the p value 0 without a bootstrap."""
     errors = [t.errors for t in (best, *others)]
     found = [e for e in errors if e is not None]
     if len(found) < len(errors) or len(found) < 2 or not len(found[0].sums):
@@ -163,15 +174,20 @@ def _set(best: Refit, others: Sequence[Refit]) -> ConfidenceSet | None:
     return ConfidenceSet(p, frequency, part.blocks)
 
 
-# Tangents of the search err by some percent (see `scoring.SIZED`): two that are nearly in proportion, less than this share
-# of one beside the other, are computed anew, at this share of the tolerances, where the error falls with them.
+# The tangents of the search have errors of some percent (see `scoring.SIZED`). Two tangents are nearly proportional if the
+# sine of the angle between them is below NEARLY. They are computed again with the tolerances times FINELY, which reduces the
+# error in proportion.
 NEARLY, FINELY = 0.05, 0.01
 
 
 def equivalent_values(base: Base, scores: Sequence[Score]) -> dict[str, tuple[str, ...]]:
-    """The numbers of the diagram of which candidates are another value, by the labels of these: at every choice of its
-    shapes a candidate is in proportion to the same one. Where the tangents are so nearly, they are computed anew by finer
-    runs: those of the search err by more than what decides."""
+    """Find the numbers of the diagram that are equivalent to candidates. The keys of the result are the labels of the
+    candidates.
+
+    A candidate is equivalent to another value of a number if its tangents at all shapes are proportional to the tangent of
+    this number. Tangents that are nearly proportional are computed again with smaller tolerances, because the errors of the
+    tangents of the search exceed the threshold.
+    """
     held = _held_directions(base) if scores else {}
     free = _unit({column.free.name: base.J[:, k] for k, column in enumerate(base.problem.columns)})
     of: dict[str, list[Score]] = {}
@@ -190,8 +206,11 @@ def equivalent_values(base: Base, scores: Sequence[Score]) -> dict[str, tuple[st
 
 
 def _held_directions(base: Base) -> dict[str, Array]:
-    """What the free parameters do not take of the derivative of the residuals to each number that is held fixed, by the
-    diagram or by an end of its range, as directions (n,); without those of which nothing is left."""
+    """Unit vectors (n,) along the derivatives of the residuals with respect to the fixed numbers, projected orthogonal to
+    the free parameters.
+
+    A number is fixed by the diagram or by an end of its range. A number is left out if its projection vanishes.
+    """
     names = [c.numbers[0].name for c in fixed_values(base.problem.experiment)]
     stopped = set(range(len(base.problem.columns))) - {int(k) for k in base.moving}
     moved = {base.problem.columns[k].free.name: base.J[:, k] for k in stopped}
@@ -202,11 +221,14 @@ def _held_directions(base: Base) -> dict[str, Array]:
 
 
 def _beside_finely(base: Base, score: Score, name: str) -> float:
-    """The share of a score's direction that is beside that of a number, both from finer runs; 1 where they fail, or where
-    the score is no tangent. What the free parameters take of two vectors in proportion is in proportion as well, however
-    exact J is."""
+    """Sine of the angle between the direction of a score and the direction of a number, both from runs with smaller
+    tolerances.
+
+    Return 1 if these runs fail, or if the score is not a tangent. The projections of two proportional vectors are also
+    proportional, so an approximate J is sufficient.
+    """
     along = list(score.along)
-    if not along:  # the difference at a finite value, of an effect that has no tangent
+    if not along:  # a difference at a finite value, of an effect without a tangent
         return 1.0
     size = SIZED * float(np.linalg.norm(base.r)) / score.size
     there = {**{n.name: n.neutral for n in score.candidate.vanishing}, **score.shapes}
@@ -220,7 +242,7 @@ def _beside_finely(base: Base, score: Score, name: str) -> float:
 
 
 def _finely(runs: Sequence[Run], sizes: Mapping[str, float]) -> list[Run]:
-    """The runs with a hundredth of their tolerances, whose error control knows how large amplitudes are."""
+    """Repeat runs with FINELY times their tolerances; `sizes` scale the amplitudes in the error control."""
     return [run.again(run.names, sizes, QuickSimulator, run.simulator.tolerances.scaled(FINELY)) for run in runs]
 
 
@@ -229,5 +251,5 @@ def _unit(columns: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _beside(direction: Array, others: Mapping[str, Array]) -> dict[str, float]:
-    """The share of a unit vector (n,) that is beside each of others, the sine of the angle between them."""
+    """Sine of the angle between a unit vector (n,) and each of the other unit vectors."""
     return {name: float(np.linalg.norm(direction - (direction @ s) * s)) for name, s in others.items()}

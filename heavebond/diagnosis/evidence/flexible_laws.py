@@ -1,20 +1,22 @@
 """Flexible laws as a reference for named laws.
 
-The residual of a named law alone does not speak against the name: another effect may be missing as well. The reference is a
-flexible law: the identified curves of the library (nine coefficients of a smooth curve of one variable), each fitted in
-place of the effect and judged by the same predictive errors. If the best of them at the same place explains most of the
-residual of the named law, the law is not in the catalogue; otherwise the name holds. If a curve at another place does as
-well as the name, the place is uncertain; if it explains most of the residual, the missing effect is there. An identified
-curve is valid only within the motion that it was fitted to: if too much of the held-out motion lies outside, adequacy is
-not decided.
+A residual above the noise does not show that a named law is wrong, because another effect may be missing as well. The
+reference is a flexible law: each identified curve of the library (nine coefficients of a smooth curve of one variable) is
+fitted in place of the effect and compared by the same predictive errors. If the best curve at the same place explains most
+of the residual of the named law, the law is not in the catalogue; otherwise the name holds. If a curve at another place
+predicts as well as the named law, the place is uncertain. If it explains most of the residual, the missing effect is there.
+An identified curve is valid only within the motion that it was fitted to: if too much of the held-out motion lies outside,
+adequacy is not decided.
 
-A curve of nine coefficients absorbs more than a law of one: the offset of an input, a second effect. So law and curve are
-compared in the diagram that contains all later effects; if the search for these was cut short, the curves are no reference.
+A curve with nine coefficients absorbs more than a law with one: the offset of an input, or a second effect. So law and curve
+are compared in the diagram that contains all later effects. If the search for these was cut short, the curves are not used
+as a reference.
 
-The remainder is the law that explains most of the final residual: the unknown input at each place of the last diagram, with
-all values at the fit, and the law that it follows (see `localise`): a curve, a loop with a branch for each direction of
-motion (memory), or a curve that a second variable changes. It is regularised by cross-validation within the fitted records,
-and counts on held-out data alone, as far as these move within the fitted range.
+The remainder is the law that explains most of the final residual. The unknown input is estimated at each place of the last
+diagram, with all values at the fit, together with the law that it follows (see `localise`): a curve, a loop with a branch
+for each direction of motion (memory), or a curve that a second variable changes. The law is regularised by cross-validation
+within the fitted records. Its share of the residual is computed on held-out data only, where these lie within the fitted
+range.
 """
 
 from __future__ import annotations
@@ -43,15 +45,17 @@ from heavebond.numerics.result import Probe
 
 @dataclass(frozen=True)
 class Adequacy:
-    """How far the selected effects explain the misfit.
+    """Share of the misfit that the selected effects explain, and its comparison with identified curves.
 
-    explained: share of chi-square above the noise that they take away together, cross-validated and on held-out data;
-    flexible: the identified curve at the place of the first effect that predicts best, or one at another place that explains
-    most of what the best there leaves; elsewhere: another one at another place that predicts as well as the effect or
-    better; beaten: whether the curve `flexible` explains most of what the effect leaves; covered: share of the held-out
-    motion that lies inside the motion that this curve was fitted to (NaN without one); complete: whether all candidates of
-    the step, and other values of fixed parameters, were tried beside the effect; tried: whether all identified curves were;
-    law, curves: the refit of the effect and those of all identified curves in its place, in the same diagram.
+    * explained: share of chi-square above the noise that the effects remove together, cross-validated and on held-out data.
+    * flexible: the best-predicting identified curve at the place of the first effect, or one at another place that explains
+      most of the residual of that curve.
+    * elsewhere: another curve, at another place, that predicts as well as the effect or better.
+    * beaten: True if the curve `flexible` explains most of the residual of the effect.
+    * covered: share of the held-out motion inside the motion that this curve was fitted to (NaN without a curve).
+    * complete: True if all candidates of the step and other values of fixed parameters were tried.
+    * tried: True if all identified curves were tried.
+    * law, curves: the refits of the effect and of all identified curves in its place, in the same diagram.
     """
 
     explained: float
@@ -66,18 +70,18 @@ class Adequacy:
 
     @property
     def decided(self) -> bool:
-        """Whether a flexible law was a yardstick: there is one, and it covers the held-out motion."""
-        return self.flexible is not None and self.covered >= DECISION.covered  # (NaN: it could not be told)
+        """True if an identified curve is a valid reference: one exists, and it covers the held-out motion."""
+        return self.flexible is not None and self.covered >= DECISION.covered  # False if `covered` is NaN
 
     @property
     def stands(self) -> bool:
-        """Whether the name stands, although more than noise is left: the effect explains most of the misfit (after a search
-        that was ended early so much that no other candidate could explain materially more)."""
+        """True if the named effect holds although the residual exceeds the noise: it explains most of the misfit. After a
+        search that was ended early, it must explain so much that no other candidate could explain materially more."""
         least = DECISION.mainly if self.complete else 1 - DECISION.material
         return self.explained >= least and not self.beaten
 
     def as_dict(self) -> dict[str, object]:
-        """The figures, for machines."""
+        """Return the figures for JSON."""
         def named(trial: Refit | None) -> dict[str, object] | None:
             return None if trial is None else {**trial.candidate.as_dict(), "chi2_held_out": trial.chi2_held_out}
 
@@ -88,8 +92,8 @@ class Adequacy:
 
 @dataclass(frozen=True)
 class Comparand:
-    """What curves in the place of an effect are compared with: the refit with the effect, the predictive errors without it,
-    and the experiment without it, which has all effects found after it."""
+    """Data for the comparison with curves: the refit `law` with the effect, the predictive errors `before` without it, and
+    the experiment without it but with all later effects."""
 
     law: Refit
     before: PredictiveErrors
@@ -97,9 +101,11 @@ class Comparand:
 
 
 def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None, complete: bool = True) -> Adequacy:
-    """That of a selection that begins at the stage `made` and ends with the refit `chosen`; `curves` is the stage of
-    identified curves in the place of its first effect, which is compared as it is `beside` the later ones; `complete` as in
-    `Adequacy`."""
+    """Compute the adequacy of a selection that begins with the stage `made` and ends with the refit `chosen`.
+
+    `curves` is the stage of identified curves in place of the first effect. `beside` contains the first effect, compared in
+    the diagram with the later ones. `complete` as in `Adequacy`.
+    """
     assert made.errors is not None
     misfit = made.errors.mean(*ALL) - 1.0
     left = loss(chosen) - 1.0
@@ -116,19 +122,19 @@ def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None
     beaten = here is not None and covered >= DECISION.covered and _explains_most(here, law)
     rival = here if beaten and here is not None else law
     if there is not None and _explains_most(there, rival) \
-            and (so_far := coverage(there, beside.experiment)) >= DECISION.covered:  # (which takes runs of all records)
+            and (so_far := coverage(there, beside.experiment)) >= DECISION.covered:  # simulates all records
         here, there, beaten, covered = there, None, True, so_far
     return Adequacy(explained, here, there, beaten, covered, complete, curves is not None and not curves.partial, law,
                     tuple(t for t in curves.trials if t.errors is not None) if curves is not None else ())
 
 
 def _explains_most(curve: Refit, law: Refit) -> bool:
-    """Whether an identified curve explains most of what a law leaves above the noise."""
+    """True if an identified curve explains most of the residual of a law above the noise."""
     return better(curve, law) and loss(law) - loss(curve) > DECISION.mainly * max(loss(law) - 1.0, 0.0) > 0
 
 
 def better(one: Refit, other: Refit) -> bool:
-    """Whether the predictive errors of one are significantly smaller than those of another."""
+    """True if the predictive errors of one refit are significantly smaller than the errors of another."""
     assert one.errors is not None and other.errors is not None
     if loss(one) >= loss(other):
         return False
@@ -137,16 +143,21 @@ def better(one: Refit, other: Refit) -> bool:
 
 
 def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
-    """Whether a curve at another place predicts as well as the named effect: it does not leave materially more, or not
-    significantly more and explains at least half of what that explains, as any candidate of the set."""
+    """True if a curve at another place predicts as well as the named effect.
+
+    This is the case if its residual is not materially larger. It is also the case if the residual is not significantly
+    larger and the curve explains at least the share `DECISION.mainly` of the misfit that the effect explains.
+    """
     explained, other = misfit + 1.0 - loss(named), misfit + 1.0 - loss(curve)
     return loss(curve) <= loss(named) or not differs_materially(named, curve, misfit) \
         or (not better(named, curve) and other >= DECISION.mainly * explained)
 
 
 def coverage(curve: Refit, before: Experiment) -> float:
-    """The share of the held-out times at which the variable of an identified curve lies inside its range on the fitted
-    records; `before` is the experiment without the curve. NaN where it cannot be told."""
+    """Share of the held-out times at which the variable of an identified curve lies inside its range on the fitted records.
+
+    `before` is the experiment without the curve. NaN if the share cannot be computed.
+    """
     found = next((c for c in candidates(before) if c.label == curve.candidate.label), None)
     variables = list(dict.fromkeys(name for n in (found.numbers if found is not None else ()) for name in n.motions))
     if not variables:
@@ -158,7 +169,7 @@ def coverage(curve: Refit, before: Experiment) -> float:
             known = {n: v for n, v in curve.values.items() if not n.startswith("initial.")}
             compared = compare_record(experiment, record, known)
             values = Probe(compared.result.assembly, variables, si=True).values(compared.result)
-            part = compared.validate  # the last part of a lone record
+            part = compared.validate  # held-out last part of a single record
             begin = np.inf if part is None else min(float(c.time[c.counts][0]) for c in part.channels.values())
             later = (compared.result.time >= begin) | (record.use != "fit")
             for fitted, which in ((True, ~later), (False, later)):
@@ -171,21 +182,28 @@ def coverage(curve: Refit, before: Experiment) -> float:
 
 def judged(way: Selection, complete: bool, tried: bool, number: int | None, seconds: float, say: Progress
            ) -> tuple[Adequacy, Stage | None]:
-    """The adequacy of the first effect of a ladder, and the stage of identified curves by which it was judged; None where
-    that was not made to its end in `seconds`, or not `tried` at all. `complete` as in `Adequacy`."""
+    """Compute the adequacy of the first effect of a selection, and the stage of identified curves used as reference.
+
+    The stage is None if it was not completed within `seconds`, or if `tried` is False: then no curves are fitted. `complete`
+    as in `Adequacy`.
+    """
     law, curves = _compared(way, number, seconds, say) if tried else (_alone(way), None)
     made = adequacy(way[-1].chosen, way[0].step, law, curves, complete)
     return made, curves if curves is not None and not curves.partial else None
 
 
 def adequacy_alone(way: Selection, complete: bool) -> Adequacy:
-    """The adequacy of the first effect of a selection without any identified curve."""
+    """Adequacy of the first effect of a selection, without identified curves."""
     return adequacy(way[-1].chosen, way[0].step, _alone(way), None, complete)
 
 
 def curve_alone(way: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Refit | None, Stage | None]:
-    """The identified curve that alone, without the effects of a ladder, leaves significantly less than these do together,
-    and the stage of curves; None where there is no such curve, or where not all were tried in `seconds`."""
+    """Find the identified curve that, without any effect of the selection, predicts significantly better than all effects
+    together.
+
+    Return the curve and the stage of curves. The curve is None if none is better; both are None if not all curves were tried
+    within `seconds`.
+    """
     made = make_curve_stage(way[0].step.experiment, beside=[t.candidate for t in way[0].alternatives], number=number,
                             seconds=seconds, progress=lambda text: say(f"identified curves: {text}"))
     if made.partial:
@@ -201,8 +219,8 @@ def _alone(way: Selection) -> Comparand:
 
 
 def _compared(way: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Comparand, Stage]:
-    """The first effect as it is beside the others, and the curves in its place; alone if the others cannot be fitted without
-    it."""
+    """First effect in the diagram with the other effects, and the curves in its place. If the others cannot be fitted
+    without it, it is compared without them."""
     law = _alone(way)
     if len(way) > 1:
         others = without_effect(way, 0, say)
@@ -219,31 +237,35 @@ OTHER_CAUSES = "Noise of a measured input (give its `noise:`), the dynamics of a
 
 @dataclass(frozen=True)
 class Remainder:
-    """What acts in the residual. missing: whether there is more than parameters and noise; place: the likeliest place with
-    the law that acts there, None where no place is left or none has a variable."""
+    """The law that acts in the final residual.
+
+    * missing: True if parameters and noise do not explain the residual.
+    * place: the most likely place with its law; None if no place has a law.
+    """
 
     missing: bool
     place: PlaceEstimate | None
 
     @property
     def share(self) -> float:
-        """The share of the residual above the noise that the law removes on held-out data."""
+        """Share of the residual above the noise that the law removes on held-out data."""
         return max(0.0, self.place.curve.r2) if self.place is not None and self.place.curve is not None else 0.0
 
     @property
     def covered(self) -> float:
-        """The share of the held-out motion inside that of the fitted records (NaN without a law)."""
+        """Share of the held-out motion inside the motion of the fitted records (NaN without a law)."""
         return self.place.curve.covered if self.place is not None and self.place.curve is not None else float("nan")
 
     @property
     def decided(self) -> bool:
-        """Whether the law is a yardstick: it predicts better than the model without it, within the motion fitted."""
+        """True if the law is a valid reference: it predicts significantly better than the model without it, within the
+        fitted motion."""
         curve = self.place.curve if self.place is not None else None
         return curve is not None and curve.chance < DECISION.level and curve.covered >= DECISION.covered
 
     @property
     def words(self) -> str:
-        """It in a sentence."""
+        """The remainder in a sentence."""
         place = self.place
         if place is None or place.curve is None:
             return "The residual acts as no force or flow at any place of the diagram."
@@ -259,7 +281,7 @@ class Remainder:
         return f"Most of the residual is {said} ({percent} % of it on held-out data)."
 
     def as_dict(self) -> dict[str, object]:
-        """The figures, for machines."""
+        """Return the figures for JSON."""
         curve = self.place.curve if self.place is not None else None
         return {"explained": self.share, "covered": self.covered, "conclusive": self.decided,
                 "law": None if self.place is None or curve is None else
@@ -269,8 +291,8 @@ class Remainder:
 
 
 def remainder(experiment: Experiment, say: Progress) -> Remainder | None:
-    """That of an experiment whose diagram has all that was found, at its fitted values; None where the records cannot be
-    simulated with it."""
+    """Compute the remainder of an experiment whose diagram contains all selected effects at their fitted values. None if the
+    records cannot be simulated with this diagram."""
     try:
         found = localize(experiment, progress=lambda text: say(f"what is left: {text}"), besides=())
     except HeavebondError:

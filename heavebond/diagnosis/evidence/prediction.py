@@ -1,27 +1,28 @@
-"""Predictive errors of fitted models, and the models that predict as well as the best.
+"""Predictive errors of fitted models, and the model confidence set.
 
-Predictive errors are squared whitened residuals of samples that the parameters were not fitted to. On records that are not
-fitted they are those of the model as fitted. On fitted records they are cross-validated by blocks of time: block B is
-predicted by the parameters fitted to all other samples, without a gap on either side of B, so that correlated residuals
-carry nothing over. No refit is needed for it. With residuals r (n,) and their derivatives J (n, m) at the optimum, P the
-derivatives of the priors and B' the block with its gaps, the parameters without B' are to first order
+Predictive errors are squared whitened residuals of samples that the parameters were not fitted to. On held-out records the
+fitted model is used unchanged. On fitted records the errors are cross-validated by blocks of time: block B is predicted by
+the parameters fitted to the samples outside B and outside a gap on either side of B, so that correlated residuals do not
+carry information into B. No refit is needed. With the residuals r (n,) and their derivatives J (n, m) at the optimum, the
+derivatives P of the priors, and B' the block with its gaps, the parameters without B' are to first order
 
     d = (J'J + P'P)^-1 J_B' 'r_B',      r_B(-B') = r_B + J_B d
 
 (the infinitesimal jackknife: R. Giordano et al., A Swiss Army Infinitesimal Jackknife, AISTATS 2019, arXiv:1806.00550; for
-blocks of dependent data P. Burman, E. Chow, D. Nolan, 1994, doi:10.1093/biomet/81.2.351). The normal matrix keeps the
-block, so that a parameter that one block alone determines (a stop that is met once) does not diverge without it.
+blocks of dependent data P. Burman, E. Chow, D. Nolan, 1994, doi:10.1093/biomet/81.2.351). The normal matrix includes the
+block. So a parameter that only one block determines (for example at the single contact with a stop) does not diverge when
+this block is left out.
 
-The model confidence set: from the losses of several models on the same samples, those are removed one after the other whose
-mean loss is significantly larger than that of another one, until the hypothesis that all remaining models predict equally
-well is no longer rejected at the level alpha. The set then holds the best model with probability 1 - alpha. The statistic
-is the largest t value of all pairs; its distribution, and the standard errors, come from a stationary bootstrap of blocks
-of random length, which keeps the correlation of the losses along time; they are corrected for the share of the variance
-that blocks miss. Blocks do not cross the borders of stretches.
+The model confidence set is computed from the losses of several models on the same samples. Models whose mean loss is
+significantly larger than the loss of another model are removed one by one, until the hypothesis that all remaining models
+predict equally well is no longer rejected at the level alpha. The set then contains the best model with probability 1 -
+alpha. The statistic is the largest t value of all pairs. Its distribution and the standard errors are computed by a
+stationary bootstrap with blocks of random length, which preserves the correlation of the losses along time. They are
+corrected for the share of the variance that blocks miss. Blocks do not cross the borders of stretches.
 
-P. R. Hansen, A. Lunde, J. M. Nason, The model confidence set, Econometrica 79, 2011, doi:10.3982/ECTA5771; D. N. Politis,
-J. P. Romano, The stationary bootstrap, 1994, doi:10.1080/01621459.1994.10476870; block length after D. N. Politis, H.
-White, 2004, doi:10.1081/ETC-120028836, with the correction of A. Patton, D. N. Politis, H. White, 2009,
+P. R. Hansen, A. Lunde, J. M. Nason, The model confidence set, Econometrica 79, 2011, doi:10.3982/ECTA5771; D. N. Politis, J.
+P. Romano, The stationary bootstrap, 1994, doi:10.1080/01621459.1994.10476870; block length after D. N. Politis, H. White,
+2004, doi:10.1081/ETC-120028836, with the correction of A. Patton, D. N. Politis, H. White, 2009,
 doi:10.1080/07474930802459016.
 """
 
@@ -41,14 +42,18 @@ from heavebond.estimation.fitting import own_start
 from heavebond.estimation.residuals import BROKEN, Residuals, Run
 from heavebond.numerics.dae import Array
 
-MISSING = 0.5  # share of the variance that a correction may add at most
-LARGEST = 3  # a block is no longer than this part of the mean stretch
+MISSING = 0.5  # largest share of the variance that the correction may add
+LARGEST = 3  # the mean length of a stretch is at least this many blocks
 
 
 @dataclass(frozen=True)
 class ConfidenceSet:
-    """p: the p value of each of m models (m,): those with at least the level are in the set; best: the share of resamples
-    in which each has the smallest mean loss (m,); blocks: how many independent blocks the samples are worth."""
+    """A model confidence set of m models.
+
+    * p: p value of each model (m,); the set contains the models with p >= the significance level.
+    * best: share of the resamples in which each model has the smallest mean loss (m,).
+    * blocks: number of independent blocks in the samples.
+    """
 
     p: Array
     best: Array
@@ -60,8 +65,11 @@ class ConfidenceSet:
 
 def confidence_set(losses: Array, counts: Array, stretch: NDArray[np.int64], draws: int = DECISION.draws,
                    seed: int = 0) -> ConfidenceSet:
-    """The set for m models: `losses` (m, k) are sums over bins of `counts` (k,) samples, `stretch` (k,) the number of the
-    uninterrupted stretch of each bin (bins of one stretch are neighbours)."""
+    """Compute the model confidence set of m models.
+
+    `losses` (m, k) are sums over k bins, `counts` (k,) the numbers of samples per bin. `stretch` (k,) is the number of the
+    uninterrupted stretch of each bin; bins of one stretch are neighbours.
+    """
     m = len(losses)
     samples = float(counts.sum())
     means = losses.sum(axis=1) / samples
@@ -91,8 +99,11 @@ def confidence_set(losses: Array, counts: Array, stretch: NDArray[np.int64], dra
 
 
 def resampled(stretch: NDArray[np.int64], length: float, draws: int, random: np.random.Generator) -> Array:
-    """How often each bin is drawn in each resample (draws, k): blocks of geometric lengths of this mean, which go on at the
-    beginning of their stretch where they pass its end."""
+    """Count how often each bin is drawn in each resample of a stationary bootstrap (draws, k).
+
+    The lengths of the blocks are geometric with mean `length`. A block that reaches the end of its stretch continues at the
+    beginning of this stretch.
+    """
     found = np.zeros((draws, len(stretch)))
     for begin, end in stretches(stretch):
         n = end - begin
@@ -107,15 +118,18 @@ def resampled(stretch: NDArray[np.int64], length: float, draws: int, random: np.
 
 
 def stretches(stretch: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Where each stretch begins and ends."""
+    """First index and end index of each stretch."""
     edges = [0, *(np.flatnonzero(np.diff(stretch)) + 1).tolist(), len(stretch)]
     return list(pairwise(edges))
 
 
 def block_length(x: Array, stretch: NDArray[np.int64]) -> tuple[float, float]:
-    """The mean length b of blocks for a series (k,) of mean zero that is best for the variance of its mean, and the share
-    of this variance that the bootstrap then misses to first order, G/(b g) + b/k with g the spectrum at zero and G the sum
-    of |lag| times the autocovariance (S. N. Lahiri, 1999, doi:10.1214/aos/1018031117)."""
+    """Optimal mean length b of the bootstrap blocks of a series, and the share of the variance that the bootstrap misses.
+
+    `x` (k,) has zero mean. The length b minimises the mean squared error of the estimated variance of the mean. The missing
+    share is G/(b g) + b/k to first order, with the spectrum g at frequency zero and the sum G of |lag| times the
+    autocovariance (S. N. Lahiri, 1999, doi:10.1214/aos/1018031117).
+    """
     parts = [x[begin:end] for begin, end in stretches(stretch)]
     n = len(x)
     most = max(1.0, n / len(parts) / LARGEST)
@@ -135,16 +149,20 @@ def block_length(x: Array, stretch: NDArray[np.int64]) -> tuple[float, float]:
     return length, float(np.clip(G / spectrum / length, 0.0, MISSING) + min(length / n, MISSING) / 2)
 
 
-FITTED, SELECTION, TEST = 0, 1, 2  # roles of data
-BINS = 2000  # at most: neighbouring samples are summed, which leaves the sums of blocks as they are
-GAP = 0.5  # share of a block that a gap may have at most
+FITTED, SELECTION, TEST = 0, 1, 2  # roles of the samples
+BINS = 2000  # largest number of bins; neighbouring samples are summed, which does not change the sums of blocks
+GAP = 0.5  # largest gap as a share of a block
 
 
 @dataclass(frozen=True)
 class PredictiveErrors:
-    """Squared whitened prediction errors in consecutive bins of time: their sums (k,), the number of samples in each (k,),
-    the uninterrupted stretch of a record that each bin belongs to (k,), and the role (k,) of its samples: FITTED
-    (cross-validated), SELECTION or TEST."""
+    """Squared whitened prediction errors in consecutive bins of time.
+
+    * sums (k,): sum of the errors in each bin.
+    * counts (k,): number of samples in each bin.
+    * stretch (k,): number of the uninterrupted stretch of a record to which the bin belongs.
+    * role (k,): FITTED (cross-validated), SELECTION or TEST.
+    """
 
     sums: Array
     counts: Array
@@ -152,22 +170,22 @@ class PredictiveErrors:
     role: NDArray[np.int64]
 
     def mean(self, *roles: int) -> float:
-        """The mean over the samples of these roles (chi-square per sample); NaN without samples."""
+        """Mean error over the samples of these roles (chi-square per sample); NaN if there are no samples."""
         of = np.isin(self.role, roles)
         samples = float(self.counts[of].sum())
         return float(self.sums[of].sum()) / samples if samples else float("nan")
 
     def samples(self, *roles: int) -> int:
-        """The number of samples of these roles."""
+        """Number of samples of these roles."""
         return int(self.counts[np.isin(self.role, roles)].sum())
 
 
 def discrepancy(errors: Sequence[PredictiveErrors]) -> Array:
-    """The discrepancy (k,) of each bin: the mean error, over its stretch, of the model that predicts this stretch best, at
-    least the noise (1). The errors are those of several models on the same samples.
+    """Model discrepancy (k,) of each bin, in noise variances: the mean error in its stretch of the model that predicts the
+    stretch best, at least 1.
 
-    The residual of a good model of a real machine is a discrepancy whose level differs between records. In units of the
-    noise, the record that all models predict worst would decide alone.
+    The errors are given for several models on the same samples. The discrepancy of a good model of a real machine differs
+    between records. Without this scale the record that all models predict worst would dominate the comparison.
     """
     counts, stretch = errors[0].counts, errors[0].stretch
     means = np.array([np.bincount(stretch, e.sums) for e in errors]) / np.maximum(np.bincount(stretch, counts), 1)
@@ -175,13 +193,15 @@ def discrepancy(errors: Sequence[PredictiveErrors]) -> Array:
 
 
 def levelled(errors: Sequence[PredictiveErrors]) -> Array:
-    """The sums (m, k) of errors of m models on the same samples, in units of the discrepancy of each stretch."""
+    """Sums (m, k) of the errors of m models on the same samples, divided by the discrepancy of each stretch."""
     return np.array([e.sums for e in errors]) / discrepancy(errors)
 
 
 def share_taken(before: PredictiveErrors, after: PredictiveErrors, *roles: int) -> float:
-    """The share of the error above the noise that a model takes away from another one, on samples of these roles, in units
-    of the discrepancy of each stretch."""
+    """Share of the error above the noise that a model removes, compared with the model `before`.
+
+    The share is computed on samples of these roles, with errors divided by the discrepancy of each stretch.
+    """
     chosen, level = np.isin(before.role, roles), discrepancy([before, after])
     first, last, noise = (float((x / level)[chosen].sum()) for x in (before.sums, after.sums, before.counts))
     return (first - last) / max(first - noise, 1e-9 * noise)
@@ -189,7 +209,7 @@ def share_taken(before: PredictiveErrors, after: PredictiveErrors, *roles: int) 
 
 @dataclass(frozen=True)
 class Series:
-    """Errors of one record along its times: sums (N,) over the channels, counts (N,), and their role."""
+    """Errors of one record at its N times: sums (N,) over the channels, counts (N,), and their role."""
 
     sums: Array
     counts: Array
@@ -198,14 +218,17 @@ class Series:
 
 def predictive_errors(problem: Residuals, inner: Array, exact: Mapping[str, Run], r: Array,
                       own: Mapping[str, Mapping[str, float]] | None = None) -> PredictiveErrors:
-    """The predictive errors of a fit: `r` (n,) are its residuals on the fitted samples, `exact` runs of all records. `own`
-    are the values of each held-out record alone, if they are known."""
+    """Compute the predictive errors of a fit.
+
+    `r` (n,) are the residuals on the fitted samples, `exact` are runs of all records. `own` contains the separate values
+    of each held-out record; if None, they are fitted.
+    """
     own = own_starts_of(problem, inner, exact) if own is None else own
     return binned([*_fitted(problem, inner, r), *_held_out(problem, inner, exact, own)])
 
 
 def own_starts_of(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> dict[str, dict[str, float]]:
-    """The values that each held-out record has of its own, by its name; without records that cannot be simulated."""
+    """Fit the separate values (`each: record`) of each held-out record; a record that cannot be simulated is left out."""
     found = {}
     for record in problem.experiment.records.values():
         if record.use != "fit" and exact[record.name].counts.any():
@@ -216,7 +239,7 @@ def own_starts_of(problem: Residuals, inner: Array, exact: Mapping[str, Run]) ->
 
 
 def binned(series: Sequence[Series]) -> PredictiveErrors:
-    """The bins of several series; times at which no sample counts end a stretch where they are many."""
+    """Collect several series in bins. Times without samples end a stretch if they are many."""
     total = sum(int((s.counts > 0).sum()) for s in series)
     width = max(1, -(-total // BINS))
     sums, counts, stretches, roles = [], [], [], []
@@ -232,8 +255,8 @@ def binned(series: Sequence[Series]) -> PredictiveErrors:
 
 
 def _parts(s: Series) -> Iterator[NDArray[np.int64]]:
-    """The places of the samples of a series, stretch by stretch: one ends where samples are missing for longer than ten
-    usual distances (blocks that are held out; a gap)."""
+    """Indices of the samples of a series, one array per stretch. A stretch ends if samples are missing for more than ten
+    median distances (held-out blocks, a gap in the record)."""
     there = np.flatnonzero(s.counts > 0)
     if len(there):
         far = np.diff(there)
@@ -242,7 +265,7 @@ def _parts(s: Series) -> Iterator[NDArray[np.int64]]:
 
 def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run], own: Mapping[str, Mapping[str, float]]
               ) -> Iterator[Series]:
-    """The errors on all samples that were not fitted; a run that breaks down has a large error at each."""
+    """Errors on all samples that were not fitted. If a run fails, its samples get a large error."""
     experiment = problem.experiment
     for record in experiment.records.values():
         run, values = exact[record.name], problem.values_of(inner, record.name)
@@ -257,7 +280,8 @@ def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run], own: M
 
 
 def _series(which: NDArray[np.bool_], r: Array, role: int) -> Series:
-    """Residuals of the samples `which` (channels, N), channel after channel, along the times."""
+    """Sum squared residuals over the channels at each time. `which` (channels, N) marks the samples; `r` is ordered channel
+    by channel."""
     place = np.nonzero(which)[1]
     with np.errstate(over="ignore", invalid="ignore"):
         squared = np.nan_to_num(np.minimum(r**2, BROKEN**2), nan=BROKEN**2)
@@ -266,7 +290,7 @@ def _series(which: NDArray[np.bool_], r: Array, role: int) -> Series:
 
 
 def _fitted(problem: Residuals, inner: Array, r: Array) -> Iterator[Series]:
-    """The cross-validated errors on the fitted samples of each record."""
+    """Cross-validated errors on the fitted samples of each record."""
     predicted = cross_validated(problem, inner, r)
     ends = np.cumsum([int(run.counts.sum()) for run in problem.runs])[:-1]
     for run, part in zip(problem.runs, np.split(predicted, ends), strict=True):
@@ -274,7 +298,7 @@ def _fitted(problem: Residuals, inner: Array, r: Array) -> Iterator[Series]:
 
 
 def cross_validated(problem: Residuals, inner: Array, r: Array) -> Array:
-    """The residuals (n,) of all fitted samples, each predicted by the parameters fitted without its block of time."""
+    """Residuals (n,) of all fitted samples, each predicted by parameters fitted without its block of time."""
     moving = np.flatnonzero(~problem.at_end(inner))
     if not len(moving):
         return r
@@ -291,8 +315,8 @@ def cross_validated(problem: Residuals, inner: Array, r: Array) -> Array:
 
 
 def _blocks(problem: Residuals) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """The samples of each block, and those with the gaps on either side: as many blocks for each record as its share of all
-    samples asks for."""
+    """Indices of the samples of each block, and of the same block with its gaps. The number of blocks of a record is
+    proportional to its number of samples."""
     total, before = problem.samples, 0
     for run in problem.runs:
         place = np.nonzero(run.counts)[1]

@@ -1,31 +1,35 @@
-"""How sure is it? A calibrated probability of each event that the records may be explained by.
+"""Calibrated probabilities of the events that can explain the records.
 
-The events are the classes of the catalogue at their places, "outside the catalogue", "parameters only" and "nothing";
-their probabilities add up to 1.
+The events are the classes of the catalogue at their places, "outside the catalogue", "parameters only" and "nothing". Their
+probabilities add up to 1.
 
-Among effects, and among other values of what the diagram holds fixed, the weight of each is that of stacking by
-bootstrapped predictive likelihoods (pseudo-BMA+: Y. Yao, A. Vehtari, D. Simpson, A. Gelman, 2018, doi:10.1214/17-BA1091),
-tempered by one temperature T: with l_i the mean squared whitened prediction error of model i over n samples in one
-resample of blocks (see `evidence.prediction`),
+The effects, and other values of the numbers that the diagram holds fixed, are weighted by stacking with bootstrapped
+predictive likelihoods (pseudo-BMA+: Y. Yao, A. Vehtari, D. Simpson, A. Gelman, 2018, doi:10.1214/17-BA1091), tempered by one
+temperature T. Let l_i be the mean squared whitened prediction error of model i over n samples in one resample of blocks (see
+`evidence.prediction`). The weight of model i is
 
     w_i = E[ l_i**-q / sum_j l_j**-q ],      q = n/2T / c + min(n/2T, b/2) (1 - 1/c)
 
-over resamples; for T = 0 the share of resamples in which i predicts best. c is the mean squared error that the best model
-leaves, in noise variances, and b the number of independent blocks that the records are worth: what exceeds the noise is a
-correlated discrepancy, of which n samples carry the information of b. These weights are multiplied by the volume that the
-unknowns of a model lose, (2 q)**(-k/2) for k unknowns (Laplace's approximation of the evidence; G. Schwarz, 1978,
-doi:10.1214/aos/1176344136, with 2 q effective samples), and by a prior: all classes are equally probable, and the places of
-a class, or the parameters and variables of a variation, share the probability of their class. So one of ninety variations
-must predict better than one of two sensor errors to be as probable. A law that only refines a simpler one at the same
-place, with an amplitude that the records do not tell from none, counts with the simpler one. The odds of a law outside
-the catalogue are A if noise is left. If more is left, the identified curves represent such laws: with r_k the same weight
-of curve k relative to the best law, both in one diagram, and w the share of the best law among the effects, the odds are
-A w sum_k r_k. If no curve was fitted, they are A exp(B (1 - 1/c)), with c the mean squared prediction error that the best
-of all leaves, in noise variances (at least 1): 1 - 1/c is the share of it that is more than noise. Whether there is an
-effect at all follows from the p value of the tests of the residual by the smallest Bayes factor for none, -e p ln p (T.
-Sellke, M. J. Bayarri, J. O. Berger, 2001, doi:10.1198/000313001300339950), times prior odds; whether the data sheet is
-right by that of the likelihood ratio of the fitted parameters, with the same odds. A share of everything is kept for what
-was not considered.
+with the expectation over resamples. For T = 0 it is the share of resamples in which i predicts best. c is the mean squared
+error of the best model, in noise variances, and b is the number of independent blocks in the records. The excess over the
+noise is a correlated discrepancy, for which n samples carry only the information of b independent ones.
+
+The weights are multiplied by two factors. The first is a penalty for k unknowns, (2 q)**(-k/2) (Laplace's approximation of
+the evidence; G. Schwarz, 1978, doi:10.1214/aos/1176344136, with 2 q effective samples). The second is a prior: all classes
+are equally probable, and the places of a class, or the parameters and variables of a variation, share the probability of
+their class. So one of ninety variations must predict better than one of two sensor errors to be as probable. Some laws only
+refine a simpler law at the same place, with an amplitude that is not significant. The weight of such a law is added to the
+weight of the simpler one.
+
+The odds of a law outside the catalogue are A if the residual is noise. If it is larger, the identified curves represent such
+laws. With the same weight r_k of curve k relative to the best law, both in one diagram, and the share w of the best law
+among the effects, the odds are A w sum_k r_k. If no curve was fitted, the odds are A exp(B (1 - 1/c)). Here c is at least 1,
+and 1 - 1/c is the share of the squared error that exceeds the noise.
+
+The probability that no effect is missing follows from the p value of the residual tests. The smallest Bayes factor for this
+hypothesis, -e p ln p (T. Sellke, M. J. Bayarri, J. O. Berger, 2001, doi:10.1198/000313001300339950), is multiplied by prior
+odds. The probability that the data sheet is right follows in the same way, with the same odds, from the p value of the
+likelihood ratio of the fitted parameters. A constant share of the probability is kept for effects that were not considered.
 """
 
 from __future__ import annotations
@@ -55,20 +59,24 @@ NOTHING, PARAMETERS = "nothing", "parameters only"
 OUTSIDE, OTHER = "outside the catalogue", "another effect of the catalogue"
 TEMPERATURES = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 Share = TypeVar("Share", float, Array)
-KEPT = 0.01  # weight at any of these from which on an effect is listed in a file
-CLUSTERS = 4  # stretches of records from which on a variance between them can be estimated
-STATED = 0.01  # probability from which on an effect that the answer leaves out is listed by itself
+KEPT = 0.01  # smallest weight, at any temperature, of an effect that is written to a file
+CLUSTERS = 4  # smallest number of stretches from which the variance between them is estimated
+STATED = 0.01  # smallest probability of a separate entry for an effect that the answer does not name
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """The constants, fitted to the cases of the study on success rates (`docs/diagnosis_study.md`): machines that lack one
-    law at most. `python -m benchmarks.diagnosis.calibration report` compares them with machines that have clutter as well.
+    """Constants of the probabilities, fitted to the cases of the study on success rates (`docs/diagnosis_study.md`).
 
-    cases: how many these were; temperature: T, by which log-likelihoods are divided; outside: A, the odds of a law outside
-    the catalogue where one of the catalogue leaves noise; excess: B, the logarithm of the factor by which they are larger
-    where much more than noise is left; simpler: K, the odds that nothing is missing, and that the data
-    sheet is right, where no test speaks against it; lapse: share kept for effects of the catalogue that were not considered.
+    The machines of these cases lack at most one law. `python -m benchmarks.diagnosis.calibration report` compares the
+    calibration with machines that also have clutter.
+
+    * cases: number of cases.
+    * temperature: T, by which log-likelihoods are divided.
+    * outside: A, odds of a law outside the catalogue if the residual of a law of the catalogue is noise.
+    * excess: B, logarithm of the factor on these odds if the residual is much larger than the noise.
+    * simpler: K, prior odds that nothing is missing, and that the data sheet is right.
+    * lapse: share kept for effects of the catalogue that were not considered.
     """
 
     cases: int = 744
@@ -80,20 +88,24 @@ class Calibration:
 
 
 CALIBRATION = Calibration()
-PROBABILITY = f"Probability, calibrated on {CALIBRATION.cases} cases"  # a heading
+PROBABILITY = f"Probability, calibrated on {CALIBRATION.cases} cases"  # heading of a table
 
 
 def percent(probability: float) -> str:
-    """A probability in whole percent; none is certain."""
+    """Format a probability in whole percent, or as < 1 % or > 99 %."""
     value = 100 * probability
     return "> 99 %" if value > 99 else "< 1 %" if value < 1 else f"{value:.0f} %"
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that the records may be explained by, and its probability. Of an effect: its class `kind`, its `place` in
-    words and `where` in names, and the `labels` of its candidates; of an identified curve the variable on which it depends
-    (`kind`: rate or displacement) and its place; of other events `kind` alone."""
+    """An event that can explain the records, and its probability.
+
+    * kind: class of an effect; for an identified curve, the type of its variable (rate or displacement); otherwise the name
+      of the event.
+    * place, where: place of an effect or a curve, in words and as names.
+    * labels: candidates of an effect.
+    """
 
     kind: str
     probability: float
@@ -103,23 +115,27 @@ class Event:
 
     @property
     def row(self) -> tuple[str, str]:
-        """The event in words and its probability in whole percent, for tables; none is certain."""
+        """Row of a table: the event in words and its probability in percent."""
         return f"{self.kind} {self.place}".rstrip(), percent(self.probability)
 
     def as_dict(self) -> dict[str, object]:
-        """What it is and how probable, for machines."""
+        """Return the event and its probability for JSON."""
         return {"event": self.kind, "place": self.place, "where": list(self.where), "probability": self.probability}
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the probabilities are computed from. `effects` are the events of models (with probability 0; of class VALUE
-    where it is another value of what is held fixed) and `weights` theirs (m,) at each of the TEMPERATURES; `left` is the
-    mean squared whitened prediction error of the best of them (1 = noise level, and at least 1; 1 where none was fitted),
-    `missing` the Bayes factor bound of the tests of the residual for nothing missing, `sheet` that of the fitted parameters
-    for the values of the data sheet. `curves` are the places of identified curves, and `flexible` (k,) their weights
-    relative to that of the best effect, at each of the TEMPERATURES; none if no curve was fitted. `untried` is the share of
-    the promising candidates that a search which was ended early did not refit."""
+    """Data from which the probabilities are computed.
+
+    * effects: events of the models, with probability 0; class VALUE for another value of a fixed number.
+    * weights: their weights (m,) at each of the TEMPERATURES.
+    * left: mean squared whitened prediction error of the best model, at least 1 (1 = noise level; 1 if no model was fitted).
+    * missing: bound of the Bayes factor for "nothing is missing" from the residual tests.
+    * sheet: bound of the Bayes factor for the values of the data sheet from the fitted parameters.
+    * curves, flexible: places of identified curves, and their weights (k,) relative to the best effect at each of the
+      TEMPERATURES; empty if no curve was fitted.
+    * untried: share of the promising candidates without a refit, because the search was ended early.
+    """
 
     effects: tuple[Event, ...]
     weights: Mapping[float, Array]
@@ -132,11 +148,11 @@ class Evidence:
 
     @property
     def outside(self) -> Mapping[float, float]:
-        """The weight of all identified curves relative to that of all effects, at each of the TEMPERATURES."""
+        """Weight of all identified curves relative to all effects, at each of the TEMPERATURES."""
         return {t: float(self.weights[t].max(initial=0.0) * found.sum()) for t, found in self.flexible.items()}
 
     def as_dict(self) -> dict[str, object]:
-        """Everything for a file, but effects of hardly any weight."""
+        """Return the evidence for JSON, without effects of negligible weight."""
         most = np.max([*self.weights.values()], axis=0) if self.effects else np.zeros(0)
         kept = [k for k, weight in enumerate(most) if weight >= KEPT]
         effects = [self.effects[k] for k in kept]
@@ -149,7 +165,7 @@ class Evidence:
 
     @classmethod
     def of_dict(cls, kept: Mapping[str, object]) -> Evidence:
-        """The evidence from `as_dict`."""
+        """Create the evidence from the result of `as_dict`."""
         effects, weights = kept["effects"], kept["weights"]
         assert isinstance(weights, dict)
         def events(of: object) -> tuple[Event, ...]:
@@ -166,12 +182,13 @@ class Evidence:
 
 def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float = 1.0, adequacy: Adequacy | None = None,
              review: Stage | None = None) -> Evidence:
-    """The evidence for the first effect of these steps: the refits of the first step, those of other values of fixed
-    parameters on the same records, the p value `sheet` of the hypothesis that the data sheet is right, and the identified
-    curves by which the adequacy was judged.
+    """Collect the evidence for the first effect of these steps.
 
-    The refits are those of `compared_step`. The residual is that after all steps: effects of the catalogue that were found
-    beside the first are no sign of a law outside it.
+    It consists of the refits of the first step, the refits of other values of fixed parameters on the same records
+    (`values`), the p value `sheet` of the hypothesis that the data sheet is right, and the identified curves of `adequacy`.
+
+    The refits are given by `compared_step`. The residual is the one after all steps, because further effects of the
+    catalogue are not evidence for a law outside it.
     """
     first = steps[0]
     made = compared_step(first, review)
@@ -182,19 +199,24 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     if made.joint and others:
         weights = _beside_values(best, weights, _families((*first.trials, *others), first), first)
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
-    # the residual of a search that was ended early says nothing about laws outside: further effects were not sought
+    # after a search that was ended early the residual is not evidence for a law outside the catalogue: further effects were
+    # not tried
     left = 1.0 if any(step.partial for step in steps) else max(1.0, min(map(loss, [*best, *later]), default=1.0))
     return Evidence(*_weighted(alike, _to_simpler(alike, best, weights, made), made), left,
                     factor_bound(_p_value(made.left)), factor_bound(sheet), *_flexible(adequacy, made), _untried(made))
 
 
 def compared_step(step: Stage, review: Stage | None) -> Stage:
-    """A step with the refits by which the probabilities of its effect are computed.
+    """Select the refits from which the probabilities of the effect of a step are computed.
 
-    If the effect was sought again beside all later ones, in the step `review`, and this reached the noise, these are the
-    refits there: without the later effects, candidates that imitate these would count. If more than noise is left, some
-    effects are still missing, and later effects that were chosen to complete one law speak for it; then the leading laws
-    are compared in pairs, each with the further effect that completes it best (`Stage.joint`).
+    There are three cases:
+
+    * The effect was compared again in the diagram with all later effects (the step `review`), and a refit there reaches the
+      noise: the refits of `review` are used. Otherwise candidates that imitate the later effects would get weight.
+    * No refit reaches the noise, so further effects are missing. The later effects were selected to complete one law and
+      favour it. Therefore the leading laws are compared in pairs, each with the further effect that completes it best
+      (`Stage.joint`).
+    * Without such pairs, the refits of `review` are used if there is a review, otherwise those of the step.
     """
     if review is not None and (not step.joint or any(map(leaves_noise, review.trials))):
         return replace(review, left=step.left)
@@ -205,7 +227,8 @@ def compared_step(step: Stage, review: Stage | None) -> Stage:
 
 
 def _families(trials: Sequence[Refit], made: Stage) -> list[list[Refit]]:
-    """The refits with predictive errors of the samples of a step, by class and place; values by their names."""
+    """Group refits by class and place (fixed values by their names). Only refits with predictive errors on the samples of
+    the step are used."""
     bins = len(made.errors.sums) if made.errors is not None else 0
     found: dict[object, list[Refit]] = {}
     for trial in (t for t in trials if t.errors is not None and len(t.errors.sums) == bins > 0):
@@ -215,8 +238,11 @@ def _families(trials: Sequence[Refit], made: Stage) -> list[list[Refit]]:
 
 
 def _with_prior(weights: Mapping[float, Array], best: Sequence[Refit], made: Stage) -> dict[float, Array]:
-    """The weights of the best laws of classes at places times their prior probabilities: one over the number of places of
-    the class, or of parameters and variables of a variation, among all scored candidates."""
+    """Multiply the weights of the best laws of each class and place by their prior probabilities.
+
+    The prior is one over the number of places of the class, or of parameters and variables of a variation, among all scored
+    candidates.
+    """
     if not best:
         return dict(weights)
     places: dict[str, set[str]] = {}
@@ -228,8 +254,11 @@ def _with_prior(weights: Mapping[float, Array], best: Sequence[Refit], made: Sta
 
 def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone: Sequence[Sequence[Refit]], made: Stage
                    ) -> dict[float, Array]:
-    """The weights of refits of effects in pairs, and of values of the diagram, which were refitted alone: the share of each
-    value is that among the effects `alone`."""
+    """Combine the weights of pairs of effects with the weights of fixed values, which were refitted without a further
+    effect.
+
+    Each value keeps the share that it has in the comparison with single effects (`alone`).
+    """
     singles = [min(family, key=loss) for family in alone]
     shares = _with_prior(law_weights(singles), singles, made)
     found = {}
@@ -243,8 +272,8 @@ def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone:
 
 
 def _untried(made: Stage) -> float:
-    """The share of the promising candidates of a partial step that were not refitted: those not scored, and those with a
-    score of at least `PROMISING` of the largest."""
+    """Share of the promising candidates of a partial step without a refit: those without a score, and those whose score is
+    at least `PROMISING` times the largest."""
     if not made.partial or not made.planned:
         return 0.0
     scored = {s.candidate.label: s.gain for s in made.scores}
@@ -255,9 +284,11 @@ def _untried(made: Stage) -> float:
 
 
 def _flexible(adequacy: Adequacy | None, made: Stage) -> tuple[tuple[Event, ...], dict[float, Array]]:
-    """The identified curves, the best of each place, with their weights relative to that of the law that they replace; of
-    the law with the further effect that completes it best, if the refits of the step `made` hold it so. A curve has
-    coefficients enough to take such an effect in."""
+    """Best identified curve of each place, with its weight relative to the law that it replaces.
+
+    If the refits of the step `made` contain the law with the further effect that completes it best, this pair is the
+    reference: a curve has enough coefficients to absorb such an effect.
+    """
     if adequacy is None or adequacy.law is None or not adequacy.curves or not adequacy.tried:
         return (), {}
     best: dict[frozenset[str], Refit] = {}
@@ -265,23 +296,25 @@ def _flexible(adequacy: Adequacy | None, made: Stage) -> tuple[tuple[Event, ...]
         best.setdefault(frozenset(curve.candidate.where), curve)
     curves = list(best.values())
     law = min([adequacy.law, *(t for t in made.joint if t.candidate.label == adequacy.law.candidate.label)], key=loss)
-    weights = law_weights([law, *curves], penalised=False)  # a curve stands for laws with few numbers
+    weights = law_weights([law, *curves], penalised=False)  # no penalty: a curve represents laws with few numbers
     return tuple(Event(_depends_on(c.candidate), 0.0, c.candidate.place, c.candidate.where, (c.candidate.label,))
                  for c in curves), \
         {t: found[1:] / max(float(found[0]), 1e-6) for t, found in weights.items()}
 
 
 def _depends_on(curve: Candidate) -> str:
-    """Whether an identified curve depends on a displacement or on a rate."""
+    """Type of the variable of an identified curve: displacement or rate."""
     return "displacement" if curve.curve_of_displacement else "rate"
 
 
 def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weights: Mapping[float, Array],
                 made: Stage) -> dict[float, Array]:
-    """The weights where that of a law which only refines a simpler one at the same place, but for chance, is that of the
-    simpler one: it is the same law with an amplitude that the records do not tell from none."""
+    """Move the weights of laws that only refine a simpler law at the same place to the simpler law.
+
+    A refinement without a significant gain is the same law, because its additional amplitude is not significant.
+    """
     least = [min(t.unknowns for t in family) for family in families]
-    laws = [(*family, *twins_of(family, made)) for family in families]  # with places that are the same machine
+    laws = [(*family, *twins_of(family, made)) for family in families]  # with the equivalent candidates at other places
     to = np.arange(len(best))
     for k in sorted(range(len(best)), key=lambda k: least[k]):
         simpler = [j for j in range(len(best)) if least[j] < least[k] and refines(best[k], laws[j])]
@@ -292,14 +325,15 @@ def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weig
 
 def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array], made: Stage
               ) -> tuple[tuple[Event, ...], dict[float, Array]]:
-    """The events with their weights: a class at a place. Classes and places that act the same share a weight."""
+    """Events (a class at a place) with their weights. Classes and places with equivalent candidates share a weight
+    equally."""
     if not families:
         return (), {}
     by_label = {s.candidate.label: s.candidate for s in made.scores}
     places = made.places
     found: dict[object, Event] = {}
     shares: dict[object, dict[int, float]] = {}
-    order = sorted(range(len(families)), key=lambda k: -weights[1.0][k])  # an event is called what its best law is called
+    order = sorted(range(len(families)), key=lambda k: -weights[1.0][k])  # an event gets the name of its best law
     for k in order:
         family = families[k]
         own = [t.candidate for t in family]
@@ -317,12 +351,12 @@ def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array
 
 
 def _class_of(candidate: Candidate, first: Candidate) -> str:
-    """The class of a candidate; that of the first where one is a special case of the other."""
+    """Class of a candidate; the class of `first` if one is a special case of the other."""
     return first.kind if same_class(candidate.kind, first.kind) else candidate.kind
 
 
 def law_weights(trials: Sequence[Refit], penalised: bool = True) -> dict[float, Array]:
-    """The weights (m,) of models at each of the temperatures, `penalised` for the number of their unknowns."""
+    """Weights (m,) of m models at each of the TEMPERATURES; if `penalised`, with the penalty for the number of unknowns."""
     if len(trials) < 2:
         return {t: np.ones(1) for t in TEMPERATURES} if trials else {}
     errors = [t.errors for t in trials if t.errors is not None]
@@ -349,11 +383,13 @@ def law_weights(trials: Sequence[Refit], penalised: bool = True) -> dict[float, 
 
 
 def _independent_blocks(differences: Array, counts: Array, stretch: NDArray[np.int64], length: float) -> float:
-    """The number of independent blocks that the bins are worth for differences (m, k) of errors: at most as many as blocks
-    of this `length` (bins), and fewer if the differences vary more between stretches (records) than such blocks would.
+    """Number of independent blocks in the bins, for differences (m, k) of errors.
 
-    A parameter that differs between records (a friction that has warmed up) makes a difference persist throughout a record.
-    The variance of a sum over S stretches is then that of S independent numbers.
+    It is at most the number of blocks of this `length` (bins). It is smaller if the differences vary more between stretches
+    (records) than independent blocks would.
+
+    A parameter that differs between records (friction after warming up) makes a difference persist throughout a record. The
+    variance of a sum over S stretches is then equal to the variance of a sum of S independent numbers.
     """
     blocks, count = len(counts) / length, int(stretch.max(initial=-1)) + 1
     if count < CLUSTERS:
@@ -369,21 +405,26 @@ def _independent_blocks(differences: Array, counts: Array, stretch: NDArray[np.i
 
 
 def _p_value(left: ResidualTests) -> float:
-    """The three tests as one, which is below the sum of their levels where one of them is below its own."""
+    """Combine the p values of the three residual tests into one.
+
+    The result is below the sum of the significance levels if one p value is below the level of its test.
+    """
     level = sum(LEVELS.values())
     return float(min(1.0, *(getattr(left, name) * level / own for name, own in LEVELS.items())))
 
 
 def factor_bound(p: float) -> float:
-    """-e p ln p, the smallest Bayes factor for a hypothesis whose p value is p; 1 from p = 1/e on."""
+    """Smallest Bayes factor for a hypothesis with the p value p: -e p ln p, and 1 for p >= 1/e."""
     return float(-math.e * p * math.log(p)) if 0 < p < 1 / math.e else float(p > 0)
 
 
 def parts(constants: Calibration, missing: Share, sheet: Share, left: Share, flexible: Share | None = None
           ) -> tuple[Share, ...]:
-    """The probabilities of nothing, of parameters that are fitted, of a law outside the catalogue, and of all effects and
-    other values together, which share it by their weights; numbers, or arrays of them for many cases. `flexible` is the
-    weight of the identified curves relative to all effects (NaN without any)."""
+    """Probabilities of "nothing", "parameters only", "outside the catalogue", and of all effects and other values together.
+
+    The arguments are numbers, or arrays with one element per case. `flexible` is the weight of the identified curves
+    relative to all effects (NaN if no curve was fitted).
+    """
     without, right = _share(constants.simpler * missing), _share(constants.simpler * sheet)
     factor = np.exp(constants.excess * (1 - 1 / left))
     if flexible is not None:
@@ -395,7 +436,7 @@ def parts(constants: Calibration, missing: Share, sheet: Share, left: Share, fle
 
 
 def probabilities(known: Evidence, constants: Calibration = CALIBRATION) -> tuple[Event, ...]:
-    """The events with their probabilities, the most probable first; they add up to 1."""
+    """Events with their probabilities, the most probable first. The probabilities add up to 1."""
     nothing, parameters, outside, among = map(float, parts(
         constants, known.missing, known.sheet, known.left, known.outside.get(constants.temperature, math.nan)))
     weights = known.weights[constants.temperature] if known.effects else np.zeros(0)
@@ -413,8 +454,8 @@ def probabilities(known: Evidence, constants: Calibration = CALIBRATION) -> tupl
 
 
 def stated(events: Sequence[Event], named: Sequence[str]) -> tuple[Event, ...]:
-    """The events, with those as one that are hardly probable and that the answer, the candidates with the labels `named`,
-    leaves out."""
+    """Merge the improbable events that the answer does not name into one event. `named` are the labels of the candidates in
+    the answer."""
     own = [e for e in events if e.kind == OTHER or e.probability >= STATED or set(e.labels) & set(named)]
     more = sum(e.probability for e in events if e not in own)
     found = [replace(e, probability=e.probability + more) if e.kind == OTHER else e for e in own]

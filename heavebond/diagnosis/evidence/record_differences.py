@@ -1,8 +1,8 @@
 """Parameters that differ between the fitted and the held-out records.
 
-If the fitted records leave noise and a held-out record leaves more, the missing effect does not show where the model is
-fitted. A parameter may have another value in that record. Each influential parameter gets a value of its own there, fitted
-to the beginning of the record, and predicts the rest.
+If the residual is noise on the fitted records but larger on a held-out record, the fitted records do not show the missing
+effect. A parameter may have another value in the held-out record. Each influential parameter gets a separate value there,
+which is fitted to the beginning of the record and tested on the remaining samples.
 """
 
 from __future__ import annotations
@@ -27,8 +27,11 @@ from heavebond.numerics.dae import Array
 
 @dataclass(frozen=True)
 class RecordDifference:
-    """A parameter with another value in a held-out record than in the fitted ones: the candidate that gives it a value for
-    each record, the probability by chance of what the model without it leaves there, and the difference in a sentence."""
+    """A parameter that has another value in a held-out record than in the fitted ones.
+
+    candidate: gives the parameter a separate value for each record. chance: p value of the residual in the held-out record
+    without the candidate. words: the difference in a sentence.
+    """
 
     candidate: Candidate
     chance: float
@@ -36,8 +39,11 @@ class RecordDifference:
 
 
 def record_differences(experiment: Experiment) -> tuple[RecordDifference, ...]:
-    """The difference of each held-out record that a fitted model does not predict, if one parameter with another value there
-    explains most of it; `experiment` has the fitted values in its diagram."""
+    """Find one parameter with another value for each held-out record that the fitted model does not predict.
+
+    A parameter is reported if it explains most of the residual of the record. The diagram of `experiment` contains the
+    fitted values.
+    """
     problem = searched(experiment)
     inner = problem.start
     runs = exact_runs(experiment, problem.runs)
@@ -49,7 +55,7 @@ def record_differences(experiment: Experiment) -> tuple[RecordDifference, ...]:
 
 def _difference(problem: Residuals, inner: Array, record: Record, run: Run, candidates: tuple[Candidate, ...]
                 ) -> RecordDifference | None:
-    """The difference of one held-out record; None if no single parameter explains what is left there."""
+    """Difference of one held-out record; None if no single parameter explains its residual."""
     from scipy.special import chdtrc
 
     experiment, values = problem.experiment, problem.values_of(inner, problem.runs[0].record.name)

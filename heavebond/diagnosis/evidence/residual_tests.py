@@ -1,16 +1,19 @@
-"""Is what a fitted model leaves noise, or is something missing? Three tests, together wrong 2 times in 100 where nothing is.
+"""Tests whether the residual of a fitted model is noise.
 
-* score: the largest z of all candidates (see `search.scoring`) against what the largest of as many, correlated as
-  these are, would be by chance. Candidates that were chosen by their prescores (see `search.prescore`) count as all that
-  were prescored: the chances of the two sets, each by its own correlation, are added (Boole's inequality);
-* size: chi-square of all samples against its distribution, where the noise is given (an estimate is no yardstick for it);
+If no effect is missing, the three tests together give a false alarm in 2 % of the cases.
+
+* score: the largest z of all candidates (see `search.scoring`), compared with the distribution of the largest of as many
+  chance scores with the same correlation. Candidates that were selected by their prescores (see `search.prescore`) count as
+  all prescored ones: the probabilities of the two sets, each with its own correlation, are added (Boole's inequality);
+* size: chi-square of all samples, compared with its distribution, if the noise is specified (an estimated noise is not a
+  valid reference);
 * memory: the Ljung-Box test of each channel, the smallest p value times the number of channels (Bonferroni).
 
-Where inputs have noise, the residual r of a right model is no longer white: it has the covariance R = D + E'E/M, with
-E (M, n) realisations of what this noise does to it (see `estimation.input_noise`), and D diagonal what is left of 1. Then
-z is divided by its standard deviation sqrt(d'R d), d its direction; chi-square is compared with a chi-square distribution
-scaled to its mean n and variance 2 tr R**2 (F. E. Satterthwaite, 1946, doi:10.2307/3002019); and the test for memory is left
-out.
+If inputs have noise, the residual r of a correct model is not white. Its covariance is R = D + E'E/M, with E (M, n) the
+realisations of the error that the input noise causes in the residual (see `estimation.input_noise`), and D diagonal such
+that the diagonal of R is 1. Then z is divided by its standard deviation sqrt(d'R d), with the direction d of the score.
+Chi-square is compared with a chi-square distribution that is scaled to the mean n and the variance 2 tr R**2 (F. E.
+Satterthwaite, 1946, doi:10.2307/3002019). The test for memory is omitted.
 """
 
 from __future__ import annotations
@@ -30,17 +33,17 @@ from heavebond.estimation.residuals import Run
 from heavebond.numerics.dae import Array
 from heavebond.records import metrics
 
-# Shares of the 2 % of false alarms; they add up to it.
+# Significance levels of the tests; their sum is 2 %.
 LEVELS = {"score": 0.01, "size": 0.005, "memory": 0.005}
-DRAWS = 20_000  # of the largest chance score: p values down to a few in ten thousand
-DISTINCT = 0.99  # cosine above which two prescored directions count as one
+DRAWS = 20_000  # number of draws of the largest chance score; resolves p values down to a few in ten thousand
+DISTINCT = 0.99  # two prescored directions with a larger cosine count as one
 LAGS = 20
-SIGMAS = 3.0  # standard deviations of that figure on held-out data, up to which what is left is noise
+SIGMAS = 3.0  # largest excess of held-out chi-square that still counts as noise, in standard deviations
 
 
 @dataclass(frozen=True)
 class ResidualTests:
-    """p values of the three tests (1 where one cannot be made), and the largest score."""
+    """p values of the three tests (1 if a test is not applicable), and the largest score z."""
 
     score: float
     size: float
@@ -49,19 +52,21 @@ class ResidualTests:
 
     @property
     def significant(self) -> bool:
-        """Whether more than noise is left."""
+        """True if the residual exceeds noise by at least one test."""
         return any(getattr(self, name) < level for name, level in LEVELS.items())
 
     @property
     def by_score_alone(self) -> bool:
-        """Whether only the largest of the scores is more than chance, and what is left has neither more size nor memory than
-        noise: what candidates do when they are refitted decides then."""
+        """True if only the score test is significant. Then the refits of the candidates decide whether an effect is
+        missing."""
         return self.significant and not any(getattr(self, name) < LEVELS[name] for name in ("size", "memory"))
 
 
 def leftover(base: Base, scores: Sequence[Score], prescored: Sequence[Prescore] = ()) -> ResidualTests:
-    """The tests on what the base model leaves of the fitted samples. Of the `scores` those of candidates that are among the
-    `prescored` were chosen for what they promise."""
+    """Apply the three tests to the residual of the base model on the fitted samples.
+
+    Scores of candidates in `prescored` were selected for their large prescores, which the score test takes into account.
+    """
     told = [s for s in scores if s.told_apart]
     errors = np.hstack([run.input_errors for run in base.problem.runs])
     p_score, z = _largest(told, errors, prescored)
@@ -70,24 +75,28 @@ def leftover(base: Base, scores: Sequence[Score], prescored: Sequence[Prescore] 
 
 
 def _noticeable(errors: Array) -> bool:
-    """Whether the noise of inputs, by its realisations (M, n), is a noticeable part of the variance of a residual."""
+    """True if the noise of inputs is a noticeable part of the variance of the residual; `errors` (M, n) are its
+    realisations."""
     return len(errors) > 0 and float(np.mean(errors**2)) > NOTICEABLE
 
 
 def is_noise(fitted: float, held_out: float, samples: int) -> bool:
-    """Whether these chi-squares a sample are no more than given noise can be: on `samples` that were not fitted by chance
-    alone, and near it on those that were fitted."""
+    """True if the held-out chi-square per sample is not significantly above 1, and the fitted chi-square per sample is near
+    1."""
     return fitted <= DECISION.near and samples > 0 and not is_above_noise(held_out, samples)
 
 
 def is_above_noise(chi2: float, samples: int) -> bool:
-    """Whether chi-square a sample is more than that of noise by chance; on no samples it is not."""
+    """True if a chi-square per sample is significantly larger than the chi-square of noise; False without samples."""
     return samples > 0 and chi2 > 1 + SIGMAS * (2 / samples) ** 0.5
 
 
 def _largest(scores: Sequence[Score], errors: Array, prescored: Sequence[Prescore] = ()) -> tuple[float, float]:
-    """The chance that the largest of the scores, correlated as their directions and the residual are, is as large, where
-    those that are `prescored` count as all prescored ones; and the largest."""
+    """p value of the largest score, and this score.
+
+    The correlation of the scores follows from their directions and from the covariance of the residual. Scores of
+    `prescored` candidates count as all prescored ones.
+    """
     if not scores:
         return 1.0, 0.0
     signed = np.array([s.signed for s in scores])
@@ -101,15 +110,15 @@ def _largest(scores: Sequence[Score], errors: Array, prescored: Sequence[Prescor
     chance = _chance(correlation[np.ix_(own, own)], signed[own], observed) if own else 0.0
     if prescored:
         sketches = np.array([p.sketch / np.linalg.norm(p.sketch) for p in prescored])
-        apart = _distinct(sketches)  # of opposite directions both count, as one may be allowed in one of them only
+        apart = _distinct(sketches)  # opposite directions both count: a candidate may be allowed in one direction only
         chance += _chance(sketches[apart] @ sketches[apart].T, np.array([prescored[k].signed for k in apart]), observed)
     return min(chance, 1.0), observed
 
 
 def _distinct(directions: Array) -> list[int]:
-    """The first of all directions (k, n) that differ by no more than a cosine of `DISTINCT`: the largest of thousands is
-    drawn by those alone. One that is left out exceeds them in its projections by less than sqrt(1 - DISTINCT**2) normal
-    deviations."""
+    """Indices of directions (k, n) that differ by more than the cosine `DISTINCT`. The largest of thousands of projections
+    is drawn with these only. The projection of an omitted direction exceeds theirs by less than sqrt(1 - DISTINCT**2)
+    standard deviations."""
     found: list[int] = []
     for k, direction in enumerate(directions):
         if not found or float(np.max(directions[found] @ direction)) < DISTINCT:
@@ -118,8 +127,8 @@ def _distinct(directions: Array) -> list[int]:
 
 
 def _chance(correlation: Array, signed: NDArray[np.bool_], observed: float) -> float:
-    """The chance that the largest of normal numbers with this correlation, of the signed ones the largest magnitude, is as
-    large."""
+    """Probability that the largest of correlated standard normal numbers is at least `observed`; `signed` numbers count by
+    magnitude."""
     values, vectors = np.linalg.eigh(correlation)
     root = vectors * np.sqrt(np.maximum(values, 0))
     draws = np.random.default_rng(0).standard_normal((DRAWS, len(signed))) @ root.T
@@ -128,7 +137,7 @@ def _chance(correlation: Array, signed: NDArray[np.bool_], observed: float) -> f
 
 
 def _covariance(directions: Array, errors: Array) -> Array:
-    """The covariance (k, k) of the projections of a right model's residual on directions (k, n)."""
+    """Covariance (k, k) of the projections of the residual of a correct model on directions (k, n)."""
     if not len(errors):
         return np.asarray(directions @ directions.T)
     drawn = directions @ errors.T
@@ -136,7 +145,7 @@ def _covariance(directions: Array, errors: Array) -> Array:
 
 
 def _own(errors: Array) -> Array:
-    """The share (n,) of the variance of each residual that is the channel's own noise."""
+    """Share (n,) of the variance of each residual that is noise of the channel."""
     return np.asarray(np.clip(1 - np.mean(errors**2, axis=0), 0.0, 1.0))
 
 
@@ -145,7 +154,7 @@ def _size(base: Base, errors: Array) -> float:
 
     freedom, scale = float(max(1, len(base.r) - len(base.inner))), 1.0
     if len(errors) > 1:
-        # tr R**2, of the realisations by pairs of different ones: squares of one alone would count its own length
+        # tr R**2 from pairs of different realisations: the square of a single one would add a bias
         own, gram = _own(errors), errors @ errors.T
         pairs = (float(np.sum(gram**2)) - float(np.sum(np.diag(gram) ** 2))) / (len(errors) * (len(errors) - 1))
         trace = float(np.sum(own**2) + 2 * own @ np.mean(errors**2, axis=0)) + max(pairs, 0.0)
@@ -160,6 +169,6 @@ def _memory(base: Base) -> float:
 
 
 def channels(runs: Sequence[Run], r: Array) -> list[Array]:
-    """The residuals (n,) of all runs as one array for each channel of each."""
+    """Split the residuals (n,) of all runs into one array per channel and run."""
     sizes = [int(k) for run in runs for k in run.counts.sum(axis=1)]
     return np.split(r, np.cumsum(sizes)[:-1])
