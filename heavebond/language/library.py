@@ -116,6 +116,11 @@ class Library:
         listed: a folder may contain FMUs that are not components."""
         return [name for name, path in self.files.items() if path.suffix != ".fmu"]
 
+    def user_files(self) -> dict[str, Path]:
+        """The file of each component that is in one of the user's folders."""
+        known = _bundled_files()["component"]
+        return {name: path for name, path in self.files.items() if path != known.get(name)}
+
     def effects(self) -> list[Component]:
         """The components that have an `effect:`, in the order of their files; the others are not parsed."""
         having = (name for name in self.names() if _has_effect(self.files[name].absolute(), _stamp(self.files[name])))
