@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -26,6 +28,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The pages of the documentation first: a page of two minutes that begins last would leave the other processors idle."""
     items.sort(key=lambda item: "::test_every_block_of_a_page_is_so" not in item.nodeid)
+
+
+def pytest_collection_finish() -> None:
+    """The collected tests and the imported libraries live to the end: the collector of cycles need not traverse them, and
+    looks more rarely at what is created later."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000, 20, 20)
+
+
+@pytest.fixture(scope="session")
+def studies_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of this test run, the same for all workers, for the output of bundled studies (each in its subfolder): a case
+    that a page or a test has completed is read by the others, as after an interruption."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "studies"
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 @pytest.fixture(autouse=True)

@@ -40,6 +40,7 @@ from heavebond.language.library import bundled, library
 from heavebond.language.power_law import check_power
 from heavebond.numerics.initialise import start
 from heavebond.numerics.inputs import pieced
+from heavebond.studies.campaign import KEPT
 from heavebond.studies.run_case import checked
 from heavebond.text.yaml_source import parse, read
 
@@ -92,9 +93,11 @@ def blocks(page: Path) -> Iterator[Block]:
 
 @dataclass
 class PageRun:
-    """One page being executed in the current folder; `found` are its mistakes, `said` what failing commands say now."""
+    """One page being executed in the current folder; `found` are its mistakes, `said` what failing commands say now.
+    `studies`: a folder with completed cases of bundled studies, read and added to."""
 
     page: Path
+    studies: Path | None = None
     found: list[str] = field(default_factory=list)
     said: dict[int, list[str]] = field(default_factory=dict)
     waiting: dict[str, Block] = field(default_factory=dict)
@@ -178,6 +181,8 @@ class PageRun:
             if words[0] != "heavebond":
                 self._wrong(block, "only heavebond is run in a console block", k)
                 continue
+            if self.studies is not None and words[1:2] == ["study"] and words[2].startswith("cmc_ahc/studies/"):
+                _link_completed(Path(words[2]).name, self.studies)
             code, output = run(words[1:])
             wanted = list(block.lines[k + 1:end])
             if code:
@@ -217,6 +222,15 @@ class PageRun:
                 self._wrong(block, f"the output has no line like this: {line}\n" + "\n".join(output), first + k)
                 return
             position = hit + 1
+
+
+def _link_completed(study: str, studies: Path) -> None:
+    """Let the output folder of a study in the current folder have the completed cases of the test run."""
+    completed, link = studies / study / KEPT, Path(study) / KEPT
+    completed.mkdir(parents=True, exist_ok=True)
+    link.parent.mkdir(exist_ok=True)
+    if not link.exists():
+        link.symlink_to(completed)
 
 
 def _accept(path: Path) -> None:

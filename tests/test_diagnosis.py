@@ -64,6 +64,12 @@ def found(folder: Path, rig: str, hidden: Sequence[tuple[str, float]], classes: 
     return diagnose(machine.case([size for _, size in hidden]).experiment, classes=classes, number=1)
 
 
+@pytest.fixture(scope="module")
+def leak_or_offset(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
+    """A leak past the valve, among two classes that act alike."""
+    return found(tmp_path_factory.mktemp("leaking"), "receiver", [("leak in", 4e-10)], ["leakage", "sensor offset"])
+
+
 def test_noise_alone_is_nothing(tmp_path: Path) -> None:
     said = found(tmp_path, "receiver", [], ["leakage", "choked flow"])
     assert said.verdict == "nothing"
@@ -134,11 +140,10 @@ def test_an_effect_is_named_with_its_place_and_size(tmp_path: Path) -> None:
     assert finding.rung.chi2_held_out < 1.2 < 2 < said.ladder[1].chi2_held_out
 
 
-def test_what_acts_alike_is_named_together(tmp_path: Path) -> None:
+def test_what_acts_alike_is_named_together(leak_or_offset: Diagnosis) -> None:
     # a leak past the valve, and a valve that is open by more than was asked for: the same flow
-    said = found(tmp_path, "receiver", [("leak in", 4e-10)], ["leakage", "sensor offset"])
-    assert said.verdict == "one_of"
-    assert {"leakage", "sensor offset"} <= set(said.findings[0].kinds)
+    assert leak_or_offset.verdict == "one_of"
+    assert {"leakage", "sensor offset"} <= set(leak_or_offset.findings[0].kinds)
 
 
 def test_a_law_that_could_bend_further_but_does_not_is_no_rival(tmp_path: Path) -> None:
@@ -329,17 +334,17 @@ def test_the_page_has_the_columns_of_the_ranking() -> None:
     assert rows == [" ".join("|" if not cell else f"| {cell}" for cell in row) + " |" for row in cells]
 
 
-def test_every_candidate_is_ranked_once_with_the_reason_for_its_judgement(tmp_path: Path) -> None:
-    said = found(tmp_path, "receiver", [("leak in", 4e-10)], ["leakage", "sensor offset"])
-    ranked = entries(said.steps[0])
-    assert {e.candidate.label for e in ranked} == {s.candidate.label for s in said.steps[0].scores}
+def test_every_candidate_is_ranked_once_with_the_reason_for_its_judgement(leak_or_offset: Diagnosis) -> None:
+    first = leak_or_offset.steps[0]
+    ranked = entries(first)
+    assert {e.candidate.label for e in ranked} == {s.candidate.label for s in first.scores}
     assert [e.judgement for e in ranked].count("chosen") == 1 and ranked[0]["cluster"] is True
     for e in ranked:
         assert e.judgement in JUDGEMENTS and (e["chi2_fit"] is None) == (e.trial is None)
         without_fit = ("same_direction", "not_identifiable", "low_score", "left_out", "not_reached", "not_simulated")
         assert (e.judgement in without_fit) == (e.trial is None)
     best = ranked[0]
-    assert best.trial is not None and best["bic_difference"] == best.trial.bic - said.steps[0].bic < -10
+    assert best.trial is not None and best["bic_difference"] == best.trial.bic - first.bic < -10
     assert as_dicts(ranked)[0]["error_over_noise_held_out"] == pytest.approx(math.sqrt(best.trial.chi2_held_out))
 
 
@@ -370,15 +375,12 @@ def test_what_is_left_is_told_by_its_law_where_that_is_decided() -> None:
     assert "acts as no force or flow" in Remainder(True, None).words
 
 
-def test_the_page_lists_the_keys_of_every_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_lists_the_keys_of_every_verdict(leak_or_offset: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+                                                   ) -> None:
     """What the command writes has these keys and no others, and on the table there is none that never comes."""
     top: list[set[str]] = []
     all_keys: set[str] = set()
-    for name, hidden, classes in (("still", [], ["leakage"]),
-                                  ("leaking", [("leak in", 4e-10)], ["leakage", "sensor offset"])):
-        folder = tmp_path / name
-        folder.mkdir()
-        said = found(folder, "receiver", hidden, classes)
+    for said in (found(tmp_path, "receiver", [], ["leakage"]), leak_or_offset):
         # whether another channel would decide is a matter of the machine: the keys of one that would
         apart = said.separation and replace(said.separation, extra=AdditionalSensor("valve.m", "kg/s", 1e-6, 20.0))
         # and that a law is left besides

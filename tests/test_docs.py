@@ -44,12 +44,13 @@ def test_every_block_of_the_pages_of_components_is_so(page: Path, tmp_path: Path
 
 @pytest.mark.long
 @pytest.mark.parametrize("page", [page for page in PAGES if page not in OF_COMPONENTS], ids=_name)
-def test_every_block_of_a_page_is_so(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_block_of_a_page_is_so(page: Path, tmp_path: Path, studies_folder: Path, monkeypatch: pytest.MonkeyPatch
+                                     ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("COLUMNS", raising=False)
     if page.name == "exchange.md" and not any(shutil.which(name) for name in COMPILERS):
         pytest.skip("no C compiler is installed")
-    found = PageRun(page).execute().found
+    found = PageRun(page, studies_folder).execute().found
     assert not found, "\n\n".join(found)
 
 

@@ -58,7 +58,7 @@ def laid_out(model: hb.Model, values: bool = False) -> Drawn:
 
 
 @cache
-def bundled_sheets(name: str, values: bool = False) -> tuple[Drawn, ...]:
+def bundled_sheets(name: str, values: bool) -> tuple[Drawn, ...]:
     """A bundled machine with all blocks open, sheet by sheet."""
     return tuple(sheets(laid_out(hb.load(name), values)))
 
@@ -129,7 +129,7 @@ def test_nothing_covers_anything(name: str, values: bool) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", MACHINES)
 def test_wires_of_two_nodes_never_share_a_stretch(name: str) -> None:
-    for drawn in bundled_sheets(name):
+    for drawn in bundled_sheets(name, False):
         stretches = Counter(edge for line in drawn.lines for edge in line.wire.edges)
         assert max(stretches.values()) == 1
 
@@ -137,7 +137,7 @@ def test_wires_of_two_nodes_never_share_a_stretch(name: str) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", MACHINES)
 def test_every_wire_reaches_each_of_its_ports(name: str) -> None:
-    for drawn in bundled_sheets(name):
+    for drawn in bundled_sheets(name, False):
         items = {item.part.name: item for item in drawn.items}
         own = {a.port: a for a in drawn.anchors}
         for line in drawn.lines:

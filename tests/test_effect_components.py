@@ -545,7 +545,7 @@ OLD = {"Spring": (HANGING, "gas", "c: 5 kN/m"), "SpringDamper": (HANGING, "rope"
 # effects that have no value at which they are absent, at the end of their range where they hardly show
 NEARLY = {"SeriesCompliance": "c: 1e8 N/m", "ShaftCompliance": "c: 1e7 N*m/rad",
           "ShaftSlip": "d: 1e7 N*m*s/rad", "LineInertance": "I: 1e5 kg/m**4",
-          "LineVolume": "C: 1e-16 m**3/Pa", "FirstOrderLag": "T_1: 1 ms", "Delay": "T: 1 ms",
+          "LineVolume": "C: 1e-16 m**3/Pa", "FirstOrderLag": "T_1: 1 ms", "Delay": "T: 4 ms",
           "RateLimit": "r_max: 1e5 {}/s, T_f: 1 ms",
           "Saturation": "u_min: -1e6 {}, u_max: 1e6 {}", "Backlash": "gap: 1 um, c: 1e8 N/m, d: 1e6 N*s/m",
           "GearBacklash": "gap: 1e-6 rad, c: 1e7 N*m/rad, d: 1e4 N*m*s/rad", "ReceiverWithHeat": "G: 1e5 W/K",

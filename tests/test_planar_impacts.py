@@ -67,7 +67,7 @@ class Mechanism:
         t, impacts, pieces = 0.0, [], []
         while t < until:
             # no coordinate turns by more than some hundredths of a radian in a step, so no touch is stepped over
-            found = solve_ivp(self.rate, (t, until), y, "DOP853", events=touch, rtol=1e-10, atol=1e-10, max_step=2e-3,
+            found = solve_ivp(self.rate, (t, until), y, "DOP853", events=touch, rtol=1e-10, atol=1e-10, max_step=5e-3,
                               dense_output=True)
             pieces.append((t, found.sol))
             t, y = float(found.t[-1]), found.y[:, -1]

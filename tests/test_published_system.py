@@ -71,17 +71,17 @@ def test_the_trend_is_as_published() -> None:
         assert name["phi"] <= name["swept phi"]
 
 
-def test_eigenfrequency_is_within_five_percent() -> None:
-    found = hb.run_study(STUDIES + "eigenfrequency", processes=1)
+def test_eigenfrequency_is_within_five_percent(studies_folder: Path) -> None:
+    found = hb.run_study(STUDIES + "eigenfrequency", processes=1, folder=studies_folder / "eigenfrequency")
     assert abs(found.difference(found.of("with"), "frequency")) < 0.05
     assert found.value(found.of("with"), "frequency") == pytest.approx(0.2392, rel=1e-3)
     slowest = next(mode for mode in found.of("with").modes if mode["swings"])
     assert list(slowest["components"])[:2] == ["drilling.hook", "crown"]
 
 
-def test_passive_statements() -> None:
+def test_passive_statements(studies_folder: Path) -> None:
     """No slamming at 0.5 m without friction and with the printed equation; with the odd friction the bit lifts off."""
-    found = hb.run_study(STUDIES + "fig6", processes=1)
+    found = hb.run_study(STUDIES + "fig6", processes=1, folder=studies_folder / "fig6")
     off = {name: found.value(found.of(name), "off bottom") for name in ("with", "without", "as printed")}
     assert off["without"] == off["as printed"] == 0 < 20 < off["with"]
     with_friction, without = (found.value(found.of(name), "WOB variation") for name in ("with", "without"))
@@ -89,8 +89,8 @@ def test_passive_statements() -> None:
     assert with_friction > 3 * without
 
 
-def test_gains_and_variation_at_three_quarter_hertz() -> None:
-    found = hb.run_study(STUDIES + "fig8", processes=1)
+def test_gains_and_variation_at_three_quarter_hertz(studies_folder: Path) -> None:
+    found = hb.run_study(STUDIES + "fig8", processes=1, folder=studies_folder / "fig8")
     tuned = found.of("with")
     # published 3.02 1/m and 0.55 s/m: within 10 %
     assert found.value(tuned, "controller.K_p") == pytest.approx(3.02, rel=0.10)
@@ -232,12 +232,12 @@ def test_the_machine_in_parts_agrees_with_the_lumped_one() -> None:
     assert np.abs(detailed.display["p_main"] - lumped.display["p_main"]).max() < 0.01 * np.ptp(lumped.display["p_main"])
 
 
-def test_the_storm_ends_at_the_stops() -> None:
+def test_the_storm_ends_at_the_stops(studies_folder: Path) -> None:
     """The run is complete, the stroke stays within the stops and their deflection, and both ends are struck when active.
 
     The numbers are those of the page of the compensator: 10 %, and one impact, as each impact depends on the ones before.
     """
-    found = hb.run_study(STUDIES + "storm", processes=1)
+    found = hb.run_study(STUDIES + "storm", processes=1, folder=studies_folder / "storm")
     assert found.complete
     page = PAGE.with_name("compensator.md").read_text(encoding="utf-8")
     for operation in ("active", "passive"):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.errors import NAMES_LISTED, ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.core.units import ONE, Dimension, Range, Unit, dimension_text, is_generic, solved
+from heavebond.equations.buffered import Buffered
 from heavebond.equations.connect import Network
 from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.language.definition import Domain, Formula, Parameter, Value
@@ -386,7 +387,7 @@ class Limits:
     expanded: Expanded
     parameters: Parameters
     templates: Mapping[str, Template]
-    numbers: ca.Function
+    numbers: Buffered
     low: Array
     high: Array
 
@@ -397,9 +398,10 @@ class Limits:
         values = stack(parameters.expressions[name] for name, _ in bounded)
         truths = stack(made.requirements(stack(parameters.expressions[f"{path}.{name}"] for name in made.parameters))
                        for path, made in templates.items() if expanded.leaves[path].component.requires)
-        numbers = ca.Function("limits", [parameters.p], [values, truths])
+        numbers = Buffered(ca.Function("limits", [parameters.p], [ca.densify(values), ca.densify(truths)],
+                                       ["p"], ["values", "truths"]))
         # a search may step beyond the end of its range by a rounding error
-        rounding = ROUNDED * np.abs(np.array(numbers(parameters.numbers)[0]).ravel())
+        rounding = ROUNDED * np.abs(numbers(parameters.numbers)["values"].ravel())
         low = np.array([-inf if q.low is None else q.low for _, q in bounded])
         high = np.array([inf if q.high is None else q.high for _, q in bounded])
         low -= rounding + ROUNDED * np.abs(np.where(np.isinf(low), 0, low))
@@ -413,8 +415,9 @@ class Limits:
 
     def check(self, p: Array, changed: Iterable[str]) -> None:
         """ModelError if the values `p`, of which some are `changed` from those of the diagram, are not allowed."""
-        values, truths = (np.array(column).ravel() for column in self.numbers(p))
-        if np.all((values >= self.low) & (values <= self.high)) and np.all(truths):
+        found = self.numbers(p)
+        values, truths = found["values"].ravel(), found["truths"]
+        if ((values >= self.low) & (values <= self.high)).all() and truths.all():
             return
         pairs = zip(self.parameters.independent, p.tolist(), strict=True)
         independent = tuple(replace(q, value=number) for q, number in pairs)

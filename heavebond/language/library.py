@@ -116,9 +116,14 @@ class Library:
         listed: a folder may contain FMUs that are not components."""
         return [name for name, path in self.files.items() if path.suffix != ".fmu"]
 
+    def user_files(self) -> dict[str, Path]:
+        """The file of each component that is in one of the user's folders."""
+        known = _bundled_files()["component"]
+        return {name: path for name, path in self.files.items() if path != known.get(name)}
+
     def effects(self) -> list[Component]:
         """The components that have an `effect:`, in the order of their files; the others are not parsed."""
-        having = (name for name in self.names() if _EFFECT.search(read_text(self.files[name])))
+        having = (name for name in self.names() if _has_effect(self.files[name].absolute(), _stamp(self.files[name])))
         return [component for component in map(self.component, having) if component.effect is not None]
 
     def component(self, name: str, place: Place | None = None) -> Component:
@@ -166,6 +171,12 @@ class Library:
         return path, _stamp(path), tuple(self.domains), self.functions
 
 
+@lru_cache(maxsize=4096)
+def _has_effect(path: Path, stamp: tuple[int, int]) -> bool:
+    """True if a file has the key `effect:`."""
+    return _EFFECT.search(read_text(path)) is not None
+
+
 @lru_cache(maxsize=1024)
 def _extends(path: Path, stamp: tuple[int, int]) -> Scalar | None:
     """The name of the component that the file extends; None if it extends none."""
@@ -185,12 +196,14 @@ def library(folders: Iterable[Path] = ()) -> Library:
     files: dict[str, dict[str, Path]] = {"component": {}, "function": {}}
     twice: dict[str, dict[str, tuple[Path, Path]]] = {"component": {}, "function": {}}
     for folder in folders:
-        for path in (*sorted(folder.glob("*.yaml")), *sorted((folder / "components").rglob("*.yaml")),
-                     *sorted(folder.glob("*.fmu")), *sorted((folder / "components").rglob("*.fmu"))):
-            kind, name = ("component", path.name) if path.suffix == ".fmu" else _head_of(path)
-            if name and name in files[kind] and files[kind][name].resolve() != path.resolve():
+        for file in _user_files(folder.absolute()):
+            kind, name = ("component", os.path.basename(file)) if file.endswith(".fmu") else _head_of(file)
+            if not name:
+                continue
+            path = folder / os.path.relpath(file, folder.absolute())
+            if name in files[kind] and files[kind][name].resolve() != path.resolve():
                 twice[kind][name] = (files[kind][name], path)
-            elif name:
+            else:
                 files[kind][name] = path
     user_functions = tuple((name, path, _stamp(path)) for name, path in files["function"].items())
     for kind, known in _bundled_files().items():
@@ -247,36 +260,48 @@ def called_functions(component: Component) -> list[Function]:
 @lru_cache(maxsize=1)
 def _bundled_files() -> dict[str, dict[str, Path]]:
     files: dict[str, dict[str, Path]] = {"component": {}, "function": {}}
-    for path in _yaml_files(bundled("components")):
+    for path in _files_below(bundled("components")):
         with open(path, "rb") as file:  # the library's heads are on the first lines
             whole_lines = file.read(HEAD_BYTES).replace(b"\r\n", b"\n").rpartition(b"\n")[0]
         head = _HEAD.search(whole_lines.decode("utf-8", "replace"))
-        kind, name = (head.group(1), head.group(2)) if head else _head_of(Path(path))
+        kind, name = (head.group(1), head.group(2)) if head else _head_of(path)
         if name:
             files[kind][name] = Path(path)
     return files
 
 
-def _yaml_files(top: Path) -> list[str]:
-    """The YAML files in a folder and those below it."""
-    paths = (os.path.join(folder, name) for folder, _, names in os.walk(top) for name in names if name.endswith(".yaml"))
+def _user_files(folder: Path) -> list[str]:
+    """The YAML files and the FMUs in a folder and below its `components`, in the order in which they are read. Strings: a
+    folder may hold hundreds of diagrams, of which a library takes none."""
+    try:
+        names = sorted(os.listdir(folder))
+    except OSError:
+        names = []
+    return [file for suffix in (".yaml", ".fmu") for file in (
+        *(os.path.join(folder, name) for name in names if name.endswith(suffix)),
+        *_files_below(folder / "components", suffix))]
+
+
+def _files_below(top: Path, suffix: str = ".yaml") -> list[str]:
+    """The files of a kind in a folder and those below it."""
+    paths = (os.path.join(folder, name) for folder, _, names in os.walk(top) for name in names if name.endswith(suffix))
     return sorted(paths, key=lambda path: path.split(os.sep))
 
 
-def _head_of(path: Path) -> tuple[str, str]:
+def _head_of(path: str) -> tuple[str, str]:
     """`component` or `function` and the name; empty for other files."""
     try:
-        status = path.stat()
+        status = os.stat(path)
         # reading a pipe would block
-        return _head_in(path.absolute(), (status.st_mtime_ns, status.st_size)) if S_ISREG(status.st_mode) else ("", "")
+        return _head_in(path, (status.st_mtime_ns, status.st_size)) if S_ISREG(status.st_mode) else ("", "")
     except (OSError, ModelError):
         return "", ""  # an unreadable file in the same folder does not make the diagram wrong
 
 
 @lru_cache(maxsize=4096)
-def _head_in(path: Path, stamp: tuple[int, int]) -> tuple[str, str]:
+def _head_in(path: str, stamp: tuple[int, int]) -> tuple[str, str]:
     """The same for one state of a file; ModelError if it cannot be read."""
-    head_match = _HEAD.search(read_text(path))
+    head_match = _HEAD.search(read_text(Path(path)))
     return (head_match.group(1), head_match.group(2)) if head_match else ("", "")
 
 

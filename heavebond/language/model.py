@@ -337,8 +337,8 @@ def _base(source: Source, chain: tuple[Path, ...]) -> Model:
 
 
 def _joined_library(folder: Path, inherited: Library) -> Library:
-    folder_library = library([folder])
-    local = {n: p for n, p in folder_library.files.items() if folder.resolve() in p.resolve().parents}
+    folder_library, top = library([folder]), folder.resolve()
+    local = {n: p for n, p in folder_library.user_files().items() if top in p.resolve().parents}
     return Library(inherited.domains, {**inherited.files, **local}, {**inherited.twice, **folder_library.twice},
                    joined_functions(folder, inherited.functions, folder_library.functions))
 

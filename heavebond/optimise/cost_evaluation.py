@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from heavebond.language.symbols import stack
 from heavebond.linear.modal_values import NUMBERS, ModalNumbers
 from heavebond.numerics.dae import Array, Assembly, Factors
+from heavebond.numerics.pointwise import evaluated
 from heavebond.numerics.result import Result, columns, with_held
 from heavebond.optimise.costs import Cost, Functional
 from heavebond.optimise.sampled_values import SAMPLED, sampled_value
@@ -219,15 +220,18 @@ def _signal_sensitivities(function: ca.Function, run: Result, chosen: NDArray[np
     """Signals (n, N) at chosen times of a run, and their change (m, n, N) along its sensitivities."""
     given = [c[:, chosen] for c in columns(run)]
     number, n = int(np.count_nonzero(chosen)), function.size1_out(0)
+    names = () if run.along is None else run.along.names
+    if not number:
+        return np.zeros((n, 0)), np.zeros((len(names), n, 0))
     still = [np.zeros((len(a), number)) for a in (run.x, run.z, run.p)]
-    signals = np.array(function(*given, *still)[0]).reshape(n, number)
+    signals = evaluated(run.assembly, function, [*given, *still])[0]
     if run.along is None:
         return signals, np.zeros((0, n, number))
     directions = zip(run.along.x, run.along.z, run.along.p, run.along.held, strict=True)
     return signals, np.array([
-        np.array(function(*given, *(direction[:, chosen]
-                                    for direction in (x, z, with_held(run, p, held))))[1]).reshape(n, number)
-        for x, z, p, held in directions]).reshape(len(run.along.names), n, number)
+        evaluated(run.assembly, function, [*given, *(direction[:, chosen]
+                                                     for direction in (x, z, with_held(run, p, held)))])[1]
+        for x, z, p, held in directions]).reshape(len(names), n, number)
 
 
 def _gate(t: ca.SX, begin: float, ramp: float) -> ca.SX:
