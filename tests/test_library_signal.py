@@ -177,6 +177,8 @@ STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
      np.interp(TIME, [1, 2, 4], [5, 1, -3])),
     ("TableSource", {"t": "[1 s, 2 s, 2 s, 4 s]", "v": "[5 N, 1 N, 2 N, -2 N]", "outside": 1}, {"time": TIME + 1e-3},
      np.where(TIME + 1e-3 < 2, 5 - 4*(TIME + 1e-3 - 1), 2 - 2*(TIME + 1e-3 - 2))),
+    ("TableSource", {"t": "[1 s, 2 s, 4 s]", "v": "[5 N, 1 N, 5 N]", "outside": 2}, {"time": 3*TIME - 1},
+     np.interp((3*TIME - 2) % 3 + 1, [1, 2, 4], [5, 1, 5])),
     ("Lookup2", {"u_1": "0 V", "u_2": "0 A", "x_1": "[0 V, 1 V, 3 V]", "x_2": "[-1 A, 1 A]", "v": "[1, 2, 3, 5, 8, 13]"},
      {"u_1": ACROSS, "u_2": ALONG},
      RegularGridInterpolator(([0.0, 1.0, 3.0], [-1.0, 1.0]), np.array([[1, 2], [3, 5], [8, 13.0]]))(

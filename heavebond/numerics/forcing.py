@@ -3,7 +3,7 @@
 A solver evaluates the equations only at the ends of its steps. Where a machine is at rest the steps grow without limit, and
 a road bump, a pulse or a gust that begins and ends within one step is missed: the run ends without an error and without the
 motion. Before a run the functions of time in the equations are therefore searched. The integrator stops at their kinks and
-jumps (where an argument of `min`, `max`, `abs`, `sign` or a comparison changes its sign) and at points of motions that are
+jumps (where an argument of `min`, `max`, `abs`, `sign`, `atan2` or a comparison changes its sign) and at points of motions that are
 shorter than the output intervals; its steps are limited by what the output points show of longer motions.
 """
 
@@ -26,6 +26,8 @@ STEEP = {ca.OP_SQ, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN,
          ca.OP_INV}
 STRAIGHT = {ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_ASSIGN}
 POINTS = 1000  # output intervals below which the functions are looked at in so many intervals
+MOST_TURNS = 100_000  # of a periodic function in a run: a run with more is limited by its events
+SAME_DEPTH = 20  # operations of two expressions that are compared
 TERMS = 8  # terms of a sum that are searched each by itself, so that a small motion beside a large one is met
 
 
@@ -74,6 +76,7 @@ class Forcing:
         self._lines: ca.Function | None = None
         self._switches: dict[bool, Course | None] = {False: None, True: None}  # by whether they are curved between kinks
         self._smooth: Course | None = None
+        self._turns: ca.Function | None = None
         if not parts:
             return
         order = flat.places
@@ -84,7 +87,15 @@ class Forcing:
         self._functions = ca.Function("forcing", [time, felt], [stack(laws)])
         timed_conditions = [c for c in split(equations[equations.numel() - len(conditions):])
                             if {s.element_hash() for s in ca.symvar(c)} <= {s.element_hash() for s in (*used, time)}]
-        switches = [*switch_arguments(parts, time)[0], *timed_conditions]
+        switches, phases = [*switch_arguments(parts, time)[0], *timed_conditions], list[ca.SX]()
+        for y, x in _angles(parts, time):
+            if (phase := _phase(y, x, time)) is None:
+                switches.append(y)
+            else:
+                phases.append(phase)
+        if phases:
+            first = ca.substitute(stack(phases), time, ca.SX(0))
+            self._turns = ca.Function("turns", [felt], [first, ca.jtimes(stack(phases), time, ca.SX(1))])
         if switches:
             slopes = ca.jtimes(stack(switches), time, ca.SX(1))
             bent = ca.which_depends(slopes, time, 1, True)
@@ -119,6 +130,9 @@ class Forcing:
             first, slope = (np.array(v).ravel() for v in self._lines(felt))
             with np.errstate(divide="ignore", invalid="ignore"):
                 kinks = -first / slope
+        if self._turns is not None:
+            first, slope = (np.array(v).ravel() for v in self._turns(felt))
+            kinks = np.concatenate([kinks, *(_whole_turns(f, s, ends) for f, s in zip(first, slope, strict=True))])
         if (straight := self._switches[False]) is not None:
             kinks = straight_sign_changes(straight, felt, _within(kinks, ends, True))
         if (curved := self._switches[True]) is not None:
@@ -204,26 +218,76 @@ def switch_arguments(parts: list[ca.SX], time: ca.SX) -> tuple[list[ca.SX], list
     return first, second, third
 
 
+def _angles(parts: list[ca.SX], time: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+    """The arguments (y, x) of each atan2 that depends on the time: it jumps where y changes its sign at negative x."""
+    waiting, seen, pairs = [ca.cse(stack(parts))[k] for k in range(len(parts))], set[int](), list[tuple[ca.SX, ca.SX]]()
+    while waiting:
+        node = waiting.pop()
+        if node.element_hash() in seen or node.is_constant() or node.is_symbolic():
+            continue
+        seen.add(node.element_hash())
+        if node.op() == ca.OP_ATAN2 and ca.depends_on(node.dep(0), time):
+            pairs.append((node.dep(0), node.dep(1)))
+        waiting += [node.dep(k) for k in range(node.n_dep())]
+    return pairs
+
+
+def _phase(y: ca.SX, x: ca.SX, time: ca.SX) -> ca.SX | None:
+    """A straight line in time whose whole turns are the jumps of atan2(y, x), which is a straight line between them: of
+    y = -sin(phase) and x = -cos(phase), as in the function `periodic`; None for other arguments."""
+    if y.op() != ca.OP_NEG or x.op() != ca.OP_NEG:
+        return None
+    sine, cosine = y.dep(0), x.dep(0)
+    if sine.op() != ca.OP_SIN or cosine.op() != ca.OP_COS or not ca.is_equal(sine.dep(0), cosine.dep(0), SAME_DEPTH) or \
+            ca.depends_on(ca.jacobian(sine.dep(0), time), time):
+        return None
+    return sine.dep(0)
+
+
+def _whole_turns(first: float, slope: float, ends: Array) -> Array:
+    """The times between two ends at which the phase first + slope*t is a multiple of 2 pi, at most MOST_TURNS."""
+    if not (np.isfinite(first) and np.isfinite(slope)) or slope == 0:
+        return np.zeros(0)
+    turns = np.sort((first + slope * ends) / (2 * np.pi))
+    whole = np.arange(np.ceil(turns[0]), min(np.floor(turns[1]), np.ceil(turns[0]) + MOST_TURNS) + 1)
+    return np.asarray((2 * np.pi * whole - first) / slope)
+
+
 def _curved(terms: list[ca.SX], time: ca.SX) -> list[bool]:
     """Whether functions of time are more than straight lines between their kinks and jumps."""
-    together = stack(terms)
+    together = ca.cse(stack(terms))
     symbols = ca.symvar(together)
     function = ca.Function("f", [stack(symbols)], [together])
     degrees: dict[int, int] = {}  # 2 stands for all above 1
+    results: dict[int, int] = {}  # the instruction whose result a place of the work vector holds
+    waves: dict[int, tuple[int, int]] = {}  # -sin and -cos: the operation, and the instruction of their phase
     found = [False] * len(terms)
     for k in range(function.n_instructions()):
         op, inputs, outputs = (function.instruction_id(k), function.instruction_input(k), function.instruction_output(k))
         if op == ca.OP_OUTPUT:
             found[outputs[1]] = degrees[inputs[0]] > 1
-        elif op in (ca.OP_INPUT, ca.OP_CONST):
+            continue
+        if op in (ca.OP_INPUT, ca.OP_CONST):
             degrees[outputs[0]] = int(op == ca.OP_INPUT and symbols[inputs[1]].element_hash() == time.element_hash())
-        elif op in STEPS:
+            waves.pop(outputs[0], None)
+            results[outputs[0]] = k
+            continue
+        wave = (op, results[inputs[0]]) if op in (ca.OP_SIN, ca.OP_COS) and degrees[inputs[0]] <= 1 else \
+            waves.get(inputs[0]) if op == ca.OP_NEG else None
+        turns = [waves.get(i) for i in inputs] if op == ca.OP_ATAN2 else []
+        if op in STEPS:
             degrees[outputs[0]] = 0
+        elif turns and None not in turns and turns[0] == (ca.OP_SIN, turns[1][1]) and turns[1][0] == ca.OP_COS:
+            degrees[outputs[0]] = 1  # the phase, from turn to turn
         else:
             each = [degrees[i] for i in inputs]
             degrees[outputs[0]] = max(each) if op in STRAIGHT or not any(each) else \
                 each[1] if op == ca.OP_IF_ELSE_ZERO else each[0] if op == ca.OP_DIV and not each[1] else \
                 min(sum(each), 2) if op == ca.OP_MUL else 2
+        waves.pop(outputs[0], None)
+        results[outputs[0]] = k
+        if wave is not None:
+            waves[outputs[0]] = wave
     return found
 
 
