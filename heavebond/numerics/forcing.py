@@ -3,8 +3,8 @@
 A solver evaluates the equations only at the ends of its steps. Where a machine is at rest the steps grow without limit, and
 a road bump, a pulse or a gust that begins and ends within one step is missed: the run ends without an error and without the
 motion. Before a run the functions of time in the equations are therefore searched. The integrator stops at their kinks and
-jumps (where an argument of `min`, `max`, `abs`, `sign`, `atan2` or a comparison changes its sign) and at points of motions that are
-shorter than the output intervals; its steps are limited by what the output points show of longer motions.
+jumps (where an argument of `min`, `max`, `abs`, `sign`, `atan2` or a comparison changes its sign) and at points of motions
+that are shorter than the output intervals; its steps are limited by what the output points show of longer motions.
 """
 
 from __future__ import annotations
@@ -274,10 +274,10 @@ def _curved(terms: list[ca.SX], time: ca.SX) -> list[bool]:
             continue
         wave = (op, results[inputs[0]]) if op in (ca.OP_SIN, ca.OP_COS) and degrees[inputs[0]] <= 1 else \
             waves.get(inputs[0]) if op == ca.OP_NEG else None
-        turns = [waves.get(i) for i in inputs] if op == ca.OP_ATAN2 else []
+        y, x = (waves.get(i, (0, 0)) for i in inputs) if op == ca.OP_ATAN2 else ((0, 0), (0, 0))
         if op in STEPS:
             degrees[outputs[0]] = 0
-        elif turns and None not in turns and turns[0] == (ca.OP_SIN, turns[1][1]) and turns[1][0] == ca.OP_COS:
+        elif y == (ca.OP_SIN, x[1]) and x[0] == ca.OP_COS:
             degrees[outputs[0]] = 1  # the phase, from turn to turn
         else:
             each = [degrees[i] for i in inputs]

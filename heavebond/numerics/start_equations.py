@@ -261,11 +261,11 @@ class StartEquations:
         assembly = self.assembly
         if not rows:
             return False
-        states = stack([assembly.arguments[1][k] for k in rows])
-        slopes = ca.Function("slopes", list(assembly.arguments), [ca.jacobian(stack([assembly.ode[k] for k in rows]), states)])
+        rates, states = (stack([of[k] for k in rows]) for of in (assembly.ode, assembly.arguments[1]))
+        slopes = ca.Function("slopes", list(assembly.arguments), [ca.densify(ca.jacobian(rates, states))])
         at = (assembly.begin, *(np.zeros(a.numel()) for a in assembly.arguments[1:3]), assembly.p,
               np.zeros(assembly.arguments[4].numel()), 1.0)
-        matrix = slopes(*at).full()
+        matrix = np.array(slopes(*at))
         return bool(np.isfinite(matrix).all()) and np.linalg.matrix_rank(matrix) == len(rows)
 
     def _decides(self, guess: Condition) -> bool:

@@ -18,7 +18,6 @@ from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array
 from heavebond.numerics.interval_functions import bounds_function
 
-
 LONGEST_TEXT = 80  # of a function of time in a message, in characters
 
 
