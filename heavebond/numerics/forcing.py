@@ -4,11 +4,13 @@ A solver evaluates the equations only at the ends of its steps. Where a machine 
 a road bump, a pulse or a gust that begins and ends within one step is missed: the run ends without an error and without the
 motion. Before a run the functions of time in the equations are therefore searched. The integrator stops at their kinks and
 jumps (where an argument of `min`, `max`, `abs`, `sign`, `atan2` or a comparison changes its sign) and at points of motions
-that are shorter than the output intervals; its steps are limited by what the output points show of longer motions.
+that are shorter than the output intervals; its steps are limited by what the output points show of longer motions. A state that is a
+polynomial of the time, as the position of a vehicle at constant speed, counts as a function of time.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import product
 
@@ -26,6 +28,7 @@ STEEP = {ca.OP_SQ, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN,
          ca.OP_INV}
 STRAIGHT = {ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_ASSIGN}
 POINTS = 1000  # output intervals below which the functions are looked at in so many intervals
+MOST_POWER = 3  # of the time in the course of a state: that of a vehicle under constant jerk
 MOST_TURNS = 100_000  # of a periodic function in a run: a run with more is limited by its events
 SAME_DEPTH = 20  # operations of two expressions that are compared
 TERMS = 8  # terms of a sum that are searched each by itself, so that a small motion beside a large one is met
@@ -70,6 +73,12 @@ class Forcing:
         equations = ca.substitute(stack([assembly.ode, assembly.alg, *sources, *conditions]), rate, ca.SX(1))
         held = {h.index for h in flat.held}
         constants = stack(s for k, s in enumerate(split(p)) if k not in held)
+        self._begin, self._begins = ca.SX.sym("begin"), dict[int, ca.SX]()
+        self._follow_polynomials(assembly, constants)
+        if self._begins:
+            equations = ca.substitute(equations, stack(assembly.arguments[1][k] for k in self._courses),
+                                      stack(self._courses.values()))
+            constants = stack([constants, self._begin, *self._begins.values()])
         self.parts = parts = _parts(equations, time, constants)
         self._felt: list[int] = []
         self._functions: ca.Function | None = None
@@ -82,6 +91,7 @@ class Forcing:
         order = flat.places
         used = [s for s in ca.symvar(stack(parts)) if s.element_hash() in order]
         self._felt = [order[s.element_hash()] for s in used]
+        used += [self._begin, *self._begins.values()] if self._begins else []
         felt = stack(used)
         laws = _parts(equations[:equations.numel() - len(conditions)], time, constants) if conditions else parts
         self._functions = ca.Function("forcing", [time, felt], [stack(laws)])
@@ -111,21 +121,61 @@ class Forcing:
         if curved := [term for term, bent in zip(terms, _curved(terms, time), strict=True) if bent]:
             self._smooth = Course(time, felt, curved)
 
-    def longest_step(self, times: Array, p: Array) -> float:
-        """The longest step (s) over these output times (N,) with these parameters; 0 for no limit."""
+    def _follow_polynomials(self, assembly: Assembly, constants: ca.SX) -> None:
+        """Find the states that are polynomials of the time, by their rates. Their `_courses` by the rows of the states
+        contain their values at the begin of the run, `_begins`."""
+        time, x, rate = assembly.arguments[0], assembly.arguments[1], assembly.arguments[5]
+        reset = {r.unknown for event in assembly.flat.events for r in event.resets}
+        moved = any(event.impulse or event.breakaway for event in assembly.flat.events)
+        known = {s.element_hash() for s in (time, self._begin, *split(constants))}
+        self._courses: dict[int, ca.SX] = {}
+        waiting = [k for k, (j, order) in enumerate(assembly.reduced.states) if not (order or j in reset or moved)]
+        found = True
+        while found and waiting:
+            found = False
+            rates = ca.substitute(stack(assembly.ode[k] for k in waiting), rate, ca.SX(1))
+            if self._courses:
+                rates = ca.substitute(rates, stack(x[k] for k in self._courses), stack(self._courses.values()))
+            for row, k in enumerate(list(waiting)):
+                if {s.element_hash() for s in ca.symvar(rates[row])} <= known and \
+                        (rise := _integral(rates[row], time, self._begin)) is not None:
+                    self._begins[k] = ca.SX.sym(assembly.state_names[k])
+                    known.add(self._begins[k].element_hash())
+                    self._courses[k] = self._begins[k] + rise
+                    waiting.remove(k)
+                    found = True
+
+    @property
+    def follows_states(self) -> bool:
+        """Whether the functions depend on states that are polynomials of the time."""
+        return bool(self.parts and self._begins)
+
+    def parts_from(self, begin: float, x: Array | None) -> list[ca.SX]:
+        """The functions of time and parameters of a run that begins at a time with the state `x` (n_x,)."""
+        if not self.follows_states:
+            return self.parts
+        values = self.felt(np.zeros(0), begin, x)
+        whole = ca.substitute(stack(self.parts), stack([self._begin, *self._begins.values()]), ca.DM(values))
+        return [whole[k] for k in range(len(self.parts))]
+
+    def longest_step(self, times: Array, p: Array, x: Array | None = None) -> float:
+        """The longest step (s) over these output times (N,) with these parameters; 0 for no limit. `x` (n_x,) is the state
+        at the first time, without it 0."""
         if self._functions is None or len(times) < 3:
             return 0.0
-        values = np.asarray(self._functions(times[None, :], np.repeat(p[self._felt][:, None], len(times), axis=1)))
+        felt = self.felt(p, times[0], x)
+        values = np.asarray(self._functions(times[None, :], np.repeat(felt[:, None], len(times), axis=1)))
         return _longest(values[np.all(np.isfinite(values), axis=1)], float(np.median(np.diff(times))))
 
-    def stops(self, times: Array, p: Array) -> Stops:
-        """What the functions of time ask of an integrator between these output times (N,) with these parameters. Few output
+    def stops(self, times: Array, p: Array, x: Array | None = None) -> Stops:
+        """What the functions of time ask of an integrator between these output times (N,) with these parameters, from the
+        state `x` (n_x,) at the first time (without it 0). Few output
         times are replaced by POINTS intervals, so that a longer motion between them is met, too."""
         if self._functions is None or len(times) < 2:
             return Stops(np.zeros(0), 0.0)
-        felt, ends, unknown = p[self._felt], times[[0, -1]], list[str]()
+        felt, ends, unknown = self.felt(p, times[0], x), times[[0, -1]], list[str]()
         times = times if len(times) > POINTS else np.linspace(ends[0], ends[1], POINTS + 1)
-        kinks, longest = np.zeros(0), self.longest_step(times, p)
+        kinks, longest = np.zeros(0), self.longest_step(times, p, x)
         if self._lines is not None:
             first, slope = (np.array(v).ravel() for v in self._lines(felt))
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -148,9 +198,23 @@ class Forcing:
             longest = min(longest or short.longest, short.longest or longest)
         return Stops(_within(np.append(kinks, motions), ends), longest, tuple(dict.fromkeys(unknown)))
 
-    def felt(self, p: Array) -> Array:
-        """The parameters that the functions depend on."""
-        return np.asarray(p[self._felt])
+    def felt(self, p: Array, begin: float, x: Array | None = None) -> Array:
+        """The values that the functions depend on: parameters, and the first time and values of states."""
+        values = p[self._felt] if len(p) else p
+        if not self.follows_states:
+            return np.asarray(values)
+        return np.array([*values, begin, *(0.0 if x is None else x[k] for k in self._begins)])
+
+
+def _integral(rate: ca.SX, time: ca.SX, begin: ca.SX) -> ca.SX | None:
+    """The integral of a polynomial of the time of a low degree from the begin; None of another function."""
+    span, power, total = time - begin, 1, ca.SX(0)
+    while power <= MOST_POWER:
+        total += ca.substitute(rate, time, begin) * span**power / math.factorial(power)
+        if not ca.depends_on(rate, time):
+            return total
+        rate, power = ca.jtimes(rate, time, ca.SX(1)), power + 1
+    return None
 
 
 def _within(times: Array, ends: Array, closed: bool = False) -> Array:

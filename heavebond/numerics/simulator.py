@@ -133,15 +133,15 @@ class Simulator:
     unknown_forcing: tuple[str, ...]  # functions of time without a bound
     _felt: Array | None  # the parameters that these were found with
 
-    def _limit_steps(self, p: Array) -> bool:
-        """Find the instants and the longest step with which no prescribed function of time is passed over with parameters;
-        whether the integrator has to be built again: for other instants, or for steps that are much shorter."""
+    def _limit_steps(self, p: Array, x: Array | None = None) -> bool:
+        """Find the instants and the longest step with which no prescribed function of time is passed over with parameters,
+        from the state `x` (n_x,); whether the integrator has to be built again: for other instants, or for steps that are much shorter."""
         self.forcing: Forcing = self.assembly.once("forcing", lambda: Forcing(self.assembly))
-        felt = self.forcing.felt(p)
+        felt = self.forcing.felt(p, self.begin, x)
         if self._felt is not None and np.array_equal(felt, self._felt):
             return False
         before, self._felt = self.longest, felt
-        found = self.forcing.stops(self.time, p)
+        found = self.forcing.stops(self.time, p, x)
         self.unknown_forcing = found.unknown
         shorter = found.longest > 0 and (before == 0 or found.longest < FORCING.renewed_below * before)
         self.longest = found.longest if shorter or not self.keeps_shortest else before
@@ -344,7 +344,7 @@ class Simulator:
         """A run; where its unknowns stay far below their nominal sizes and `again` gives its start, with sizes that fit."""
         started = clock.perf_counter()
         with self._turn:
-            if self._limit_steps(first.p):
+            if self._limit_steps(first.p, first.x):
                 self._renew()
             found = self._integrate(assembly, first, moved)
             unfit: dict[str, float] = {}
