@@ -4,8 +4,8 @@ A solver evaluates the equations only at the ends of its steps. Where a machine 
 a road bump, a pulse or a gust that begins and ends within one step is missed: the run ends without an error and without the
 motion. Before a run the functions of time in the equations are therefore searched. The integrator stops at their kinks and
 jumps (where an argument of `min`, `max`, `abs`, `sign`, `atan2` or a comparison changes its sign) and at points of motions
-that are shorter than the output intervals; its steps are limited by what the output points show of longer motions. A state that is a
-polynomial of the time, as the position of a vehicle at constant speed, counts as a function of time.
+that are shorter than the output intervals; its steps are limited by what the output points show of longer motions. A state
+that is a polynomial of the time, as the position of a vehicle at constant speed, counts as a function of time.
 """
 
 from __future__ import annotations
@@ -169,8 +169,8 @@ class Forcing:
 
     def stops(self, times: Array, p: Array, x: Array | None = None) -> Stops:
         """What the functions of time ask of an integrator between these output times (N,) with these parameters, from the
-        state `x` (n_x,) at the first time (without it 0). Few output
-        times are replaced by POINTS intervals, so that a longer motion between them is met, too."""
+        state `x` (n_x,) at the first time (without it 0). Few output times are replaced by POINTS intervals, so that a longer
+        motion between them is met, too."""
         if self._functions is None or len(times) < 2:
             return Stops(np.zeros(0), 0.0)
         felt, ends, unknown = self.felt(p, times[0], x), times[[0, -1]], list[str]()

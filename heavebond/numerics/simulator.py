@@ -135,7 +135,8 @@ class Simulator:
 
     def _limit_steps(self, p: Array, x: Array | None = None) -> bool:
         """Find the instants and the longest step with which no prescribed function of time is passed over with parameters,
-        from the state `x` (n_x,); whether the integrator has to be built again: for other instants, or for steps that are much shorter."""
+        from the state `x` (n_x,). True if the integrator has to be built again: for other instants, or for steps that are
+        much shorter."""
         self.forcing: Forcing = self.assembly.once("forcing", lambda: Forcing(self.assembly))
         felt = self.forcing.felt(p, self.begin, x)
         if self._felt is not None and np.array_equal(felt, self._felt):
@@ -442,7 +443,7 @@ class Simulator:
             early = np.abs(found.x[:len(first.x), :last + 1]).max(axis=1)
             reached |= {name: min(reached[name], float(value))
                         for name, value in zip(assembly.state_names, early, strict=True) if value > 0}
-        small = far_below(reached, nominal, declared)
+        small = far_below(reached, nominal, declared, exact=first.steps == 0)
         if not small:
             return {}
         if len(stops) < SIZES.least_stops:
