@@ -169,8 +169,8 @@ class Forcing:
 
     def stops(self, times: Array, p: Array, x: Array | None = None) -> Stops:
         """What the functions of time ask of an integrator between these output times (N,) with these parameters, from the
-        state `x` (n_x,) at the first time (without it 0). Few output times are replaced by POINTS intervals, so that a longer
-        motion between them is met, too."""
+        state `x` (n_x,) at the first time (without it 0). Few output times are replaced by POINTS intervals, so that a
+        longer motion between them is met, too."""
         if self._functions is None or len(times) < 2:
             return Stops(np.zeros(0), 0.0)
         felt, ends, unknown = self.felt(p, times[0], x), times[[0, -1]], list[str]()

@@ -35,6 +35,7 @@ from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.event_integration import EventIntegration, reason, settled
 from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_message, stop_times
 from heavebond.numerics.forcing import FORCING, Forcing
+from heavebond.numerics.hidden_motions import HiddenMotions
 from heavebond.numerics.idas import Idas, caught_errors, is_large, time_unit
 from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this module's interface
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
@@ -400,16 +401,23 @@ class Simulator:
             stays = tuple((at, in_states(stay.assembly, at, stay.x, stay.z)) for at, stay in others if len(at))
             return in_states(assembly, np.arange(len(keep)), found.x, found.z, stays)
 
+        def with_hidden(points: Points) -> Points:
+            """Points of this run and those of the motions between them."""
+            return points if moved is not None else HiddenMotions(
+                assembly, self.integrand, self.inputs, self.solver, self.tolerances, self.begin).found_in(points, first.p)
+
         result = taken(found, output_times, kept)
         if found.between is None:
-            check_limits(result, taken(found, stops, np.arange(len(stops))) if len(stops) > len(output_times) else None)
+            if limited(self.assembly).unknowns:
+                times, trace, _ = with_hidden((stops, found, None))
+                check_limits(result, taken(trace, times, np.arange(len(times))) if len(times) > len(output_times) else None)
             self._check_decided(result)
             return result
 
         def dense() -> tuple[Result, Settle | None]:
             assert found.between is not None
             with self._turn:
-                times, trace, settle = found.between()
+                times, trace, settle = with_hidden(found.between())
             return taken(trace, times, np.arange(len(times))), settle
 
         result = replace(result, between=dense)
