@@ -77,7 +77,8 @@ class HiddenMotions:
         self._integrator: Integrator | None = None
 
     def found_in(self, points: Points, p: Array) -> Points:
-        """The points of a run without sensitivities, with those of its hidden motions; `p` are the parameters of its start."""
+        """The points of a run without sensitivities, with those of its hidden motions; `p` are the parameters at its
+        start."""
         times, trace, settle = points
         if len(times) < 3 or trace.stays or trace.driven is not None or not len(self.assembly.x_nominal):
             return points
@@ -114,17 +115,18 @@ class HiddenMotions:
                 fine: bool = False) -> Array:
         """How much more each interval (n - 1,) between points changes a state than its rates explain, as a multiple of the
         change that is passed over. Within a motion (`fine`) that is the error of the trapezoidal rule."""
-        spans = np.diff(times)
+        spans, changes = np.diff(times), np.diff(x, axis=1)
+        moved = np.ones(len(spans), bool) if fine else (np.abs(changes) > HIDDEN.share * ranges[:, None]).any(axis=0)
+        looked_at = np.flatnonzero(moved & (spans > 0))
         rates = [np.zeros((len(x), len(spans))) for _ in range(2)]
-        for begin in range(0, len(spans), CHUNK):
-            part = np.arange(begin, min(begin + CHUNK, len(spans)))
+        for begin in range(0, len(looked_at), CHUNK):
+            part = looked_at[begin:begin + CHUNK]
             values = np.tile(p[:, None], (1, len(part)))
             values[places] = held[:, part]
             u = self.inputs((times[part] + times[part + 1]) / 2)[:self.assembly.arguments[4].numel()]
             for side, at in zip(rates, (part, part + 1), strict=True):
                 side[:, part] = np.array(self.assembly.rates(times[None, at], x[:, at], z[:, at], values, u,
                                                              np.ones((1, len(part))))[0]).reshape(len(x), len(part))
-        changes = np.diff(x, axis=1)
         if fine:
             unexplained, share = np.abs(changes - spans * (rates[0] + rates[1]) / 2), HIDDEN.fine
         else:
@@ -132,7 +134,8 @@ class HiddenMotions:
             unexplained, share = np.abs(changes) - HIDDEN.explained * spans * steepest, HIDDEN.share
         with np.errstate(divide="ignore", invalid="ignore"):
             excess = unexplained / (share * ranges[:, None])
-        return np.asarray(np.where(np.isfinite(excess), excess, 0.0).max(axis=0, initial=0.0) * (spans > 0))
+        largest = np.where(np.isfinite(excess), excess, 0.0).max(axis=0, initial=0.0)
+        return np.where(np.isin(np.arange(len(spans)), looked_at), largest, 0.0)
 
     def _integrated(self, stretch: _Stretch) -> _Stretch | None:
         """An interval with points inside; None where the integration fails."""
