@@ -183,8 +183,8 @@ class Result:
         return found
 
     def _rates(self) -> list[Finding]:
-        """Transitions between sampling rates that no block states, and in which the age of the value is not the same at every
-        sample or a part of a period."""
+        """Transitions between sampling rates that no block states, and in which the age of the value varies or is
+        a part of a period."""
         if sum(e.period is not None for e in self.assembly.flat.events) < 2:
             return []
         return [Finding("rates", t.reader, t.source, float(self.time[0]), t.period, t.source_period, "s", t.advice)
