@@ -217,7 +217,8 @@ def _aligned(rows: Sequence[str]) -> list[str]:
 
 
 def _start(component: Component) -> list[str]:
-    values = ", ".join(f"`{r.target.text}` starts at `{r.value.text}`" for r in component.initial)
+    values = ", ".join(f"`{r.target.text}` starts {'in its steady state' if r.steady else f'at `{r.value.text}`'}"
+                       for r in component.initial)
     return [f"Unless the diagram gives an initial value, {values}."] if values else []
 
 

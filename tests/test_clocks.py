@@ -200,9 +200,21 @@ def test_transitions_between_rates_are_listed_with_the_block_to_add() -> None:
     assert "1.6667 Hz folds" in texts["slow", "fast"]  # 1/(2 * 0.3 s)
     assert "UnitDelay with T_s: 0.3 s behind slow" in texts["back", "slow"]
     assert "neither period is a multiple" in texts["odd", "fast"]
-    assert "at other instants" in texts["late", "fast"]
+    assert "its instants are others" in texts["late", "fast"]
     explicit = found(slow="{is: SampleHold, T_s: 0.3 s, u: =taken.y - 2}",
                      taken="{is: SampleHold, T_s: 0.3 s, u: =3*fast.y}",
                      back="{is: SampleHold, T_s: 0.1 s, u: =1 + passed.y}",
                      passed="{is: UnitDelay, T_s: 0.3 s, u: =slow.y}")
     assert set(explicit) == {("odd", "fast"), ("late", "fast")}
+
+
+def test_a_run_names_the_transitions_between_rates_of_which_none_is_a_multiple() -> None:
+    fast = "{is: SampleHold, T_s: 0.1 s, u: =sin(time/(1 s))}"
+    for slow, named in (("T_s: 0.25 s", True), ("T_s: 0.1 s, t_0: 0.04 s", True), ("T_s: 0.3 s, t_0: 0.05 s", True),
+                        ("T_s: 0.3 s", False), ("T_s: 0.3 s, t_0: 0.2 s", False)):
+        run = hb.simulate(hb.loads(diagram({"fast": fast, "slow": f"{{is: SampleHold, {slow}, u: =2 - fast.y}}"})))
+        findings = [(f.kind, f.name, f.part, f.failed) for f in run.verdict.findings]
+        assert findings == ([("rates", "slow", "fast", False)] if named else [])
+    parts = {"fast": fast, "slow": "{is: SampleHold, T_s: 0.25 s, u: =2 - taken.y}",
+             "taken": "{is: SampleHold, T_s: 0.25 s, u: =fast.y}"}
+    assert hb.simulate(hb.loads(diagram(parts))).verdict.status == "clean"  # the hold is stated

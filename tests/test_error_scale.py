@@ -147,6 +147,21 @@ def test_a_tiny_motion_beside_a_large_voltage() -> None:
     assert worst(run.si["q.v"], 10 * (1 - np.exp(-t))) < 1e-6
 
 
+@pytest.mark.parametrize("large", ["1e9", "1"])
+def test_a_tiny_signal_that_shares_no_equation_with_a_large_one(large: str) -> None:
+    """At an exact start nothing but rounding disturbs the tiny one, whatever the ratio: the closed form of a lagged sine."""
+    run = hb.simulate(hb.loads(f"""
+model: beside
+components:
+  large: {{is: FirstOrderLag, T_1: 1 s, u: {large}}}
+  tiny:  {{is: FirstOrderLag, T_1: 1 s, u: "=1e-15*sin(3*time/(1 s))"}}
+initial: {{large.y: 0, tiny.y: 0}}
+simulate: {{until: 10 s}}
+"""))
+    t = run.time
+    assert worst(run["tiny.y"], 1e-16 * (np.sin(3*t) - 3*np.cos(3*t) + 3*np.exp(-t))) < 1e-6
+
+
 def test_a_leak_of_femtoamperes_through_two_resistors() -> None:
     run = hb.simulate(hb.loads(LEAK))
     assert worst(run.si["p.v"], 1e-6 * np.exp(-run.time / 4e-3)) < 1e-5

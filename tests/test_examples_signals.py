@@ -154,6 +154,8 @@ CASES = [
     Case("pulse", "part.y", lambda t: 5.0*((t > 0.3 - 1e-9) & (t < 0.55)), LAW),
     Case("table_source", "part.y", lambda t: np.interp(t, [0.1, 0.3, 0.6, 0.8], [0, 2, 2, -1]), "np.interp"),
     Case("lookup", "part.y", lambda t: np.interp(u(t), [-1, 0, 1, 2], [-10, 0, 5, 20])/6e4, "np.interp"),
+    Case("step_lookup", "part.y", lambda t: np.where(t < 6*3600, 0.2, np.where(
+        t < 20*3600, 0.5 + 0.1*(t/3600 - 6)/14, 0.3 - 0.1*(t/3600 - 20)/4)), "straight lines between steps"),
     Case("monotone_lookup", "part.y", PchipInterpolator([0, 1, 2, 4, 5], [0, 0.1, 2, 2.2, 2.2]),
          "SciPy's PchipInterpolator, the same slopes"),
     Case("lookup2", "part.y", lambda t: MAP(np.column_stack((2000*t, 100*(1 - t)))), "SciPy's RegularGridInterpolator"),

@@ -156,3 +156,48 @@ def test_a_measured_extreme_and_its_slope_do_not_depend_on_the_output_points(tmp
     end = 10*1.95
     mean = np.sin(end)/end
     assert values["swing"] == pytest.approx(0.02*(0.5 + np.sin(2*end)/(4*end) - mean**2)**0.5, rel=1e-5)
+
+
+# a mass of 1 kg at 1 m/s meets a wall at 500.3 m, F = c d**2, for 3 ms: its energy is c d**3/3 at the largest depth
+IMPACT = """
+model: impact
+components:
+  load: {{is: Mass, m: 1 kg}}
+  wall: {{is: ForceSource, u: "=-1e9 N/m**2*max(load.x - 500.3 m, 0 m)**2"}}
+  {more}
+nodes: {{load: [load.a, wall.a]}}
+initial: {{load.x: 0 m, load.v: 1 m/s}}
+show: {{force: {{is: wall.u, unit: N}}}}
+simulate: {{until: {until}, every: {every}}}
+"""
+LARGEST_FORCE = 1e9 * (1.5 / 1e9)**(2 / 3)
+
+
+@pytest.mark.parametrize(("until", "every"), [("1000 s", "1 s"), ("1000 s", "1000 s"), ("1e6 s", "1000 s")])
+@pytest.mark.parametrize("more", [
+    "", "clock: {is: SquareWave, low: 0, high: 1, T: 400 s}", "hold: {is: SampleHold, T_s: 300 s, u: =load.x}",
+    "drop: {is: SharpEdgedOrifice, d: 1 mm}\n  pump: {is: FlowSource, u: 1 L/min}\n  tank: {is: Tank}"])
+def test_an_impact_of_milliseconds_in_a_long_run_has_its_force(until: str, every: str, more: str) -> None:
+    text = IMPACT.format(until=until, every=every, more=more)
+    if "tank" in more:  # with an algebraic unknown
+        text = text.replace("nodes: {", "nodes: {oil: [pump.a, drop.a], sink: [drop.b, tank.a], ")
+    found = hb.simulate(hb.loads(text))
+    figures = found.figures(["force"])["force"]
+    assert figures.least == pytest.approx(-LARGEST_FORCE, rel=2e-3)  # of the polynomial through five points
+    assert found.dense["load.v"][-1] == pytest.approx(-1, abs=1e-6)
+    assert np.all(np.diff(found.dense.time) >= 0)
+
+
+def test_an_oscillation_with_few_points_a_period_is_no_hidden_motion() -> None:
+    """Nothing is integrated again where the rates explain what the states do, with 10 and 4 points a period."""
+    for c in ("4 kN/m", "25 kN/m"):
+        found = hb.simulate(hb.loads(f"""
+model: oscillation
+components: {{wall: {{is: Fixed}}, spring: {{is: Spring, c: {c}}}, load: {{is: Mass, m: 1 kg}}}}
+nodes: {{wall: [wall.a, spring.a], load: [spring.b, load.a]}}
+initial: {{load.x: 1 mm, load.v: 0 m/s}}
+simulate: {{until: 90 s, every: 10 ms}}
+"""))
+        time = found.dense.time
+        assert np.diff(time[time > 0.02]).min() > 9e-3
+        assert found.figures(["load.x"])["load.x"].most == pytest.approx(1e-3, rel=2e-2)

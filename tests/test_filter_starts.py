@@ -48,6 +48,41 @@ def test_a_constant_passes_a_filter_unchanged(block: str) -> None:
     assert found["f.y"] == pytest.approx(5, abs=SMALL)
 
 
+SYSTEMS = {
+    "StateSpace": "n: 2, A: [0 1/s, 1 1/s, -4 1/s, -1 1/s], B: [0 1/s, 1 1/s], C: [4, 0], u: 5",
+    "LinearSystem": "n: 2, m: 1, r: 1, A: [[0 1/s, 1 1/s], [-4 1/s, -1 1/s]], B: [[0 1/s], [1 1/s]], C: [[4, 0]], u: [5]",
+    "StateSpace22": "n: 2, A: [0 1/s, 1 1/s, -4 1/s, -1 1/s], B_1: [0 1/s, 1 1/s], B_2: [0 1/s, 1 1/s], C_1: [4, 0], "
+                    "C_2: [4, 0], u_1: 2, u_2: 3"}
+
+
+@pytest.mark.parametrize("block", SYSTEMS)
+def test_a_linear_system_starts_as_the_transfer_function_of_the_same_law(block: str) -> None:
+    output = {"StateSpace": "y", "LinearSystem": "y[1]", "StateSpace22": "y_2"}[block]
+    text = f"""
+model: same_law
+components:
+  t: {{is: TransferFunction, n: 3, a: [1, 1, 4], b: [0, 0, 4], u: 5}}
+  s: {{is: {block}, {SYSTEMS[block]}}}
+"""
+    steady = run(text)
+    assert steady[f"s.{output}"] == pytest.approx(steady["t.y"], abs=SMALL)
+    moved = run(text + 'initial: {"t.z[1]": 0.2, "s.x[1]": 0.2}\n')
+    assert np.ptp(moved["t.y"]) > 0.1
+    assert moved[f"s.{output}"] == pytest.approx(moved["t.y"], abs=SMALL)
+
+
+def test_a_linear_system_with_an_integrator_starts_at_zero_and_leaves_other_filters_steady() -> None:
+    found = run("""
+model: integrator
+components:
+  i: {is: LinearSystem, n: 2, m: 1, r: 1, A: [[0 1/s, 1 1/s], [0 1/s, -1 1/s]], B: [[0 1/s], [1 1/s]], C: [[1, 0]], u: [3]}
+  f: {is: FirstOrderLag, T_1: 20 ms, u: 4}
+""")
+    t = found.time
+    assert found["i.y[1]"] == pytest.approx(3 * (t - 1 + np.exp(-t)), abs=SMALL)
+    assert found["f.y"] == pytest.approx(4, abs=SMALL)
+
+
 def test_a_motion_sensor_starts_at_its_position() -> None:
     found = run("""
 model: heave

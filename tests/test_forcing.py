@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -79,3 +81,74 @@ initial: {load.x: 1 mm}
 simulate: {until: 1 s}
 """))
     assert Forcing(free).longest_step(np.linspace(0, 1, 101), free.p) == 0.0
+
+
+# a car at constant speed meets a bump of 50 mm and 0.4 m after 30 km; the same profile as a function of its position
+ROAD = """
+model: road
+parameters: {{speed: 20 m/s, place: 30 km}}
+components:
+  pull:  {{is: {source}}}
+  road:  {{is: ForceSource, u: "{force}"}}
+  tyre:  {{is: SpringDamper, c: 10 kN/m, d: 2 kN*s/m}}
+  wheel: {{is: Mass, m: 100 kg}}
+  ground: {{is: Fixed}}
+nodes: {{car: [pull.a], ground: [ground.a, tyre.a], wheel: [tyre.b, wheel.a, road.a]}}
+initial: {{wheel.x: 0 m, wheel.v: 0 m/s, car.x: {begin}}}
+show: {{lift: {{is: wheel.x, unit: mm}}}}
+simulate: {{until: 3600 s, every: 3.6 s}}
+"""
+POSITION = "10 kN*exp(-((({position}) - place)/(0.4 m))**2)"
+CORNERS = "max(0 N, 10 kN*(1 - abs(({position}) - place)/(0.4 m)))"
+
+
+@pytest.mark.parametrize("formula", [POSITION, CORNERS])
+@pytest.mark.parametrize(("source", "begin", "course"), [
+    ("VelocitySource, u: =speed", "0 m", "speed*time"),
+    ("VelocitySource, u: =speed", "-2 km", "speed*time - 2 km"),
+    ("AccelerationSource, u: 0.03 m/s**2", "1 km", "1 km + 0.015 m/s**2*time**2")])
+def test_a_bump_at_a_place_is_met_at_constant_speed_and_acceleration(formula: str, source: str, begin: str, course: str
+                                                                      ) -> None:
+    def largest(position: str) -> float:
+        text = ROAD.format(source=source, begin=begin, force="=" + formula.format(position=position))
+        if source.startswith("Acc"):
+            text = text.replace("wheel.v: 0 m/s, ", "wheel.v: 0 m/s, car.v: 0 m/s, ")
+        found = hb.simulate(hb.loads(text), rtol=1e-9)
+        assert found.verdict.status == "clean", found.verdict.text
+        return float(found.dense["wheel.x"].max())
+
+    by_time = largest(course)
+    assert by_time > 1e-3
+    assert largest("car.x") == pytest.approx(by_time, rel=1e-3)  # the extremes are those of steps
+
+
+def test_a_fit_follows_a_pulse_whose_time_is_free(tmp_path: Path) -> None:
+    """A pulse of 1 s in an hour, recorded every 20 s: its time differs from that of the diagram by 67 s."""
+    for formula in ("1 kN*exp(-((time - t_0)/(0.3 s))**2)", "max(0 N, 1 kN*(1 - abs(time - t_0)/(0.5 s)))"):
+        text = """
+model: pulse
+parameters: {{t_0: {t_0} s}}
+components:
+  push:   {{is: ForceSource, u: "={formula}"}}
+  spring: {{is: SpringDamper, c: 10 N/m, d: 2 N*s/m}}
+  load:   {{is: Mass, m: 100 kg}}
+  ground: {{is: Fixed}}
+nodes: {{ground: [ground.a, spring.a], load: [spring.b, load.a, push.a]}}
+initial: {{load.x: 0 m, load.v: 0 m/s}}
+simulate: {{until: 3600 s, every: 20 s}}
+"""
+        measured = hb.simulate(hb.loads(text.format(t_0=1733.3, formula=formula)))
+        (tmp_path / "m.yaml").write_text(text.format(t_0=1800, formula=formula))
+        rows = "\n".join(f"{t!r},{x!r}" for t, x in zip(measured.time.tolist(), measured["load.x"].tolist(), strict=True))
+        (tmp_path / "r.csv").write_text("t,x\n" + rows)
+        (tmp_path / "e.yaml").write_text("""
+experiment: pulse
+model: m.yaml
+records: {a: {file: r.csv, use: fit}}
+time: {column: t, unit: s}
+outputs: {load.x: {column: x, unit: m, noise: 0.1 mm}}
+free: {t_0: 1690 .. 1850 s}
+""")
+        found = hb.fit(tmp_path / "e.yaml")
+        assert found.values["t_0"] == pytest.approx(1733.3, abs=0.01)
+        assert found.chi2 < 1e-2

@@ -166,17 +166,14 @@ STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
      1 - 4*U),
     ("Lookup", {"u": "0 V", "x": "[-1 V, 0 V, 2 V]", "v": "[5 N, 1 N, 5 N]", "outside": 2}, {"u": 3*U},
      np.interp((3*U + 1) % 3 - 1, [-1, 0, 2], [5, 1, 5])),
-    # at the step the value of its second point
-    ("Lookup", {"u": "0 V", "x": "[-1 V, 0 V, 0 V, 2 V]", "v": "[5 N, 1 N, 2 N, 4 N]"}, {"u": U},
-     np.where(U < 0, np.interp(U, [-1, 0], [5, 1]), np.interp(U, [0, 2], [2, 4]))),
-    ("Lookup", {"u": "0 V", "x": "[-1 V, -1 V, 0.2 V, 0.2 V]", "v": "[5 N, 1 N, 2 N, -3 N]"}, {"u": U},
-     np.where(U < -1, 5, np.where(U < 0.2, 1 + (U + 1)/1.2, -3))),
     ("MonotoneLookup", {"u": "0 V", "x": "[-2 V, -1.5 V, 0 V, 1 V, 2 V]", "v": "[0 N, 3 N, 3.5 N, 3.5 N, -2 N]"}, {"u": U},
      PchipInterpolator([-2, -1.5, 0, 1, 2], [0, 3, 3.5, 3.5, -2])(np.clip(U, -2, 2))),
     ("TableSource", {"t": "[1 s, 2 s, 4 s]", "v": "[5 N, 1 N, -3 N]"}, {"time": TIME},
      np.interp(TIME, [1, 2, 4], [5, 1, -3])),
     ("TableSource", {"t": "[1 s, 2 s, 2 s, 4 s]", "v": "[5 N, 1 N, 2 N, -2 N]", "outside": 1}, {"time": TIME + 1e-3},
      np.where(TIME + 1e-3 < 2, 5 - 4*(TIME + 1e-3 - 1), 2 - 2*(TIME + 1e-3 - 2))),
+    ("TableSource", {"t": "[1 s, 2 s, 4 s]", "v": "[5 N, 1 N, 5 N]", "outside": 2}, {"time": 3*TIME - 1},
+     np.interp((3*TIME - 2) % 3 + 1, [1, 2, 4], [5, 1, 5])),
     ("Lookup2", {"u_1": "0 V", "u_2": "0 A", "x_1": "[0 V, 1 V, 3 V]", "x_2": "[-1 A, 1 A]", "v": "[1, 2, 3, 5, 8, 13]"},
      {"u_1": ACROSS, "u_2": ALONG},
      RegularGridInterpolator(([0.0, 1.0, 3.0], [-1.0, 1.0]), np.array([[1, 2], [3, 5], [8, 13.0]]))(
@@ -450,13 +447,49 @@ simulate: {until: 3.9 s, every: 10 ms}
     agree([time for time, name in events if name == "part.next"], [0.2, 1.4, 2.0, 2.2, 3.4], 1e-9)
 
 
-@pytest.mark.parametrize(("values", "words"), [
-    ("outside: 1, x: [0 V, 0 V, 1 V], v: [0, 1, 2]", "outside"), ("outside: 2, x: [0 V, 1 V], v: [0, 1]", "outside"),
-    ("x: [1 V, 0 V], v: [0, 1]", "x[1] < x[n]")])
-def test_a_table_without_slope_or_period_at_its_end_is_refused(values: str, words: str) -> None:
+@pytest.mark.parametrize(("table", "words"), [
+    ("StepLookup, outside: 1, x: [0 V, 0 V, 1 V], v: [0, 1, 2]", "outside"),
+    ("Lookup, outside: 2, x: [0 V, 1 V], v: [0, 1]", "outside"), ("StepLookup, x: [1 V, 0 V], v: [0, 1]", "x[1] < x[n]"),
+    ("Lookup, x: [0 V, 1 V, 1 V], v: [0, 1, 2]", "a table with steps is a StepLookup")])
+def test_a_table_without_slope_period_or_order_is_refused(table: str, words: str) -> None:
     with pytest.raises(ModelError) as caught:
-        hb.simulate(hb.loads(f"model: t\ncomponents:\n  a: {{is: Lookup, u: 0 V, {values}}}\nsimulate: {{until: 1 s}}\n"))
+        hb.simulate(hb.loads(f"model: t\ncomponents:\n  a: {{is: {table}, u: 0 V}}\nsimulate: {{until: 1 s}}\n"))
     assert words in str(caught.value)
+
+
+def test_a_step_of_a_table_is_an_event_with_its_sensitivity() -> None:
+    """A mass under 10 N up to 0.5 m, -30 N from there on, and between; it turns back and passes the steps again."""
+    text = """model: t
+components:
+  table:
+    is: StepLookup
+    x: [0 m, 0.5 m, 0.5 m, 0.9 m, 0.9 m, 0.9 m, 1 m]
+    v: [10 N, 10 N, -30 N, -30 N, 5 N, 1 N, 1 N]
+    u: =load.x
+  push:  {is: ForceSource, u: =table.y}
+  load:  {is: Mass, m: 1 kg}
+nodes: {load: [load.a, push.a]}
+initial: {load.x: 0 m, load.v: 0 m/s}
+simulate: {until: 1.2 s, every: 10 ms}
+"""
+    run = hb.simulate(hb.loads(text), sensitivities=["load.m"])
+    first, speed = np.sqrt(2*0.5/10), np.sqrt(2*0.5*10)
+    events = [(time, name.rpartition(".")[2]) for time, name in run.events]
+    assert [name for _, name in events] == ["begin", "rise", "fall", "rise"]
+    agree([time for time, _ in events[1:]], [first, first + 2*speed/30, 3*first + 2*speed/30], 1e-7)
+    t, left = run.time, first + 2*speed/30
+    inside = 0.5 + speed*(t - first) - 15*(t - first)**2
+    expected = np.where(t < first, 5*t**2, np.where(t < left, inside, 5*(t - first - left)**2))
+    before = t < 3*first + 2*speed/30
+    assert run["load.x"][before] == pytest.approx(expected[before], abs=1e-7)
+    lighter, heavier = (hb.simulate(hb.loads(text), parameters={"load.m": 1 + d}, rtol=1e-10)["load.x"]
+                        for d in (-1e-4, 1e-4))
+    # the error of the differences
+    assert run.sensitivity("load.x", "load.m") == pytest.approx((heavier - lighter)/2e-4, abs=1e-3)
+    up = hb.simulate(hb.loads(text.replace("load.v: 0 m/s", "load.v: 6 m/s").replace("1.2 s", "0.3 s")))
+    assert up["table.k"][-1] == 3 and up["table.y"][-1] == 1  # two steps at one input
+    past = hb.simulate(hb.loads(text.replace("load.x: 0 m", "load.x: 0.9 m").replace("1.2 s", "10 ms")))
+    assert past["table.k"][0] == 3
 
 
 def test_a_periodic_table_repeats_in_a_run_and_in_its_slope() -> None:

@@ -341,3 +341,29 @@ def test_a_limit_between_output_points_ends_a_run_with_events() -> None:
     for kind in (Simulator, FitSimulator):
         with pytest.raises(SimulationError, match="run-physical"):
             kind(hb.assemble(hb.loads(text)), times=np.array([0.0, 30.0, 100.0])).run()
+
+
+# the rod flies at 0.2 mm/s until the piston meets a wall at -0.2 m, where V_A is 0, for 60 ms
+BRIEF = """
+model: brief
+components:
+  frame: {is: Fixed}
+  ram:   {is: Cylinder, A_A: 100 cm**2, A_B: 100 cm**2, V_A0: 2 L, V_B0: 10 L, beta: 1.5 GPa}
+  load:  {is: Mass, m: 1 kg}
+  wall:  {is: ForceSource, u: "=1e9 N/m**2*max(PLACE - rod.x, 0 m)**2"}
+  tank:  {is: Tank}
+nodes: {frame: [frame.a, ram.a], rod: [ram.b, load.a, wall.a], oil: [ram.A, ram.B, tank.a]}
+initial: {rod.x: 0 m, rod.v: -0.2 mm/s}
+simulate: {until: 3600 s}
+"""
+
+
+def test_a_limit_that_is_passed_for_milliseconds_of_an_hour_is_noticed_by_runs_and_searches() -> None:
+    inside, beyond = BRIEF.replace("PLACE", "-0.199 m"), BRIEF.replace("PLACE", "-0.2 m")
+    with pytest.warns(RunWarning, match="ram.V_A falls below 0 m"):
+        result = hb.simulate(hb.loads(beyond))
+    assert result.ended is not None and result.ended.time == pytest.approx(1000, abs=0.1)
+    for times in (np.array([0.0, 3600.0]), np.linspace(0, 3600, 1001)):
+        with pytest.raises(SimulationError, match="run-physical"):
+            Simulator(hb.assemble(hb.loads(beyond)), times=times).run()
+        assert Simulator(hb.assemble(hb.loads(inside)), times=times).run().ended is None

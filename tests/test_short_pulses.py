@@ -232,3 +232,43 @@ def test_a_pulse_is_met_whatever_the_output_interval(every: str) -> None:
     """With the default of 1000 points a bell of 20 s is seen by these, with few points it must be looked for."""
     found = hb.simulate(area("bell", "1801.7 s", "20 s", "3600 s"), every=every)
     assert found.si["y"][-1] == pytest.approx(20*np.sqrt(np.pi), rel=2e-6)
+
+
+@pytest.mark.parametrize("part", ["TableSource, t", "Lookup, u: =time, x"])
+@pytest.mark.parametrize(("period", "until"), [("1000 s", "3600 s"), ("30 s", "3600 s"), ("20 ns", "1 us")])
+def test_a_table_that_repeats_is_met_in_each_period(part: str, period: str, until: str) -> None:
+    """A triangle of area 0.01 T in each period T; the error is that of a run with two kinks a pulse."""
+    number, unit = period.split()
+    T = float(number)*{"s": 1.0, "ns": 1e-9}[unit]
+    points = f"[0 s, {0.5*T!r} s, {0.51*T!r} s, {0.52*T!r} s, {T!r} s]"
+    dt = ", dt: 1e-12 s" if part.startswith("Table") else ""
+    text = f"""
+model: repeated
+components:
+  k: {{is: {part}: {points}, outside: 2, v: [0, 0, 1, 0, 0]{dt}}}
+  i: {{is: Integrator, k: 1 1/s, u: =k.y}}
+initial: {{i.y: 0}}
+simulate: {{until: {until}}}
+"""
+    found = hb.simulate(hb.loads(text))
+    end = float(found.time[-1])
+    whole = np.floor(end/T) + (end/T % 1 > 0.52)
+    assert found["i.y"][-1] == pytest.approx(0.01*T*whole, rel=1e-7)
+    assert found.verdict.status == "clean", found.verdict.text
+    assert Forcing(found.assembly).stops(found.time, found.assembly.p).unknown == ()
+
+
+def test_a_table_that_repeats_has_its_steps_at_the_end_of_a_period() -> None:
+    """Rectangles of 1 s every 2 s from 2 s on, before the first point too: 6.5 s of 13 s."""
+    found = hb.simulate(hb.loads("""
+model: rectangles
+components:
+  k: {is: TableSource, outside: 2, t: [2 s, 2 s, 3 s, 3 s, 4 s], v: [0, 1, 1, 0, 0]}
+  i: {is: Integrator, k: 1 1/s, u: =k.y}
+initial: {i.y: 0}
+simulate: {from: -3.5 s, until: 9.5 s}
+"""))
+    assert found["i.y"][-1] == pytest.approx(6.5, abs=1e-7)  # a step takes 1 ns
+    with pytest.raises(hb.HeavebondError, match=r"v\[1\] == v\[n\]"):
+        hb.simulate(hb.loads("model: open\ncomponents:\n  k: {is: TableSource, outside: 2, t: [0 s, 1 s], v: [0, 1]}\n"
+                             "simulate: {until: 1 s}\n"))

@@ -87,8 +87,19 @@ def test_a_diagram_may_begin_in_another_state(tmp_path: Path) -> None:
     assert run["chart.y"][0] == 2.0
     assert times(run, "go_to_wait")[0] == pytest.approx(5 / 3, abs=1e-9)  # the position is above the limit at 0.5 s
     assert "chart begins in 'go' of wait, go" in summary(assemble(hb.load(tmp_path / "machine.yaml")), None).text()
-    with pytest.raises(HeavebondError, match=r"'chart\.state' is the number of a state"):
+    with pytest.raises(HeavebondError, match=r"'chart\.state' is the number or the name of a state"):
         hb.simulate(model(tmp_path, WAIT_AND_GO, DIAGRAM + "initial: {chart.state: 1.5}\n"))
+
+
+def test_a_diagram_begins_in_a_state_by_its_name(tmp_path: Path) -> None:
+    by_number, by_name = (hb.simulate(model(tmp_path, WAIT_AND_GO, DIAGRAM + f"initial: {{chart.state: {state}}}\n"))
+                          for state in ("2", "go"))
+    assert by_name.events == by_number.events and by_name["chart.y"][0] == 2.0
+    for wrong, message in (("goo", "chart has no state 'goo'"), ("=go", "plain quantity"), ("~ go", "'go' is not a number")):
+        with pytest.raises(HeavebondError, match=message):
+            hb.simulate(model(tmp_path, WAIT_AND_GO, DIAGRAM + f'initial: {{chart.state: "{wrong}"}}\n'))
+    with pytest.raises(HeavebondError, match=r"chart\.n: 'go' is not a number"):
+        hb.simulate(model(tmp_path, WAIT_AND_GO, DIAGRAM + "initial: {chart.n: go}\n"))
 
 
 def test_the_first_of_several_transitions_at_one_instant_happens(tmp_path: Path) -> None:

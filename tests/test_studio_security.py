@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from pathlib import Path
@@ -16,10 +17,10 @@ from typing import Any
 
 import pytest
 
-from heavebond.core.errors import HeavebondError, Problem
+from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.writable import confined, make_folder, new_file, write_text
 from heavebond.studio import tab as tabs
-from heavebond.studio.folder import Folder, version
+from heavebond.studio.folder import MARKER, STALE, Folder, version
 from heavebond.studio.page_safety import Guard
 from heavebond.studio.record_upload import store
 from heavebond.studio.tab import Tab
@@ -197,8 +198,17 @@ for line in sys.stdin:
 """
 
 
-def test_of_two_studios_that_save_at_the_same_moment_one_is_refused(folder: Folder) -> None:
-    studios = [subprocess.Popen([sys.executable, "-c", SAVER, str(folder.root), side], stdin=subprocess.PIPE,
+WITHOUT_LOCKS = """
+import heavebond.studio.folder as own
+own.fcntl = None
+"""
+
+
+@pytest.mark.parametrize("locks", [True, False])
+def test_of_two_studios_that_save_at_the_same_moment_one_is_refused(folder: Folder, locks: bool) -> None:
+    """Also on a system without locks of folders, by a lock file, which is then removed."""
+    program = ("" if locks else WITHOUT_LOCKS) + SAVER
+    studios = [subprocess.Popen([sys.executable, "-c", program, str(folder.root), side], stdin=subprocess.PIPE,
                                 stdout=subprocess.PIPE, text=True) for side in ("left", "right")]
     for _ in range(20):
         base = folder.read("car.yaml").version
@@ -209,6 +219,21 @@ def test_of_two_studios_that_save_at_the_same_moment_one_is_refused(folder: Fold
         assert sorted(studio.stdout.readline().strip() for studio in studios if studio.stdout) == ["file-changed", "saved"]
     for studio in studios:
         studio.communicate(timeout=20)
+    assert not (folder.root / MARKER).exists()
+
+
+def test_a_lock_file_of_a_studio_that_ended_is_removed_and_that_of_another_one_respected(
+        folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("heavebond.studio.folder.fcntl", None)
+    monkeypatch.setattr("heavebond.studio.folder.LOCKED", 0.1)
+    marker, base = folder.root / MARKER, folder.read("car.yaml").version
+    marker.touch()
+    with pytest.raises(UsageError, match="another studio is saving"):
+        folder.save("car.yaml", "model: late\n", base)
+    assert marker.exists() and folder.read("car.yaml").version == base
+    os.utime(marker, (time.time() - 2*STALE, time.time() - 2*STALE))
+    folder.save("car.yaml", "model: later\n", base)
+    assert folder.read("car.yaml").text == "model: later\n" and not marker.exists()
 
 
 # -- requests ------------------------------------------------------------------------------------------------------------

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
 import casadi as ca
 
-from heavebond.core.errors import Place, Problems
+from heavebond.core.errors import Place, Problems, listing, suggest
 from heavebond.core.units import Unit
 from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import FlatParameter, Parameters
-from heavebond.language.definition import Value, Variable
+from heavebond.language.definition import ChartState, Value, Variable
 from heavebond.language.incidence import Interval
 from heavebond.language.sections import Clock, Condition
 from heavebond.language.state_chart import STATE
 from heavebond.language.template import Template, held_interval
-from heavebond.text.expression import constant
+from heavebond.text.expression import Name, constant
 
 
 @dataclass(frozen=True)
@@ -101,11 +101,13 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
             name, number, place = f"{path}.{variable.name}", variable.held, variable.place
             condition = expanded.model.initial.conditions.get(name)
             if condition is not None:
-                place, number = condition.value.place, _asked(condition, problems)
+                chart = leaf.component.states if variable.name == STATE else ()
+                place, number = condition.value.place, _asked(condition, chart, problems)
                 _check_bounds(name, number, condition.value, variable, problems)
-                if leaf.component.states and variable.name == STATE and number is not None and number % 1:
-                    names = ", ".join(f"{k} {state.name}" for k, state in enumerate(leaf.component.states, 1))
-                    problems.add("held-initial", f"'{name}' is the number of a state", place, hint=f"States: {names}.")
+                if chart and number is not None and number % 1:
+                    names = ", ".join(f"{k} {state.name}" for k, state in enumerate(chart, 1))
+                    problems.add("held-initial", f"'{name}' is the number or the name of a state", place,
+                                 hint=f"States: {names}.")
                 if variable.name in impulses:
                     problems.add("held-initial", f"'{name}' is the force of an impact, else it is 0", place,
                                  hint="Leave this line out.")
@@ -117,8 +119,16 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
                    units={**joined.units, **{h.name: h.unit for h in found}}), tuple(found)
 
 
-def _asked(condition: Condition, problems: Problems) -> float | None:
-    number = constant(condition.value.expr)
+def _asked(condition: Condition, chart: Sequence[ChartState], problems: Problems) -> float | None:
+    """The value under `initial:` of a held variable; the number of a state of `chart` by its name."""
+    number, expr = constant(condition.value.expr), condition.value.expr
+    if chart and isinstance(expr, Name) and not condition.guess and not condition.value.formula:
+        names = [state.name for state in chart]
+        if (word := condition.value.text) in names:
+            return names.index(word) + 1.0
+        problems.add("held-initial", f"{condition.name.rpartition('.')[0]} has no state '{word}'", condition.value.place,
+                     hint=suggest(word, names) or f"States: {listing(names)}.")
+        return None
     if number is None or condition.guess:
         problems.add("held-initial", f"'{condition.name}' is held; what it starts at is a plain quantity",
                      condition.value.place, hint=f"Write `{condition.name}: 1`, or leave it out.")

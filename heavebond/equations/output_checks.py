@@ -79,6 +79,8 @@ def _condition(condition: Condition, resolver: Resolver, held: Container[str], p
         problems.add("initial-constant", f"'{condition.name}' is constant; an initial value belongs to a variable",
                      condition.place, hint="Set a parameter where its component stands, or under `set:`.")
         return
+    if condition.name in held and constant(condition.value.expr) is None:
+        return  # the name of a state, or an error of the held variable
     try:
         given = resolver.dimension(condition.value.expr)
     except ExpressionProblem as problem:

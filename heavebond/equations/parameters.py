@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -456,6 +457,8 @@ def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Paramete
         if not (isinstance(value, Value) and isinstance(value.expr, Number) and not value.si):
             given = f"{number:g} {parameters.units[f'{leaf.path}.{name}'].text}"
         notes.append(f"{name} = {given}" + (f"   ({declaration.doc})" if declaration.doc else ""))
+    lists = {name.partition("[")[0]: declared.doc for name, declared in leaf.component.parameters.items() if "[" in name}
+    notes += [f"{name}: {doc}" for name, doc in lists.items() if doc and re.search(rf"\b{name}\[", formula.text)]
     problems.add("requirement", f"'{leaf.path}' ({leaf.component.name}) requires {formula.text}", leaf.place,
                  notes=notes, hint="Change one of these values.")
 

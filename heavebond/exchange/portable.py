@@ -177,7 +177,7 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
                                   "Remove friction that sticks (DryFriction) and further stops, or take elastic ones "
                                   "(EndStop).")])
     assembly = assembly.with_sizes(sizes) if sizes else assembly
-    stops = stop_events(assembly)
+    stops = stop_events(assembly, column)
     if events and stops:
         flat = replace(assembly.flat, events=(*assembly.flat.events, *stops), options=None)
         assembly = replace(assembly, reduced=replace(assembly.reduced, flat=flat), memo={})
@@ -368,23 +368,24 @@ def _outputs(assembly: Assembly, names: Iterable[str], expressions: ca.SX, first
 
 
 # -- instants at which an integrator stops -----------------------------------------------------------------------------
-def stop_events(assembly: Assembly) -> list[FlatEvent]:
+def stop_events(assembly: Assembly, column: Array) -> list[FlatEvent]:
     """Time events that set nothing, at the instants at which functions of time have kinks or fast transitions.
 
     A run of a diagram determines these instants with its parameters (`numerics.forcing`). A program that runs an export
     has a separate integrator and may change parameters, so it needs formulas: for each function of time, the zeros of the
     linear expressions at which `min`, `max`, `abs`, `sign` and comparisons may switch, and the zeros and the ends of the
     steep part of linear expressions in powers and exponentials. If another branch is active, such an instant is
-    superfluous and has no effect.
+    superfluous and has no effect. States that are polynomials of the time begin as in the diagram, with the inputs `column`.
     """
     forcing: Forcing = assembly.once("forcing", lambda: Forcing(assembly))
     if not forcing.parts:
         return []
     time, p = assembly.arguments[0], assembly.arguments[3]
-    roots = _roots(forcing.parts, time)
+    x = start(assembly, None, column).x if forcing.follows_states else None
+    roots = _roots(forcing.parts_from(assembly.begin, x), time)
     known = np.array(ca.Function("known", [p], [stack(roots)])(assembly.p)).ravel()
     if assembly.model.until is not None:  # instants without a formula, with the parameters of the diagram
-        times = forcing.stops(grid(assembly.model, None, None), assembly.p).times
+        times = forcing.stops(grid(assembly.model, None, None), assembly.p, x).times
         near = np.abs(times[:, None] - known[None, :]).min(axis=1, initial=np.inf) <= 4 * rounding(times)
         roots += [ca.SX(t) for t in times[~near].tolist()]
     place = next(iter(assembly.flat.expanded.leaves.values())).place

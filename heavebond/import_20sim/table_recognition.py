@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 
@@ -60,7 +61,8 @@ def _match(component: Component, given: str) -> Match:
     output = component.of_kind("out")[0].name
     if given == "time":
         return Match("TableSource", {output: "y"}, {}, {}, {}, lists={"x": "t", "v": "v"})
-    return Match("Lookup", {output: "y", given: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
+    steps = any(a == b for table in component.tables.values() for a, b in pairwise(table[0]))
+    return Match("StepLookup" if steps else "Lookup", {output: "y", given: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
 
 
 def _of_matrix(made: Component) -> Match | None:

@@ -333,10 +333,16 @@ class Formula:
 
 @dataclass(frozen=True)
 class Reset:
-    """Assignment of an event: a held variable or a state, `target` with its place in the file, and its new value."""
+    """Assignment of an event or of the start: a held variable or a state, `target` with its place in the file, and its new
+    value."""
 
     target: Formula
     value: Formula
+
+    @property
+    def steady(self) -> bool:
+        """Whether the derivative of a state is to be zero at the start."""
+        return self.value.text == "steady"
 
 
 @dataclass(frozen=True)

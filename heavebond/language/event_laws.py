@@ -59,6 +59,8 @@ def check_initial(component: Component, lookup: Lookup, problems: Problems) -> N
                 raise ExpressionProblem("initial-given", f"'{reset.target.text}' is not a variable or output of "
                                         f"{component.name} that has an initial value", 0, len(reset.target.text),
                                         f"Name one of {listing(component.variables)}." if component.variables else "")
+            if reset.steady:
+                continue
             wanted = lookup(Name((base,), 0, len(base))) or ONE
             actual = dimension(reset.value.tree, lookup)
         except ExpressionProblem as problem:

@@ -11,6 +11,7 @@ from heavebond.core.presentation import number, readable
 from heavebond.core.units import DIMENSIONLESS, Dimension, declared_unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput, Formula, Value
+from heavebond.language.state_chart import STATE
 from heavebond.language.symbols import uniform
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.dimensions import dimension
@@ -149,6 +150,9 @@ def _condition(name: str, item: Node, key: Scalar, problems: Problems) -> Condit
         inner = replace(item, text=content, place=item.place.moved(skipped, len(content)))
         value = reading.value(inner, name, problems)
         return Condition(name, value, True, key.place) if value else None
+    if name.endswith(f".{STATE}") and isinstance(item, Scalar) and re.fullmatch(r"[A-Za-z_]\w*", item.text.strip()):
+        expr = reading.parsed(parse_formula, item.text.strip(), item.place, problems)  # the name of a state
+        return Condition(name, Value(expr, item.text.strip(), item.place), False, key.place) if expr is not None else None
     value = reading.value(item, name, problems)
     return Condition(name, value, False, key.place) if value else None
 

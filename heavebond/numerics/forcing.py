@@ -3,12 +3,14 @@
 A solver evaluates the equations only at the ends of its steps. Where a machine is at rest the steps grow without limit, and
 a road bump, a pulse or a gust that begins and ends within one step is missed: the run ends without an error and without the
 motion. Before a run the functions of time in the equations are therefore searched. The integrator stops at their kinks and
-jumps (where an argument of `min`, `max`, `abs`, `sign` or a comparison changes its sign) and at points of motions that are
-shorter than the output intervals; its steps are limited by what the output points show of longer motions.
+jumps (where an argument of `min`, `max`, `abs`, `sign`, `atan2` or a comparison changes its sign) and at points of motions
+that are shorter than the output intervals; its steps are limited by what the output points show of longer motions. A state
+that is a polynomial of the time, as the position of a vehicle at constant speed, counts as a function of time.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import product
 
@@ -26,6 +28,9 @@ STEEP = {ca.OP_SQ, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN,
          ca.OP_INV}
 STRAIGHT = {ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS, ca.OP_ASSIGN}
 POINTS = 1000  # output intervals below which the functions are looked at in so many intervals
+MOST_POWER = 3  # of the time in the course of a state: that of a vehicle under constant jerk
+MOST_TURNS = 100_000  # of a periodic function in a run: a run with more is limited by its events
+SAME_DEPTH = 20  # operations of two expressions that are compared
 TERMS = 8  # terms of a sum that are searched each by itself, so that a small motion beside a large one is met
 
 
@@ -68,23 +73,39 @@ class Forcing:
         equations = ca.substitute(stack([assembly.ode, assembly.alg, *sources, *conditions]), rate, ca.SX(1))
         held = {h.index for h in flat.held}
         constants = stack(s for k, s in enumerate(split(p)) if k not in held)
+        self._begin, self._begins = ca.SX.sym("begin"), dict[int, ca.SX]()
+        self._follow_polynomials(assembly, constants)
+        if self._begins:
+            equations = ca.substitute(equations, stack(assembly.arguments[1][k] for k in self._courses),
+                                      stack(self._courses.values()))
+            constants = stack([constants, self._begin, *self._begins.values()])
         self.parts = parts = _parts(equations, time, constants)
         self._felt: list[int] = []
         self._functions: ca.Function | None = None
         self._lines: ca.Function | None = None
         self._switches: dict[bool, Course | None] = {False: None, True: None}  # by whether they are curved between kinks
         self._smooth: Course | None = None
+        self._turns: ca.Function | None = None
         if not parts:
             return
         order = flat.places
         used = [s for s in ca.symvar(stack(parts)) if s.element_hash() in order]
         self._felt = [order[s.element_hash()] for s in used]
+        used += [self._begin, *self._begins.values()] if self._begins else []
         felt = stack(used)
         laws = _parts(equations[:equations.numel() - len(conditions)], time, constants) if conditions else parts
         self._functions = ca.Function("forcing", [time, felt], [stack(laws)])
         timed_conditions = [c for c in split(equations[equations.numel() - len(conditions):])
                             if {s.element_hash() for s in ca.symvar(c)} <= {s.element_hash() for s in (*used, time)}]
-        switches = [*switch_arguments(parts, time)[0], *timed_conditions]
+        switches, phases = [*switch_arguments(parts, time)[0], *timed_conditions], list[ca.SX]()
+        for y, x in _angles(parts, time):
+            if (phase := _phase(y, x, time)) is None:
+                switches.append(y)
+            else:
+                phases.append(phase)
+        if phases:
+            first = ca.substitute(stack(phases), time, ca.SX(0))
+            self._turns = ca.Function("turns", [felt], [first, ca.jtimes(stack(phases), time, ca.SX(1))])
         if switches:
             slopes = ca.jtimes(stack(switches), time, ca.SX(1))
             bent = ca.which_depends(slopes, time, 1, True)
@@ -100,25 +121,68 @@ class Forcing:
         if curved := [term for term, bent in zip(terms, _curved(terms, time), strict=True) if bent]:
             self._smooth = Course(time, felt, curved)
 
-    def longest_step(self, times: Array, p: Array) -> float:
-        """The longest step (s) over these output times (N,) with these parameters; 0 for no limit."""
+    def _follow_polynomials(self, assembly: Assembly, constants: ca.SX) -> None:
+        """Find the states that are polynomials of the time, by their rates. Their `_courses` by the rows of the states
+        contain their values at the begin of the run, `_begins`."""
+        time, x, rate = assembly.arguments[0], assembly.arguments[1], assembly.arguments[5]
+        reset = {r.unknown for event in assembly.flat.events for r in event.resets}
+        moved = any(event.impulse or event.breakaway for event in assembly.flat.events)
+        known = {s.element_hash() for s in (time, self._begin, *split(constants))}
+        self._courses: dict[int, ca.SX] = {}
+        waiting = [k for k, (j, order) in enumerate(assembly.reduced.states) if not (order or j in reset or moved)]
+        found = True
+        while found and waiting:
+            found = False
+            rates = ca.substitute(stack(assembly.ode[k] for k in waiting), rate, ca.SX(1))
+            if self._courses:
+                rates = ca.substitute(rates, stack(x[k] for k in self._courses), stack(self._courses.values()))
+            for row, k in enumerate(list(waiting)):
+                if {s.element_hash() for s in ca.symvar(rates[row])} <= known and \
+                        (rise := _integral(rates[row], time, self._begin)) is not None:
+                    self._begins[k] = ca.SX.sym(assembly.state_names[k])
+                    known.add(self._begins[k].element_hash())
+                    self._courses[k] = self._begins[k] + rise
+                    waiting.remove(k)
+                    found = True
+
+    @property
+    def follows_states(self) -> bool:
+        """Whether the functions depend on states that are polynomials of the time."""
+        return bool(self.parts and self._begins)
+
+    def parts_from(self, begin: float, x: Array | None) -> list[ca.SX]:
+        """The functions of time and parameters of a run that begins at a time with the state `x` (n_x,)."""
+        if not self.follows_states:
+            return self.parts
+        values = self.felt(np.zeros(0), begin, x)
+        whole = ca.substitute(stack(self.parts), stack([self._begin, *self._begins.values()]), ca.DM(values))
+        return [whole[k] for k in range(len(self.parts))]
+
+    def longest_step(self, times: Array, p: Array, x: Array | None = None) -> float:
+        """The longest step (s) over these output times (N,) with these parameters; 0 for no limit. `x` (n_x,) is the state
+        at the first time, without it 0."""
         if self._functions is None or len(times) < 3:
             return 0.0
-        values = np.asarray(self._functions(times[None, :], np.repeat(p[self._felt][:, None], len(times), axis=1)))
+        felt = self.felt(p, times[0], x)
+        values = np.asarray(self._functions(times[None, :], np.repeat(felt[:, None], len(times), axis=1)))
         return _longest(values[np.all(np.isfinite(values), axis=1)], float(np.median(np.diff(times))))
 
-    def stops(self, times: Array, p: Array) -> Stops:
-        """What the functions of time ask of an integrator between these output times (N,) with these parameters. Few output
-        times are replaced by POINTS intervals, so that a longer motion between them is met, too."""
+    def stops(self, times: Array, p: Array, x: Array | None = None) -> Stops:
+        """What the functions of time ask of an integrator between these output times (N,) with these parameters, from the
+        state `x` (n_x,) at the first time (without it 0). Few output times are replaced by POINTS intervals, so that a
+        longer motion between them is met, too."""
         if self._functions is None or len(times) < 2:
             return Stops(np.zeros(0), 0.0)
-        felt, ends, unknown = p[self._felt], times[[0, -1]], list[str]()
+        felt, ends, unknown = self.felt(p, times[0], x), times[[0, -1]], list[str]()
         times = times if len(times) > POINTS else np.linspace(ends[0], ends[1], POINTS + 1)
-        kinks, longest = np.zeros(0), self.longest_step(times, p)
+        kinks, longest = np.zeros(0), self.longest_step(times, p, x)
         if self._lines is not None:
             first, slope = (np.array(v).ravel() for v in self._lines(felt))
             with np.errstate(divide="ignore", invalid="ignore"):
                 kinks = -first / slope
+        if self._turns is not None:
+            first, slope = (np.array(v).ravel() for v in self._turns(felt))
+            kinks = np.concatenate([kinks, *(_whole_turns(f, s, ends) for f, s in zip(first, slope, strict=True))])
         if (straight := self._switches[False]) is not None:
             kinks = straight_sign_changes(straight, felt, _within(kinks, ends, True))
         if (curved := self._switches[True]) is not None:
@@ -134,9 +198,23 @@ class Forcing:
             longest = min(longest or short.longest, short.longest or longest)
         return Stops(_within(np.append(kinks, motions), ends), longest, tuple(dict.fromkeys(unknown)))
 
-    def felt(self, p: Array) -> Array:
-        """The parameters that the functions depend on."""
-        return np.asarray(p[self._felt])
+    def felt(self, p: Array, begin: float, x: Array | None = None) -> Array:
+        """The values that the functions depend on: parameters, and the first time and values of states."""
+        values = p[self._felt] if len(p) else p
+        if not self.follows_states:
+            return np.asarray(values)
+        return np.array([*values, begin, *(0.0 if x is None else x[k] for k in self._begins)])
+
+
+def _integral(rate: ca.SX, time: ca.SX, begin: ca.SX) -> ca.SX | None:
+    """The integral of a polynomial of the time of a low degree from the begin; None of another function."""
+    span, power, total = time - begin, 1, ca.SX(0)
+    while power <= MOST_POWER:
+        total += ca.substitute(rate, time, begin) * span**power / math.factorial(power)
+        if not ca.depends_on(rate, time):
+            return total
+        rate, power = ca.jtimes(rate, time, ca.SX(1)), power + 1
+    return None
 
 
 def _within(times: Array, ends: Array, closed: bool = False) -> Array:
@@ -204,26 +282,76 @@ def switch_arguments(parts: list[ca.SX], time: ca.SX) -> tuple[list[ca.SX], list
     return first, second, third
 
 
+def _angles(parts: list[ca.SX], time: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+    """The arguments (y, x) of each atan2 that depends on the time: it jumps where y changes its sign at negative x."""
+    waiting, seen, pairs = [ca.cse(stack(parts))[k] for k in range(len(parts))], set[int](), list[tuple[ca.SX, ca.SX]]()
+    while waiting:
+        node = waiting.pop()
+        if node.element_hash() in seen or node.is_constant() or node.is_symbolic():
+            continue
+        seen.add(node.element_hash())
+        if node.op() == ca.OP_ATAN2 and ca.depends_on(node.dep(0), time):
+            pairs.append((node.dep(0), node.dep(1)))
+        waiting += [node.dep(k) for k in range(node.n_dep())]
+    return pairs
+
+
+def _phase(y: ca.SX, x: ca.SX, time: ca.SX) -> ca.SX | None:
+    """A straight line in time whose whole turns are the jumps of atan2(y, x), which is a straight line between them: of
+    y = -sin(phase) and x = -cos(phase), as in the function `periodic`; None for other arguments."""
+    if y.op() != ca.OP_NEG or x.op() != ca.OP_NEG:
+        return None
+    sine, cosine = y.dep(0), x.dep(0)
+    if sine.op() != ca.OP_SIN or cosine.op() != ca.OP_COS or not ca.is_equal(sine.dep(0), cosine.dep(0), SAME_DEPTH) or \
+            ca.depends_on(ca.jacobian(sine.dep(0), time), time):
+        return None
+    return sine.dep(0)
+
+
+def _whole_turns(first: float, slope: float, ends: Array) -> Array:
+    """The times between two ends at which the phase first + slope*t is a multiple of 2 pi, at most MOST_TURNS."""
+    if not (np.isfinite(first) and np.isfinite(slope)) or slope == 0:
+        return np.zeros(0)
+    turns = np.sort((first + slope * ends) / (2 * np.pi))
+    whole = np.arange(np.ceil(turns[0]), min(np.floor(turns[1]), np.ceil(turns[0]) + MOST_TURNS) + 1)
+    return np.asarray((2 * np.pi * whole - first) / slope)
+
+
 def _curved(terms: list[ca.SX], time: ca.SX) -> list[bool]:
     """Whether functions of time are more than straight lines between their kinks and jumps."""
-    together = stack(terms)
+    together = ca.cse(stack(terms))
     symbols = ca.symvar(together)
     function = ca.Function("f", [stack(symbols)], [together])
     degrees: dict[int, int] = {}  # 2 stands for all above 1
+    results: dict[int, int] = {}  # the instruction whose result a place of the work vector holds
+    waves: dict[int, tuple[int, int]] = {}  # -sin and -cos: the operation, and the instruction of their phase
     found = [False] * len(terms)
     for k in range(function.n_instructions()):
         op, inputs, outputs = (function.instruction_id(k), function.instruction_input(k), function.instruction_output(k))
         if op == ca.OP_OUTPUT:
             found[outputs[1]] = degrees[inputs[0]] > 1
-        elif op in (ca.OP_INPUT, ca.OP_CONST):
+            continue
+        if op in (ca.OP_INPUT, ca.OP_CONST):
             degrees[outputs[0]] = int(op == ca.OP_INPUT and symbols[inputs[1]].element_hash() == time.element_hash())
-        elif op in STEPS:
+            waves.pop(outputs[0], None)
+            results[outputs[0]] = k
+            continue
+        wave = (op, results[inputs[0]]) if op in (ca.OP_SIN, ca.OP_COS) and degrees[inputs[0]] <= 1 else \
+            waves.get(inputs[0]) if op == ca.OP_NEG else None
+        y, x = (waves.get(i, (0, 0)) for i in inputs) if op == ca.OP_ATAN2 else ((0, 0), (0, 0))
+        if op in STEPS:
             degrees[outputs[0]] = 0
+        elif y == (ca.OP_SIN, x[1]) and x[0] == ca.OP_COS:
+            degrees[outputs[0]] = 1  # the phase, from turn to turn
         else:
             each = [degrees[i] for i in inputs]
             degrees[outputs[0]] = max(each) if op in STRAIGHT or not any(each) else \
                 each[1] if op == ca.OP_IF_ELSE_ZERO else each[0] if op == ca.OP_DIV and not each[1] else \
                 min(sum(each), 2) if op == ca.OP_MUL else 2
+        waves.pop(outputs[0], None)
+        results[outputs[0]] = k
+        if wave is not None:
+            waves[outputs[0]] = wave
     return found
 
 

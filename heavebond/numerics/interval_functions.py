@@ -112,7 +112,7 @@ def _ends(op: int, a: _Range, b: _Range, same: bool) -> tuple[ca.SX, ca.SX]:
     if op == ca.OP_ACOS:
         return ca.acos(ca.fmin(ah, 1)), ca.acos(ca.fmax(al, -1))
     if op == ca.OP_ATAN2:
-        return ca.SX(-ca.pi), ca.SX(ca.pi)
+        return _angle(a, b)
     if op == ca.OP_TAN:
         same_branch = ca.floor(al / ca.pi + 0.5) == ca.floor(ah / ca.pi + 0.5)
         return ca.if_else(same_branch, ca.tan(al), -ca.inf), ca.if_else(same_branch, ca.tan(ah), ca.inf)
@@ -173,6 +173,13 @@ def _sine(low: ca.SX, high: ca.SX, peak: float, of: Callable[[ca.SX], ca.SX]) ->
         return ca.ceil((low - phase) / (2 * ca.pi)) <= ca.floor((high - phase) / (2 * ca.pi))
 
     return ca.if_else(reaches(peak + ca.pi), -1, ca.fmin(*at)), ca.if_else(reaches(peak), 1, ca.fmax(*at))
+
+
+def _angle(y: _Range, x: _Range) -> tuple[ca.SX, ca.SX]:
+    """Bounds of atan2(y, x): the angles of the corners, unless the range contains the origin or the jump at negative x."""
+    corners = [ca.atan2(v, u) for v in y.ends for u in x.ends]
+    jumps = ca.logic_and(x.low <= 0, ca.logic_and(y.low <= 0, y.high >= 0))
+    return ca.if_else(jumps, -ca.pi, reduce(ca.fmin, corners)), ca.if_else(jumps, ca.pi, reduce(ca.fmax, corners))
 
 
 def _power(a: _Range, b: _Range) -> tuple[ca.SX, ca.SX]:

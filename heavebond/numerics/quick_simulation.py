@@ -177,6 +177,8 @@ class Unexplained(Simulator):
         with self._turn:
             began = clock.perf_counter()
             assembly, first, moved = self._started(parameters)
+            if self._limit_steps(first.p, first.x):  # of a pulse whose time is free
+                self._renew()
             found = self._signals(first, moved, watch)
             if (whole := self._whole) is not None and not self.assembly.sizes:
                 self._whole = None
@@ -308,9 +310,9 @@ class CaseSimulator(Unexplained):
         if self.driver is not None:
             self.driver.method = CVODES
 
-    def _limit_steps(self, p: Array) -> bool:
+    def _limit_steps(self, p: Array, x: Array | None = None) -> bool:
         kinks = self.kinks
-        super()._limit_steps(p)
+        super()._limit_steps(p, x)
         if self.driver is not None:
             self.driver.limit_steps(self._longest())
         return self.kinks is not kinks

@@ -111,7 +111,7 @@ class Result:
         """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
         findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._filled(),
-                    *self._unfit(), *self._unstable_start(), *self._time_formulas(), *self._dense_events(),
+                    *self._unfit(), *self._unstable_start(), *self._time_formulas(), *self._rates(), *self._dense_events(),
                     *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
@@ -181,6 +181,14 @@ class Result:
                 rate = (most - 1) / max(float(lengths[k]), EVENTS.same_instant * span)
                 found.append(Finding("dense-events", part, part, times[k], rate, float(len(times)), "1/s", DENSE))
         return found
+
+    def _rates(self) -> list[Finding]:
+        """Transitions between sampling rates that no block states, and in which the age of the value varies or is
+        a part of a period."""
+        if sum(e.period is not None for e in self.assembly.flat.events) < 2:
+            return []
+        return [Finding("rates", t.reader, t.source, float(self.time[0]), t.period, t.source_period, "s", t.advice)
+                for t in self.assembly.update_order.transitions(self.p) if not t.regular]
 
     def _placeholders(self) -> list[Finding]:
         """Parts that stand for something that was not translated."""

@@ -74,6 +74,8 @@ class Finding:
         if self.kind == "time-formula":
             return f"the function of time {self.name} has no bound: motions shorter than an output interval may be " \
                 "passed over"
+        if self.kind == "rates":
+            return f"{self.name} is sampled every {value} and reads {self.part}, which has other instants"
         if self.kind == "placeholder":
             return f"{self.name} has no law: it is a placeholder"
         if self.kind == "joined":
@@ -102,7 +104,7 @@ class Finding:
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
          "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
          "placeholder": False, "joined": False, "reversed": False, "filled": False, "front": False, "time-formula": False,
-         "dense-events": False}
+         "dense-events": False, "rates": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

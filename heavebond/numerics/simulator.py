@@ -35,6 +35,7 @@ from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.event_integration import EventIntegration, reason, settled
 from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_message, stop_times
 from heavebond.numerics.forcing import FORCING, Forcing
+from heavebond.numerics.hidden_motions import HiddenMotions
 from heavebond.numerics.idas import Idas, caught_errors, is_large, time_unit
 from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this module's interface
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
@@ -133,15 +134,16 @@ class Simulator:
     unknown_forcing: tuple[str, ...]  # functions of time without a bound
     _felt: Array | None  # the parameters that these were found with
 
-    def _limit_steps(self, p: Array) -> bool:
-        """Find the instants and the longest step with which no prescribed function of time is passed over with parameters;
-        whether the integrator has to be built again: for other instants, or for steps that are much shorter."""
+    def _limit_steps(self, p: Array, x: Array | None = None) -> bool:
+        """Find the instants and the longest step with which no prescribed function of time is passed over with parameters,
+        from the state `x` (n_x,). True if the integrator has to be built again: for other instants, or for steps that are
+        much shorter."""
         self.forcing: Forcing = self.assembly.once("forcing", lambda: Forcing(self.assembly))
-        felt = self.forcing.felt(p)
+        felt = self.forcing.felt(p, self.begin, x)
         if self._felt is not None and np.array_equal(felt, self._felt):
             return False
         before, self._felt = self.longest, felt
-        found = self.forcing.stops(self.time, p)
+        found = self.forcing.stops(self.time, p, x)
         self.unknown_forcing = found.unknown
         shorter = found.longest > 0 and (before == 0 or found.longest < FORCING.renewed_below * before)
         self.longest = found.longest if shorter or not self.keeps_shortest else before
@@ -344,7 +346,7 @@ class Simulator:
         """A run; where its unknowns stay far below their nominal sizes and `again` gives its start, with sizes that fit."""
         started = clock.perf_counter()
         with self._turn:
-            if self._limit_steps(first.p):
+            if self._limit_steps(first.p, first.x):
                 self._renew()
             found = self._integrate(assembly, first, moved)
             unfit: dict[str, float] = {}
@@ -399,16 +401,23 @@ class Simulator:
             stays = tuple((at, in_states(stay.assembly, at, stay.x, stay.z)) for at, stay in others if len(at))
             return in_states(assembly, np.arange(len(keep)), found.x, found.z, stays)
 
+        def with_hidden(points: Points) -> Points:
+            """Points of this run and those of the motions between them."""
+            return points if moved is not None else HiddenMotions(
+                assembly, self.integrand, self.inputs, self.solver, self.tolerances, self.begin).found_in(points, first.p)
+
         result = taken(found, output_times, kept)
         if found.between is None:
-            check_limits(result, taken(found, stops, np.arange(len(stops))) if len(stops) > len(output_times) else None)
+            if limited(self.assembly).unknowns:
+                times, trace, _ = with_hidden((stops, found, None))
+                check_limits(result, taken(trace, times, np.arange(len(times))) if len(times) > len(output_times) else None)
             self._check_decided(result)
             return result
 
         def dense() -> tuple[Result, Settle | None]:
             assert found.between is not None
             with self._turn:
-                times, trace, settle = found.between()
+                times, trace, settle = with_hidden(found.between())
             return taken(trace, times, np.arange(len(times))), settle
 
         result = replace(result, between=dense)
@@ -442,7 +451,7 @@ class Simulator:
             early = np.abs(found.x[:len(first.x), :last + 1]).max(axis=1)
             reached |= {name: min(reached[name], float(value))
                         for name, value in zip(assembly.state_names, early, strict=True) if value > 0}
-        small = far_below(reached, nominal, declared)
+        small = far_below(reached, nominal, declared, exact=first.steps == 0)
         if not small:
             return {}
         if len(stops) < SIZES.least_stops:

@@ -54,10 +54,12 @@ class SizeConstants:
 SIZES = SizeConstants()
 
 
-def far_below(reached: Mapping[str, float], nominal: Mapping[str, float], declared: Mapping[str, float]) -> list[str]:
+def far_below(reached: Mapping[str, float], nominal: Mapping[str, float], declared: Mapping[str, float],
+              exact: bool = False) -> list[str]:
     """The unknowns whose largest values stay far below their present nominal sizes, and that are not zero but for the
-    errors of the largest unknown in its `declared` nominal size."""
-    largest = max((value / declared[name] for name, value in reached.items() if np.isfinite(value)), default=0.0)
+    errors of the largest unknown in its `declared` nominal size; a start that is `exact` has none."""
+    largest = 0.0 if exact else max((value / declared[name] for name, value in reached.items() if np.isfinite(value)),
+                                    default=0.0)
     return [name for name, value in reached.items()
             if SIZES.noise * largest * declared[name] < value < SIZES.small * nominal[name]]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -216,11 +217,13 @@ class StartEquations:
     def _of_components(self, conditions: list[Condition]) -> list[StartRow]:
         """The initial values of the components (`initial:` in their files) of states that the conditions of the diagram
         leave open. A condition on another variable of the component, such as the output of a filter, takes the place of one
-        of them if it depends on no other state of the component."""
+        of them if it depends on no other state of the component. States that are `steady` have the derivative 0, if the
+        diagram decides none of them, and if such values exist whatever the input."""
         assembly, found = self.assembly, list[StartRow]()
         names, formula = assembly.flat.names, assembly.model.library.formula
         symbols = {j: s.element_hash() for s, (j, order) in zip(split(assembly.arguments[1]), assembly.reduced.states,
                                                                 strict=True) if order == 0}
+        places_of = {symbol: k for k, symbol in enumerate(s.element_hash() for s in split(assembly.arguments[1]))}
         decided = {names.get(c.name, -1) for c in conditions}
         for path, leaf in assembly.flat.expanded.leaves.items():
             if not leaf.component.initial:
@@ -234,8 +237,14 @@ class StartEquations:
                 if c.name.rpartition(".")[0] == path and names.get(c.name) not in symbols and not c.guess:
                     inside = {s.element_hash() for s in ca.symvar(self._condition(c).residual)}
                     replaced |= set() if inside & others else inside
+            steady = dict[int, StartRow]()
             for j, (name, reset) in open_states.items():
                 if j not in decided and symbols[j] not in replaced:
+                    if reset.steady:
+                        row = places_of[symbols[j]]
+                        steady[row] = StartRow(assembly.ode[row], f"{path}: der({name.rpartition('.')[2]}) = 0 at the start",
+                                               reset.value.place, name=name)
+                        continue
                     text = component.in_diagram(reset.value, path)
                     for integer, number in leaf.integers.items():
                         text = re.sub(rf"{re.escape(f'{path}.{integer}')}\b", str(number), text)
@@ -243,7 +252,21 @@ class StartEquations:
                     residual = assembly.expression(formula(name)) - value
                     found.append(StartRow(residual, f"{path}: {name.rpartition('.')[2]} = {reset.value.text} at the start",
                                           reset.value.place, name=name))
+            if len(steady) == sum(reset.steady for _, reset in open_states.values()) and self._regular(list(steady)):
+                found += steady.values()
         return found
+
+    def _regular(self, rows: Sequence[int]) -> bool:
+        """Whether the derivatives of some linear states determine these states: False for an integrator among them."""
+        assembly = self.assembly
+        if not rows:
+            return False
+        rates, states = (stack([of[k] for k in rows]) for of in (assembly.ode, assembly.arguments[1]))
+        slopes = ca.Function("slopes", list(assembly.arguments), [ca.densify(ca.jacobian(rates, states))])
+        at = (assembly.begin, *(np.zeros(a.numel()) for a in assembly.arguments[1:3]), assembly.p,
+              np.zeros(assembly.arguments[4].numel()), 1.0)
+        matrix = np.array(slopes(*at))
+        return bool(np.isfinite(matrix).all()) and np.linalg.matrix_rank(matrix) == len(rows)
 
     def _decides(self, guess: Condition) -> bool:
         """Whether a guess is used: one of a rate, `der(joint.v): ~ 0`, only where the variable consists of speeds alone. The

@@ -13,9 +13,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.core.errors import listing
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array
 from heavebond.numerics.interval_functions import bounds_function
+
+LONGEST_TEXT = 80  # of a function of time in a message, in characters
 
 
 @dataclass(frozen=True)
@@ -71,8 +74,10 @@ class Course:
         self._bounds: dict[int, ca.Function] = {}  # of the derivatives by their order, as far as they were asked for
 
     def texts(self, rows: NDArray[np.intp]) -> list[str]:
-        """Rows as they are written, with the names of their parameters."""
-        return [str(self._rows[k]) for k in rows]
+        """Rows as they are written, with the names of their parameters; the parameters alone of a long one."""
+        return [text if len(text := str(self._rows[k])) <= LONGEST_TEXT else
+                f"f({listing(dict.fromkeys(['time', *(s.name().partition('[')[0] for s in ca.symvar(self._rows[k]))]), 4)})"
+                for k in rows]
 
     def at(self, times: Array, p: Array) -> Array:
         """The values (m, N) at times (N,)."""
@@ -127,11 +132,12 @@ def sign_changes(course: Course, p: Array, edges: Array) -> Instants:
 
 def straight_sign_changes(course: Course, p: Array, edges: Array) -> Array:
     """The edges (n,) and the times between them at which one of the functions changes its sign, where these are straight
-    lines
-    between all of them: those found may be kinks of others."""
+    lines between all of them, with jumps at some: those found may be kinks of others."""
     while True:
-        row, k = np.nonzero(np.diff(np.sign(course.at(edges, p)), axis=1))
-        found = _bisected(course, p, row, edges[k], edges[k + 1])
+        inset = np.minimum(rounding(edges[1:]), np.diff(edges) / 4)
+        begin, end = edges[:-1] + inset, edges[1:] - inset
+        row, k = np.nonzero(np.sign(course.at(begin, p)) != np.sign(course.at(end, p)))
+        found = _bisected(course, p, row, begin[k], end[k])
         joined = np.union1d(edges, found)
         joined = joined[np.diff(joined, prepend=-np.inf) > rounding(joined)]
         if len(joined) == len(edges):

@@ -57,29 +57,36 @@ class Updates:
 @dataclass(frozen=True)
 class RateTransition:
     """The sampled part `reader`, with a period in s, reads the value of the part `source` of another period or other
-    instants."""
+    instants. It is `regular` if one period is a multiple of the other and the instants of the slower part are instants of
+    the faster one: the value then has one age at every sample."""
 
     reader: str
     source: str
     period: float
     source_period: float
+    regular: bool
 
     @property
     def text(self) -> str:
         """The transition, and the block that would state it."""
+        return f"{self.reader} (every {readable(self.period, 's')}) reads {self.source} (every " \
+            f"{readable(self.source_period, 's')}): {self.advice}"
+
+    @property
+    def advice(self) -> str:
+        """What the reader takes of the values of the source, and the block that would state it."""
         fast, slow = sorted((self.period, self.source_period))
         ratio, own, other = slow / fast, readable(self.period, "s"), readable(self.source_period, "s")
-        begin = f"{self.reader} (every {own}) reads {self.source} (every {other})"
         if abs(ratio - round(ratio)) > SAME_RATIO * LARGEST_RATIO * ratio:
-            return f"{begin}: neither period is a multiple of the other, so that the age of the value changes from sample " \
-                "to sample. Choose multiples, or state the hold by a SampleHold at the period of the reader"
-        if round(ratio) == 1:
-            return f"{begin} at other instants, so that the value is late by a part of the period. State it by a " \
-                "SampleHold with the T_s and t_0 of the reader, or give both one t_0"
+            return "neither period is a multiple of the other, so that the age of the value changes from sample to " \
+                "sample. Choose multiples, or state the hold by a SampleHold at the period of the reader"
+        if not self.regular:
+            return "its instants are others, so that the value is late by a part of the period. State it by a SampleHold " \
+                "with the T_s and t_0 of the reader, or give both one t_0"
         if self.period < self.source_period:
-            return f"{begin} and holds it, without a computing time of the slower part. If that takes its period, add a " \
+            return "it holds each value, without a computing time of the slower part. If that takes its period, add a " \
                 f"UnitDelay with T_s: {other} behind {self.source}"
-        return f"{begin}, one value of {round(ratio)}: what is faster than {readable(0.5 / self.period, 'Hz')} folds. Add " \
+        return f"it takes one value of {round(ratio)}: what is faster than {readable(0.5 / self.period, 'Hz')} folds. Add " \
             f"a DiscreteLowPass at {other} and a SampleHold with T_s: {own} between them"
 
 
@@ -234,7 +241,10 @@ class _Graph:
                 delayed = self.direct[other].is_symbolic() and period[b] > period[a] and not needs[other]
                 if not (same or taken or delayed):
                     parts = self._part(row), self._part(other)
-                    found.setdefault(parts, RateTransition(*parts, float(period[a]), float(period[b])))
+                    fast, slow = sorted((float(period[a]), float(period[b])))
+                    rests = np.array([slow / fast, (first[a] - first[b]) / fast])
+                    regular = bool((np.abs(rests - np.round(rests)) <= SAME_RATIO * LARGEST_RATIO * slow / fast).all())
+                    found.setdefault(parts, RateTransition(*parts, float(period[a]), float(period[b]), regular))
         return list(found.values())
 
     def _written_out(self, read: Sequence[Set[int]], apart: frozenset[tuple[int, int]]) -> Updates:

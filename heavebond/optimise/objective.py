@@ -163,7 +163,7 @@ class Objective:
         forcing: Forcing = assembly.once("forcing", lambda: Forcing(assembly))
         self.backwards = len(self.names) >= 2 * len(self.costs) + OBJECTIVE.forward_up_to \
             and not (assembly.flat.inputs or assembly.flat.events or assembly.flat.delays
-                     or len(forcing.stops(self.times, assembly.p).times))
+                     or forcing.follows_states or len(forcing.stops(self.times, assembly.p).times))
         self.runs, self.simulations = 0, 0.0
         self._growth: dict[bytes, float] = {}
         weights = np.array([case.weight for case in task.cases])

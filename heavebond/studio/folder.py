@@ -34,6 +34,8 @@ from heavebond.text.yaml_source import Scalar, decoded_text, read, unreadable
 
 BUNDLED = model.BUNDLED
 LOCKED = 5.0  # s that a save waits while another studio saves in the same folder
+MARKER = ".heavebond.lock"  # the lock file in a folder, if the system has no locks
+STALE = 60.0  # s, far longer than a save takes: the age of a lock file whose process has ended
 _saving = threading.Lock()
 LISTED, DEPTH = 500, 4  # largest number of files on the first page, and depth of the search for them
 KINDS = ("study", "experiment", "model", "component")  # kinds of files; an experiment and a study name their model as well
@@ -129,16 +131,23 @@ class Folder:
 
     @contextmanager
     def writing(self, path: Path) -> Iterator[None]:
-        """Restrict writing to the folder, and lock the folder of `path` against other tabs and other studios. UsageError
-        if another one keeps the lock."""
+        """Restrict writing to the folder, and lock the folder of `path` against other tabs and other studios: the folder
+        itself, or a file in it if the system has no locks (Windows, some network file systems). UsageError if another one
+        keeps the lock."""
         with _saving, confined(self.root):
-            lock = -1
+            lock, marked = -1, False
             try:
-                if fcntl is not None and path.parent.is_dir():
-                    lock = open_folder(path.parent, self.root.resolve())
-                    _lock(lock, path)
+                if path.parent.is_dir():
+                    lock = open_folder(path.parent, self.root.resolve()) if DESCRIPTORS else -1
+                    if fcntl is None or not _lock(lock, path):
+                        _mark(lock, path)
+                        marked = True
                 yield
             finally:
+                if marked:
+                    name, at = _marker(lock, path)
+                    with suppress(OSError):
+                        os.unlink(name, **at)
                 if lock >= 0:
                     os.close(lock)
 
@@ -273,20 +282,45 @@ def version(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _lock(folder: int, path: Path) -> None:
-    """Lock a folder by its descriptor, until that is closed; without effect if the file system has no locks."""
+def _lock(folder: int, path: Path) -> bool:
+    """Lock a folder by its descriptor, until that is closed; False if the file system has no locks."""
     until = time.monotonic() + LOCKED
     while True:
         try:
             fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return
+            return True
         except BlockingIOError:
-            if time.monotonic() > until:
-                raise UsageError([Problem("file-locked", f"{path.name} cannot be saved: another studio is saving in its "
-                                          "folder", None, "Save again when that has finished.")]) from None
-            time.sleep(0.02)
+            _wait(until, path)
         except OSError:
+            return False
+
+
+def _mark(folder: int, path: Path) -> None:
+    """Create the lock file in the folder of `path`, which no other process has. One that is older than STALE was left by a
+    process that ended; it is removed."""
+    until, (marker, at) = time.monotonic() + LOCKED, _marker(folder, path)
+    while True:
+        try:
+            os.close(os.open(marker, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK, 0o666, **at))
             return
+        except FileExistsError:
+            with suppress(OSError):  # it was removed meanwhile
+                if time.time() - os.stat(marker, follow_symlinks=False, **at).st_mtime > STALE:
+                    os.unlink(marker, **at)
+                    continue
+            _wait(until, path)
+
+
+def _marker(folder: int, path: Path) -> tuple[str | Path, dict[str, int]]:
+    """The lock file in the folder of `path`, relative to the descriptor of the folder if there is one."""
+    return (MARKER, {"dir_fd": folder}) if folder >= 0 else (path.parent / MARKER, {})
+
+
+def _wait(until: float, path: Path) -> None:
+    if time.monotonic() > until:
+        raise UsageError([Problem("file-locked", f"{path.name} cannot be saved: another studio is saving in its folder",
+                                  None, "Save again when that has finished.")]) from None
+    time.sleep(0.02)
 
 
 def _outside(name: str, kind: str) -> UsageError:
