@@ -188,14 +188,20 @@ def command(description: str | None, study: str, cases: Mapping[str, Case],
     done = keeping.read(study)
     if unknown := set(asked.cases) - cases.keys():
         reading.error(f"no such case: {listing(sorted(unknown))}; there are {listing(cases)}")
-    for name in asked.cases or [name for name in cases if name not in done]:
+    diagnose_cases(study, asked.cases or [name for name in cases if name not in done], diagnose, asked.report)
+
+
+def diagnose_cases(study: str, names: Sequence[str], diagnose: Callable[[str, Path], tuple[dict[str, object], Diagnosis]],
+                   report: Path | None) -> None:
+    """Diagnose these cases, keep and print the results, and write the page about each to `report`."""
+    for name in names:
         with tempfile.TemporaryDirectory() as folder:
             row, found = diagnose(name, Path(folder))
             keeping.add(study, row)
             print(f"{name}: {row['outcome']}, {row['verdict']}, {row['processor']:.0f} s of processor time")
             print(f"  {row['words']}", flush=True)
-            if asked.report is not None:
-                asked.report.write_text(page(found, localize(found.experiment, values=found.fitted)), encoding="utf-8")
+            if report is not None:
+                report.write_text(page(found, localize(found.experiment, values=found.fitted)), encoding="utf-8")
 
 
 if __name__ == "__main__":

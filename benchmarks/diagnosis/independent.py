@@ -14,6 +14,7 @@ records, fitted and diagnosed as a user would:
 
 from __future__ import annotations
 
+import argparse
 import time as clock
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,9 +26,12 @@ from scipy.signal import lfilter
 
 import heavebond as hb
 from benchmarks import reference_cmc_ahc as reference
-from benchmarks.diagnosis.compensator import FRICTION, LEAKAGE, OVERLAP, Case, Effect, answers, command, judged
+from benchmarks.diagnosis import keeping
+from benchmarks.diagnosis.compensator import FRICTION, LEAKAGE, OVERLAP, Case, Effect, answers, diagnose_cases, judged
 from benchmarks.diagnosis.judging import SECONDS, told
 from benchmarks.diagnosis.making import FINE, generator
+from benchmarks.diagnosis.measured import count_processor_time
+from heavebond.core.errors import listing
 from heavebond.diagnosis.diagnose import Diagnosis
 from heavebond.estimation.experiment import Experiment
 from heavebond.numerics.dae import Array
@@ -166,18 +170,25 @@ def write_case(name: str, folder: Path) -> Path:
     return file
 
 
-def diagnosed(name: str, folder: Path) -> tuple[dict[str, object], Diagnosis]:
-    """One case, from the records to the answer: `diagnose` with its defaults, in one process, without a limit of time."""
+def diagnosed(name: str, folder: Path, seconds: float = SECONDS) -> tuple[dict[str, object], Diagnosis]:
+    """One case, from the records to the answer: `compare`, `localize` and `diagnose` with its defaults, in one process;
+    `seconds` limit the processor time of `diagnose`."""
     case = CASES[name]
     experiment, values = made(case, folder)
     began = clock.process_time()
-    found = hb.diagnose(experiment, number=1, seconds=SECONDS)
+    compared = hb.compare(experiment)
+    located = hb.localize(experiment)
+    first = clock.process_time() - began
+    if seconds < SECONDS:
+        count_processor_time()
+    began = clock.process_time()
+    found = hb.diagnose(experiment, number=1, seconds=seconds)
     processor = clock.process_time() - began
     truth = {**values, **case.numbers}
     last = found.findings[-1].fit if found.findings else found.fitted
     fitted = {p: v for p, v in last.values.items() if p in truth} if last is not None else {}
-    compared = hb.compare(experiment)
     row = {"key": name, "values": truth, "fitted": fitted, "processor": processor, "scored": len(found.steps[0].scores),
+           "compare and localize": first, "places": [p.words for p in located.places[:3]], "limit": min(seconds, 1e9),
            **told(case.rig, judged(case, experiment, truth, found), found),
            "chi2": {n: part.chi2 for n, part in compared.records.items()},
            "parameters": [{"name": p.name, "value": p.value, "interval": list(p.interval), "unit": p.unit}
@@ -185,5 +196,40 @@ def diagnosed(name: str, folder: Path) -> tuple[dict[str, object], Diagnosis]:
     return row, found
 
 
+def table() -> str:
+    """The results of the cases with clutter: chi-square on the held-out record with the parameters fitted and after each
+    effect, and the processor times of `compare` with `localize` and of `diagnose`."""
+    lines = ["| hidden | result | chi-square | time, s |", "|---|---|---|---|"]
+    for name, row in keeping.read(STUDY).items():
+        if isinstance(CASES.get(name), Cluttered):
+            named = "; ".join(f"{n['kind']} {n['place']}" for n in row["named"]) or row["verdict"]
+            rungs = " to ".join(f"{chi2:.4g}" for _, _, chi2 in row["ladder"][1:])
+            times = f"{row['compare and localize']:.0f}, {row['processor']:.0f}"
+            lines.append(f"| {name} | {row['outcome']}: {named} | {rungs} | {times} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Records, a table, or diagnoses."""
+    reading = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    reading.add_argument("cases", nargs="*", metavar="CASE", help="which (default: those that are not on disk yet)")
+    reading.add_argument("--report", type=Path, help="where the page about the last of them is written")
+    reading.add_argument("--seconds", type=float, default=SECONDS, help="limit of the processor time of each diagnosis")
+    reading.add_argument("--write", type=Path, metavar="DIR", help="write records and experiment of a case; no diagnosis")
+    reading.add_argument("--table", action="store_true", help="print the table of the cases with clutter; no diagnosis")
+    options = reading.parse_args()
+    if unknown := set(options.cases) - CASES.keys():
+        reading.error(f"no such case: {listing(sorted(unknown))}; there are {listing(CASES)}")
+    if options.table:
+        print(table())
+    elif options.write:
+        for name in options.cases:
+            options.write.mkdir(parents=True, exist_ok=True)
+            print(write_case(name, options.write))
+    else:
+        diagnose_cases(STUDY, options.cases or [name for name in CASES if name not in keeping.read(STUDY)],
+                       lambda name, folder: diagnosed(name, folder, options.seconds), options.report)
+
+
 if __name__ == "__main__":
-    command(__doc__, STUDY, CASES, diagnosed)
+    main()
