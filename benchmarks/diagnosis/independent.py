@@ -188,7 +188,7 @@ def diagnosed(name: str, folder: Path, seconds: float = SECONDS) -> tuple[dict[s
     last = found.findings[-1].fit if found.findings else found.fitted
     fitted = {p: v for p, v in last.values.items() if p in truth} if last is not None else {}
     row = {"key": name, "values": truth, "fitted": fitted, "processor": processor, "scored": len(found.steps[0].scores),
-           "compare and localize": first, "places": [p.words for p in located.places[:3]], "limit": min(seconds, 1e9),
+           "compare and localize": first, "places": [p.words for p in located.suspects[:3]], "limit": min(seconds, 1e9),
            **told(case.rig, judged(case, experiment, truth, found), found),
            "chi2": {n: part.chi2 for n, part in compared.records.items()},
            "parameters": [{"name": p.name, "value": p.value, "interval": list(p.interval), "unit": p.unit}
