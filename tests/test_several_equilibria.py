@@ -83,8 +83,8 @@ def test_a_start_of_a_search_follows_the_last_one_to_the_start_from_the_guess(na
 
 
 def test_a_start_follows_no_other_one_where_its_equations_leave_a_direction_open_or_far_away() -> None:
-    """A cart on wheels may rest anywhere: it stays at its guess, wherever the last start was. A pendulum hangs down though its
-    last start was upside down."""
+    """A cart on wheels may rest anywhere: it stays at its guess, wherever the last start was. A pendulum hangs down though
+    its last start was upside down."""
     cart = hb.assemble(loads("model: cart\ncomponents: {cart: {is: Mass, m: 1 kg}}\nnodes: {cart: [cart.a]}\n"
                              "initial: {start: steady, cart.x: ~ 2 m}\nsimulate: {until: 1 s, every: 10 ms}\n"))
     at_guess = start(cart)

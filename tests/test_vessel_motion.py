@@ -9,48 +9,6 @@ import pytest
 
 import heavebond as hb
 from benchmarks import ship_response
-from heavebond.language.symbols import uniform
-
-SEA = "H_s: 3 m, T_p: 9 s, gamma: 3.3, t_r: 6 s, n: 12, seed: 3"
-TABLE = "omega: [0.3 rad/s, 0.6 rad/s, 1.2 rad/s], beta: [0 deg, 90 deg]"
-DIAGRAM = f"""
-model: vessel
-components:
-  sea:  {{is: IrregularSea, {SEA}}}
-  same: {{is: SeaResponse, {SEA}, heading: 30 deg, {TABLE}, amplitude: [[1, 1], [1, 1], [1, 1]],
-         phase: [[0 rad, 0 rad], [0 rad, 0 rad], [0 rad, 0 rad]]}}
-  ship: {{is: SeaResponse, {SEA}, heading: 30 deg, {TABLE}, amplitude: [[1, 0.9], [0.5, 1.2], [0.1, 0.3]],
-         phase: [[0 rad, 0 rad], [3 rad, -0.5 rad], [-3 rad, -2 rad]]}}
-nodes: {{sea: [sea.z], same: [same.y], ship: [ship.y]}}
-show: {{sea: {{is: sea.z, unit: m}}, same: {{is: same.y, unit: m}}, ship: {{is: ship.y, unit: m}}}}
-simulate: {{until: 60 s, every: 0.5 s}}
-"""
-
-
-@pytest.fixture(scope="module")
-def motion() -> hb.Result:
-    return hb.simulate(hb.loads(DIAGRAM))
-
-
-def test_a_table_of_ones_is_the_sea(motion: hb.Result) -> None:
-    assert abs(motion.display["sea"]).max() > 1
-    assert motion.display["same"] == pytest.approx(motion.display["sea"], abs=1e-12)
-
-
-def test_the_motion_is_the_sum_of_the_responses(motion: hb.Result) -> None:
-    """By NumPy from the table: bilinear in the complex response, so that phases of 3 and -3 rad are near each other."""
-    t, n, seed, gamma = motion.time, 12, 3, 3.3
-    number = np.arange(1, n + 1)
-    share = (number - 0.75 + 0.5 * np.array([uniform(seed, int(i)) for i in number])) / n
-    ratio = (1.25 / -np.log(share)) ** 0.25
-    omega, start = 2 * np.pi / 9 * ratio, 2 * np.pi * np.array([uniform(seed, n + int(i)) for i in number])
-    waves = 3 / 4 * np.sqrt(2 / n * (1 - 0.287 * np.log(gamma))) * gamma ** (0.5 * np.exp(-0.5 * ((ratio - 1) / 0.08) ** 2))
-    table = np.array([[1, 0.9], [0.5, 1.2], [0.1, 0.3]]) * np.exp(1j * np.array([[0, 0], [3, -0.5], [-3, -2]]))
-    row = table[:, 0] + (table[:, 1] - table[:, 0]) * 30 / 90
-    response = np.interp(omega, [0.3, 0.6, 1.2], row.real) + 1j * np.interp(omega, [0.3, 0.6, 1.2], row.imag)
-    moving = np.exp(1j * (np.multiply.outer(t, omega) + start)) @ (waves * response)
-    expected = (1 - np.exp(-((t / 6) ** 3))) * moving.imag
-    assert motion.display["ship"] == pytest.approx(expected, abs=1e-9)
 
 
 def test_long_waves_carry_the_ship() -> None:
