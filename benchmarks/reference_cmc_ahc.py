@@ -11,6 +11,13 @@ x_2 (travelling block and top drive), x_3 (bit) and z (platform), chamber pressu
     ds/dt = (z - s)/t_m   (the motion reference unit's heave s)
 
 The platform moves as the regular wave of the parameters, or as a heave that is given. SI units throughout.
+
+Effects that the diagram lacks are off in `ACTIVE`:
+
+    polytropic gas               F_gas = F_0 (1 + c s/(n F_0))^-n - d v; n = -1 is the linear spring F_0 - c s
+    loss in the supply line      p_P = p_s - K q^2 before the edges, in closed form with the square law of an edge
+    air in the oil               isothermal, alpha p_0/(p + p_0) of the volume of the oil
+    friction in the drill hole   F_hole tanh(v_3/v_hole) + d_hole v_3 on the bit
 """
 
 from __future__ import annotations
@@ -41,6 +48,8 @@ ACTIVE: dict[str, float] = {
     "p_s": 345e5, "q_r": 920 / 60e3, "dp_r": 35e5, "dp_t": 1e4, "leak_edge": 1e-12, "overlap": 0.0,
     "q_bypass": 4000 / 60e3, "dp_bypass": 5e5, "bypass": 0.0,
     "f_n": 0.75, "zeta": 0.87, "K_p": 3.02, "K_v": 0.55, "t_m": 0.02,
+    # effects that the diagram lacks
+    "n": -1.0, "K_supply": 0.0, "air": 0.0, "p_0": 101325.0, "F_hole": 0.0, "v_hole": 2e-3, "d_hole": 0.0,
 }
 PASSIVE = {**ACTIVE, "bypass": 1.0, "K_p": 0.0, "K_v": 0.0}
 FRICTIONLESS = {"F_c": 0.0, "F_s": 0.0, "sigma_2": 0.0, "k_p": 0.0}
@@ -76,7 +85,8 @@ def command(z: float, y: Array, p: Parameters) -> float:
 def passive_forces(z: float, dz: float, y: Array, p: Parameters, preload: float) -> tuple[float, float, float]:
     """Upward force of gas spring and equalisers on the crown block, friction holding it back, oil pressure."""
     s, v = y[0] - z, y[1] - dz
-    thrust = preload - p["c"] * s - p["d"] * v
+    n = p["n"]
+    thrust = preload * (1 + p["c"] * s / (n * preload)) ** -n - p["d"] * v
     pressure = thrust / p["A_plunger"]
     equaliser = 2 * p["A_eq"] * pressure * s / math.hypot(s, p["h"])
     dry = p["F_c"] + (p["F_s"] - p["F_c"]) * math.exp(-(v / p["v_s"])**2) + p["k_p"] * max(pressure, 0.0)
@@ -99,11 +109,19 @@ def chamber_flows(y: Array, p: Parameters) -> tuple[float, float]:
     p_a, p_b, spool = y[6], y[7], y[8]
     gain, leak, source, t = p["q_r"] / math.sqrt(p["dp_r"]), p["leak_edge"], p["p_s"], p["dp_t"]
     up, down = max(spool - p["overlap"], 0.0), max(-spool - p["overlap"], 0.0)     # openings P-A and B-T, P-B and A-T
-    q_a = gain * (up * root(source - p_a, t) - down * root(p_a, t))
-    q_b = gain * (down * root(source - p_b, t) - up * root(p_b, t))
+    lossy = gain / math.sqrt(1 + p["K_supply"] * (gain * (up + down))**2)     # edge and supply line in series
+    q_a = lossy * up * root(source - p_a, t) - gain * down * root(p_a, t)
+    q_b = lossy * down * root(source - p_b, t) - gain * up * root(p_b, t)
     across = (p["bypass"] * p["q_bypass"] / math.sqrt(p["dp_bypass"]) * root(p_a - p_b, t)
               + p["leak_piston"] * (p_a - p_b))
     return q_a + leak * (source - 2 * p_a) - across, q_b + leak * (source - 2 * p_b) + across
+
+
+def compressibility(pressure: float, p: Parameters) -> float:
+    """Of oil and free air at a pressure above the atmosphere, 1/Pa."""
+    absolute = pressure + p["p_0"]
+    share = p["air"] * p["p_0"] / absolute
+    return (1 / p["beta"] + share / absolute) / (1 + share)
 
 
 def derivative(z: float, dz: float, y: Array, p: Parameters, preload: float, seabed: float) -> Array:
@@ -114,12 +132,13 @@ def derivative(z: float, dz: float, y: Array, p: Parameters, preload: float, sea
     string = p["k_string"] * (x_2 - x_3) + p["d_string"] * (v_2 - v_3)
     q_a, q_b = chamber_flows(y, p)
     swept, w = p["A"] * (v_1 - dz), 2 * math.pi * p["f_n"]
+    hole = p["F_hole"] * math.tanh(v_3 / p["v_hole"]) + p["d_hole"] * v_3
     return np.array([
         v_1, (lift - friction + p["A"] * (p_a - p_b) - wire) / p["m_1"] - p["g"],
         v_2, (wire - string) / p["m_2"] - p["g"],
-        v_3, (string + contact(y, p, seabed)) / p["m_3"] - p["g"],
-        p["beta"] / (p["V_0"] + p["A"] * (x_1 - z)) * (q_a - swept),
-        p["beta"] / (p["V_0"] - p["A"] * (x_1 - z)) * (q_b + swept),
+        v_3, (string + contact(y, p, seabed) - hole) / p["m_3"] - p["g"],
+        (q_a - swept) / (p["V_0"] + p["A"] * (x_1 - z)) / compressibility(p_a, p),
+        (q_b + swept) / (p["V_0"] - p["A"] * (x_1 - z)) / compressibility(p_b, p),
         rate, w**2 * (command(z, y, p) - spool) - 2 * p["zeta"] * w * rate,
         (z - heave) / p["t_m"]])
 

@@ -82,3 +82,27 @@ def test_a_weight_on_bit_that_is_not_reached_is_blamed_and_no_chamber() -> None:
         start(assembly, 0.0, np.zeros(assembly.arguments[4].numel()))
     assert "drilling.formation.N = 30 kN was not reached" in str(caught.value)
     assert "chamber" not in str(caught.value)
+
+
+def test_the_effects_of_the_flat_model_are_the_laws_that_they_are_named_after() -> None:
+    """By definition: thrust and stiffness at mid stroke, two pressure losses in series, air as an ideal gas."""
+    p = {**reference.ACTIVE, **reference.FRICTIONLESS, "d": 0.0, "A_eq": 0.0}
+    y, preload = np.zeros(11), 1.569e6
+
+    def thrust(s: float, n: float) -> float:
+        return reference.passive_forces(-s, 0.0, y, {**p, "n": n}, preload)[0]
+
+    for n in (1.0, 1.3):
+        assert thrust(0, n) == pytest.approx(preload)
+        assert (thrust(1e-3, n) - thrust(-1e-3, n)) / 2e-3 == pytest.approx(-p["c"], rel=1e-6)
+        volume = n * preload / p["c"]      # over the area; F V**n is constant
+        assert thrust(2, n) * (volume + 2) ** n == pytest.approx(preload * volume**n)
+    lossy = {**p, "K_supply": 5e10, "leak_edge": 0.0, "leak_piston": 0.0}
+    y[6], y[7], y[8] = 1.5e7, 1.6e7, 0.4
+    flow, _ = reference.chamber_flows(y, lossy)
+    edge = (flow / (0.4 * p["q_r"])) ** 2 * p["dp_r"]
+    assert edge + 5e10 * flow**2 == pytest.approx(p["p_s"] - 1.5e7, rel=1e-4)     # laminar below 0.1 bar
+    airy = {**p, "air": 0.05}
+    pressures = 1e7 + np.array([-1e3, 1e3])
+    volumes = 1 - pressures / p["beta"] + 0.05 * p["p_0"] / (pressures + p["p_0"])
+    assert reference.compressibility(1e7, airy) == pytest.approx(-np.diff(volumes)[0] / 2e3 / volumes.mean(), rel=0.02)

@@ -139,6 +139,20 @@ def sea(t: Array) -> Array:
     return (1 - np.exp(-(t/4)**3))*2/4*np.sqrt(2/40*(1 - 0.287*np.log(3.3)))*waves.sum(axis=1)
 
 
+def ship(t: Array) -> Array:
+    """Twenty sines of a sea as above, each with the complex response between those of the table."""
+    i = np.arange(1, 21)
+    shaken, phase = (np.array([uniform(7, int(k)) for k in i + n]) for n in (0, 20))
+    r = (1.25/-np.log((i - 0.75 + 0.5*shaken)/20))**0.25
+    weight = 3.3**(0.5*np.exp(-0.5*((r - 1)/0.08)**2))
+    table = np.array([[1.04, 0.97], [1.28, 0.22], [0.14, 0.003]])*np.exp(1j*np.array([[0, 0], [-0.4, -0.4], [-2.3, 0.8]]))
+    row = table[:, 0] + (table[:, 1] - table[:, 0])*30/90
+    omega = 2*PI/10*r
+    response = np.interp(omega, [0.2, 0.5, 1], row.real) + 1j*np.interp(omega, [0.2, 0.5, 1], row.imag)
+    waves = np.imag(weight*response*np.exp(1j*(omega*t[:, None] + 2*PI*phase)))
+    return (1 - np.exp(-(t/4)**3))*2/4*np.sqrt(2/20*(1 - 0.287*np.log(3.3)))*waves.sum(axis=1)
+
+
 MAP = RegularGridInterpolator(([0, 1000, 2000], [0, 100]), [[0.5, 0.6], [0.8, 0.9], [0.7, 0.95]])
 ORDERS = np.arange(1, 11)
 
@@ -251,6 +265,7 @@ CASES = [
     Case("polynomial_motion", "part.w", lambda t: np.polyval([30, -60, 30, 0, 0], share(t))/2, "its derivative"),
     Case("regular_sea", "part.z", lambda t: (1 - np.exp(-(t/4)**3))*np.sin(2*PI*t/8), LAW),
     Case("irregular_sea", "part.z", sea, "the sum of sines in NumPy"),
+    Case("sea_response", "part.z", ship, "the sum of responses in NumPy"),
     Case("heave_controller", "part.u", lambda t: np.clip(-0.3 - 1.5*np.sin(2*PI*t), -1, 1), LAW),
     Case("signal_curve", "part.y", lambda t: u(t)*1.1, "cubic splines reproduce the straight line 0.1 V per V"),
 ]

@@ -214,6 +214,9 @@ def test_a_kink_in_a_function_is_found_where_it_must_be_differentiated() -> None
     assert nonsmooth(zone, lambda name: True) is None
     assert nonsmooth(flow, lambda name: name != "p") == "max"
     assert nonsmooth(smooth, lambda name: False) is None
+    # the index of a sum does not vary in time
+    terms = parse_formula("sum(max(a[i] - i, 0)*x for i in 1..n)"), parse_formula("sum(i*max(x, 0) for i in 1..n)")
+    assert [nonsmooth(term, lambda name: name != "x") for term in terms] == [None, "max"]
 
 
 # -- the library -------------------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from scipy.special import gamma
 
 import heavebond as hb
 from heavebond.core.errors import ModelError
+from heavebond.language.symbols import uniform
 
 PD_ON_A_MASS = """\
 model: pd
@@ -257,6 +258,40 @@ def test_irregular_sea_has_the_moments_of_its_spectrum() -> None:
     # 1 - 0.287 log(gamma) is a fit of DNV-RP-C205 to the peaked spectrum
     assert 4*peaked.std() == pytest.approx(3.0, rel=0.04)
     agree(part("IrregularSea", H_s=3.0, T_p=10.0, t_r=5.0)({"time": 0.0})["z"], 0.0, size=1.0)
+
+
+SEA = "H_s: 3 m, T_p: 9 s, gamma: 3.3, t_r: 6 s, n: 12, seed: 3"
+TABLE = "omega: [0.3 rad/s, 0.6 rad/s, 1.2 rad/s], beta: [0 deg, 90 deg]"
+VESSEL = f"""
+model: vessel
+components:
+  sea:  {{is: IrregularSea, {SEA}}}
+  same: {{is: SeaResponse, {SEA}, heading: 30 deg, {TABLE}, amplitude: [[1, 1], [1, 1], [1, 1]],
+         phase: [[0 rad, 0 rad], [0 rad, 0 rad], [0 rad, 0 rad]]}}
+  ship: {{is: SeaResponse, {SEA}, heading: 30 deg, {TABLE}, amplitude: [[1, 0.9], [0.5, 1.2], [0.1, 0.3]],
+         phase: [[0 rad, 0 rad], [3 rad, -0.5 rad], [-3 rad, -2 rad]]}}
+nodes: {{sea: [sea.z], same: [same.z], ship: [ship.z]}}
+show: {{sea: {{is: sea.z, unit: m}}, same: {{is: same.z, unit: m}}, ship: {{is: ship.z, unit: m}}}}
+simulate: {{until: 60 s, every: 0.5 s}}
+"""
+
+
+@checks("SeaResponse")
+def test_sea_response_is_the_sum_of_the_responses() -> None:
+    """By NumPy from the table: bilinear in the complex response, so that phases of 3 and -3 rad are near each other. A
+    table of ones is the sea itself."""
+    found, n, seed, peak = run(VESSEL), 12, 3, 3.3
+    agree(found.display["same"], found.display["sea"])
+    t, number = found.time, range(1, n + 1)
+    share = np.array([i - 0.75 + 0.5*uniform(seed, i) for i in number])/n
+    ratio = (1.25/-np.log(share))**0.25
+    omega, start = 2*np.pi/9*ratio, 2*np.pi*np.array([uniform(seed, n + i) for i in number])
+    waves = 3/4*np.sqrt(2/n*(1 - 0.287*np.log(peak)))*peak**(0.5*np.exp(-0.5*((ratio - 1)/0.08)**2))
+    table = np.array([[1, 0.9], [0.5, 1.2], [0.1, 0.3]])*np.exp(1j*np.array([[0, 0], [3, -0.5], [-3, -2]]))
+    row = table[:, 0] + (table[:, 1] - table[:, 0])*30/90
+    response = np.interp(omega, [0.3, 0.6, 1.2], row.real) + 1j*np.interp(omega, [0.3, 0.6, 1.2], row.imag)
+    moving = np.exp(1j*(np.multiply.outer(t, omega) + start)) @ (waves*response)
+    agree(found.display["ship"], (1 - np.exp(-(t/6)**3))*moving.imag, rtol=1e-8, size=1.0)
 
 
 # -- linear dynamics ----------------------------------------------------------------------------------------------------

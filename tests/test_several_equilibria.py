@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,3 +67,31 @@ def test_a_stable_steady_start_and_a_machine_that_is_free_to_move_get_no_such_wa
     for diagram, initial in ((PENDULUM, ""), (undamped, ""), (free, "shaft.phi: 0.2 rad")):
         text = diagram.replace("shaft.phi: ~ GUESS rad", initial or "shaft.phi: ~ 0.1 rad")
         assert hb.simulate(loads(text)).verdict.status == "clean"
+
+
+@pytest.mark.parametrize("name", ["cmc_ahc/designed", "cmc_ahc/modern"])
+def test_a_start_of_a_search_follows_the_last_one_to_the_start_from_the_guess(name: str) -> None:
+    """Both solve the same equations to 1e-9 of the sizes of their terms; the stiff string makes 1e-7 of a metre of it."""
+    assembly = hb.assemble(hb.load(name))
+    first = start(assembly)
+    for share in (0.97, 1.0, 1.05):
+        other = assembly.with_parameters({"drilling.string.c": 298e3 * share, "drilling.formation.c": 1e6 / share})
+        searched, followed = start(other), start(other, near=first)
+        assert followed.steps < searched.steps
+        assert followed.x / other.x_nominal == pytest.approx(searched.x / other.x_nominal, abs=1e-7)
+        assert followed.p == pytest.approx(searched.p, rel=1e-6)
+
+
+def test_a_start_follows_no_other_one_where_its_equations_leave_a_direction_open_or_far_away() -> None:
+    """A cart on wheels may rest anywhere: it stays at its guess, wherever the last start was. A pendulum hangs down though
+    its last start was upside down."""
+    cart = hb.assemble(loads("model: cart\ncomponents: {cart: {is: Mass, m: 1 kg}}\nnodes: {cart: [cart.a]}\n"
+                             "initial: {start: steady, cart.x: ~ 2 m}\nsimulate: {until: 1 s, every: 10 ms}\n"))
+    at_guess = start(cart)
+    elsewhere = replace(at_guess, x=at_guess.x + 1)
+    assert start(cart, near=elsewhere).x == pytest.approx(at_guess.x)
+    pendulum = hb.assemble(loads(PENDULUM.replace("GUESS", "0.3")))
+    hanging = start(pendulum)
+    upside_down = start(hb.assemble(loads(PENDULUM.replace("GUESS", "2.0"))))
+    assert abs(upside_down.x - hanging.x).max() > 3
+    assert start(pendulum, near=replace(hanging, x=upside_down.x - 0.5)).x == pytest.approx(hanging.x, abs=1e-6)

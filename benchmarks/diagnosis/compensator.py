@@ -52,18 +52,19 @@ class Effect:
     accepted: frozenset[tuple[str, frozenset[str]]]
 
 
-def _answers(*kinds: str, at: Sequence[str]) -> frozenset[tuple[str, frozenset[str]]]:
+def answers(*kinds: str, at: Sequence[str]) -> frozenset[tuple[str, frozenset[str]]]:
+    """Each class at one place."""
     return frozenset((kind, frozenset(at)) for kind in kinds)
 
 
 FRICTION = Effect(
     {"cmc.friction.F_c": 12e3, "cmc.friction.F_s": 22.8e3, "cmc.friction.sigma_2": 10e3, "cmc.friction.k_p": 0.4e-4},
     "Friction between platform and crown, pressed by cmc.main_cylinder",
-    _answers("dry friction", "pressure-dependent friction", at=("platform", "crown")))
+    answers("dry friction", "pressure-dependent friction", at=("platform", "crown")))
 LEAKAGE = Effect({"ahc.cylinder.leakage": 6e-11}, "Cylinder in ahc.cylinder (leakage)",
-                 _answers("internal leakage", "leakage", at=("ahc.chamber_a", "ahc.chamber_b")))
+                 answers("internal leakage", "leakage", at=("ahc.chamber_a", "ahc.chamber_b")))
 OVERLAP = Effect({"ahc.valve.overlap": 0.03}, "ProportionalValve43 in ahc.valve (overlap)",
-                 _answers("valve overlap", at=("ahc.valve",)))
+                 answers("valve overlap", at=("ahc.valve",)))
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class Case:
         """The simplified diagram with its channels and what is free, and the detailed one beside it."""
         name = f"compensator{'_passive' if self.passive else ''}"
         return Rig(name, HERE / f"{name}.yaml", self.seconds, self.rate, "vessel.u", sea,
-                   {"ahc.cylinder": ("ahc.chamber_a", "ahc.chamber_b")})
+                   {"ahc.cylinder": ("ahc.chamber_a", "ahc.chamber_b"), "cmc.gas": ("platform", "crown")})
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -187,14 +188,20 @@ def command(description: str | None, study: str, cases: Mapping[str, Case],
     done = keeping.read(study)
     if unknown := set(asked.cases) - cases.keys():
         reading.error(f"no such case: {listing(sorted(unknown))}; there are {listing(cases)}")
-    for name in asked.cases or [name for name in cases if name not in done]:
+    diagnose_cases(study, asked.cases or [name for name in cases if name not in done], diagnose, asked.report)
+
+
+def diagnose_cases(study: str, names: Sequence[str], diagnose: Callable[[str, Path], tuple[dict[str, object], Diagnosis]],
+                   report: Path | None) -> None:
+    """Diagnose these cases, keep and print the results, and write the page about each to `report`."""
+    for name in names:
         with tempfile.TemporaryDirectory() as folder:
             row, found = diagnose(name, Path(folder))
             keeping.add(study, row)
             print(f"{name}: {row['outcome']}, {row['verdict']}, {row['processor']:.0f} s of processor time")
             print(f"  {row['words']}", flush=True)
-            if asked.report is not None:
-                asked.report.write_text(page(found, localize(found.experiment, values=found.fitted)), encoding="utf-8")
+            if report is not None:
+                report.write_text(page(found, localize(found.experiment, values=found.fitted)), encoding="utf-8")
 
 
 if __name__ == "__main__":

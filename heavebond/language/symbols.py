@@ -327,6 +327,9 @@ def nonsmooth(expr: Expr, constants: Callable[[str], bool]) -> str | None:
         return expr.function
     if isinstance(expr, FunctionCall) and (inside := _kink_inside(expr, constants)):
         return inside
+    if isinstance(expr, SumOver):
+        index = expr.index
+        return nonsmooth(expr.body, lambda text: text == index or constants(text))
     return next((inner for child in children(expr) if (inner := nonsmooth(child, constants))), None)
 
 

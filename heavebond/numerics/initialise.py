@@ -13,7 +13,7 @@ from heavebond.numerics import mechanism_messages, start_messages
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import at_rest
 from heavebond.numerics.matrices import Matrix, added, finite, least_change, null_space, scaled
-from heavebond.numerics.newton import NewtonResult, Scaling, System, continued, newton, settled, sharpened, weights
+from heavebond.numerics.newton import NEWTON, NewtonResult, Scaling, System, continued, newton, settled, sharpened, weights
 from heavebond.numerics.start_equations import INITIALISATION, Point, StartEquations, StartSystem
 from heavebond.numerics.time_events import clocks_at
 
@@ -21,6 +21,7 @@ from heavebond.numerics.time_events import clocks_at
 WIDENINGS = (1e4, 1e3, 100.0, 10.0, 3.0, 1.0)
 SETTLED = 1e4  # s; steps in pseudo-time after which a machine has come to rest
 SAME_EQUILIBRIUM = 1e-6  # usual sizes within which two solutions are one; both are solved to 1e-9
+FOLLOWED = 0.1  # usual sizes by which a start may differ from the one that it follows; parameters of a search move by less
 
 
 @dataclass(frozen=True)
@@ -49,21 +50,23 @@ class Start:
     of_components: bool = False  # whether there are initial values of components, and they are met
 
 
-def start(assembly: Assembly, t: float | None = None, u: Array | None = None, equations: StartEquations | None = None
-          ) -> Start:
+def start(assembly: Assembly, t: float | None = None, u: Array | None = None, equations: StartEquations | None = None,
+          near: Start | None = None) -> Start:
     """Solve for x, z and the parameters under `solve:`; StartError with the reason where that cannot be.
 
     Unknowns that no condition decides keep their guess: states do where the loops can be solved for the algebraic unknowns
     alone; else all change as little as they can, in scaled variables. After `start: steady` a direction that no equation
     determines is an error. The time is by default that at which runs begin; `equations` are those of the assembly where
-    they are compiled already."""
+    they are compiled already. `near` is a start of the same equations with other parameters: a search follows it where the
+    equations determine all unknowns and the new start is close to it."""
     t = assembly.begin if t is None else t
     if (p := clocks_at(assembly, t, assembly.p)) is not assembly.p:
         assembly = replace(assembly, p=p)
     u = np.zeros(assembly.arguments[4].numel()) if u is None else u
     problem = StartSearch(equations or StartEquations(assembly), assembly, t, u)
     try:
-        return problem.finished(problem.solve())
+        followed = problem.following(near) if near is not None else None
+        return problem.finished(problem.solve() if followed is None else followed)
     except StartError as error:
         if wrong := mechanism_messages.unassembled(assembly):
             raise StartError([wrong]) from error
@@ -175,6 +178,29 @@ class StartSearch:
         """(x, z, solved parameters) of a consistent start."""
         y = self._without_components()
         return self._with_components(y) if self.equations.component_rows else y
+
+    def following(self, near: Start) -> Array | None:
+        """The equilibrium on the branch of `near`, by Newton's method from there; None if the start is searched in another
+        way, if it is not within FOLLOWED of `near`, or if the equations leave a direction open, in which it would depend on
+        `near`."""
+        equations = self.equations
+        if equations.separate or equations.component_rows or not (equations.steady or equations.initial.solve):
+            return None
+        before = np.concatenate([near.x, near.z, near.p[equations.solved_for]])
+        system = self._scaled(equations.all)
+        found = newton(system, before, self.frame, NEWTON.path_iterations)
+        if not found.good or self._apart(found.y, before) > FOLLOWED:
+            return None
+        residual, jacobian = system(found.y)
+        weighted = scaled(jacobian, weights(residual, jacobian))
+        if not finite(weighted) or null_space(weighted, INITIALISATION.undetermined).size:
+            return None
+        self._check_constants()
+        self.steps = found.steps
+        try:
+            return self._settle(sharpened(system, found, self.frame).y)
+        except StartError:
+            return None
 
     def _with_components(self, y: Array) -> Array:
         """The start with the states that the initial values of the components decide; `y` itself if these have no solution,

@@ -195,7 +195,8 @@ class Unexplained(Simulator):
             return found[:, 0].T, np.ascontiguousarray(np.moveaxis(found[:, 1:] / self._sizes(moved)[:, None], 0, -1))
 
     def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
-        """As a `Simulator`, but the start is not solved again where only what it does not depend on has another value."""
+        """As a `Simulator`, but the start is not solved again where only what it does not depend on has another value, and
+        otherwise follows the last one."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         equations = self.start_equations
         p = clocks_at(assembly, float(self.time[0]), assembly.p)
@@ -206,7 +207,7 @@ class Unexplained(Simulator):
             p[equations.solved_for] = first.p[equations.solved_for]
             return assembly, replace(first, p=p), moved
         _, first, moved = super()._started(parameters)
-        self._last = felt, first, moved
+        self._last, self.near = (felt, first, moved), first
         return assembly, first, moved
 
     def _signals(self, first: Start, moved: Tangent | None, watch: Watch | None = None) -> Array | None:

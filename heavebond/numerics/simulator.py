@@ -303,6 +303,7 @@ class Simulator:
             return self._result(*self._started(parameters), began, lambda: self._started(parameters))
 
     begun: Start | None = None  # where the last run began
+    near: Start | None = None  # a start that the next one may follow
     _sized_for: Mapping[str, float | str] | None  # the parameters of the last run, which sizes were taken from
 
     def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
@@ -315,7 +316,7 @@ class Simulator:
             raise UsageError([Problem("delay-zero", "a delay becomes zero within a search, or is zero no more, and the "
                                       "equations change with it", delay.place, "Keep its range above 0 s.")])
         u = self.pieces.at(np.array([self.time[0]]))[:, 0]
-        first = self.begun = start(assembly, float(self.time[0]), u, self.start_equations)
+        first = self.begun = start(assembly, float(self.time[0]), u, self.start_equations, self.near)
         return assembly, first, tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
 
     def run_from(self, x: Array, parameters: Mapping[str, float | str] | None = None) -> Result:
