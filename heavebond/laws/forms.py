@@ -26,7 +26,9 @@ from heavebond.text.expression import Binary, Call, Expr, Name, Negative, Number
 
 SCALES = np.geomspace(0.03, 3.0, 13)  # of the largest value of a variable
 GAPS = np.geomspace(0.03, 3.0, 9)  # of its span, beyond its ends
-PERIODS = np.arange(0.75, 50.0, 0.25)  # over its span: neighbours differ by an eighth of a turn about the middle
+# Over its span: neighbours differ by an eighth of a turn about the middle. Parts of a period are the soft springs of a
+# pendulum or a magnet.
+PERIODS = np.concatenate([[0.2, 0.3, 0.4, 0.5, 0.6], np.arange(0.75, 50.0, 0.25)])
 QUANTILES = np.linspace(0.1, 0.9, 9)
 EXPONENTS = (0.3, 0.5, 0.7, 1.3, 1.5, 1.7, 2.5, 3.5)
 LAGS = np.geomspace(2.0, 500.0, 12)  # in sampling intervals
@@ -79,7 +81,7 @@ def _gap(name: str, unit: str) -> Shape:
 
 def _pitch(name: str, unit: str) -> Shape:
     return Shape(name, "pitch", unit, lambda m: (m.high - m.low) / PERIODS,
-                 lambda m: ((m.high - m.low) / (1.1 * PERIODS[-1]), 4 * (m.high - m.low)))
+                 lambda m: ((m.high - m.low) / (1.1 * PERIODS[-1]), 6 * (m.high - m.low)))
 
 
 THRESHOLD = Shape("u_0", "threshold", "u", lambda m: m.quantiles, lambda m: (m.low, m.high))

@@ -59,6 +59,11 @@ class Formula:
     fixed: tuple[Mapping[str, float], ...]
 
     @property
+    def key(self) -> frozenset[tuple[str, ...]]:
+        """The forms and variables of its parts, without values."""
+        return frozenset(part.key for part in self.parts)
+
+    @property
     def node(self) -> Node:
         """The node at which the law acts, the first of two."""
         return self.place.nodes[0]
