@@ -67,7 +67,10 @@ def written(arguments: Sequence[tuple[str, ca.SX]], expressions: dict[str, ca.SX
     texts, intermediate = list[str](), dict[str, str]()
     for k, (operation, used, atom) in enumerate(operands):
         form = UNARY.get(operation) or BINARY.get(operation) or ""
-        text = atom if used == () else form.format(*(texts[i] for i in used[:form.count("{")]))
+        parts = [texts[i] for i in used[:form.count("{")]]
+        if operation in (ca.OP_DIV, ca.OP_INV) and "*" in parts[-1]:
+            parts[-1] = f"({parts[-1]})"  # a product below the line
+        text = atom if used == () else form.format(*parts)
         if used and not form:
             raise ValueError(f"operation {operation} has no text")
         if text.startswith("-") and not used:

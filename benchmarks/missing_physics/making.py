@@ -29,6 +29,8 @@ from benchmarks.diagnosis.cluttered import RECORDS, USES, Drawn, drawn
 from benchmarks.diagnosis.laws import LAWS, HiddenLaw
 from benchmarks.diagnosis.machines import MACHINES, Machine
 from benchmarks.diagnosis.making import Hidden, generator
+from benchmarks.diagnosis.measured import SETS
+from benchmarks.diagnosis.measured import experiment as measured_experiment
 from benchmarks.diagnosis.rigs import MODELS, RIGS, Rig
 from benchmarks.missing_physics.equations import base_model
 from heavebond.core.errors import HeavebondError
@@ -36,10 +38,12 @@ from heavebond.core.units import read_unit
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.candidates.places import Places
+from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.experiment import Experiment, changed_experiment, load_experiment
 from heavebond.estimation.residuals import Run
+from heavebond.exchange.c_code import export_c
 from heavebond.language.edits import quoted
-from heavebond.language.library import effect_kind, effect_classes
+from heavebond.language.library import effect_classes, effect_kind
 from heavebond.numerics.dae import Array
 
 FOLDER = Path(__file__).parent
@@ -288,7 +292,10 @@ def _written(name: str, made: Made, root: Path) -> None:
     outputs = {key: (o.column, o.shown.unit) for key, o in experiment.outputs.items()}
     records: dict[str, dict[str, str]] = {}
     for key, record in experiment.records.items():
-        table = pd.read_csv(record.file)[[experiment.time_column, *(i.column for i in inputs.values()),
+        table = pd.read_csv(record.file)
+        kept = (table[experiment.time_column] >= (record.begin if record.begin is not None else -np.inf)) & (
+            table[experiment.time_column] <= (record.end if record.end is not None else np.inf))
+        table = table[kept][[experiment.time_column, *(i.column for i in inputs.values()),
                                           *(column for column, _ in outputs.values())]]
         records[key] = {"file": f"{key}.csv", "use": "score" if key == scored else record.use}
         if key == scored:
@@ -343,9 +350,9 @@ def _experiment_text(name: str, made: Made, folder: Path, records: Mapping[str, 
         for key, free in experiment.free.items():
             unit = "" if free.range.unit.text == "1" else f" {free.range.unit.text}"
             scale = free.range.unit.scale
-            low, high = free.range.low / scale, free.range.high / scale
-            middle = (free.range.nominal if free.range.nominal is not None else (low + high) / 2 * scale) / scale
-            lines.append(f"  {key}: {middle:.9g}{unit} +- {100 * (high / middle - 1):.6g} %")
+            low, high, nominal = free.range.low / scale, free.range.high / scale, free.range.nominal
+            lines.append(f"  {key}: {low:.9g} .. {high:.9g}{unit}" if not nominal else
+                         f"  {key}: {nominal / scale:.9g}{unit} +- {100 * (free.range.high / nominal - 1):.6g} %")
     return "\n".join(lines) + "\n"
 
 
@@ -354,3 +361,38 @@ def cases(chosen: Sequence[str], folder: Path) -> Iterator[str]:
     for name in chosen:
         write(name, folder)
         yield name
+
+
+def code(folder: Path, root: Path = FOLDER) -> None:
+    """Write the base model of each case as C, by the export of heavebond, to FOLDER/NAME.c; the recorded inputs are inputs."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in sorted((root / "machines").glob("*/experiment.yaml")):
+        experiment = load_experiment(path)
+        record = next(iter(experiment.records.values()))
+        export_c(experiment.model_for(record), folder / f"{path.parent.name}.c", list(experiment.inputs_for(record)))
+        print(path.parent.name, flush=True)
+
+
+def measured(records: Path, root: Path) -> None:
+    """Write cases of measured machines, from the user's copy of the public records, to ROOT; the last record is scored.
+
+    Sources and licences are in `benchmarks/diagnosis/measured/sets.yaml`. A set without a scored record, or with a model
+    that has no equations in this form, is left out with the reason.
+    """
+    for name, entry in SETS.items():
+        try:
+            experiment = with_noise(measured_experiment(name, records.resolve()))
+            if len(experiment.records) < 2:
+                print(f"{name}: left out, it has one record only")
+                continue
+            noise = {key: o.noise or 0.0 for key, o in experiment.outputs.items()}
+            named = [Effect(e["effect"], e["side"], e["places"], effect_kind(e["classes"][0]) if e["classes"] else "",
+                            e["classes"], e["laws"]) for e in entry.effects]
+            minor = [bool(e.get("minor")) for e in entry.effects]
+            dominant = next((e for e, small in zip(named, minor, strict=True) if not small), None)
+            truth = Truth(f"measured: {entry.source} Licence: {entry.licence}", dominant,
+                          tuple(e for e in named if e is not dominant))
+            _written(name, Made(experiment, noise, truth), root)
+            print(name, flush=True)
+        except (HeavebondError, OSError, KeyError, AssertionError, ValueError) as error:
+            print(f"{name}: left out, {type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}")

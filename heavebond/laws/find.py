@@ -21,7 +21,9 @@ diagnosis (see `experiment_design.separation`).
 
 from __future__ import annotations
 
+import atexit
 import re
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -254,7 +256,8 @@ def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), separatio
             formulas += _formulas(search, estimate, place)
         say("fitting the free parameters")
         components = {_kind(k): formula.component(_kind(k), effect=False) for k, (formula, _) in enumerate(formulas)}
-        base = fitted_base(_with_components(searched, components, folder))
+        kept = _kept_folder()
+        base = fitted_base(_with_components(searched, components, kept))
         known = [refit for place in places for refit in _of_catalogue(base, place.place, say)]
         answer, alternatives = _answer(original, base, _refitted(base, search, formulas, say), known)
         if answer.simplest is None:
@@ -265,7 +268,7 @@ def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), separatio
         say(f"fitting all samples with {answer.simplest.text}")
         place = next(p for p in places if p.place is answer.simplest.formula.place)
         start = next(c for formula, c in formulas if formula is answer.simplest.formula)
-        exact = replace(_confirmed(original, answer.simplest, folder, say), implied=_implied(search, estimate, place, start))
+        exact = replace(_confirmed(original, answer.simplest, kept, say), implied=_implied(search, estimate, place, start))
         return replace(answer, simplest=exact, laws=tuple(
             exact if law is answer.simplest else law for law in answer.laws))
 
@@ -311,6 +314,13 @@ def _formulas(search: Search, estimate: Estimate, sought: _Sought) -> list[tuple
     formulas = [(Formula(place, c.parts, problem.motions, tuple(problem.fixed(part) for part in c.parts)), c)
                 for c in composed(problem)]
     return [(formula, c) for formula, c in formulas if formula.possible]
+
+
+def _kept_folder() -> Path:
+    """A folder for the components of formulas until the program ends: a library reads them when a diagram is assembled."""
+    folder = Path(tempfile.mkdtemp(prefix="heavebond_laws_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def _kind(k: int) -> str:

@@ -198,7 +198,7 @@ def formulas(network: Network, weights: Any, estimate: Estimated) -> list[str]:
     for symbols in ("add,sub,mul,constant,variable", "add,sub,mul,div,sin,tanh,abs,exp,constant,variable"):
         regressor = SymbolicRegressor(allowed_symbols=symbols, generations=200, population_size=500, pool_size=500,
                                       max_length=20, objectives=["mse", "length"], n_threads=1, random_state=1,
-                                      optimizer_iterations=5, time_limit=5)
+                                      optimizer_iterations=5, max_time=5)
         regressor.fit(X, y)
         for entry in regressor.pareto_front_:
             text = regressor.get_model_string(entry["tree"], 6)
