@@ -4,7 +4,10 @@
 2. At the likeliest places closed forms are fitted to the innovations and composed to formulas (see `laws.regression`).
 3. The formulas that leave least with each number of parameters are put into the diagram as components and refitted in
    simulation, with all free parameters, by exact sensitivities; so are the laws of the catalogue at the same place.
-4. A formula counts if BIC falls by strong evidence, and the error on held-out data by more than chance. Formulas are
+4. If the simplest formula that leaves as little as the best one leaves much more than the noise, the diagram with it is the
+   model of a further search at its place: about the motion with the first part of a law, which stops and slides when the
+   machine does, further parts are found that the first motion hides. They are added to it, and all are refitted together.
+5. A formula counts if BIC falls by strong evidence, and the error on held-out data by more than chance. Formulas are
    compared by their errors on data to which their parameters were not fitted (cross-validated, and held out). Of those that
    the records cannot distinguish from the best, and that are not much less probable, the one with the fewest parameters is
    the simplest.
@@ -27,6 +30,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -57,7 +61,7 @@ from heavebond.experiment_design.separation import Alternative, Separation, sepa
 from heavebond.language.definition import SearchRange
 from heavebond.language.edits import Change, Part, write_new
 from heavebond.laws.formula import Formula
-from heavebond.laws.regression import Composed, at_place, composed
+from heavebond.laws.regression import at_place, composed
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.input_estimation import Estimate, Search
 from heavebond.localise.ltv_model import with_values
@@ -69,6 +73,7 @@ NOISE = 2.0  # mean squared prediction error, in noise variances, from which on 
 PROBABLE = 0.1  # share of the probability of the most probable formula from which on a simpler one can be the answer
 PLACES = 2  # at most, at which formulas are sought
 VARIABLES = 4  # of a place that are tried: those across it and its positions first
+FURTHER, LESS = 2, 0.7  # further searches, and the share of the loss that each must leave at most for another one
 LISTED = 3  # formulas that are named beside the answer
 CATALOGUE = 5  # laws of the catalogue at the place that are refitted beside them: one of each class, by their scores
 
@@ -250,7 +255,7 @@ def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), separatio
         search, estimate = estimated_inputs(searched, folder, None, say)
         if estimate.chance >= INPUT_ESTIMATION.level and not at:
             return Laws(original, False, ())
-        formulas, places = list[tuple[Formula, Composed]](), _places(search, estimate, at)
+        formulas, places = list[tuple[Formula, Array]](), _places(search, estimate, at)
         for place in places:
             say(f"composing formulas {place.place.words}")
             formulas += _formulas(search, estimate, place)
@@ -259,16 +264,27 @@ def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), separatio
         kept = _kept_folder()
         base = fitted_base(_with_components(searched, components, kept))
         known = [refit for place in places for refit in _of_catalogue(base, place.place, say)]
-        answer, alternatives = _answer(original, base, _refitted(base, search, formulas, say), known)
+        laws = _refitted(base, search, formulas, say)
+        answer, alternatives = _answer(original, base, laws, known)
+        for turn in range(FURTHER):
+            if answer.simplest is None or answer.simplest.loss < NOISE:
+                break
+            further = _further(base, answer.simplest, folder / f"further_{turn}", kept, say)
+            if not further:
+                break
+            laws, before = [*laws, *further], answer.simplest
+            answer, alternatives = _answer(original, base, laws, known)
+            if answer.simplest is before or answer.simplest is None or answer.simplest.loss > LESS * before.loss:
+                break
         if answer.simplest is None:
             return answer
         if separation and len(alternatives) > 1:
             say("designing the experiment that decides")
             answer = replace(answer, separation=_separation(searched, alternatives, say))
         say(f"fitting all samples with {answer.simplest.text}")
-        place = next(p for p in places if p.place is answer.simplest.formula.place)
-        start = next(c for formula, c in formulas if formula is answer.simplest.formula)
-        exact = replace(_confirmed(original, answer.simplest, kept, say), implied=_implied(search, estimate, place, start))
+        place = next(p for p in places if p.place.name == answer.simplest.formula.place.name)
+        exact = replace(_confirmed(original, answer.simplest, kept, say), implied=_implied(
+            search, place, answer.simplest.refit.values))
         return replace(answer, simplest=exact, laws=tuple(
             exact if law is answer.simplest else law for law in answer.laws))
 
@@ -305,15 +321,15 @@ def _places(search: Search, estimate: Estimate, at: Sequence[str]) -> list[_Soug
             for k, ranked in enumerate(estimate.full) if best - ranked.likelihood < INPUT_ESTIMATION.distinct][:PLACES]
 
 
-def _formulas(search: Search, estimate: Estimate, sought: _Sought) -> list[tuple[Formula, Composed]]:
-    """The formulas at a place that are worth a refit."""
+def _formulas(search: Search, estimate: Estimate, sought: _Sought) -> list[tuple[Formula, Array]]:
+    """The formulas at a place that are worth a refit, each with the free parameters q (k,) about their priors."""
     place = sought.place
     variables = [v for v in sought.local.variables(place) if v.kind != "rate"]
     at_ports = [v for v in variables if v.kind in ("across", "position")]
     problem = at_place(search, estimate, place, [*at_ports, *(v for v in variables if v not in at_ports)][:VARIABLES])
-    formulas = [(Formula(place, c.parts, problem.motions, tuple(problem.fixed(part) for part in c.parts)), c)
-                for c in composed(problem)]
-    return [(formula, c) for formula, c in formulas if formula.possible]
+    formulas = [(Formula(place, c.parts, problem.motions, tuple(problem.fixed(part) for part in c.parts)),
+                 c.q + search.centre(estimate.systems)) for c in composed(problem)]
+    return [(formula, q) for formula, q in formulas if formula.possible]
 
 
 def _kept_folder() -> Path:
@@ -338,16 +354,43 @@ def _with_components(experiment: Experiment, components: Mapping[str, str], fold
     return replace(experiment, model=replace(model, library=library))
 
 
-def _refitted(base: Base, search: Search, formulas: Sequence[tuple[Formula, Composed]], say: Progress
+def _further(base: Base, law: FoundLaw, folder: Path, kept: Path, say: Progress) -> list[tuple[Formula, Refit]]:
+    """Formulas that add parts to a law, from the records about the motion with it; refitted in simulation."""
+    say(f"searching parts beside {law.text}")
+    folder.mkdir()
+    experiment = law.refit.experiment
+    values = {name: value for name, value in law.refit.values.items()
+              if name in experiment.free and not name.startswith("initial.")}
+    try:
+        search, estimate = estimated_inputs(replace(experiment, model=experiment.model.with_parameters(values)), folder, None,
+                                            say)
+    except HeavebondError:
+        return []
+    place = next((p for p in _places(search, estimate, ()) if p.place.name == law.formula.place.name), None)
+    if place is None:
+        return []
+    first, formulas = law.formula.with_numbers(law.numbers), list[tuple[Formula, Array]]()
+    for formula, q in _formulas(search, estimate, place):
+        if not first.key & formula.key:
+            formulas.append((first.joined(formula), q))
+    number = len(base.problem.experiment.model.library.files)  # other names than those of the formulas before
+    components = {_kind(number + k): formula.component(_kind(number + k), effect=False)
+                  for k, (formula, _) in enumerate(formulas)}
+    problem = copy(base.problem)
+    problem.experiment = _with_components(base.problem.experiment, components, kept)
+    return _refitted(replace(base, problem=problem, diagrams={}, shared={}), search, formulas, say, number)
+
+
+def _refitted(base: Base, search: Search, formulas: Sequence[tuple[Formula, Array]], say: Progress, number: int = 0
               ) -> list[tuple[Formula, Refit]]:
     """The formulas refitted in simulation, each as a component in the diagram; of one formula from several starts the best
     refit."""
     refits: dict[tuple[str, frozenset[tuple[str, ...]]], tuple[Formula, Refit]] = {}
-    for k, (formula, start) in enumerate(formulas):
+    for k, (formula, q) in enumerate(formulas):
         say(f"refitting {k + 1} of {len(formulas)}: {formula.text}")
-        candidate = candidate_of(base.problem.experiment, formula, _kind(k))
+        candidate = candidate_of(base.problem.experiment, formula, _kind(number + k))
         numbers = {f"{candidate.name}.{n.name}": n for n in formula.numbers if n.range is not None}
-        values = {**with_values(search.known, start.q[search.columns(search.sides[0].record.name)]),
+        values = {**with_values(search.known, q[search.columns(search.sides[0].record.name)]),
                   **{name: n.value for name, n in numbers.items()}}
         trial = refitted_at(base, candidate, values, {name: n.range for name, n in numbers.items() if n.range is not None},
                             progress=say)
@@ -490,9 +533,12 @@ def _confirmed(original: Experiment, law: FoundLaw, folder: Path, say: Progress)
                    covariance=fitted.correlation[np.ix_(index, index)] * np.outer(deviations, deviations), finding=finding)
 
 
-def _implied(search: Search, estimate: Estimate, sought: _Sought, start: Composed) -> tuple[ImpliedInput, ...]:
-    """The input that each record asks for at a place, with the free parameters that the formula has."""
-    value = (sought.value + sought.moved @ (start.q + search.centre(estimate.systems))) * sought.ratio
+def _implied(search: Search, sought: _Sought, values: Mapping[str, float]) -> tuple[ImpliedInput, ...]:
+    """The input that each record asks for at a place, with these values (SI) of the free parameters."""
+    q = np.zeros(search.width)
+    for side in search.sides:
+        q[search.columns(side.record.name)] = [known.place_of(values.get(known.name, known.centre)) for known in search.known]
+    value = (sought.value + sought.moved @ q) * sought.ratio
     return tuple(implied_inputs(search, sought.place, value, sought.deviation * abs(sought.ratio),
                                 sought.local.variables(sought.place)).values())
 

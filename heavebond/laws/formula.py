@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -185,6 +185,20 @@ class Formula:
             return min(near, far), max(near, far)
         near, far = value / WIDER, value * WIDER
         return max(low, min(near, far)), min(high, max(near, far))
+
+    def with_numbers(self, values: Mapping[str, float]) -> Formula:
+        """The formula with other values (SI) of its parameters."""
+        parts = []
+        for part, names in zip(self.parts, self._named[1], strict=True):
+            shapes = tuple(values.get(names[s.name], value) for s, value in zip(part.form.shapes, part.shapes, strict=True))
+            amplitudes = tuple(values.get(names[str(k)], value) for k, value in enumerate(part.amplitudes))
+            parts.append(replace(part, shapes=shapes, amplitudes=amplitudes))
+        return replace(self, parts=tuple(parts))
+
+    def joined(self, other: Formula) -> Formula:
+        """The sum of two formulas at one place; the motions are those of the other."""
+        return replace(self, parts=(*self.parts, *other.parts), fixed=(*self.fixed, *other.fixed),
+                       motions={**self.motions, **other.motions})
 
     @property
     def numbers(self) -> tuple[Number, ...]:
