@@ -63,6 +63,7 @@ from heavebond.language.edits import Change, Part, write_new
 from heavebond.laws.formula import Formula
 from heavebond.laws.regression import at_place, composed
 from heavebond.localise.constants import INPUT_ESTIMATION
+from heavebond.localise.curves import Variable
 from heavebond.localise.input_estimation import Estimate, Search
 from heavebond.localise.ltv_model import with_values
 from heavebond.localise.misfit import ImpliedInput, beginning, estimated_inputs, implied_inputs, input_at
@@ -325,11 +326,24 @@ def _formulas(search: Search, estimate: Estimate, sought: _Sought) -> list[tuple
     """The formulas at a place that are worth a refit, each with the free parameters q (k,) about their priors."""
     place = sought.place
     variables = [v for v in sought.local.variables(place) if v.kind != "rate"]
-    at_ports = [v for v in variables if v.kind in ("across", "position")]
+    at_ports = [v for v in variables if v.kind in ("across", "position")] + _temperatures(sought)
     problem = at_place(search, estimate, place, [*at_ports, *(v for v in variables if v not in at_ports)][:VARIABLES])
     formulas = [(Formula(place, c.parts, problem.motions, tuple(problem.fixed(part) for part in c.parts)),
                  c.q + search.centre(estimate.systems)) for c in composed(problem)]
     return [(formula, q) for formula, q in formulas if formula.possible]
+
+
+def _temperatures(sought: _Sought) -> list[Variable]:
+    """The further across variables of the nodes of a place: temperatures of gas or oil that are no constant."""
+    domain, signals = sought.place.nodes[0].domain, sought.local.signals
+    variables = []
+    for name in (f"{node.name}.{member}" for member in domain.across[1:] for node in sought.place.nodes):
+        values = signals.get(name)
+        if values is not None and np.ptp(values) > INPUT_ESTIMATION.still * float(np.abs(values).max()):
+            member = domain.members[name.rpartition(".")[2]]
+            variables.append(Variable("pressure", f"{member.noun} {name}", name, member.unit.text, values,
+                                      np.gradient(values) > 0))
+    return variables
 
 
 def _kept_folder() -> Path:
@@ -362,8 +376,8 @@ def _further(base: Base, law: FoundLaw, folder: Path, kept: Path, say: Progress)
     values = {name: value for name, value in law.refit.values.items()
               if name in experiment.free and not name.startswith("initial.")}
     try:
-        search, estimate = estimated_inputs(replace(experiment, model=experiment.model.with_parameters(values)), folder, None,
-                                            say)
+        model = experiment.model.with_parameters(values)
+        search, estimate = estimated_inputs(replace(experiment, model=model), folder, None, say)
     except HeavebondError:
         return []
     place = next((p for p in _places(search, estimate, ()) if p.place.name == law.formula.place.name), None)
@@ -537,7 +551,7 @@ def _implied(search: Search, sought: _Sought, values: Mapping[str, float]) -> tu
     """The input that each record asks for at a place, with these values (SI) of the free parameters."""
     q = np.zeros(search.width)
     for side in search.sides:
-        q[search.columns(side.record.name)] = [known.place_of(values.get(known.name, known.centre)) for known in search.known]
+        q[search.columns(side.record.name)] = [k.place_of(values.get(k.name, k.centre)) for k in search.known]
     value = (sought.value + sought.moved @ q) * sought.ratio
     return tuple(implied_inputs(search, sought.place, value, sought.deviation * abs(sought.ratio),
                                 sought.local.variables(sought.place)).values())
