@@ -37,7 +37,8 @@ def agree(name: str) -> None:
     rng = np.random.default_rng(1)
     columns = pieced(assembly.flat, float(seen.time[0]), float(seen.time[-1]))
     for time in seen.time[[1, len(seen.time) // 2]]:
-        state = system.start * (1 + 0.01 * rng.standard_normal(len(system.start))) + 1e-3 * rng.standard_normal(len(system.start))
+        moved = rng.standard_normal((2, len(system.start)))
+        state = system.start * (1 + 0.01 * moved[0]) + 1e-3 * moved[1]
         column = columns.at(np.array([time]))[:, 0]
         rates, outputs, residual = (np.array(side).ravel() for side in sides(time, state, 0, assembly.p, column, 1.0))
         if residual.size:  # algebraic variables that enter linearly: one Newton step
@@ -48,7 +49,8 @@ def agree(name: str) -> None:
         values: dict[str, Any] = {**system.parameters, "time": time, **dict(zip(system.states, state, strict=True))}
         for k, known in enumerate(assembly.flat.inputs):
             key, rates_of_input = known.name, column[1 + 4 * k:5 + 4 * k] * [1, 1, 2, 6]
-            values |= dict(zip((key, f"der({key})", f"der(der({key}))", f"der(der(der({key})))"), rates_of_input, strict=True))
+            rate_names = (key, f"der({key})", f"der(der({key}))", f"der(der(der({key})))")
+            values |= dict(zip(rate_names, rates_of_input, strict=True))
         np.testing.assert_allclose(system.derivatives(values), rates, rtol=1e-9, atol=1e-12 * np.abs(rates).max() + 1e-12)
         np.testing.assert_allclose([*system.outputs(values).values()], outputs, rtol=1e-9, atol=1e-12)
 
@@ -66,8 +68,9 @@ def test_the_equations_of_all_cases_are_those_of_their_diagrams(name: str) -> No
 
 def test_written_expressions_have_the_value_of_what_they_are_written_from() -> None:
     a, b, c = (ca.SX.sym(n) for n in "abc")
-    expressions = {"quotients": a / (b * c) / (a * b / c) - (a - (b - c)) / (a * (b + c)), "power": (a * b)**(c - a) - a**2 / b**2,
-                   "choice": ca.if_else(a < b, a * c, -b) + ca.fmin(a, b) - ca.fabs(c - a), "shared": ca.sin(a * b) * ca.exp(a * b),
+    expressions = {"quotients": a / (b * c) / (a * b / c) - (a - (b - c)) / (a * (b + c)),
+                   "power": (a * b)**(c - a) - a**2 / b**2, "shared": ca.sin(a * b) * ca.exp(a * b),
+                   "choice": ca.if_else(a < b, a * c, -b) + ca.fmin(a, b) - ca.fabs(c - a),
                    "constant": ca.SX(-2.5) * a, "inverse": 1 / (a * b)}
     texts = written([("part.a", a), ("b", b), ("c", c)], expressions)
     values: dict[str, Any] = {"part.a": 1.3, "b": 0.7, "c": 2.1}
@@ -78,7 +81,8 @@ def test_written_expressions_have_the_value_of_what_they_are_written_from() -> N
         assert parsed(texts.expressions[key])(values) == pytest.approx(expected, rel=1e-12), key
 
 
-@pytest.mark.parametrize("text", ["__import__('os').system('ls')", "(lambda: 1)()", "[1, 2]", "open('x')", "'a'", "a if b else c"])
+@pytest.mark.parametrize("text", ["__import__('os').system('ls')", "(lambda: 1)()", "[1, 2]", "open('x')", "'a'",
+                                  "a if b else c"])
 def test_an_expression_outside_of_the_grammar_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="no expression of the format"):
         parsed(text)
@@ -105,7 +109,8 @@ def answer(name: str, **content: Any) -> dict[str, Any]:
 
 def test_the_levels_of_an_answer_count_from_the_top() -> None:
     case = CASES["rig_friction"]
-    right = {"side": "machine", "place": ["crown", "platform"], "kind": "rate", "class": "dry friction", "law": "CoulombFriction"}
+    right = {"side": "machine", "place": ["crown", "platform"], "kind": "rate", "class": "dry friction",
+             "law": "CoulombFriction"}
     levels = [scored(case, answer(case.name, effects=[{**right, **wrong}])).levels for wrong in (
         {}, {"law": "Other"}, {"class": "leakage"}, {"kind": "source"}, {"place": ["crown", "seabed"]},
         {"side": "measuring chain"})]
@@ -146,9 +151,10 @@ def test_writing_a_case_again_gives_the_same_files(tmp_path: Path) -> None:
         making.write(name, tmp_path)
         for folder in (f"machines/{name}", "truths"):
             for path in (tmp_path / folder).glob(f"{name}*" if folder == "truths" else "*.csv"):
-                new, old = (re.findall(r"-?\d+\.?\d*(?:e[-+]?\d+)?", p.read_text()) for p in (path, FOLDER / folder / path.name))
+                new, old = (np.array(re.findall(r"-?\d+\.?\d*(?:e[-+]?\d+)?", p.read_text()), float)
+                            for p in (path, FOLDER / folder / path.name))
                 # simulated values are equal to the tolerance of the integrator on every computer
-                np.testing.assert_allclose(np.array(new, float), np.array(old, float), rtol=2e-4, atol=1e-6, err_msg=str(path))
+                np.testing.assert_allclose(new, old, rtol=2e-4, atol=1e-6, err_msg=str(path))
 
 
 def test_an_entry_without_its_packages_is_left_out_with_the_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str],

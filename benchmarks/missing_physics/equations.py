@@ -90,9 +90,10 @@ def base_model(experiment: Experiment, record: Record) -> dict[str, Any]:
     nodes, places = nodes_of(flat), places_of(flat, nodes_of(flat))
     assembly = build(reduce_flattened(lambda corners: with_virtual_sources(
         flatten(model, wanted, corners=corners), nodes, Path("virtual.csv"))))
-    signals = {f"{node.name}.{member}": assembly.express(assembly.flat.levels[0][assembly.flat.names[f"{node.name}.{member}"]])
-               for node in nodes.values() for member in (node.across, node.domain.position)
-               if member and f"{node.name}.{member}" in assembly.flat.names}
+    found, symbols = assembly.flat.names, assembly.flat.levels[0]
+    signals = {name: assembly.express(symbols[found[name]]) for node in nodes.values()
+               for member in (node.across, node.domain.position)
+               if member and (name := f"{node.name}.{member}") in found}
     outputs = {name: assembly.expression(o.shown.expr) for name, o in experiment.outputs.items()}
     arguments, sides = _explicit(assembly, [assembly.ode, assembly.alg, stack(outputs.values()), stack(signals.values())])
     keys = [[f"der({name})" for name in assembly.state_names], [f"residual_{k + 1}" for k in range(sides[1].numel())],
@@ -103,17 +104,18 @@ def base_model(experiment: Experiment, record: Record) -> dict[str, Any]:
     def of(prefix: str) -> dict[str, str]:
         return {key.removeprefix(prefix): text for key, text in texts.expressions.items() if key.startswith(prefix)}
 
-    first = start(assembly_at_rest := _base(experiment, record, wanted), None, pieced(
-        assembly_at_rest.flat, assembly_at_rest.begin, assembly_at_rest.begin + 1e-6).at(np.array([assembly_at_rest.begin]))[:, 0])
+    base = assemble(model, wanted)  # with its recorded inputs only
+    first = start(base, None, pieced(base.flat, base.begin, base.begin + 1e-6).at(np.array([base.begin]))[:, 0])
     free = experiment.free
     used = {name for name, symbol in arguments if any(ca.depends_on(side, symbol) for side in sides)}
     return {
-        "states": [{"name": name, "unit": assembly.flat.unknowns[j].unit.text, "start": float(value)} for name, (j, _), value in
-                   zip(assembly.state_names, assembly.reduced.states, first.x, strict=True)],
+        "states": [{"name": name, "unit": assembly.flat.unknowns[j].unit.text, "start": float(value)}
+                   for name, (j, _), value in zip(assembly.state_names, assembly.reduced.states, first.x, strict=True)],
         "algebraic": [name for name, _ in arguments if name.startswith("algebraic.")],
         "parameters": {name: {"value": float(value), **({"low": free[name].range.low, "high": free[name].range.high}
                                                         if name in free else {})}
-                       for name, value in zip(assembly.parameter_names, first.p, strict=True) if name in used or name in free},
+                       for name, value in zip(assembly.parameter_names, first.p, strict=True)
+                       if name in used or name in free},
         "inputs": [known.name for known in assembly.flat.inputs if not known.name.startswith("virtual.")],
         "places": [{"name": place.name, "nodes": [n.name for n in place.nodes], "components": list(place.components),
                     "unit": place.unit.text, "domain": place.nodes[0].domain.name,
@@ -125,18 +127,13 @@ def base_model(experiment: Experiment, record: Record) -> dict[str, Any]:
             "residual": of("residual_"), "outputs": of("output "), "signals": of("signal ")}}
 
 
-def _across(place: Place, member: str, signals: Container[str] | None = None) -> str:
+def _across(place: Place, member: str | None, signals: Container[str] | None = None) -> str:
     """A variable over a place as a formula of signals: b - a of mechanical nodes, else a - b; empty if it is not known."""
     texts = [f"{node.name}.{member}" for node in place.nodes]
     if not member or (signals is not None and any(text not in signals for text in texts)):
         return ""
     return texts[0] if len(texts) == 1 else f"{texts[1]} - {texts[0]}" if place.nodes[0].mechanical else \
         f"{texts[0]} - {texts[1]}"
-
-
-def _base(experiment: Experiment, record: Record, wanted: set[str]) -> Assembly:
-    """The diagram with its recorded inputs only."""
-    return assemble(experiment.model_for(record), wanted)
 
 
 def _explicit(assembly: Assembly, sides: Sequence[ca.SX]) -> tuple[list[tuple[str, ca.SX]], list[ca.SX]]:
@@ -157,7 +154,8 @@ def _explicit(assembly: Assembly, sides: Sequence[ca.SX]) -> tuple[list[tuple[st
     inputs = []
     for k, symbol in zip(known, symbols, strict=True):
         name = f"w.{k.name.removeprefix('virtual.')}" if k.name.startswith("virtual.") else k.name
-        inputs += list(zip((name, f"der({name})", f"der(der({name}))", f"der(der(der({name})))"), split(symbol), strict=True))
+        rates = (name, f"der({name})", f"der(der({name}))", f"der(der(der({name})))")
+        inputs += list(zip(rates, split(symbol), strict=True))
     arguments = [("time", t), *zip(assembly.state_names, split(x), strict=True), *algebraic,
                  *zip(assembly.parameter_names, split(p), strict=True), *inputs]
     return arguments, found

@@ -264,7 +264,7 @@ def _input(case: Drawn, experiment: Experiment) -> Mapping[str, Any] | None:
     name, record = next(iter(experiment.records.items()))
     run = Run(changed_experiment(experiment, case.alteration.change), record, [], ACCURATE)
     known, site = run.assembly.parameter_values, run.assembly.flat.names
-    port = "b" if len(effect.where) == 2 and f"{owner}.b.f" in site or f"{owner}.b.tau" in site else "a"
+    port = "b" if (len(effect.where) == 2 and f"{owner}.b.f" in site) or f"{owner}.b.tau" in site else "a"
     through = next((m for m in ("f", "tau", "q", "m", "i", "Q") if f"{owner}.{port}.{m}" in site), None)
     if through is None:
         return None
@@ -329,8 +329,8 @@ def _dump(path: Path, content: object) -> None:
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def _experiment_text(name: str, made: Made, folder: Path, records: Mapping[str, Mapping[str, str]], inputs: Mapping[str, Any],
-                     outputs: Mapping[str, tuple[str, str]]) -> str:
+def _experiment_text(name: str, made: Made, folder: Path, records: Mapping[str, Mapping[str, str]],
+                     inputs: Mapping[str, Any], outputs: Mapping[str, tuple[str, str]]) -> str:
     """The case as an experiment of heavebond, without the scored record."""
     experiment = made.experiment
     file = next(iter(made.files), None) or os.path.relpath(experiment.model.path, folder)
@@ -364,7 +364,7 @@ def cases(chosen: Sequence[str], folder: Path) -> Iterator[str]:
 
 
 def code(folder: Path, root: Path = FOLDER) -> None:
-    """Write the base model of each case as C, by the export of heavebond, to FOLDER/NAME.c; the recorded inputs are inputs."""
+    """Write the base model of each case as C, by the export of heavebond, to FOLDER/NAME.c."""
     folder.mkdir(parents=True, exist_ok=True)
     for path in sorted((root / "machines").glob("*/experiment.yaml")):
         experiment = load_experiment(path)

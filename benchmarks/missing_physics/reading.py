@@ -64,7 +64,7 @@ def parsed(text: str, functions: Mapping[str, Callable[..., Any]] = FUNCTIONS) -
 
 @dataclass(frozen=True)
 class Record:
-    """A record in SI: its times (N,) in s, inputs and measured outputs (N,) by name; outputs of a scored record are absent."""
+    """A record in SI: its times (N,) in s, inputs and measured outputs (N,) by name (none of a scored record)."""
 
     name: str
     use: str
@@ -88,7 +88,8 @@ class Case:
     @property
     def outputs(self) -> Mapping[str, Mapping[str, Any]]:
         """The channels by name, with unit, scale to SI and noise (SI)."""
-        return self.content["outputs"]
+        channels: Mapping[str, Mapping[str, Any]] = self.content["outputs"]
+        return channels
 
     @cached_property
     def records(self) -> dict[str, Record]:
@@ -108,7 +109,8 @@ class Case:
     @property
     def places(self) -> Sequence[Mapping[str, Any]]:
         """The places of the diagram at which a law may be missing."""
-        return self.content["model"]["places"]
+        found: Sequence[Mapping[str, Any]] = self.content["model"]["places"]
+        return found
 
 
 def case_at(folder: Path) -> Case:

@@ -1,9 +1,9 @@
 """Score answers: the level of the hierarchy that each reaches, false names, held-out error, processor time.
 
 The levels are, from the top down: whether anything is `missing`, the `side` (machine or measuring chain), the `place`, the
-`kind` (on what the law depends), the `class` and the `law`. A level counts if all above it are right. The error on the scored
-record is the root of the mean square of (prediction - record)/noise over all channels, relative to the best known one: that
-of the true machine, or the smallest of all answers that were scored.
+`kind` (on what the law depends), the `class` and the `law`. A level counts if all above it are right. The error on the
+scored record is the root of the mean square of (prediction - record)/noise over all channels, relative to the best known
+one: that of the true machine, or the smallest of all answers that were scored.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def cases(folder: Path = FOLDER) -> dict[str, Case]:
 
 def truth_of(case: Case) -> dict[str, Any]:
     """The hidden truth of a case."""
-    return json.loads((case.folder.parents[1] / "truths" / f"{case.name}.json").read_text(encoding="utf-8"))
+    found: dict[str, Any] = json.loads((case.folder.parents[1] / "truths" / f"{case.name}.json").read_text(encoding="utf-8"))
+    return found
 
 
 def error_of(case: Case, truth: Mapping[str, Any], answer: Answer) -> float:

@@ -64,7 +64,7 @@ class Simulation:
         return {name: Course(record.time, values, self.case.content["inputs"][name]["interpolation"])
                 for name, values in record.inputs.items()}
 
-    def _point(self, courses: Mapping[str, Course], parameters: Mapping[str, float], t: float, x: Sequence[float],
+    def _point(self, courses: Mapping[str, Course], parameters: Mapping[str, float], t: float, x: Sequence[float] | Array,
                law: AtPlace | None) -> Values:
         values: Values = {**parameters, "time": t, **dict(zip(self.system.states, map(float, x), strict=True))}
         for name, course in courses.items():
@@ -123,7 +123,8 @@ class Simulation:
         if states is None:
             return None
         courses, known = self._inputs(record), {**self.system.parameters, **(parameters or {})}
-        rows = [self.system.outputs(self._point(courses, known, t, x, law)) for t, x in zip(record.time, states, strict=True)]
+        rows = [self.system.outputs(self._point(courses, known, t, x, law))
+                for t, x in zip(record.time, states, strict=True)]
         return {name: np.array([float(row[name]) for row in rows]) for name in self.case.outputs}
 
     def motion(self, record: Record, parameters: Mapping[str, float], law: AtPlace) -> tuple[Array, Array, Array]:
@@ -139,7 +140,8 @@ class Simulation:
             signals = self.system.signals(values)
             node, weight = next(iter(law.place["enters"].items()))
             rows.append((float(across(signals)), float(position(signals)) if position else 0.0, values[node] / weight))
-        return tuple(np.array(rows).T)  # type: ignore[return-value]
+        found = np.array(rows).T
+        return found[0], found[1], found[2]
 
     def fitted(self, law: AtPlace | None = None, start: Mapping[str, float] | None = None, runs: int = 12,
                records: Sequence[Record] | None = None) -> Fitted:
@@ -165,8 +167,8 @@ class Simulation:
                                  (found[name] - measured) / self.noise[name])
             return np.concatenate(parts)
 
-        begin = np.concatenate([np.clip([((start or {}).get(n, m) - m) / h for n, m, h in zip(names, middle, half, strict=True)],
-                                        -0.999, 0.999), numbers / scale])
+        first = [((start or {}).get(n, m) - m) / h for n, m, h in zip(names, middle, half, strict=True)]
+        begin = np.concatenate([np.clip(first, -0.999, 0.999), numbers / scale])
         bounds = np.concatenate([np.ones(len(names)), np.full(len(numbers), np.inf)])
         best: tuple[float, Array] = (np.inf, begin)
 

@@ -275,19 +275,18 @@ def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), separatio
                 break
             laws, before = [*laws, *further], answer.simplest
             answer, alternatives = _answer(original, base, laws, known)
-            if answer.simplest is before or answer.simplest is None or answer.simplest.loss > LESS * before.loss:
+            if answer.simplest is None or answer.simplest.loss > LESS * before.loss:
                 break
-        if answer.simplest is None:
+        law = answer.simplest
+        if law is None:
             return answer
         if separation and len(alternatives) > 1:
             say("designing the experiment that decides")
             answer = replace(answer, separation=_separation(searched, alternatives, say))
-        say(f"fitting all samples with {answer.simplest.text}")
-        place = next(p for p in places if p.place.name == answer.simplest.formula.place.name)
-        exact = replace(_confirmed(original, answer.simplest, kept, say), implied=_implied(
-            search, place, answer.simplest.refit.values))
-        return replace(answer, simplest=exact, laws=tuple(
-            exact if law is answer.simplest else law for law in answer.laws))
+        say(f"fitting all samples with {law.text}")
+        place = next(p for p in places if p.place.name == law.formula.place.name)
+        exact = replace(_confirmed(original, law, kept, say), implied=_implied(search, place, law.refit.values))
+        return replace(answer, simplest=exact, laws=tuple(exact if other is law else other for other in answer.laws))
 
 
 @dataclass(frozen=True)

@@ -173,8 +173,9 @@ ONE_VARIABLE: tuple[Form, ...] = (
     _one("dead zone", "u - min(max(u, -u_0), u_0)", 1, _scale()), _one("limiter", "min(max(u, -u_0), u_0)", 1, _scale()),
 )
 PASSIVE = frozenset({
-    "line", "drag", "cube", "fifth power", "sign", "root", "power", "falling sign", "soft limit", "saturation", "arc tangent",
-    "inverse sine", "hyperbola", "peak", "fading line", "bell line", "hyperbolic sine", "dead zone", "limiter"})
+    "line", "drag", "cube", "fifth power", "sign", "root", "power", "falling sign", "soft limit", "saturation",
+    "arc tangent", "inverse sine", "hyperbola", "peak", "fading line", "bell line", "hyperbolic sine",
+    "dead zone", "limiter"})
 POSITIVE = frozenset({"w**2", "abs(w)", "max(w, 0)", "exp(w/w_0)"})  # factors that are never negative
 ENERGIES = {
     "1": "u", "u": "u**2/2", "u**2": "u**3/3", "u*abs(u)": "abs(u)**3/3", "u**3": "u**4/4", "u**5": "u**6/6",

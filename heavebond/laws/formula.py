@@ -37,10 +37,11 @@ CARRIED = {
         "  k_T: {unit: 1/K, min: 0, medium: k_T, doc: relative increase of the compressibility with temperature}",
         "  c_p: {unit: J/(kg*K), min: 1 J/(kg*K), medium: c_p, doc: specific heat capacity}",
         "  T_0: {unit: K, min: 1 K, medium: T_0, doc: reference temperature of the oil data}",
-        "  m_t: {unit: kg/s, width, min: 1e-9 kg/s, default: 1e-4 kg/s, doc: mass flow of the transition between the directions}",
+        "  m_t: {unit: kg/s, width, min: 1e-9 kg/s, default: 1e-4 kg/s, doc: mass flow at a change of direction}",
         _CONDUCTANCE), f"H = oil_enthalpy_flow(m, a.p, a.T, b.p, b.T, {_OIL}, m_t, G)")}
 ENTHALPY = "  H: {unit: W, doc: enthalpy flow from a to b}"
-RESERVED = frozenset("a b pi s c_p G H T rho alpha beta k_T T_0 m_t".split())  # names that a parameter cannot have
+# Names that a parameter cannot have.
+RESERVED = frozenset(["a", "b", "pi", "s", "c_p", "G", "H", "T", "rho", "alpha", "beta", "k_T", "T_0", "m_t"])
 EFFORT_TIMES_FLOW = ("translational", "rotational", "hydraulic", "electrical")  # domains whose power is that product
 _NAME = re.compile(r"[A-Za-z_]\w*")
 

@@ -83,11 +83,13 @@ def answer(case: Case) -> dict[str, Any]:
     noise = np.array([c["noise"] for c in case.outputs.values()]) / deviation
     start = simulation.channels(scored, base.parameters)
     based = {r.name: np.column_stack(list((simulation.channels(r, base.parameters) or {}).values())) for r in train}
-    inputs = {r.name: np.column_stack([(u - u.mean()) / (u.std() or 1) for u in r.inputs.values()]) for r in (*train, scored)}
+    inputs = {r.name: np.column_stack([(u - u.mean()) / (u.std() or 1) for u in r.inputs.values()])
+              for r in (*train, scored)}
     trials: list[tuple[float, str, Array]] = []
     residual_scale = 1.0
     for kind in ("alone", "on the residual"):
-        data, scored_data = [], inputs[scored.name]
+        data: list[tuple[Array, Array]] = []
+        scored_data = inputs[scored.name]
         for r in train:
             y = (np.column_stack(list(r.outputs.values())) - mean) / deviation
             u = inputs[r.name]
@@ -118,6 +120,6 @@ def answer(case: Case) -> dict[str, Any]:
                     first = (np.column_stack(list(start.values()))[:lags] - mean) / deviation
                 found = narx.simulate(scored_data, first) * factor + prior_scored
                 trials.append((float(np.mean(off**2)), f"{name} {kind}, {lags} lags", found))
-    error, words, best = min((t for t in trials if np.isfinite(t[0])), key=lambda t: t[0])
+    _, words, best = min((t for t in trials if np.isfinite(t[0])), key=lambda t: t[0])
     channels = dict(zip(case.outputs, (best * deviation + mean).T, strict=True))
     return {"missing": False, "effects": [], "predictions": predictions_of(scored.name, channels), "words": words}

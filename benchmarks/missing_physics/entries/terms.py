@@ -40,11 +40,15 @@ def terms(has_position: bool, pitches: Sequence[float] = ()) -> list[Term]:
     if has_position:
         found += [Term("position", lambda v, x: x), Term("position square", lambda v, x: x * x),
                   Term("position cube", lambda v, x: x**3), Term("line times position", lambda v, x: v * x),
-                  Term("drag times position", lambda v, x: v * abs(v) * x), Term("line times square", lambda v, x: v * x * x)]
-        for pitch in pitches:
-            found += [Term("sine", lambda v, x, p=pitch: np.sin(2 * np.pi * x / p)),
-                      Term("cosine", lambda v, x, p=pitch: np.cos(2 * np.pi * x / p))]
+                  Term("drag times position", lambda v, x: v * abs(v) * x),
+                  Term("line times square", lambda v, x: v * x * x)]
+        found += [Term(name, _wave(function, pitch)) for pitch in pitches
+                  for name, function in (("sine", np.sin), ("cosine", np.cos))]
     return found
+
+
+def _wave(function: Callable[[Any], Any], pitch: float) -> Callable[[Any, Any], Any]:
+    return lambda v, x: function(2 * np.pi * x / pitch)
 
 
 def pitches(position: Array, value: Array) -> list[float]:

@@ -9,12 +9,11 @@ If no formula predicts about as well as the network, the network gives the predi
 
 from __future__ import annotations
 
+import os
 import re
 import time as clock
 from collections.abc import Callable, Mapping
 from typing import Any
-
-import os
 
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1")
 import diffrax
@@ -164,8 +163,8 @@ def trained(case: Case, simulation: Simulation, base: Fitted, estimate: Estimate
     records = [r for r in case.records.values() if r.use != "score"]
     states = simulation.run(records[0], base.parameters)
     sizes = np.maximum(np.abs(states).max(axis=0) if states is not None else simulation.size, 1e-6)
-    probe = {**simulation.system.parameters, "time": 0.0, **dict(zip(simulation.system.states, simulation.system.start.tolist(),
-                                                                     strict=True))}
+    known = simulation.system
+    probe = {**known.parameters, "time": 0.0, **dict(zip(known.states, known.start.tolist(), strict=True))}
     for name in records[0].inputs:
         probe.update({name: 0.1, f"der({name})": 0.0, f"der(der({name}))": 0.0, f"der(der(der({name})))": 0.0})
     one = simulation.system.signals({**probe, **dict.fromkeys(estimate.place["enters"], 1e-3)})
