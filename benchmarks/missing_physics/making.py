@@ -141,7 +141,15 @@ def _bundled(folder: str, name: str) -> Made:
     if name == "choked":  # at one orifice or at both
         accepted = [*accepted, *places(experiment, ("receiver", "air")), ["inlet", "outlet"], ["air", "receiver", "supply"]]
     effect = Effect(words, "machine", accepted, effect_kind(kind) if kind else "displacement", classes, laws)
-    return Made(experiment, noise, Truth("bundled rig", effect))
+    return Made(experiment, noise, Truth("bundled rig", effect, input=_slots(experiment) if name == "cogging" else None))
+
+
+def _slots(experiment: Experiment) -> dict[str, Any]:
+    """The force of the slots in the first record of the linear motor, at the measured position."""
+    record = next(iter(experiment.records.values()))
+    position = pd.read_csv(record.file)[experiment.outputs["position"].column].to_numpy()
+    force = 14 * np.sin(2 * np.pi * position / 0.032)
+    return {"place": ["frame", "slide"], "record": record.name, "values": _rounded(force)}
 
 
 def _nothing(rig: Rig, work: Path) -> Made:

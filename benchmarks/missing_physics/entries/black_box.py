@@ -31,7 +31,8 @@ POINTS = 600  # of a Gaussian process
 MODELS: Mapping[str, Callable[[], Any]] = {
     "polynomial": lambda: make_pipeline(StandardScaler(), PolynomialFeatures(2), Ridge(1e-4)),
     "line": lambda: make_pipeline(StandardScaler(), Ridge(1e-6)),
-    "network": lambda: make_pipeline(StandardScaler(), MLPRegressor((24, 24), alpha=1e-4, max_iter=600, random_state=1)),
+    "network": lambda: make_pipeline(StandardScaler(), MLPRegressor(
+        hidden_layer_sizes=(24, 24), alpha=1e-4, max_iter=300, random_state=1)),
     "process": lambda: make_pipeline(StandardScaler(), GaussianProcessRegressor(
         ConstantKernel(1.0) * RBF(3.0) + WhiteKernel(1e-3), normalize_y=True, random_state=1))}
 
@@ -120,6 +121,7 @@ def answer(case: Case) -> dict[str, Any]:
                     first = (np.column_stack(list(start.values()))[:lags] - mean) / deviation
                 found = narx.simulate(scored_data, first) * factor + prior_scored
                 trials.append((float(np.mean(off**2)), f"{name} {kind}, {lags} lags", found))
-    _, words, best = min((t for t in trials if np.isfinite(t[0])), key=lambda t: t[0])
+    usable = [t for t in trials if np.isfinite(t[0]) and np.all(np.isfinite(t[2]))]
+    _, words, best = min(usable, key=lambda t: t[0])
     channels = dict(zip(case.outputs, (best * deviation + mean).T, strict=True))
     return {"missing": False, "effects": [], "predictions": predictions_of(scored.name, channels), "words": words}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,16 +44,25 @@ def answer(case: Case) -> dict[str, Any]:
         if law is not None and law.finding is not None and law.loss < _loss(found):
             experiment = law.finding.fit.experiment
             values = {p.name: p.value for p in law.finding.fit.parameters}
-            kinds = {v.kind for v, _ in law.formula.variables.values()}
+            record = next(iter(case.records.values()))
             told = {"missing": True, "words": list(laws.words), "effects": [{
                 "side": "machine", "place": list(law.place), "class": laws.known.candidate.kind if laws.known else "",
-                "kind": "rate" if "across" in kinds else "displacement" if "position" in kinds else "",
-                "law": law.text, "words": law.text}]}
-            record = next(iter(case.records.values()))
+                "kind": kind, "law": law.text, "words": law.text} for kind in _kinds(law, record.time)]}
             own = next(iter(law.implied)).local
             told["input"] = {"place": list(law.place), "values": [float(f"{v:.5g}") for v in law.value(
                 {name: own[name] for name in law.formula.variables}, record.time)]}
     return told | {"predictions": _predicted(case, experiment, values)}
+
+
+def _kinds(law: hb.FoundLaw, time: Any) -> list[str]:
+    """On what the parts of a formula depend, the part with the largest values first; each kind once."""
+    formula, local = law.formula.with_numbers(law.numbers), next(iter(law.implied)).local
+    sizes: dict[str, float] = {}
+    for k, part in enumerate(formula.parts):
+        kind = {"across": "rate", "position": "displacement"}.get(part.first.kind, "")
+        alone = replace(formula, parts=(part,), fixed=(formula.fixed[k],))
+        sizes[kind] = max(sizes.get(kind, 0.0), float(np.std(alone.value(local, time))))
+    return sorted(sizes, key=lambda kind: -sizes[kind])
 
 
 def _loss(found: Diagnosis) -> float:
