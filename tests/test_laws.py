@@ -1,5 +1,6 @@
 """Formulas for laws outside the catalogue: the closed forms, their components, the search and its answer."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
@@ -161,3 +162,100 @@ def test_units_of_amplitudes_follow_from_the_law(place: Place) -> None:
     law = formula(place, next(f for f in TWO_VARIABLES if f.name == "drag times w"))
     amplitude, = (n for n in law.numbers if n.fitted)
     assert amplitude.unit.dimension == read_unit("N*s**2/m**3").dimension
+
+
+# -- energy, sums of formulas, domains -------------------------------------------------------------------------------------
+def test_a_component_declares_the_energy_of_its_law(place: Place) -> None:
+    """Laws of the speed that dissipate say so, laws of the position store their integral; the values of both are checked."""
+    texts = {form.name: formula(place, form).component("Law", effect=False) for form in FORMS}
+    dissipating = {name for name, text in texts.items() if "\ndissipates: F*v\n" in text}
+    storing = {name for name, text in texts.items() if "\nstores: " in text}
+    assert {"sign", "falling sign", "drag times exp(w/w_0)"} <= dissipating
+    assert {"sine", "wave and harmonic"} <= storing
+    assert "square" not in dissipating and "line times w" not in dissipating  # they may give power
+    assert all("\npower: controlled" in text for name, text in texts.items() if name not in dissipating | storing)
+
+
+def test_a_dissipating_law_with_a_negative_amplitude_is_not_declared_as_one(place: Place) -> None:
+    law = formula(place, next(f for f in FORMS if f.name == "drag"))
+    assert "dissipates" in law.component("Law") and "min: 0 " in law.component("Law")
+    assert "dissipates" not in law.component("Law", {"c": -2.0})
+
+
+def test_the_stored_energy_is_the_integral_of_the_force(place: Place) -> None:
+    """A slide that is moved slowly gains the energy: its difference is the work of the force."""
+    x = np.linspace(-0.1, 0.2, 20001)
+    for form in (f for f in ONE_VARIABLE if f.energies):
+        constants = {"u_0": 0.35, "p": 0.05}
+        for term, energy in zip(form.terms, form.energies, strict=True):
+            force, stored = (np.broadcast_to(values(text, {"u": x, **constants}), x.shape) for text in (term.text, energy))
+            work = np.sum((force[1:] + force[:-1]) / 2 * np.diff(x))
+            assert stored[-1] - stored[0] == pytest.approx(work, rel=1e-5, abs=1e-9), form.name
+
+
+def test_formulas_are_joined_with_their_values(place: Place) -> None:
+    sign, drag = (formula(place, next(f for f in FORMS if f.name == name)) for name in ("falling sign", "drag"))
+    first = sign.with_numbers({"F_0": 7.0, "v_0": 0.3})
+    both = first.joined(drag)
+    assert both.text == "F = F_0*smooth_sign(v, v_t)*exp(-abs(v)/v_0) + c*v*abs(v)"
+    assert {n.name: n.value for n in both.numbers if n.fitted} == {"F_0": 7.0, "v_0": 0.3, "c": 2.0}
+    assert sign.key < both.key and not both.key <= drag.key
+
+
+def test_a_node_of_oil_is_not_taken_for_one_of_gas() -> None:
+    """Gas and oil with temperature have the same variables: the ports decide."""
+    nodes = nodes_of(hb.assemble(hb.load("examples/oil_volume")).flat)
+    assert {node.domain.name for node in nodes.values()} == {"thermohydraulic"}
+    nodes = nodes_of(hb.assemble(hb.load("receiver_rig")).flat)
+    assert {node.domain.name for node in nodes.values()} == {"pneumatic"}
+
+
+# -- the experiment that decides -------------------------------------------------------------------------------------------
+SOFTENING = machines._slide(
+    "softening", "A slide on a soft magnetic spring.", "F = 30 N*sin(x/50 mm)", "F = F_0*sin(x/x_0)",
+    {"F_0": "30 N", "x_0": "0.05 m"}, lambda q, t: 30 * np.sin(q["x"] / 0.05), drive=20.0, seconds=6.0, rate=50.0)
+
+
+@pytest.mark.long
+def test_an_experiment_is_designed_that_decides_between_formulas(tmp_path: Path) -> None:
+    """Within the small motion of the records several softening laws are alike. The command writes an input of the drive
+    within its limits in the records, under which two of them differ by more than a fit can absorb."""
+    file, proposal = write(SOFTENING.bed, tmp_path), tmp_path / "next.csv"
+    result = CliRunner().invoke(main, ["laws", str(file), "--at", "frame", "--at", "slide", "--decide", str(proposal),
+                                       "--json", str(tmp_path / "r.json")])
+    assert result.exit_code == 0, result.output
+    answer = json.loads((tmp_path / "r.json").read_text())
+    formulas = {law["formula"] for law in answer["laws"]}
+    assert len(formulas) == len(answer["laws"])  # each once
+    assert len(answer["alike"]) >= 2 and answer["simplest"]["formula"] not in answer["alike"]
+    separation = answer["separation"]
+    assert separation["decides"] and any(pair["sure"] > 0.95 for pair in separation["pairs"])
+    assert "To distinguish them, record drive.u as" in " ".join(answer["words"])
+    columns = np.genfromtxt(proposal, delimiter=",", names=True)
+    seen = np.genfromtxt(tmp_path / "train.csv", delimiter=",", names=True, deletechars="")
+    assert np.abs(columns["driveu"]).max() <= 1.001 * np.abs(seen["drive.u"]).max()
+    again = CliRunner().invoke(main, ["laws", str(file), "--decide", str(proposal)])
+    assert again.exit_code == 2 and "exists already" in again.output
+
+
+@pytest.mark.long
+def test_a_law_of_two_parts_is_found_about_the_motion_with_the_first() -> None:
+    """The friction of the passive rig sticks: about the motion without it no sum of a few parts is near. The law has the
+    Stribeck form with the Coulomb friction and the additional static friction of the truth within 25 %, as it has no
+    bristles; a quarter of the misfit of Coulomb friction is left at most."""
+    found = find_laws("passive_rig/friction")
+    law = found.simplest
+    assert law is not None and law.place == ("platform", "crown")
+    assert law.text == "F = F_1*smooth_sign(v, v_t) + F_2*smooth_sign(v, v_t_2)*exp(-abs(v)/v_0)"
+    assert law.numbers["F_1"] == pytest.approx(12e3, rel=0.25) and law.numbers["F_2"] == pytest.approx(10.8e3, rel=0.25)
+    coulomb = next(other for other in found.laws if other.text == "F = F_0*smooth_sign(v, v_t)")
+    assert law.loss < coulomb.loss / 4
+
+
+@pytest.mark.long
+def test_a_leak_of_oil_whose_viscosity_depends_on_the_temperature_is_found(tmp_path: Path) -> None:
+    law = find_laws(write(machines.OIL.bed, tmp_path)).simplest
+    assert law is not None and law.text == "m = c*dp*exp(block_T/block_T_0)"
+    assert law.numbers["block_T_0"] == pytest.approx(30.0, rel=0.01)
+    assert law.finding is not None
+    hb.assemble(law.finding.fit.experiment.model)  # its component can be read after the search

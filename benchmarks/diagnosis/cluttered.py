@@ -110,7 +110,11 @@ class Difference:
 class Drawn:
     """A case: the experiment, whose library may lack laws; `hidden` (of SHARES), the dominant effect, or the name of the
     value that is wrong, `classes` that the catalogue has (none: all), the misfit in noise variances per sample, the share
-    of the dominant effect in it, and the minor differences: what, label, misfit alone."""
+    of the dominant effect in it, and the minor differences: what, label, misfit alone.
+
+    `alteration` is the whole difference, `values` (SI) the true free parameters, `noise` the standard deviation of each
+    channel with its quantisation, and `clean` (channels, N) the true channels of each record.
+    """
 
     experiment: Experiment
     hidden: str
@@ -121,6 +125,10 @@ class Drawn:
     share: float = 0.0
     minor: tuple[tuple[str, str, float], ...] = ()
     minor_effects: tuple[Candidate, ...] = ()
+    alteration: Alteration = field(default_factory=Alteration)
+    values: Mapping[str, float] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    clean: Mapping[str, Array] = field(default_factory=dict)
 
     def matches(self, other: Candidate, places: Places) -> bool:
         """Whether a candidate is the dominant effect: it, its class at its place, or a special case of the class there."""
@@ -381,8 +389,8 @@ class _Case:
         rng = self.rng
         step = self.noise * np.exp(rng.uniform(np.log(STEP[0]), np.log(STEP[1]), len(self.noise)))
         step *= rng.random(len(step)) < STEPPED
-        measured = {}
-        for name, y in self._channels(whole, TIGHT).items():
+        measured, clean = {}, self._channels(whole, TIGHT)
+        for name, y in clean.items():
             noisy = y + self.noise[:, None] * rng.standard_normal(y.shape)
             wide = np.where(step > 0, step, 1.0)[:, None]
             measured[name] = np.where(step[:, None] > 0, np.round(noisy / wide) * wide, noisy)
@@ -401,4 +409,5 @@ class _Case:
         everything = [c for laws in self.laws for c in laws]
         classes = (*without(everything, effect.kind), BY_RECORD) if self.hidden == "outside" and effect is not None else ()
         return Drawn(experiment, self.hidden, effect, dominant.label if dominant is not None else "", classes, misfit, share,
-                     listed, tuple(e for e in effects if e is not effect))
+                     listed, tuple(e for e in effects if e is not effect), whole, self.values,
+                     dict(zip(self.machine.outputs, rms.tolist(), strict=True)), clean)

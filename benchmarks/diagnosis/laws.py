@@ -1,6 +1,6 @@
-"""Thirteen machines whose hidden law is not in the catalogue, and the formula that `heavebond laws` finds for it.
+"""Fourteen machines whose hidden law is not in the catalogue, and the formula that `heavebond laws` finds for it.
 
-The laws are taken from handbooks: two depend on two variables, two have memory, three are periodic. The records carry
+The laws are taken from handbooks: three depend on two variables, two have memory, three are periodic. The records carry
 noise; some machines have clutter, that is a small effect that is not declared, or a quantised channel. Each runs as
 
     python -m benchmarks.diagnosis.laws                     machines that have no result yet
@@ -72,28 +72,72 @@ rest.d: {damping} N*s/m +- 30 %
 """, (Effect(law, "unknown law: frame slide", text),), seconds, rate, 0.0, (1.0,), clutter, parts=(part,) if part else ())
 
 
-def between(formula: str, parameters: Mapping[str, str]) -> tuple[str, str]:
-    """A component with a force law between its ports, and the variant of the diagram that has it."""
-    declared = "".join(f"  {name}: {{unit: {unit}, default: {value} {unit}, doc: number of the law}}\n"
-                       for name, (value, _, unit) in ((n, text.partition(" ")) for n, text in parameters.items()))
-    part = f"""
-component: HiddenLaw
-summary: A law that the catalogue does not have.
-ports: {{a: translational, b: translational}}
-parameters:
-{declared}variables:
-  x: {{unit: m, doc: travel of b relative to a}}
-  v: {{unit: m/s, doc: speed of b relative to a}}
-  F: {{unit: N, doc: force at b}}
+# The variables of a hidden component in each domain, their equations, and those of its ports.
+FRAMES = {
+    "translational": """
+variables:
+  x: {unit: m, doc: travel of b relative to a}
+  v: {unit: m/s, doc: speed of b relative to a}
+  F: {unit: N, doc: force at b}
 equations: |
   x = b.x - a.x        # travel
   v = b.v - a.v        # speed
-  {formula}            # law
   b.f = F              # force at b
   a.f = -F             # reaction at a
+""",
+    "rotational": """
+variables: {x: {unit: rad, doc: angle of b relative to a}, M: {unit: N*m, doc: torque at b}}
+equations: |
+  x = b.phi - a.phi    # angle
+  b.tau = M            # torque at b
+  a.tau = -M           # reaction at a
+""",
+    "hydraulic": """
+variables: {dp: {unit: Pa, doc: pressure drop}, q: {unit: m**3/s, doc: flow from a to b}}
+equations: |
+  dp = a.p - b.p       # pressure drop
+  a.q = q              # flow at a
+  b.q = -q             # flow at b
+""",
+    "thermohydraulic": """
+variables: {m: {unit: kg/s, doc: mass flow from a to b}, H: {unit: W, doc: enthalpy flow from a to b}}
+equations: |
+  H = oil_enthalpy_flow(m, a.p, a.T, b.p, b.T, rho, alpha, beta, k_T, c_p, T_0, m_t, G)   # enthalpy from upstream
+  a.m = m              # in at a
+  b.m = -m             # out at b
+  a.H = H              # in at a
+  b.H = -H             # out at b
+"""}
+OIL_DATA = """
+  rho: {unit: kg/m**3, min: 1 kg/m**3, medium: rho, doc: density at T_0}
+  alpha: {unit: 1/K, min: 0, medium: alpha, doc: volumetric expansion coefficient}
+  beta: {unit: Pa, min: 1e5 Pa, medium: beta, doc: bulk modulus at T_0}
+  k_T: {unit: 1/K, min: 0, medium: k_T, doc: relative increase of the compressibility with temperature}
+  c_p: {unit: J/(kg*K), min: 1 J/(kg*K), medium: c_p, doc: specific heat capacity}
+  T_0: {unit: K, min: 1 K, medium: T_0, doc: reference temperature of the oil data}
+  m_t: {unit: kg/s, width, min: 1e-9 kg/s, default: 1e-4 kg/s, doc: mass flow of the transition between the directions}
+  G: {unit: W/K, default: 1e-3 W/K, doc: thermal conductance}
+"""
+
+
+def hidden_component(domain: str, formula: str, parameters: Mapping[str, str]) -> str:
+    """A component with a law between its ports; parameters with their values and units."""
+    declared = "".join(f"  {name}: {{unit: {unit}, default: {value} {unit}, doc: number of the law}}\n"
+                       for name, (value, _, unit) in ((n, text.partition(" ")) for n, text in parameters.items()))
+    return f"""
+component: HiddenLaw
+summary: A law that the catalogue does not have.
+ports: {{a: {domain}, b: {domain}}}
+parameters:
+{declared}{OIL_DATA if domain == "thermohydraulic" else ""}{FRAMES[domain].rstrip()}
+  {formula}   # law
 power: controlled, a hidden law
 """
-    return part, "components: {hidden: {is: HiddenLaw}}\nnodes: {frame: [+hidden.a], slide: [+hidden.b]}\n"
+
+
+def beside(one: str, other: str) -> str:
+    """The variant of a diagram with the hidden component between two nodes."""
+    return f"components: {{hidden: {{is: HiddenLaw}}}}\nnodes: {{{one}: [+hidden.a], {other}: [+hidden.b]}}\n"
 
 
 TRAVEL = {"x": "slide.x", "v": "slide.v"}
@@ -105,8 +149,8 @@ nodes: {frame: [+guide.a], slide: [+guide.b]}
 
 def _slide(name: str, story: str, law: str, formula: str, parameters: Mapping[str, str],
            value: Callable[[Values, Array], Array], **options: object) -> HiddenLaw:
-    part, text = between(formula, parameters)
-    return HiddenLaw(slide(name, story, law, text, part=part, **options),  # type: ignore[arg-type]
+    part = hidden_component("translational", formula, parameters)
+    return HiddenLaw(slide(name, story, law, beside("frame", "slide"), part=part, **options),  # type: ignore[arg-type]
                      ("frame", "slide"), TRAVEL, value)
 
 
@@ -145,23 +189,10 @@ initial: {flywheel.phi: 0 rad, flywheel.w: 0 rad/s}
 spring.c: 1.2 N*m/rad +- 10 %
 spring.d: 0.03 N*m*s/rad +- 30 %
 """, (Effect("Torque ripple of six poles with a phase: M = 0.4 N*m*sin(6*phi + 0.7). Krishnan, Permanent Magnet "
-             "Synchronous and Brushless DC Motor Drives, 2010, ch. 1.", "unknown law: frame flywheel", """
-components: {hidden: {is: HiddenTorque}}
-nodes: {frame: [+hidden.a], flywheel: [+hidden.b]}
-"""),), 20.0, 100.0, 0.0, (1.0,), parts=("""
-component: HiddenTorque
-summary: A law that the catalogue does not have.
-ports: {a: rotational, b: rotational}
-parameters:
-  M_0: {unit: N*m, default: 0.4 N*m, doc: amplitude}
-  phi_0: {unit: rad, default: 0.7 rad, doc: phase}
-variables: {M: {unit: N*m, doc: torque at b}}
-equations: |
-  M = M_0*sin(6*(b.phi - a.phi) + phi_0)   # torque ripple
-  b.tau = M                                # torque at b
-  a.tau = -M                               # reaction at a
-power: controlled, a hidden law
-""",)), ("frame", "flywheel"), {"x": "flywheel.phi", "v": "flywheel.w"}, lambda q, t: 0.4 * np.sin(6 * q["x"] + 0.7))
+             "Synchronous and Brushless DC Motor Drives, 2010, ch. 1.", "unknown law: frame flywheel",
+             beside("frame", "flywheel")),), 20.0, 100.0, 0.0, (1.0,), parts=(hidden_component(
+                 "rotational", "M = M_0*sin(6*x + phi_0)", {"M_0": "0.4 N*m", "phi_0": "0.7 rad"}),)),
+    ("frame", "flywheel"), {"x": "flywheel.phi", "v": "flywheel.w"}, lambda q, t: 0.4 * np.sin(6 * q["x"] + 0.7))
 
 # -- one variable ----------------------------------------------------------------------------------------------------------
 MAGNET = _slide(
@@ -203,24 +234,10 @@ initial: {vessel.p: 40 bar}
 drain.C: 4e-12 m**3/(s*Pa) +- 15 %
 vessel.beta: 1.2 GPa +- 10 %
 """, (Effect("A leak whose viscosity grows exponentially with the pressure: q = 1.2e-11 m**3/(s*Pa)*p*exp(-p/150 bar). "
-             "Barus, Am. J. Sci. 45 (1893) 87-96.", "unknown law: vessel tank", """
-components: {hidden: {is: HiddenLeak}}
-nodes: {vessel: [+hidden.a], tank: [+hidden.b]}
-"""),), 30.0, 50.0, 0.0, (1.0,), parts=("""
-component: HiddenLeak
-summary: A law that the catalogue does not have.
-ports: {a: hydraulic, b: hydraulic}
-parameters:
-  G: {unit: m**3/(s*Pa), default: 1.2e-11 m**3/(s*Pa), doc: conductance at a small pressure}
-  p_0: {unit: Pa, default: 150 bar, doc: pressure at which the viscosity is e times as large}
-variables: {dp: {unit: Pa, doc: pressure drop}, q: {unit: m**3/s, doc: flow from a to b}}
-equations: |
-  dp = a.p - b.p           # pressure drop
-  q = G*dp*exp(-dp/p_0)    # leak
-  a.q = q                  # flow at a
-  b.q = -q                 # flow at b
-power: controlled, a hidden law
-""",)), ("vessel", "tank"), {"x": "vessel.p"}, lambda q, t: 1.2e-11 * q["x"] * np.exp(-q["x"] / 150e5))
+             "Barus, Am. J. Sci. 45 (1893) 87-96.", "unknown law: vessel tank",
+             beside("vessel", "tank")),), 30.0, 50.0, 0.0, (1.0,), parts=(hidden_component(
+                 "hydraulic", "q = G*dp*exp(-dp/p_0)", {"G": "1.2e-11 m**3/(s*Pa)", "p_0": "1.5e7 Pa"}),)),
+    ("vessel", "tank"), {"x": "vessel.p"}, lambda q, t: 1.2e-11 * q["x"] * np.exp(-q["x"] / 150e5))
 
 # -- two variables ---------------------------------------------------------------------------------------------------------
 METERING = _slide(
@@ -233,6 +250,29 @@ SQUEEZE = _slide(
     "Squeeze film: F = 8 N*s/m*v/(1 - x/0.15 m)**3. Hamrock, Fundamentals of Fluid Film Lubrication, 2nd ed. 2004, ch. 12.",
     "F = c*v/(1 - x/h)**3", {"c": "8 N*s/m", "h": "0.15 m"},
     lambda q, t: 8 * q["v"] / (1 - q["x"] / 0.15)**3, clutter=(SMALL_FRICTION,))
+
+OIL = HiddenLaw(Bed(
+    "oil", "Cold oil flushes the hot oil out of a block that leaks.", """
+components:
+  oil:    {is: Oil}
+  pump:   {is: OilFlowSource, u: 6 L/min, T_s: 20 degC}
+  block:  {is: OilVolume, V: 10 L}
+  outlet: {is: OilOrifice, q_r: 6 L/min, dp_r: 1 bar}
+  tank:   {is: OilReservoir}
+nodes:
+  block: [pump.a, oil.a, block.a, outlet.a]
+  back:  [outlet.b, tank.a]
+initial: {block.T: 80 degC, block.p: 1 bar}
+""", {"pump.u": Input("L/min", waves(3.0, 9.0, 10.0, 60.0, 6.0))},
+    {"block.p": Channel("block.p", "bar", 0.002), "block.T": Channel("block.T", "K", 0.05)}, """
+outlet.q_r: 6 L/min +- 10 %
+""", (Effect("A leak whose viscosity falls exponentially with the temperature: m = 8e-8 kg/(s*Pa)*p*exp((T - 313.15 K)/"
+             "30 K). O. Reynolds, Phil. Trans. R. Soc. 177 (1886) 157-234.", "unknown law: block back",
+             beside("block", "back")),),
+    300.0, 2.0, 0.0, (1.0,), parts=(hidden_component(
+        "thermohydraulic", "m = C*(a.p - b.p)*exp((a.T - T_r)/T_e)",
+        {"C": "8e-8 kg/(s*Pa)", "T_r": "313.15 K", "T_e": "30 K"}),)),
+    ("block", "back"), {"x": "block.p", "T": "block.T"}, lambda q, t: 8e-8 * q["x"] * np.exp((q["T"] - 313.15) / 30))
 
 # -- memory ----------------------------------------------------------------------------------------------------------------
 LAGGED = _slide(
@@ -248,7 +288,7 @@ NORTON = _slide(
     lambda q, t: _integrated(lambda s, u, F: 700 * (u[0] - 0.2 * (F / 15)**3), q["v"][None], t))
 
 LAWS = {law.bed.name: law for law in (COGGING, HARMONICS, RIPPLE, MAGNET, RUBBER, LIMIT, EDDY, EYRING, BARUS, METERING,
-                                      SQUEEZE, LAGGED, NORTON)}
+                                      SQUEEZE, OIL, LAGGED, NORTON)}
 
 
 def differences(law: HiddenLaw, found: hb.FoundLaw, motion: Values, time: Array) -> tuple[float, float]:
@@ -266,13 +306,12 @@ def motion_of(law: HiddenLaw, file: Path) -> tuple[Values, Array]:
     """The motion (SI) of the base machine's variables in the fitted record, as it was measured; speeds by splines."""
     from scipy.interpolate import make_smoothing_spline
 
-    channel = next(iter(law.bed.channels.values()))
     data = pd.read_csv(file.parent / "train.csv")
     time = data["time"].to_numpy()
-    scale = 1e5 if channel.unit == "bar" else 1.0
-    course = make_smoothing_spline(time, scale * data[channel.formula].to_numpy())
-    found = {"x": course(time), "v": course.derivative()(time)}
-    return {name: found[name] for name in law.variables}, time
+    courses = {channel.formula: make_smoothing_spline(time, (1e5 if channel.unit == "bar" else 1.0) * data[name].to_numpy())
+               for name, channel in law.bed.channels.items()}
+    speed = next(iter(courses.values())).derivative()(time)
+    return {name: courses[formula](time) if formula in courses else speed for name, formula in law.variables.items()}, time
 
 
 def searched(name: str) -> dict[str, object]:

@@ -37,7 +37,7 @@ def check_events(component: Component, lookup: Lookup, lengths: Lengths, problem
         if transition.when is not None:
             _condition(component, transition.when, lookup, lengths, problems)
         if transition.after is not None:
-            _after(transition.after, lookup, lengths, problems)
+            _time("after", transition.after, "after: T", lookup, lengths, problems)
     for entry in (reset for state in component.states for reset in state.entry):
         _entry(component, entry, lookup, lengths, problems)
     # an event sets an element of a list, `h[2]`
@@ -109,17 +109,28 @@ def _instant(component: Component, event: EventDefinition, lookup: Lookup, lengt
         try:
             for name in names(formula.tree):
                 _only_parameters(component, name, f"`{key}:`")
-            dimension_found = number_dimension(formula.tree, lookup)
-            lengths.number(formula.tree, f"`{key}:`")
         except ExpressionProblem as problem:
             reading.add_expression_problem(problem, formula.place, problems)
             continue
-        if dimension_found is not None and dimension_found != SECOND and not is_generic(dimension_found):
-            problems.add("units-differ", f"`{key}:` is a time; this is in {dimension_text(dimension_found)}", formula.place,
-                         hint="Name a parameter in s, as in `every: T_s`.")
-        elif key == "every" and (number := constant(formula.tree)) is not None and number <= 0:
+        is_time = _time(key, formula, "every: T_s", lookup, lengths, problems)
+        if is_time and key == "every" and (number := constant(formula.tree)) is not None and number <= 0:
             problems.add("every-not-positive", f"`every: {formula.text}` is not a time above 0", formula.place,
                          hint="Name a parameter in s, as in `every: T_s`.")
+
+
+def _time(key: str, formula: Formula, example: str, lookup: Lookup, lengths: Lengths, problems: Problems) -> bool:
+    """Check that the formula of a key is a number in seconds; `example` is one that would be."""
+    try:
+        dimension_found = number_dimension(formula.tree, lookup)
+        lengths.number(formula.tree, f"`{key}:`")
+    except ExpressionProblem as problem:
+        reading.add_expression_problem(problem, formula.place, problems)
+        return False
+    if dimension_found is None or dimension_found == SECOND or is_generic(dimension_found):
+        return True
+    problems.add("units-differ", f"`{key}:` is a time; this is in {dimension_text(dimension_found)}", formula.place,
+                 hint=f"Name a parameter in s, as in `{example}`.")
+    return False
 
 
 def _condition(component: Component, formula: Formula, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
@@ -171,19 +182,6 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths,
         problems.add("units-differ", f"'{target.text}' is in {dimension_text(wanted or ONE)}, its new value is in "
                      f"{dimension_text(actual or ONE)}", reset.value.place,
                      hint="Check the factors of the formula.")
-
-
-def _after(formula: Formula, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
-    """The time that a state lasts before a transition."""
-    try:
-        found = number_dimension(formula.tree, lookup)
-        lengths.number(formula.tree, "`after:`")
-    except ExpressionProblem as problem:
-        reading.add_expression_problem(problem, formula.place, problems)
-        return
-    if found is not None and found != SECOND and not is_generic(found):
-        problems.add("units-differ", f"`after:` is a time; this is in {dimension_text(found)}", formula.place,
-                     hint="Name a parameter in s, as in `after: T`.")
 
 
 def _entry(component: Component, entry: Reset, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:

@@ -26,7 +26,9 @@ from heavebond.text.expression import Binary, Call, Expr, Name, Negative, Number
 
 SCALES = np.geomspace(0.03, 3.0, 13)  # of the largest value of a variable
 GAPS = np.geomspace(0.03, 3.0, 9)  # of its span, beyond its ends
-PERIODS = np.arange(0.75, 50.0, 0.25)  # over its span: neighbours differ by an eighth of a turn about the middle
+# Over its span: neighbours differ by an eighth of a turn about the middle. Parts of a period are the soft springs of a
+# pendulum or a magnet.
+PERIODS = np.concatenate([[0.2, 0.3, 0.4, 0.5, 0.6], np.arange(0.75, 50.0, 0.25)])
 QUANTILES = np.linspace(0.1, 0.9, 9)
 EXPONENTS = (0.3, 0.5, 0.7, 1.3, 1.5, 1.7, 2.5, 3.5)
 LAGS = np.geomspace(2.0, 500.0, 12)  # in sampling intervals
@@ -79,7 +81,7 @@ def _gap(name: str, unit: str) -> Shape:
 
 def _pitch(name: str, unit: str) -> Shape:
     return Shape(name, "pitch", unit, lambda m: (m.high - m.low) / PERIODS,
-                 lambda m: ((m.high - m.low) / (1.1 * PERIODS[-1]), 4 * (m.high - m.low)))
+                 lambda m: ((m.high - m.low) / (1.1 * PERIODS[-1]), 6 * (m.high - m.low)))
 
 
 THRESHOLD = Shape("u_0", "threshold", "u", lambda m: m.quantiles, lambda m: (m.low, m.high))
@@ -114,6 +116,18 @@ class Form:
     memory: str = ""
     first: str = ""
     second: str = ""
+
+    @property
+    def passive(self) -> bool:
+        """Whether its product with u is never negative, for amplitudes and scales above zero: of a rate it dissipates."""
+        rate, _, factor = self.name.partition(" times ")
+        return rate in PASSIVE and factor in ("", *POSITIVE)
+
+    @property
+    def energies(self) -> tuple[str, ...]:
+        """The integral of each term over u, if it is known in closed form; empty if not."""
+        integrals = tuple(ENERGIES.get(term.text, "") for term in self.terms)
+        return integrals if all(integrals) and not self.memory and not self.second else ()
 
     @property
     def numbers(self) -> int:
@@ -158,6 +172,18 @@ ONE_VARIABLE: tuple[Form, ...] = (
     *(_one(f"{text} to the 3/2", f"max(({text})/u_r, 0)**1.5", 0, THRESHOLD) for text in ("u - u_0", "u_0 - u")),
     _one("dead zone", "u - min(max(u, -u_0), u_0)", 1, _scale()), _one("limiter", "min(max(u, -u_0), u_0)", 1, _scale()),
 )
+PASSIVE = frozenset({
+    "line", "drag", "cube", "fifth power", "sign", "root", "power", "falling sign", "soft limit", "saturation",
+    "arc tangent", "inverse sine", "hyperbola", "peak", "fading line", "bell line", "hyperbolic sine",
+    "dead zone", "limiter"})
+POSITIVE = frozenset({"w**2", "abs(w)", "max(w, 0)", "exp(w/w_0)"})  # factors that are never negative
+ENERGIES = {
+    "1": "u", "u": "u**2/2", "u**2": "u**3/3", "u*abs(u)": "abs(u)**3/3", "u**3": "u**4/4", "u**5": "u**6/6",
+    SINE: "-p/(2*pi)*cos(2*pi*u/p)", COSINE: "p/(2*pi)*sin(2*pi*u/p)", "sin(4*pi*u/p)": "-p/(4*pi)*cos(4*pi*u/p)",
+    "cos(4*pi*u/p)": "p/(4*pi)*sin(4*pi*u/p)", "u/sqrt(1 + (u/u_0)**2)": "u_0**2*(sqrt(1 + (u/u_0)**2) - 1)",
+    "exp(u/u_0) - 1": "(u_0*exp(u/u_0) - u)", "(exp(u/u_0) - exp(-u/u_0))/2": "u_0*(exp(u/u_0) + exp(-u/u_0))/2",
+    "u*exp(-(u/u_0)**2)": "-u_0**2/2*exp(-(u/u_0)**2)", "1/(1 - u/u_0)**2": "u_0/(1 - u/u_0)",
+    "1/(1 - u/u_0)**3": "u_0/2/(1 - u/u_0)**2"}
 RATES: tuple[tuple[str, str, int], ...] = (("line", "u", 1), ("drag", "u*abs(u)", 2), ("sign", "smooth_sign(u, u_t)", 0))
 FACTORS: tuple[tuple[str, str, int, Shape | None], ...] = (
     ("w", "w", 1, None), ("w**2", "w**2", 2, None), ("abs(w)", "abs(w)", 1, None), ("max(w, 0)", "max(w, 0)", 1, None),

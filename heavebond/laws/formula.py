@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,15 +19,30 @@ from heavebond.numerics.dae import Array
 
 SYMBOLS = {"translational": "F", "rotational": "M"}  # of the law; that of the through variable in other domains
 PITCH = 0.1  # relative distance from a pitch within which it is refitted: further away there are other minima
+LEAST = 1e3  # factor below their values down to which scales of a dissipating law are allowed
 WIDER = 10.0  # factor within which amplitudes and scales are refitted
-# A gas takes its enthalpy along, from upstream: parameters, variable and equations of a law between two nodes of gas.
-GAS = ((
-    "  c_p: {unit: J/(kg*K), medium: c_p, min: 1 J/(kg*K), default: 1005 J/(kg*K), "
-    "doc: specific heat capacity at constant pressure (air)}",
-    "  G: {unit: W/K, min: 1e-9 W/K, default: 1e-3 W/K, doc: thermal conductance from a to b at rest}"),
-    "  H: {unit: W, doc: enthalpy flow from a to b}",
-    (("H = upwind_enthalpy_flow(m, a.T, b.T, c_p, G)", "enthalpy from upstream"), ("a.H = H", "in at a"),
-     ("b.H = -H", "out at b")))
+# A gas or oil with temperature takes its enthalpy along, from upstream: parameters, variable and equations of a law between
+# two nodes of it.
+_CONDUCTANCE = "  G: {unit: W/K, min: 1e-9 W/K, default: 1e-3 W/K, doc: thermal conductance from a to b at rest}"
+_OIL = "rho, alpha, beta, k_T, c_p, T_0"
+CARRIED = {
+    "pneumatic": ((
+        "  c_p: {unit: J/(kg*K), medium: c_p, min: 1 J/(kg*K), default: 1005 J/(kg*K), "
+        "doc: specific heat capacity at constant pressure (air)}", _CONDUCTANCE),
+        "H = upwind_enthalpy_flow(m, a.T, b.T, c_p, G)"),
+    "thermohydraulic": ((
+        "  rho: {unit: kg/m**3, min: 1 kg/m**3, medium: rho, doc: density at T_0}",
+        "  alpha: {unit: 1/K, min: 0, medium: alpha, doc: volumetric expansion coefficient}",
+        "  beta: {unit: Pa, min: 1e5 Pa, medium: beta, doc: bulk modulus at T_0}",
+        "  k_T: {unit: 1/K, min: 0, medium: k_T, doc: relative increase of the compressibility with temperature}",
+        "  c_p: {unit: J/(kg*K), min: 1 J/(kg*K), medium: c_p, doc: specific heat capacity}",
+        "  T_0: {unit: K, min: 1 K, medium: T_0, doc: reference temperature of the oil data}",
+        "  m_t: {unit: kg/s, width, min: 1e-9 kg/s, default: 1e-4 kg/s, doc: mass flow at a change of direction}",
+        _CONDUCTANCE), f"H = oil_enthalpy_flow(m, a.p, a.T, b.p, b.T, {_OIL}, m_t, G)")}
+ENTHALPY = "  H: {unit: W, doc: enthalpy flow from a to b}"
+# Names that a parameter cannot have.
+RESERVED = frozenset(["a", "b", "pi", "s", "c_p", "G", "H", "T", "rho", "alpha", "beta", "k_T", "T_0", "m_t"])
+EFFORT_TIMES_FLOW = ("translational", "rotational", "hydraulic", "electrical")  # domains whose power is that product
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
@@ -59,14 +74,19 @@ class Formula:
     fixed: tuple[Mapping[str, float], ...]
 
     @property
+    def key(self) -> frozenset[tuple[str, ...]]:
+        """The forms and variables of its parts, without values."""
+        return frozenset(part.key for part in self.parts)
+
+    @property
     def node(self) -> Node:
         """The node at which the law acts, the first of two."""
         return self.place.nodes[0]
 
     @property
     def possible(self) -> bool:
-        """Whether a component can have the law: a port with one flow, or gas between two nodes."""
-        return len(self.node.domain.through) == 1 or (self.node.domain.name == "pneumatic" and len(self.place.nodes) == 2)
+        """Whether a component can have the law: a port with one flow, or gas or oil with temperature between two nodes."""
+        return len(self.node.domain.through) == 1 or (self.node.domain.name in CARRIED and len(self.place.nodes) == 2)
 
     @property
     def symbol(self) -> str:
@@ -91,7 +111,7 @@ class Formula:
             name = domain.position or "x"
         else:
             name = re.sub(r"\W+", "_", variable.formula).strip("_")
-        while name in used or name in (self.symbol, "a", "b"):
+        while name in used or name == self.symbol or (name in RESERVED and name != "s"):
             name += "_1"
         return name
 
@@ -110,7 +130,7 @@ class Formula:
         variables."""
         numbers: list[Number] = []
         renamed: list[dict[str, str]] = []
-        used = {name for _, name in self.variables.values()} | {self.symbol, "a", "b", "pi", "s", "c_p", "G", "H", "T"}
+        used = {name for _, name in self.variables.values()} | {self.symbol, *RESERVED}
 
         def fresh(base: str, count: int = 1) -> str:
             """A name that is free: the base, or for one with a count, `F_1`, `F_2`, ..."""
@@ -181,6 +201,20 @@ class Formula:
         near, far = value / WIDER, value * WIDER
         return max(low, min(near, far)), min(high, max(near, far))
 
+    def with_numbers(self, values: Mapping[str, float]) -> Formula:
+        """The formula with other values (SI) of its parameters."""
+        parts = []
+        for part, names in zip(self.parts, self._named[1], strict=True):
+            shapes = tuple(values.get(names[s.name], value) for s, value in zip(part.form.shapes, part.shapes, strict=True))
+            amplitudes = tuple(values.get(names[str(k)], value) for k, value in enumerate(part.amplitudes))
+            parts.append(replace(part, shapes=shapes, amplitudes=amplitudes))
+        return replace(self, parts=tuple(parts))
+
+    def joined(self, other: Formula) -> Formula:
+        """The sum of two formulas at one place; the motions are those of the other."""
+        return replace(self, parts=(*self.parts, *other.parts), fixed=(*self.fixed, *other.fixed),
+                       motions={**self.motions, **other.motions})
+
     @property
     def numbers(self) -> tuple[Number, ...]:
         """All parameters, in the order of the text."""
@@ -190,6 +224,35 @@ class Formula:
     def count(self) -> int:
         """How many parameters are fitted."""
         return sum(number.fitted for number in self.numbers)
+
+    def _least(self, values: Mapping[str, float]) -> dict[str, str]:
+        """The bounds of the parameters of a dissipating law, as text for the component: amplitudes are not negative, scales
+        above zero."""
+        numbers = {n.name: n for n in self.numbers}
+        least = {name: 0.0 if key.isdigit() else values.get(name, numbers[name].value) / LEAST
+                 for names in self._named[1] for key, name in names.items()
+                 if key.isdigit() or key in ("u_0", REFERENCE, TRANSITION)}
+        return {name: f"min: {_with_unit(low, numbers[name].unit)}, " for name, low in least.items()}
+
+    def _energy(self, numbers: Mapping[str, float]) -> str:
+        """The line of the component that declares its energy: a law of the speed (pressure drop, voltage) whose parts all
+        dissipate, a law of the position with the integral as stored energy, or one that is not accounted for."""
+        values = {n.name: numbers.get(n.name, n.value) for n in self.numbers}
+        kinds = {part.first.kind for part in self.parts}
+        if self.node.domain.name not in EFFORT_TIMES_FLOW:
+            return "power: controlled, an empirical law"
+        if kinds == {"across"} and all(part.form.passive for part in self.parts) and all(
+                values[name] > 0 for names in self._named[1] for key, name in names.items()
+                if key.isdigit() or key in ("u_0", "n")):
+            across = self.variables[self.parts[0].first.formula][1]
+            return f"dissipates: {self.symbol}*{across}"
+        if kinds == {"position"} and all(part.form.energies for part in self.parts) and not any(
+                part.first.formula.startswith("∫") for part in self.parts):
+            terms = [f"{names[str(k)]}*{_factor(self._shown(text, names))}"
+                     for part, names in zip(self.parts, self._named[1], strict=True)
+                     for k, text in enumerate(part.form.energies)]
+            return f"stores: {' + '.join(terms)}"
+        return "power: controlled, an empirical law"
 
     @staticmethod
     def _shown(text: str, names: Mapping[str, str]) -> str:
@@ -247,12 +310,15 @@ class Formula:
                   for s, v in self.inputs.items()]
         parameters, variables = list[str](), list[str]()
         lines: list[tuple[str, str]] = []
+        energy = self._energy(numbers or {})
+        least = self._least(numbers or {}) if energy.startswith("dissipates") else {}
         for number in self.numbers:
             value = (numbers or {}).get(number.name, number.value)
             unit = number.unit.text
             doc = number.doc + (f" {(notes or {})[number.name]}" if number.name in (notes or {}) else "")
             written = f"{value:.6g}" + ("" if unit == "1" else f" {unit}")
-            parameters.append(f"  {number.name}: {{unit: {unit}, default: {written}, doc: {_quoted(doc)}}}")
+            parameters.append(f"  {number.name}: {{unit: {unit}, {least.get(number.name, '')}default: {written}, "
+                              f"doc: {_quoted(doc)}}}")
         own = {v.kind: (v, s) for v, s in self.variables.values() if self._is_own(v)}
         needed = dict(own)
         if "position" in own and own["position"][0].formula.startswith("∫") and "across" not in own:
@@ -285,9 +351,10 @@ class Formula:
             lines.append((f"a.{through} = {symbol}", f"{noun} into a"))
             lines += [(f"b.{through} = -{symbol}", f"{noun} into b")] if pair else []
         if len(domain.through) > 1:
-            parameters += GAS[0]
-            variables.append(GAS[1])
-            lines += GAS[2]
+            fluid, enthalpy_flow = CARRIED[domain.name]
+            parameters += fluid
+            variables.append(ENTHALPY)
+            lines += [(enthalpy_flow, "enthalpy from upstream"), ("a.H = H", "in at a"), ("b.H = -H", "out at b")]
         width = max(len(left) for left, _ in lines)
         states = [s for v, s in own.values() if v.formula.startswith("∫")] + list(self.memories)
         text = [f"component: {name}", f"summary: {_quoted(f'Law {self.place.words} that was found from records.')}"]
@@ -296,7 +363,7 @@ class Formula:
         text += ["variables:", *variables]
         text += ["initial:", *(f"  {s}: 0" for s in states)] if states else []
         text += ["equations: |", *(f"  {left.ljust(width)}   # {right}" for left, right in lines)]
-        text += ["power: controlled, an empirical law"]
+        text.append(energy)
         if effect and not self.inputs:
             text += ["effect:", "  class: empirical law", f"  attaches: {'across' if pair else 'at'}",
                      f"  amplitude: [{', '.join(n for names in self._named[1] for k, n in names.items() if k.isdigit())}]"]

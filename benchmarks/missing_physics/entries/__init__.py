@@ -1,0 +1,1 @@
+"""Entries of the benchmark. Each module has `NAME`, `NEEDS` (packages) and `answer(case)`, the content of an answer."""
