@@ -12,7 +12,7 @@ from heavebond.text.shapes import whole_number
 
 
 def by_elements(settings: Mapping[str, Value | FileInput], component: Component) -> dict[str, Value | FileInput]:
-    """What is given to a part, by elements: a matrix in one list (`[1, 0, 0, 1]`) by rows and columns."""
+    """The values given to a part, by elements: a matrix in one list (`[1, 0, 0, 1]`) by rows and columns."""
     matrices = {name: p for name, p in component.parameters.items() if p.columns is not None and f"{name}[1]" in settings}
     found = dict(settings)
     for name in matrices:
@@ -25,7 +25,7 @@ def by_elements(settings: Mapping[str, Value | FileInput], component: Component)
 
 
 def _columns(name: str, settings: Mapping[str, Value | FileInput], component: Component, number: int) -> int:
-    """How many columns a matrix has of which all elements stand in one list: what is told, else those of a square one."""
+    """The number of columns of a matrix given in one list: the specified number, else that of a square matrix."""
     parameter = component.parameters[name]
     known = {n: whole for n, p in component.parameters.items() if p.integer
              and isinstance(value := settings.get(n, p.default), Value)
@@ -43,7 +43,7 @@ def array_text(found: Mapping[str, str]) -> str:
 
 def part_of(own: list[str], inside: str, integers: Mapping[str, int]) -> dict[str, str] | None:
     """The elements of an array that `1..3`, of a matrix `2, 1..3` means: their indices from 1, and those in the array. An
-    index beyond the array is kept, and told where the elements are compared with it."""
+    index beyond the array is kept; it is reported when the elements are compared with the array."""
     try:
         name = parse_formula(f"x[{inside.replace('][', ',')}]", units=False)
     except ExpressionProblem:
@@ -65,7 +65,7 @@ def part_of(own: list[str], inside: str, integers: Mapping[str, int]) -> dict[st
 
 def vector_outputs(show: Mapping[str, NamedOutput], part: Callable[[str], Component | None],
                    nodes: Callable[[], Container[str]]) -> dict[str, NamedOutput]:
-    """Outputs with each that is the name of a vector or matrix (`states: {is: filter.x}`) by its elements, `states[1]`.
+    """Outputs, in which the name of a vector or matrix (`states: {is: filter.x}`) is replaced by its elements, `states[1]`.
     `part` gives the component at a path, `nodes` the paths of all nodes and of the ports on them."""
     found: dict[str, NamedOutput] = {}
     joined = nodes() if any(isinstance(output.expr, Name) for output in show.values()) else ()
@@ -80,7 +80,7 @@ def vector_outputs(show: Mapping[str, NamedOutput], part: Callable[[str], Compon
 
 
 def _elements_of(expr: Expr, part: Callable[[str], Component | None], nodes: Container[str]) -> dict[str, Name] | None:
-    """The elements of what a name means by their indices; None for anything but a vector or matrix."""
+    """The elements of the vector or matrix that a name refers to, by their indices; None for anything else."""
     if not isinstance(expr, Name):
         return None
     if any(isinstance(part, Slice) for part in expr.parts):

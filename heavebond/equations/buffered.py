@@ -20,8 +20,8 @@ class Buffered:
     """A function of CasADi that reads and writes arrays; inputs that are not given are zero. Outputs are dense, or with
     `sparse` those that have zeros by structure are of `scipy.sparse.csc_array`.
 
-    Called the usual way, CasADi makes matrices of its own from every argument, and gives its results number by number: the
-    states at 6000 points take longer than a tenth of a run. Threads take turns: the arrays are shared.
+    In an ordinary call CasADi converts every argument to a matrix, and returns its results element by element: the states at
+    6000 points take longer than a tenth of a run. The arrays are shared, so that a lock admits one thread at a time.
     """
 
     def __init__(self, function: ca.Function, outputs: Sequence[str] | None = None, *, sparse: bool = False):
@@ -63,12 +63,12 @@ class Buffered:
         return len(self._given[name])
 
     def stats(self) -> dict[str, Any]:
-        """Counts of steps and evaluations of the last call, where it is an integrator."""
+        """Counts of steps and evaluations of the last call, if it is an integrator."""
         return dict(self._buffer.stats())
 
 
 class _Output:
-    """An output of a function: where its numbers stand in a matrix."""
+    """An output of a function, with the positions of its nonzeros in the dense matrix."""
 
     def __init__(self, function: ca.Function, name: str, sparse: bool):
         self.name, self.number, pattern = name, function.index_out(name), function.sparsity_out(name)

@@ -66,9 +66,9 @@ class Network:
 
 
 def connect(expanded: Expanded, order: Sequence[str] = ()) -> Network:
-    """Join what the wires join; ModelError for mixed domains, units that cannot be told, signals driven twice.
+    """Connect ports by wires; ModelError for mixed domains, undetermined units, and signals with two sources.
 
-    `order` names the parameters that are given by formulas, each after those that it needs.
+    `order` names the parameters given by formulas, each after those that it uses.
     """
     network, problems = connect_as_far(expanded)
     problems.raise_as(ModelError)
@@ -80,8 +80,8 @@ def connect(expanded: Expanded, order: Sequence[str] = ()) -> Network:
 
 
 def connect_as_far(expanded: Expanded) -> tuple[Network, Problems]:
-    """The groups of an unfinished diagram with their domains, and what is wrong with these; a domain that nothing tells is
-    empty, and units are not solved."""
+    """The groups of an incomplete diagram with their domains, and the problems of these. An undetermined domain is empty,
+    and units are not solved."""
     problems = Problems()
     groups = _groups(expanded)
     domains = _domains(expanded, groups, problems)
@@ -211,7 +211,7 @@ def _port_domains(expanded: Expanded, of_port: dict[str, int], groups: list[Grou
 
 # -- signals ---------------------------------------------------------------------------------------------------------
 def drivers(expanded: Expanded, group: Group) -> tuple[list[str], list[tuple[str, Bound]]]:
-    """What sets the value of a signal group: outputs of components, and values given in place at inputs."""
+    """The sources of a signal group: outputs of components, and values given in place at inputs."""
     outputs, given = [], []
     for path in group.ports:
         leaf, _, port = path.rpartition(".")
@@ -247,7 +247,7 @@ def _signal_sources(expanded: Expanded, network: Network, problems: Problems) ->
 def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, problems: Problems
            ) -> dict[str, dict[str, Dimension]]:
     """Solve `$U` of each leaf from parameters with units, the signals it is joined to and formulas at its inputs. Signals
-    that nothing ties to a unit (a loop of gains and memories) are plain numbers."""
+    without any relation to a unit (a loop of gains and memories) are plain numbers."""
     solution: dict[str, dict[str, Dimension]] = {path: {} for path in expanded.leaves}
     constraints = [*_parameter_constraints(expanded, dimensions)]
     signals = [g for g in network.groups if g.domain == "signal"]
@@ -270,7 +270,7 @@ def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, proble
 
 
 def _plain(expanded: Expanded, group: Group, solution: dict[str, dict[str, Dimension]]) -> bool:
-    """Take a signal whose unit is open for a plain number; False where none is."""
+    """Treat one signal with an undetermined unit as a plain number; False if there is none."""
     for port in group.ports:
         leaf, _, name = port.rpartition(".")
         if _solve(expanded.leaves[leaf].component.signals[name].unit.dimension, ONE, solution[leaf]):
@@ -291,7 +291,7 @@ def _parameter_constraints(expanded: Expanded, dimensions: _Dimensions
 
 
 class _Dimensions:
-    """The dimensions of values in the diagram, those of its parameters found once."""
+    """The dimensions of values in the diagram; those of its parameters are computed once."""
 
     def __init__(self, expanded: Expanded, order: Sequence[str]):
         self.expanded = expanded
@@ -302,7 +302,8 @@ class _Dimensions:
                 self.found[name] = self.of(expanded.parameters[name])
 
     def of(self, bound: Bound) -> Dimension | None:
-        """That of a value made of quantities and parameters with known units; None where it cannot be told."""
+        """The dimension of a value that consists of quantities and parameters with known units; None if it is
+        undetermined."""
         assert isinstance(bound.value, Value)
         if bound.value.si:
             number = bound.value.expr
@@ -328,7 +329,7 @@ class _Dimensions:
 
 
 def _solve(declared: Dimension, given: Dimension, known: dict[str, Dimension]) -> bool:
-    """declared(with one unsolved unit) = given: solve it; True where something new was learnt."""
+    """Solve declared = given for one unknown unit in `declared`; True if a unit was determined."""
     now = solved(declared, known)
     unknown = [(base, power) for base, power in now if base.startswith("$")]
     if len(unknown) != 1:
@@ -340,7 +341,7 @@ def _solve(declared: Dimension, given: Dimension, known: dict[str, Dimension]) -
 
 
 class _Formulas:
-    """The dimensions of formulas and records at inputs, as far as the units of signals are solved."""
+    """The dimensions of formulas and records at inputs, with the units of signals that are already solved."""
 
     def __init__(self, expanded: Expanded, network: Network, dimensions: _Dimensions,
                  solution: dict[str, dict[str, Dimension]]):
@@ -357,7 +358,8 @@ class _Formulas:
         return found
 
     def of(self, bound: Bound) -> Dimension | None:
-        """That of what an input is given; None where it cannot be told (a bare 0, a name whose unit is open)."""
+        """The dimension of the value given to an input; None if it is undetermined (a plain 0, a name without a known
+        unit)."""
         if isinstance(bound.value, FileInput):
             return read_unit(bound.value.unit).dimension
         if isinstance(bound.value.expr, Number) and bound.value.expr.unit is None and bound.value.expr.value == 0:
@@ -394,7 +396,7 @@ class _Formulas:
         return None if item is None else solved(item.unit.dimension, self.solution[owner])
 
     def signal(self, group: Group) -> Dimension | None:
-        """That of a signal, from any of its ports."""
+        """The dimension of a signal, from any of its ports."""
         for port in group.ports:
             leaf, _, name = port.rpartition(".")
             found = solved(self.expanded.leaves[leaf].component.signals[name].unit.dimension, self.solution[leaf])

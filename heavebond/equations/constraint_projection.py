@@ -72,8 +72,8 @@ class ConstraintEquations:
 
 
 def constraint_equations(flat: Flat, order: Sequence[int]) -> ConstraintEquations | None:
-    """The constraints of a diagram whose equations are differentiated so often; None where there are none, where they are
-    too many for a dense Jacobian, or where a measured input decides on them."""
+    """The constraints of a diagram from the number of differentiations of each equation; None if there are none, if they are
+    too many for a dense Jacobian, or if they depend on a measured input."""
     n = len(flat.unknowns)
     rows = tuple(i for i, k in enumerate(order) if k and all(packed < n for packed, _ in flat.entries[i]))
     if not rows or len(rows) > LARGE:

@@ -1,7 +1,7 @@
-"""Data sheets: parts from which others take the parameters that they are not given (`data: tr40`).
+"""Data sheets: parts that supply unspecified parameters of other parts (`data: tr40`).
 
-A parameter of the part that is not given becomes the formula `=tr40.pitch` where the part `tr40` has a parameter of the same
-name: it follows that one in runs, sensitivities and fits, and one number counts for all that share it.
+A parameter without a value becomes the formula `=tr40.pitch` if the part `tr40` has a parameter of the same name. It
+follows that parameter in runs, sensitivities and fits, so that all parts share one value.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class DataSheet:
 
 def data_sheets(instance: Instance, body: Body, known: Mapping[str, Component], prefix: str, model: Model,
                 problems: Problems) -> tuple[DataSheet, ...]:
-    """The data sheets of a part; `known` are the components of the parts beside it. A name that means no such part, and a
-    sheet that has nothing for the part, are noted."""
+    """The data sheets of a part; `known` are the components of the parts at its level. A problem is noted for the name of an
+    unknown part, and for a sheet without a parameter of the part."""
     found: list[DataSheet] = []
     own = known[instance.name]
     for name, place in instance.data:
@@ -82,7 +82,7 @@ def _meant(name: str, instance: Instance, body: Body, model: Model) -> str:
 
 
 def taken(sheets: tuple[DataSheet, ...], name: str, path: str, place: Place) -> Value | None:
-    """The formula by which the parameter at `path` follows that of a sheet; None where no sheet has it."""
+    """The formula by which the parameter at `path` follows the parameter of a sheet; None if no sheet has it."""
     for sheet in sheets:
         if sheet.has(name):
             sheet.takers.append(path)
@@ -91,7 +91,7 @@ def taken(sheets: tuple[DataSheet, ...], name: str, path: str, place: Place) -> 
 
 
 def whole(sheets: tuple[DataSheet, ...], name: str, path: str) -> Value | None:
-    """The value of a whole number of a sheet, which shapes a part before anything else is known."""
+    """The value of a whole number of a sheet; it determines the structure of a part, so that it is needed first."""
     for sheet in sheets:
         if sheet.has(name) and (value := sheet.given(name)) is not None:
             sheet.takers.append(path)

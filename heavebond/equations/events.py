@@ -34,7 +34,7 @@ class Held:
 
 @dataclass(frozen=True)
 class FlatReset:
-    """What an event sets: an unknown by its number, or a held variable by its entry in the parameters."""
+    """An assignment of an event: to an unknown (index), or to a held variable (index in the parameters)."""
 
     name: str
     unknown: int | None
@@ -45,8 +45,8 @@ class FlatReset:
 
 @dataclass(frozen=True)
 class Impulse:
-    """The impulse of an event: that of the held variable with the entry `force` in the parameters, as large as the unknown
-    `unknown` needs to come to `value`; its `size` is known once the equations are reduced (see `numerics.impulses`)."""
+    """The impulse of an event: of the force with the index `force` in the parameters, of the size that brings the unknown
+    `unknown` to `value`. Its `size` is known once the equations are reduced (see `numerics.impulses`)."""
 
     name: str
     force: int
@@ -67,10 +67,11 @@ class Breakaway:
 
 @dataclass(frozen=True)
 class FlatEvent:
-    """An event: as `indicator` passes zero upwards (None: a time event), at the instant `first`, or from there on once a
-    `period` (None: once). `text` is how it is written: `condition: gap > 0`. One that is `by_clock` stands for a comparison
-    of the time with parameters in an equation (see `time_conditions`), and has its text. With `ends` the run ends there. It
-    does not happen together with the events that it `yields_to`, by name. Its `clock` makes its instants irregular."""
+    """An event. It happens when `indicator` passes zero upwards; a time event (None) happens at the instant `first`, and
+    from then on once a `period` (None: once). `text` is its source: `condition: gap > 0`. An event `by_clock` replaces a
+    comparison of the time with parameters in an equation (see `time_conditions`), and has the text of the comparison. With
+    `ends` the run ends there. It does not happen together with the events that it `yields_to`, by name. Its `clock` makes
+    its instants irregular."""
 
     name: str
     text: str
@@ -89,7 +90,7 @@ class FlatEvent:
 
 def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Leaf, Unit], Unit], problems: Problems
               ) -> tuple[Parameters, tuple[Held, ...]]:
-    """The parameters and what the held variables start at: the diagram's initial value, else the declared one.
+    """The parameters and the initial values of the held variables: from the diagram, else declared.
 
     `unit_of` solves the unit of a variable of a leaf. The name of a held variable means the same symbol.
     """
@@ -141,7 +142,7 @@ def held_bounds(expanded: Expanded, symbols: Mapping[str, ca.SX]) -> dict[int, I
 
 def leaf_events(path: str, made: Template, values: list[ca.SX], names: Mapping[str, int], held: Mapping[str, Held]
                 ) -> Iterator[FlatEvent]:
-    """The events of one leaf; `values` are those of the template's `happenings`."""
+    """The events of one leaf; `values` are the values of the template's `happenings`."""
     rest = iter(values)
     for line in made.events:
         condition, first, period = next(rest), next(rest), next(rest)

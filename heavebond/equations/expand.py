@@ -24,7 +24,7 @@ DEEPEST_BLOCK = 20
 
 
 def expand(model: Model) -> Expanded:
-    """Open every block of the diagram; ModelError with all that is wrong with names, ports and wires.
+    """Open every block of the diagram; ModelError with all problems of names, ports and wires.
 
     Parameters that are taken from the medium of a circuit are still open (see `medium`).
     """
@@ -34,8 +34,8 @@ def expand(model: Model) -> Expanded:
 
 
 def expand_as_far(model: Model) -> tuple[Expanded, Problems]:
-    """An unfinished diagram, opened as far as it goes, and all that is wrong with it: parts of unknown kinds, ends of wires
-    that mean nothing and values that are missing are left out. ModelError for a diagram that is too large to be opened."""
+    """An incomplete diagram, opened as far as possible, and its problems: parts of unknown kinds, invalid ends of wires and
+    missing values are left out. ModelError for a diagram that is too large to be opened."""
     opener = _Opener(model)
     opener.top()
     opener.wires.arrays()
@@ -126,7 +126,8 @@ class _Opener:
                 self.sheets.setdefault(sheet.path, []).extend(sheet.takers)
 
     def _with_parts_of_outside(self, body: Body, prefix: str) -> Body:
-        """A body with the parts that a diagram or block around it puts in the place of its own; the outermost counts."""
+        """A body with the parts that a diagram or block around it substitutes for its own; the outermost substitution
+        counts."""
         for path, instance in body.inside.items():
             self.inside.setdefault(prefix + path, (instance, prefix))
         instances = dict(body.instances)
@@ -151,7 +152,7 @@ class _Opener:
         return component
 
     def _checked(self, instance: Instance) -> Component:
-        """A component met for the first time; its file is read and its laws are checked once, not for every instance."""
+        """The component of a name; at its first use the file is read and its laws are checked."""
         library = self.model.library
         component = self.found[instance.kind] = library.component(instance.kind, instance.kind_place)
         library.checked(instance.kind, instance.kind_place)
@@ -261,7 +262,7 @@ class _Opener:
 
     @staticmethod
     def _own(component: Component, name: str, path: str) -> Bound | None:
-        """What a component that extends another one gives to an element of a list."""
+        """The value that an extending component gives to an element of a list."""
         value = component.values.get(name)
         return None if value is None else Bound(value, path + ".", value.place)
 
@@ -273,7 +274,7 @@ class _Opener:
         return None if given is None else Bound(given, self.scopes.get(path, prefix), given.place)
 
     def _given_whole(self, instance: Instance, name: str, prefix: str, path: str) -> Bound | None:
-        """What is given to an element of a vector of inputs by the name of the whole: `u: =filter.y`, or one number."""
+        """The value of an element of a vector of inputs that is given as a whole: `u: =filter.y`, or one number."""
         base, bracket, _ = name.partition("[")
         setting = self.model.settings.get(f"{path}.{base}") if bracket else None
         given = setting.value if setting is not None else instance.settings.get(base) if bracket else None
@@ -285,7 +286,7 @@ class _Opener:
 
     @staticmethod
     def _told(told: dict[str, int], name: str, instance: Instance) -> Bound | None:
-        """A whole number that the length of a list tells."""
+        """A whole number that follows from the length of a list."""
         if name not in told:
             return None
         value = Value(Number(told[name], None, 0), f"{told[name]} values", instance.place, si=True)
@@ -321,7 +322,7 @@ class _Opener:
                               hint=f"Add `{name}: ...{unit}`.")
 
     def _unknown_settings(self, instance: Instance, component: Component, missing: list[str]) -> bool:
-        """Whether settings that the component does not have were found; these then say what it lacks."""
+        """True if there are settings that the component does not have; each gives a problem."""
         inputs = [n for n, s in component.signals.items() if s.direction == "in"]
         whole = {name.partition("[")[0] for name in inputs}
         unknown = [name for name in instance.settings if name not in component.parameters and name not in (*inputs, *whole)]
@@ -380,7 +381,7 @@ class _Opener:
 
 
 def default(parameter: Parameter, path: str) -> Bound | None:
-    """What a parameter of the component at `path` is where nothing is given: its default or its neutral value."""
+    """The value of an unspecified parameter of the component at `path`: its default or its neutral value."""
     if parameter.default is not None:
         return Bound(parameter.default, path + ".", parameter.default.place)
     if parameter.neutral is not None:

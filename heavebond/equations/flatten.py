@@ -61,7 +61,7 @@ Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns
 
 
 class EquationRole(Enum):
-    """What an equation states."""
+    """The role of an equation."""
 
     LAW = "law"  # of a component
     BALANCE = "balance"  # the sum of a through variable at a node
@@ -72,8 +72,8 @@ class EquationRole(Enum):
 
 @dataclass(frozen=True)
 class FlatEquation:
-    """Where an equation comes from: the component or node it belongs to, its name, its text, the kink in it; what it states,
-    and of which variable (the input that is given or measured, the through variable that is summed)."""
+    """The provenance of an equation: its component or node, its name, its text, the kink in it; its role, and the variable
+    that it concerns (the input that is given or measured, the through variable that is summed)."""
 
     owner: str
     label: str
@@ -168,7 +168,7 @@ class Flat:
 
     @property
     def driving(self) -> tuple[KnownInput | DelayedVariable, ...]:
-        """What drives the equations as known functions of time: each has symbols for its value and three derivatives."""
+        """The known functions of time in the equations; each has symbols for its value and three derivatives."""
         return (*self.inputs, *self.delays)
 
     @cached_property
@@ -177,7 +177,7 @@ class Flat:
         return ca.Function("delays", [self.p], [stack(d.delay for d in (*self.delays, *self.passed_through))])
 
     def other_delays(self, p: Array) -> bool:
-        """Whether a delay that is zero is none with parameters (n_p,), or one that is not zero is."""
+        """True if, with parameters (n_p,), a zero delay becomes nonzero or a nonzero delay becomes zero."""
         if not self.delays and not self.passed_through:
             return False
         zero = np.array(self.delay_lengths(p)).ravel() == 0
@@ -185,7 +185,7 @@ class Flat:
 
     @cached_property
     def energetics(self) -> tuple[Energetics, ...]:
-        """Those of the components, in the order of the diagram."""
+        """The energetics of the components, in the order of the diagram."""
         leaves, found, varied = self.expanded.leaves, dict[str, Energetics](), dict[str, list[str]]()
         for name in self.expanded.model.vary:
             varied.setdefault(name.rpartition(".")[0], []).append(name)
@@ -201,12 +201,12 @@ class Flat:
 
     @cached_property
     def places(self) -> dict[int, int]:
-        """Where the symbol of each parameter stands, by its hash."""
+        """The index of the symbol of each parameter, by its hash."""
         return places(self.p)
 
     @cached_property
     def limits(self) -> Limits:
-        """What the components allow of the parameters."""
+        """The admissible values of the parameters by the components."""
         return Limits.of(self.expanded, Parameters(self.parameters, self.p, self.constants, self.units), self.templates)
 
     @cached_property
@@ -216,14 +216,14 @@ class Flat:
 
     @property
     def constant_hashes(self) -> set[int]:
-        """The hashes of the symbols that never change during a run: the parameters without what is held."""
+        """The hashes of the symbols that are constant during a run: the parameters without held variables."""
         held = {h.index for h in self.held}
         return {s for s, k in self.places.items() if k not in held}
 
 
 def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0, corners: Mapping[int, int] | None = None) -> Flat:
-    """The flat model; `also` names signals that a caller wants beside those that the diagram names itself, `widths` is a
-    factor on the widths of all transitions. Equations by their numbers in `corners` are differentiated so often: their
+    """The flat model; `also` names signals that a caller needs in addition to those named by the diagram, `widths` is a
+    factor on the widths of all transitions. `corners` gives the number of differentiations of equations (by index) whose
     corners in time become events."""
     expanded = with_media(expand(model))
     expanded = expanded if widths == 1 else narrowed(expanded, widths)
@@ -268,7 +268,7 @@ def without_zeros(flat: Flat, zeros: Iterable[str]) -> Flat:
 
 
 def unclocked(flat: Flat) -> Flat:
-    """The same with comparisons of the time in its equations as they are written, for programs that know no events."""
+    """The flat model with comparisons of the time in its equations as written, for programs without events."""
     # of two that set one variable, that which sets it to 1
     own = {e.resets[0].name: e for e in reversed(flat.events) if e.by_clock}
     if not own:
@@ -360,7 +360,7 @@ class _Builder:
         return bounds | parameter_bounds(self.expanded, self.parameters)
 
     def _clocks(self) -> None:
-        """What equations ask of the time becomes what is held between events."""
+        """Replace comparisons of the time in the equations by held variables."""
         told = [(e.owner, e.text, e.place) for e in self.equations]
         self.residuals = ca.densify(ca.vertcat(*self.pieces)[self.order]) if self.order else ca.SX(0, 1)
         check_steps(self.residuals, told, self.time, self.parameters, self.problems)
@@ -372,8 +372,8 @@ class _Builder:
         self.equations = [replace(e, kink=None) if k in found.smooth else e for k, e in enumerate(self.equations)]
 
     def _numbers_of_a_run(self) -> None:
-        """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so
-        that they can be set, fitted and differentiated like any other."""
+        """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so that
+        they can be set, fitted and differentiated like other parameters."""
         numbers = [FlatParameter(f"scale.{path}.{name}", 1.0, DIMENSIONLESS, bound.place)
                    for path, leaf in self.expanded.leaves.items() for name, bound in leaf.inputs.items()
                    if isinstance(bound.value, FileInput)]

@@ -1,4 +1,4 @@
-"""Grounding: the component that ties each connected part of a machine to a reference of its domain, such as a tank.
+"""Grounding: the component that relates each connected part of a machine to a reference of its domain, such as a tank.
 
 Most laws depend on differences only: if all pressures of a circuit rise by the same amount, the flow through an orifice is
 unchanged. A circuit in which all components are of this kind has no reference level.
@@ -20,9 +20,9 @@ from heavebond.language.symbols import split, stack
 
 @dataclass(frozen=True)
 class Circuit:
-    """Nodes of one domain that parts join. `held`: parts that feel the level itself (a tank, a fixed point, a spring to one
-    of another circuit), `carried`: parts that feel its rate (a volume, a mass). With neither no equation determines the
-    level; with `carried` alone it is a matter of the start."""
+    """Nodes of one domain that parts join. `held`: parts whose equations depend on the level (a tank, a fixed point, a
+    spring to another circuit), `carried`: parts whose equations depend on its rate (a volume, a mass). Without both no
+    equation determines the level; with `carried` alone it follows from the start."""
 
     domain: str
     nodes: tuple[str, ...]
@@ -86,7 +86,8 @@ class _Finder:
         return [self.flat.levels[0][j] for j in (*nodes, *(names[p] for p in positions if p in names))]
 
     def _feeling(self, domain: Domain, symbols: list[ca.SX], leaves: list[str]) -> tuple[str, ...]:
-        """The parts of which an equation that bears on the circuit changes where all of these symbols move alike."""
+        """The parts with an equation, relevant to the circuit, that changes if all of these symbols change by the same
+        amount."""
         rows = [i for leaf in leaves for i in self.equations.get(leaf, [])]
         if not rows:
             return ()
@@ -96,8 +97,8 @@ class _Finder:
         return tuple(dict.fromkeys(self.flat.equations[i].owner for i in felt if self._bears(domain, i)))
 
     def _bears(self, domain: Domain, row: int) -> bool:
-        """Whether an equation of a part bears on what its ports of a domain carry, directly or over the part's own
-        variables: that of a sensor does not, nor that of a friction which a pressure only presses on."""
+        """True if an equation of a part acts on the through variables of its ports in a domain, directly or by variables of
+        the part. The equation of a sensor does not, nor that of a friction that depends on a pressure."""
         flat, leaf, n = self.flat, self.flat.equations[row].owner, len(self.flat.unknowns)
         members = {i: {c % n for c, _ in flat.entries[i]} for i in self.equations[leaf]}
         signals = flat.expanded.leaves[leaf].component.signals.values()

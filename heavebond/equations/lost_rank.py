@@ -1,7 +1,7 @@
 """Numerical rank deficiency: the dependent equations, the undetermined unknowns, and the value that causes it.
 
-The structure says which unknown occurs in which equation. Whether the equations determine their unknowns depends on values
-too: a mass of zero, a shut valve, a lever at its dead centre, a loop with a gain of one make the Jacobian singular.
+The structure shows which unknown occurs in which equation. Whether the equations determine their unknowns depends on
+values too: a mass of zero, a shut valve, a lever at its dead centre, a loop with a gain of one make the Jacobian singular.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ LARGE = 1500
 
 @dataclass(frozen=True)
 class RankLoss:
-    """Equations `rows` that say the same, unknowns `columns` that no equation determines, and what is to blame.
+    """Dependent equations `rows`, undetermined unknowns `columns`, and the cause.
 
-    `parameters` and `variables` (with their values in SI) are those of which each, if it had another value, would let the
-    equations decide; those that are zero stand alone where there are any. With neither it is the equations' own form,
-    whatever the numbers.
+    `parameters` and `variables` (with their values in SI) are those of which each, with another value, would restore the
+    rank; if some of these are zero, only they are listed. If both are empty, the cause is the form of the equations, for all
+    values. With neither it is the equations' own form, whatever the numbers.
     """
 
     rows: tuple[Row, ...]
@@ -58,8 +58,8 @@ class RankLoss:
 
 @dataclass(frozen=True)
 class Simultaneous:
-    """All equations with their derivatives and the unknowns (with their derivatives) that they must decide, the states
-    being known: residuals (n,) in raw symbols, unknowns (n,)."""
+    """All equations with their derivatives, and the unknowns (with their derivatives) that they must determine for known
+    states: residuals (n,) in raw symbols, unknowns (n,)."""
 
     flat: Flat
     rows: tuple[Row, ...]
@@ -79,7 +79,7 @@ class Simultaneous:
 
     @cached_property
     def symbols(self) -> list[ca.SX]:
-        """What the entries of the Jacobian depend on."""
+        """The symbols in the entries of the Jacobian."""
         return ca.symvar(self.jacobian)
 
     @cached_property
@@ -109,9 +109,9 @@ class Simultaneous:
 
 
 def losses(system: Simultaneous, point: Mapping[int, float], tolerance: float = LOST) -> list[RankLoss]:
-    """The parts of a system that lose their rank at a point (values by the symbols' hashes; what is missing or not finite
-    is taken off zero by a little, as by chance). Empty where the rank is full: where the singular values of every block are
-    above `tolerance` times the largest."""
+    """The parts of a system that lose their rank at a point (values by the hashes of the symbols; missing and infinite
+    values are replaced by small random ones). Empty if the rank is full: if the singular values of every block are above
+    `tolerance` times the largest."""
     at = np.array([_value(point, s, k) for k, s in enumerate(system.symbols)])
     return _Matrix(system, at, tolerance).losses() if system.rows else []
 
@@ -145,9 +145,9 @@ class _Matrix:
         self.entries[np.abs(self.entries) < NEGLIGIBLE] = 0.0
 
     def _sizes(self) -> Array:
-        """The usual sizes of the unknowns; of one whose unit no domain knows (a compressibility) its value, or what stands
-        beside it in its equations where that is zero (a leakage that is absent) or no more than rounding (a lever arm in the
-        middle of its stroke)."""
+        """The usual sizes of the unknowns. If no domain declares the unit (a compressibility), the size is the value; if the
+        value is zero (an absent leakage) or rounding (a lever arm in the middle of its stroke), it follows from the other
+        terms of the equations."""
         flat, sizes = self.system.flat, self.system.sizes.copy()
         known = {m.unit.dimension for d in flat.expanded.model.library.domains.values() for m in d.members.values()}
         values = {s.element_hash(): abs(v) for s, v in zip(self.system.symbols, self.at, strict=True)}
@@ -159,7 +159,7 @@ class _Matrix:
         return sizes
 
     def _beside(self, column: int, sizes: Array) -> float:
-        """The least size of an unknown with which it weighs as much as what else stands in one of its equations."""
+        """The least size of an unknown at which it has the same weight as the other terms in one of its equations."""
         weight = np.abs(np.array(self.system.values(self.at)).ravel()) * sizes[self.column]
         found = []
         for entry in np.flatnonzero((self.column == column) & (weight > 0)):
@@ -168,7 +168,7 @@ class _Matrix:
         return min((size for size in found if np.isfinite(size) and size > 0), default=0.0)
 
     def losses(self) -> list[RankLoss]:
-        """One for each set of dependent equations and the unknowns that stand in them."""
+        """One loss for each set of dependent equations and the unknowns that occur in them."""
         null = self._null()
         return [] if null is None else [self._loss(null, *pair) for pair in self._pairs(null)]
 
@@ -211,8 +211,8 @@ class _Matrix:
         return _NullVectors(u, v) if len(u) or len(v) else None
 
     def _pairs(self, null: _NullVectors) -> list[tuple[list[int], list[int]]]:
-        """Which of the dependent sets of rows belong with which of the undecided columns: those in whose equations they
-        stand, or would stand were not some number zero."""
+        """The pairs of dependent sets of rows and undetermined columns: columns that occur in the equations, or would occur
+        if a value were not zero."""
         stands = np.zeros((len(self.system.rows), len(self.system.columns)), dtype=bool)
         stands[self.row, self.column] = True
         meets: Flags = _both(_taking_part(null.left) @ stands, _taking_part(null.right))
@@ -275,14 +275,14 @@ class _Matrix:
 
 
 def assumed(flat: Flat, name: str) -> bool:
-    """Whether a parameter has the value that its component assumes, none being given in the diagram."""
+    """True if a parameter has the default of its component and is not set in the diagram."""
     owner, _, parameter = name.rpartition(".")
     leaf = flat.expanded.leaves.get(owner)
     return leaf is not None and leaf.parameters[parameter].place.file == leaf.component.place.file
 
 
 def _both(a: Flags, b: Flags) -> Flags:
-    """Which rows of a and b have something in common."""
+    """True for pairs of rows of a and b with a common entry."""
     return np.asarray(a @ b.T, dtype=bool)
 
 
@@ -291,7 +291,7 @@ def _taking_part(directions: Array) -> Flags:
 
 
 def _sparse(basis: Array) -> Array:
-    """Another basis (k, n) of the same directions with as few members as elimination with pivoting gives."""
+    """A sparse basis (k, n) of the same directions, by elimination with pivoting."""
     basis = basis.copy()
     taken: list[int] = []
     for k in range(len(basis)):

@@ -21,12 +21,12 @@ CORES_TRIED = 16
 
 def maximum_matching(rows: Sequence[Sequence[int]], n_columns: int,
                      start: Sequence[int] | None = None) -> list[int]:
-    """Assign to as many rows as possible a column of their own.
+    """Assign a separate column to as many rows as possible.
 
-    A matching is a set of entries (row, column) with no row and no column in common; a square system is
-    structurally nonsingular if one covers all rows. Short rows choose first, as they have the least choice;
-    then disjoint augmenting paths are added in phases, each linear in the entries, after Hopcroft and Karp. A
-    few phases do for the equations of a machine, some tens for unstructured random ones.
+    A matching is a set of entries (row, column) with no row and no column in common; a square system is structurally
+    nonsingular if one covers all rows. Short rows choose first, as they have the least choice; then disjoint augmenting
+    paths are added in phases, each linear in the entries, after Hopcroft and Karp. The equations of a machine need a few
+    phases, unstructured random ones some tens.
 
     `start` (length m, column or -1) is a matching to extend: its rows and columns stay matched, perhaps
     otherwise. Returns the column of each row or -1, length m. Raises ValueError if `start` is not a matching
@@ -70,10 +70,9 @@ def augment(rows: Sequence[Sequence[int]], column_of: list[int], row_of: list[in
             free: list[int]) -> list[int]:
     """Match as many rows of `free` as possible; `column_of` and `row_of` are changed in place.
 
-    Costs what can be reached from `free`, not the size of the graph. Returns the rows reached from the ones
-    that stay unmatched, those included; it is empty if all are matched. By Hall's theorem each row in it
-    belongs to a minimal set of k rows that have but k - 1 columns between them (HIDDEN ones not counted), and
-    no row outside does.
+    The cost is proportional to the part that can be reached from `free`, not to the size of the graph. Returns the rows
+    reached from the unmatched rows, including these; it is empty if all are matched. By Hall's theorem each of its rows
+    belongs to a minimal set of k rows with k - 1 columns (without HIDDEN ones), and no other row does.
     """
     while free:
         level, found = _layers(rows, row_of, free)
@@ -88,8 +87,8 @@ def _layers(rows: Sequence[Sequence[int]], row_of: Sequence[int], roots: Sequenc
             most: int | None = None) -> tuple[dict[int, int], bool]:
     """Distance of the rows reached by alternating paths from `roots`, and whether a free column was met.
 
-    A path steps from a row to one of its columns and on to that column's row. The search ends where the
-    number of rows comes to `most`, or at twice the distance of the nearest free column.
+    A path steps from a row to one of its columns and on to that column's row. The search ends when the number of rows
+    reaches `most`, or at twice the distance of the nearest free column.
     """
     level = dict.fromkeys(roots, 0)
     front, depth, found = list(roots), 0, False
@@ -143,9 +142,9 @@ def _flip_path(root: int, rows: Sequence[Sequence[int]], column_of: list[int], r
 class Block:
     """A part with more rows than columns, or with more columns than rows; all tuples are sorted.
 
-    The core is irreducible. Overdetermined: `core_rows` contain one column fewer than they are,
-    `core_columns`, and without any one of them the rest can be matched. Underdetermined: `core_columns` occur
-    in one row fewer than they are, `core_rows`, and if any one of them were known the rest could be matched.
+    The core is irreducible. Overdetermined: the k `core_rows` contain the k - 1 `core_columns`, and without any one of the
+    rows the others can be matched. Underdetermined: the k `core_columns` occur in the k - 1 `core_rows`, and if any one of
+    the columns were known the others could be matched.
     """
 
     rows: tuple[int, ...]
@@ -166,15 +165,12 @@ def dulmage_mendelsohn(rows: Sequence[Sequence[int]], n_columns: int,
                        matching: Sequence[int]) -> DulmageMendelsohn:
     """Find where a system has too many and where too few equations.
 
-    The overdetermined part is what alternating paths reach from the unmatched rows, the underdetermined part
-    what they reach from the unmatched columns; neither depends on the matching. Each falls into blocks that
-    share nothing.
+    The overdetermined part is reached by alternating paths from the unmatched rows, the underdetermined part by those from
+    the unmatched columns; neither depends on the matching. Each consists of disjoint blocks.
 
-    What one unmatched row reaches is a core: k rows with k - 1 columns, all matched. It is irreducible, since
-    exchanging along the path to any of its rows leaves that one unmatched instead. (In the transversal
-    matroid of the rows it is the fundamental circuit of the unmatched row.) A block with one row in excess is
-    its own core; of a block with more, the smallest of the cores of its unmatched rows is given, out of the
-    shortest 16 of these.
+    The rows and columns reached from one unmatched row are a core: k rows with k - 1 columns, all matched. It is
+    irreducible, since exchanging along the path to any of its rows leaves that one unmatched instead. (In the transversal
+    matroid of the rows this is the fundamental circuit of the unmatched row.)
 
     `matching` (column of each row or -1, length m) must be maximum, else ValueError. Near-linear in the
     entries.
@@ -252,10 +248,9 @@ def components_of(rows: Sequence[Sequence[int]],
 def block_lower_triangular(rows: Sequence[Sequence[int]], matching: Sequence[int]) -> list[list[int]]:
     """The smallest blocks of rows that must be solved together, in an order in which they can be solved.
 
-    A row needs the rows that its other columns are matched to. Blocks are the strongly connected components
-    of that digraph (they do not depend on the matching); each lists its rows in ascending order. Of the
-    blocks whose needs are met the one with the smallest row comes next, so the order of declaration is kept
-    wherever it can be.
+    A row needs the rows that its other columns are matched to. Blocks are the strongly connected components of that digraph
+    (they do not depend on the matching); each lists its rows in ascending order. Of the blocks that can be solved next the
+    one with the smallest row is taken, so the order of declaration is kept if possible.
 
     Columns matched to no row are taken as known. Raises ValueError if a row is unmatched.
 

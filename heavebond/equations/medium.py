@@ -1,9 +1,9 @@
 """Media of circuits: one component sets the properties of the fluid, and all components of its circuit use them.
 
-A domain names the component that sets its medium (`medium: Fluid`), a parameter the property that it is (`medium: rho`).
-A circuit is all that wires and parts with several ports of the domain join. A parameter that is not given becomes the
-formula `=oil.rho`, so that it follows the fluid in runs, sensitivities and fits; without a fluid it has its own default,
-or else that of another part of the circuit, or else that of the component that would set it. Defaults of different media in
+A domain names the component that sets its medium (`medium: Fluid`), a parameter the property that it represents (`medium:
+rho`). A circuit consists of nodes connected by parts with several ports of the domain. A parameter without a value becomes
+the formula `=oil.rho`, so that it follows the fluid in runs, sensitivities and fits. Without a fluid it has its own default,
+else the default of another part of the circuit, else the default of the medium's component. Defaults of different media in
 one circuit are refused.
 """
 
@@ -28,8 +28,8 @@ LISTED = 8          # values in a message
 
 
 def with_media(expanded: Expanded) -> Expanded:
-    """Every parameter that is open after `expand` given its value; ModelError for a circuit with two media, and for a
-    parameter that asks for a property which the medium does not have."""
+    """Assign a value to every parameter that is open after `expand`; ModelError for a circuit with two media, and for a
+    property that the medium does not have."""
     for domain in expanded.model.library.domains.values():
         if domain.medium:
             expanded = _with_medium(expanded, domain, domain.medium)
@@ -37,7 +37,7 @@ def with_media(expanded: Expanded) -> Expanded:
 
 
 def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
-    """The parameters whose part lies in circuits of one domain."""
+    """The parameters of parts in circuits of one domain, with their values."""
     library = expanded.model.library
     open_in = {path: wanted for path, leaf in expanded.leaves.items()
                if (wanted := _open(leaf)) and _domain_of_medium(leaf.component, library.domains) is domain}
@@ -86,8 +86,8 @@ def medium_of(component: Component, domains: Mapping[str, Domain]) -> str:
 
 
 def _domain_of_medium(component: Component, domains: Mapping[str, Domain]) -> Domain | None:
-    """The domain whose medium the parameters of a component are taken from: that of its first port that has one; for a
-    component without such a port the first of all."""
+    """The domain of the medium from which the parameters of a component are taken: the domain of its first port that has a
+    medium; for a component without such a port the first of all."""
     own = [domains[port.domain] for port in component.ports.values() if port.domain in domains]
     return next((d for d in (*own, *domains.values()) if d.medium), None)
 
@@ -97,7 +97,7 @@ def _open(leaf: Leaf) -> list[Parameter]:
 
 
 def _passages(path: str, component: Component, domain: Domain) -> list[list[Terminal]]:
-    """The ports of a part between which the medium flows; those of an open domain may carry any."""
+    """The ports of a part between which the medium flows; ports of an open domain may carry any medium."""
     found: dict[str, list[Terminal]] = {}
     for port in component.ports.values():
         if port.domain == domain.name or port.domain.startswith("$"):
@@ -152,7 +152,7 @@ def _sources(expanded: Expanded, kind: str, circuits: dict[Terminal, int], probl
 
 @dataclass(frozen=True, eq=False)
 class _Default:
-    """The default of a property of the medium in one part, in SI, its `own` or else that of the medium, and the medium's."""
+    """The default of a property of the medium in one part, in SI: `own`, else the medium's."""
 
     path: str
     parameter: Parameter
@@ -163,7 +163,7 @@ class _Default:
 
     @property
     def deviates(self) -> bool:
-        """Whether the part has another medium in mind."""
+        """True if the default of the part belongs to another medium."""
         return not _alike(self.value, self.usual)
 
 
@@ -179,7 +179,7 @@ def _defaults(path: str, parameters: Iterable[Parameter], kind: Component, place
 
 
 def _number(parameter: Parameter, others: Mapping[str, Parameter]) -> float | None:
-    """The default of a parameter, which may be a formula of the defaults of `others`; None if it is no number."""
+    """The default of a parameter, which may be a formula of the defaults of `others`; None if it is not a number."""
     if parameter.default is None:
         return parameter.neutral
     expr = parameter.default.expr
@@ -227,7 +227,8 @@ def _mixed(defaults: Sequence[_Default], library: Library, kind: Component, node
 
 
 def _bound(parameter: Parameter, leaf: Leaf, source: str, kind: Component, problems: Problems) -> Bound:
-    """The value of an open parameter: the medium's, else the part's own default, else what the medium would have."""
+    """The value of an open parameter: the medium's, else the default of the part, else the default of the medium's
+    component."""
     usual = kind.parameters.get(parameter.medium)
     if source and usual is not None:
         name = f"{source}.{parameter.medium}"

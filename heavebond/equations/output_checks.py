@@ -19,7 +19,7 @@ from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, n
 
 
 class Resolver(Protocol):
-    """What is needed of the names of a diagram (see `heavebond.equations.resolver.Resolver`)."""
+    """The required interface of a resolver (see `heavebond.equations.resolver.Resolver`)."""
 
     @property
     def names(self) -> Mapping[str, int]:
@@ -34,8 +34,8 @@ class Resolver(Protocol):
 
 def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], held: Container[str], problems: Problems
                 ) -> None:
-    """Note what is wrong in `show:` and `initial:`; `parameters` are those that may be solved for, `held` the variables
-    that only events change."""
+    """Note problems in `show:` and `initial:`; `parameters` are those that may be solved for, `held` the variables that only
+    events change."""
     for shown in model.show.values():
         _shown(shown, resolver, problems)
     for condition in model.initial.conditions.values():
@@ -90,7 +90,8 @@ def _condition(condition: Condition, resolver: Resolver, held: Container[str], p
 
 def with_nominal_sizes(model: Model, unknowns: Sequence[Unknown], names: Mapping[str, int], problems: Problems
                        ) -> list[Unknown]:
-    """The unknowns with the sizes that the diagram states under `nominal:`; note names of no variable and wrong units."""
+    """The unknowns with the sizes that the diagram states under `nominal:`; unknown names and wrong units are noted as
+    problems."""
     found = list(unknowns)
     for path, setting in model.nominal.items():
         assert isinstance(setting.value, Value)

@@ -25,7 +25,8 @@ OF_A_RUN = ("initial", "scale", "history")
 
 @dataclass(frozen=True)
 class Owner:
-    """The thing that a name means: equal keys are one thing. `what` says it in words; `kind` is node, component, ..."""
+    """The object that a name refers to: equal keys are the same object. `what` describes it in words; `kind` is node,
+    component, ..."""
 
     key: Hashable
     what: str
@@ -39,7 +40,7 @@ Owned = Iterable[tuple[str, Owner]]
 
 @dataclass
 class Names:
-    """The owner of each name, or what tells it with others; a second owner is a problem."""
+    """The owner of each name, or a function that determines it; a second owner is a problem."""
 
     problems: Problems
     owners: dict[str, Owner | Callable[[], Owned]] = field(default_factory=dict)
@@ -52,7 +53,8 @@ class Names:
         return found
 
     def claim_all(self, names: Sequence[str], told: Callable[[], Owned]) -> None:
-        """Give names to the owners that `told` tells: only where one of them is taken, as a large diagram has many."""
+        """Claim names for the owners that `told` returns. It is called only if a name is already taken, as a large diagram
+        has many names."""
         own = dict.fromkeys(names, told)
         if len(own) == len(names) and self.owners.keys().isdisjoint(own):
             self.owners.update(own)
@@ -96,8 +98,8 @@ def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Nam
 
 
 def check_outputs(names: Names, show: Mapping[str, NamedOutput], index_of: Mapping[str, int]) -> None:
-    """Check that an output under `show:` with the name of a variable, a parameter or a formula of these is just that, maybe
-    in another unit: `result[name]` and formulas that name it mean one thing."""
+    """Check that an output under `show:` with the name of a variable or parameter is that variable, possibly in another
+    unit, so that `result[name]` and formulas refer to the same quantity."""
     for shown in show.values():
         try:
             used = [name.text for name in names_in(parse_formula(shown.name))]
@@ -184,7 +186,7 @@ def _of_leaf(expanded: Expanded, network: Network, path: str, leaf: Leaf) -> Ite
 
 
 def _copies(expanded: Expanded, path: str, port: str) -> list[str]:
-    """A port, or the elements of an array of ports, as far as nodes join them."""
+    """A port, or the elements of an array of ports, if they are on nodes."""
     if expanded.leaves[path].component.ports[port].count is None:
         return [port]
     begin = f"{path}.{port}["
@@ -192,7 +194,8 @@ def _copies(expanded: Expanded, path: str, port: str) -> list[str]:
 
 
 def _renamed(first: Owner, second: Owner) -> Owner:
-    """Which of the two is renamed: a node before a component, that before a port, which belongs to a kind of component."""
+    """The owner to be renamed: a node rather than a component, a component rather than a port, whose name belongs to the
+    component's file."""
     return min((first, second), key=lambda owner: ("node", "component", "parameter", "port", "clock").index(owner.kind))
 
 

@@ -34,7 +34,7 @@ MODULATED = "A store whose constant changes takes or gives power: take one with 
 
 @dataclass(frozen=True)
 class FlatParameter:
-    """An independent parameter: a number that may be changed without building anything anew."""
+    """An independent parameter: a number that may be changed without assembling the equations again."""
 
     name: str
     value: float
@@ -53,7 +53,7 @@ class Parameters:
 
     @cached_property
     def places(self) -> dict[int, int]:
-        """Where the symbol of each independent parameter stands, by its hash."""
+        """The index of the symbol of each independent parameter, by its hash."""
         return places(self.p)
 
     @property
@@ -107,7 +107,7 @@ def narrowed(expanded: Expanded, factor: float) -> Expanded:
 def formula_order(expanded: Expanded) -> list[str]:
     """The parameters given by formulas, each after those that it needs.
 
-    Raises ModelError for names that are no parameters and for parameters that depend on each other in a circle.
+    Raises ModelError for names that are not parameters and for circular dependencies of parameters.
     """
     problems = Problems()
     known = {name: bound for name, bound, _ in declared(expanded)}
@@ -149,7 +149,7 @@ def _refuse_rates(expr: Expr) -> None:
 
 
 def _path(expanded: Expanded, known: Mapping[str, Bound], bound: Bound, name: Name) -> str | None:
-    """The full path of the parameter that `name` means in the formula of `bound`; None for a known number."""
+    """The full path of the parameter that `name` means in the formula of `bound`; None for a known constant."""
     if name.text == "pi" or name.text in _integers(expanded, bound.scope):
         return None
     path = bound.scope + name.text
@@ -252,7 +252,7 @@ class _Maker:
 
     def _alike(self, name: str, bound: Bound, leaf: Leaf | None, needed: Sequence[str], integers: Mapping[str, int]
                ) -> Hashable:
-        """What the unit of a value follows from, which parts that are alike have in common; None where that is not known."""
+        """A key of the dependencies of a value's unit, equal for equal parts; None if unknown."""
         if leaf is None or is_generic((unit := leaf.component.parameters[name.rpartition(".")[2]].unit).dimension):
             return None
         given: list[Hashable] = [id(bound.value), id(unit)]
@@ -266,7 +266,7 @@ class _Maker:
         return tuple(given)
 
     def _checked(self, name: str, bound: Bound, leaf: Leaf | None, alike: Hashable) -> Unit:
-        """The unit of a value; a problem, or an ExpressionProblem, where it has another one or is no number."""
+        """The unit of a value; a problem, or an ExpressionProblem, if it is another unit or the value is not a number."""
         assert isinstance(bound.value, Value)
         before = len(self.problems.found)
         unit = self._unit(name, bound, leaf)
@@ -337,7 +337,8 @@ def solved_unit(unit: Unit, leaf: Leaf, expanded: Expanded, network: Network) ->
 
 
 def parameter_bounds(expanded: Expanded, parameters: Parameters) -> dict[int, Interval]:
-    """The interval of each independent parameter by the hash of its symbol: the strictest of all that it stands for."""
+    """The interval of each independent parameter by the hash of its symbol: the strictest of all parameters with its
+    value."""
     bounds: dict[int, Interval] = {}
     for name, parameter, _ in with_declaration(expanded):
         if parameter.low is None and parameter.high is None:
@@ -359,8 +360,8 @@ def with_declaration(expanded: Expanded) -> Iterator[tuple[str, Parameter, Bound
 
 def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[str, Template],
                  changed: Mapping[str, Value] | None = None) -> None:
-    """Bounds and requirements of every parameter at the values given, some of them `changed` from those of the diagram;
-    raises ModelError."""
+    """Check bounds and requirements of every parameter at the values given, some of them `changed` from those of the
+    diagram; raises ModelError."""
     problems, new = Problems(), changed or {}
     checks = list(with_declaration(expanded))
     for (name, parameter, bound), number in zip(checks, parameters.values([c[0] for c in checks]), strict=True):
@@ -380,7 +381,7 @@ def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[
 
 @dataclass(frozen=True)
 class Limits:
-    """What the components of a diagram allow of its parameters. `numbers` maps p (n_p,) in SI to the values that have bounds
+    """The admissible values of the parameters of a diagram. `numbers` maps p (n_p,) in SI to the values that have bounds
     `low` and `high` (n,), and to the truth of each requirement."""
 
     expanded: Expanded
@@ -407,12 +408,12 @@ class Limits:
         return cls(expanded, parameters, templates, numbers, low, high)
 
     def bounds(self, name: str) -> Interval:
-        """The values that are allowed for an independent parameter: the strictest bounds of all that it is the value of."""
+        """The admissible interval of an independent parameter: the strictest bounds of all parameters with its value."""
         own = parameter_bounds(self.expanded, self.parameters)
         return own.get(self.parameters.expressions[name].element_hash(), (-inf, inf))
 
     def check(self, p: Array, changed: Iterable[str]) -> None:
-        """ModelError if the values `p`, of which some are `changed` from those of the diagram, are not allowed."""
+        """Raise ModelError if values `p`, of which some are `changed` from those of the diagram, are not allowed."""
         values, truths = (np.array(column).ravel() for column in self.numbers(p))
         if np.all((values >= self.low) & (values <= self.high)) and np.all(truths):
             return

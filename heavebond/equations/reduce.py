@@ -1,10 +1,11 @@
-"""From the flat model to an index-1 model with few unknowns: index reduction, state selection, BLT, tearing.
+"""From the flat model to an index-1 model with few unknowns: index reduction, state selection, triangular form, tearing.
 
-    1. structural check and Pantelides' method say how often each equation is differentiated;
-    2. of each differentiated constraint, as many derivatives become algebraic (dummy derivatives) as it has equations;
-       what remains are the states;
-    3. the rest is put in block lower triangular form; a block of one is solved for its unknown, a loop is torn;
-    4. what can be solved explicitly is substituted: x' = f(t, x, z, p), 0 = g(t, x, z, p) with few or no z.
+1. structural check and Pantelides' method determine the number of differentiations of each equation;
+2. of each differentiated constraint, as many derivatives become algebraic (dummy derivatives) as it has equations;
+   the others are the states;
+3. the remaining equations are permuted to block lower triangular form; a block of one is solved for its unknown, a loop is
+   torn;
+4. explicit solutions are substituted: x' = f(t, x, z, p), 0 = g(t, x, z, p) with few or no z.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ class Reduced:
     """x' = ode(t, x, z, p), 0 = alg(t, x, z, p); every other unknown is an expression in these.
 
     `symbols` and `expressions` map each raw symbol of the flat model (unknowns and their derivatives, `defined`) to SX in
-    (x, z, p, time, rate, measured inputs); `system` is what was solved, as it stood before. `definitions` are the same
-    expressions of what is `defined`, each in raw symbols of those before it, and `sources` the rows of `system` in the block
-    in which each was solved for.
+    (x, z, p, time, rate, measured inputs); `system` is the system before its solution. `definitions` are the same
+    expressions, each in raw symbols of those before it, and `sources` the rows of `system` in the block that determines
+    each.
     """
 
     flat: Flat
@@ -61,7 +62,7 @@ class Reduced:
     sources: tuple[tuple[int, ...], ...]
 
     def name(self, column: Column) -> str:
-        """`crown.x`, or `der(crown.x)` for a derivative."""
+        """The name of a state: `crown.x`, or `der(crown.x)` for a derivative."""
         return column_name(self.flat, column)
 
     def unknowns(self) -> ca.SX:
@@ -81,7 +82,7 @@ class Reduced:
 
     @cached_property
     def _place(self) -> dict[int, int]:
-        """Where each of the symbols stands, by its hash."""
+        """The index of each symbol, by its hash."""
         return places(self.symbols)
 
 
@@ -209,9 +210,9 @@ def _chains(columns: list[Column], result: Pantelides) -> Chain:
 
 @dataclass(frozen=True)
 class System:
-    """All equations with their derivatives, in symbols for all unknowns with their derivatives; `constraints` are those
-    that were differentiated. No motion depends on the `derived` unknowns. It can be solved for several choices of states,
-    in the same symbols. `residuals` are those of the `rows`, `columns[k]` (n,) the symbols of the k-th derivatives."""
+    """All equations with their derivatives, in symbols for all unknowns with their derivatives; `constraints` are those that
+    were differentiated. No motion depends on the `derived` unknowns. It can be solved for several choices of states, in the
+    same symbols. `residuals` are the residuals of the `rows`, `columns[k]` (n,) the symbols of the k-th derivatives."""
 
     flat: Flat
     chain: Chain
@@ -224,7 +225,7 @@ class System:
 
     @cached_property
     def symbols(self) -> ca.SX:
-        """Those of all unknowns, then of their derivatives."""
+        """The symbols of all unknowns, then of their derivatives."""
         return ca.vertcat(*self.columns)
 
     @cached_property
@@ -244,8 +245,8 @@ class System:
         return {s: values[k] for s, k in self.flat.places.items()}
 
     def numbers(self, expressions: ca.SX) -> NDArray[np.float64]:
-        """The values (n,) of expressions in parameters alone. Given are the few parameters that occur: a function of all
-        parameters for each loop would make the work grow with the square of the number of loops."""
+        """The values (n,) of expressions in parameters alone. The function has only the parameters that occur as arguments:
+        with all parameters the work would grow with the square of the number of loops."""
         symbols = ca.symvar(expressions)
         given = [self._value_of[s.element_hash()] for s in symbols]
         return np.asarray(ca.Function("numbers", [stack(symbols)], [expressions])(given)).ravel()
@@ -298,7 +299,7 @@ class System:
             tuple(solver.sources))
 
     def _lost(self, system: Simultaneous, dependent: list[int]) -> ModelError:
-        """The error for equations that depend on each other at the first guess already; `dependent` are some of them."""
+        """The error for equations that are dependent at the initial guess; `dependent` are some of them."""
         guess = InitialGuess(self.flat)(self.p_values)
         point = dict(self._value_of)
         for j, (symbol, unknown) in enumerate(zip(self.flat.levels[0], self.flat.unknowns, strict=True)):
@@ -310,7 +311,8 @@ class System:
                                          dependent)
 
     def _plain_numbers(self) -> dict[int, float]:
-        """What an equation alone says, `u = 0` of a valve that the diagram shuts for good, by the hash of its symbol."""
+        """The values that single equations determine, such as `u = 0` of a valve that the diagram shuts permanently, by the
+        hash of the symbol."""
         known = {s.element_hash() for s in self.flat.levels[0]}
         # two equations may speak of the same unknown, as those of a source with both ends on one node do: the first counts
         alone = {inside[0].element_hash(): (r, inside[0]) for r in reversed(self.flat.residuals)
@@ -324,7 +326,7 @@ class System:
                 if slope and np.isfinite(value)}
 
     def _entries(self, rows: Sequence[Row], unknown: list[Column]) -> list[list[tuple[int, int]]]:
-        """(position in `unknown`, kind) of each row; those of the given equations are known from the templates."""
+        """(position in `unknown`, kind) of each row; entries of undifferentiated equations are known from the templates."""
         n = len(self.flat.unknowns)
         position = {column: k for k, column in enumerate(unknown)}
         entries: list[list[tuple[int, int]]] = []

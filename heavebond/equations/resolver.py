@@ -25,9 +25,9 @@ POWER, WATT = "power", declared_unit("W").dimension
 
 @dataclass(frozen=True)
 class PlausibleRange:
-    """What is known of the values that a variable can have, in SI: its typical size (inf where none is declared), by how
-    much that grows a second (a position goes on at its typical speed), what no machine exceeds, and the physical limit
-    below which a run ends, with the advice of its message."""
+    """The plausible values of a variable in SI: its typical size (inf if none is declared), the growth of that size per
+    second (a position moves on at its typical speed), the value that no machine exceeds, and the physical limit below which
+    a run ends, with the advice of its message."""
 
     typical: float = inf
     per_second: float = 0.0
@@ -40,7 +40,7 @@ NOTHING_KNOWN = PlausibleRange()
 
 
 def plausible(domain: Domain, name: str) -> PlausibleRange:
-    """What is known of the values of a member of a domain; a position goes on at the typical speed of its domain."""
+    """The plausible values of a member of a domain; a position moves on at the typical speed of its domain."""
     member = domain.members[name]
     speed = domain.members[domain.rate(name)].nominal if name in domain.positions else 0.0
     return PlausibleRange(member.nominal if member.sized else inf, speed, inf if member.largest is None else member.largest,
@@ -49,8 +49,8 @@ def plausible(domain: Domain, name: str) -> PlausibleRange:
 
 @dataclass(frozen=True)
 class Unknown:
-    """One scalar unknown: unit, usual size, bounds and first guess in SI; `role` tells across, position, through,
-    own or signal; `plausible` what a run is judged by."""
+    """One scalar unknown: unit, usual size, bounds and first guess in SI; `role` is across, position, through, own or
+    signal; `plausible` are the values for the verdict of a run."""
 
     name: str
     unit: Unit
@@ -107,7 +107,8 @@ class Resolver:
             lambda text, name: more[text] if text in more else self._value(scope, text, name), self._der))
 
     def indicator(self, expr: Expr) -> ca.SX:
-        """A condition as a number that is above zero while it holds; ExpressionProblem for a formula that is none."""
+        """A condition as a number that is positive while it holds; ExpressionProblem for a formula that is not a
+        condition."""
         if self.dimension(expr) != TRUTH:
             raise ExpressionProblem("not-a-condition", "this is no condition", 0,
                                     hint="Write a comparison: `load.x > 0.5 m`.")
@@ -120,7 +121,7 @@ class Resolver:
             Lengths(lambda name: self.shape(name, scope), exact=True).number(expr, "what a formula gives")
 
     def shape(self, name: Name, scope: str = "") -> Shape:
-        """The shape of what a name means; None for a number, and for what nothing is called."""
+        """The shape of the value of a name; None for a number, and for an unknown name."""
         sizes = []
         for part in name.parts:
             if isinstance(part, Slice):
@@ -161,7 +162,7 @@ class Resolver:
         return dimension(expr, lambda name: more[name.text] if name.text in more else self._dimension(scope, name))
 
     def unit(self, expr: Expr) -> Unit | None:
-        """The SI unit of a formula, and what it counts as far as that is known (`counted`); None where any unit fits."""
+        """The SI unit of a formula, and the entity that it counts, if known (`counted`); None if any unit fits."""
         found = self.dimension(expr)
         if found is None:
             return None
@@ -220,6 +221,6 @@ class Resolver:
 
 
 def _end_of(name: Name, end: str) -> str:
-    """A name, of its first (`low`) or last (`high`) element where it means several."""
+    """A name; for several elements the first (`low`) or last (`high`) of them."""
     parts = tuple(getattr(part, end) if isinstance(part, Slice) else part for part in name.parts)
     return Name(parts, name.column, name.length).text

@@ -46,7 +46,7 @@ class Constraints:
 
     @cached_property
     def place(self) -> dict[Column, int]:
-        """Where the value of an equation and an unknown stands."""
+        """The index of the value of an equation and an unknown."""
         return {entry: k for k, entry in enumerate(self.entries)}
 
     @cached_property
@@ -64,7 +64,7 @@ class Constraints:
 
     @cached_property
     def asked(self) -> frozenset[int]:
-        """These, and the unknowns that the user gave an initial value for."""
+        """The unknowns that events set, and those with an initial value."""
         conditions, names = self.flat.expanded.model.initial.conditions, self.flat.names
         return self.settable | {names[n] for n, c in conditions.items() if n in names and not c.guess}
 
@@ -82,10 +82,11 @@ def constraints(flat: Flat, order: Sequence[int], highest: Sequence[int]) -> Con
 
 
 def select_states(found: Constraints, p: Array) -> list[Column]:
-    """The states (unknown, derivative order) at the initial guess, those preferred that the user asked a value for.
+    """The states (unknown, derivative order) at the initial guess, with preference for unknowns with an initial value.
 
-    A guess of a mechanism may be far from any configuration in which it can be assembled. Where the states that the guess
-    suggests are unsuitable (`UNSUITABLE`) once the guess is projected on the constraints, they are selected there."""
+    A guess of a mechanism may be far from any configuration in which it can be assembled. If the states that the guess
+    suggests are unsuitable (`UNSUITABLE`) after the guess is projected on the constraints, they are selected at the
+    projected guess."""
     if not found.entries:
         return chosen_states(found, np.zeros(0))
     flat, guess = found.flat, InitialGuess(found.flat)(p)
@@ -120,10 +121,10 @@ def _off(flat: Flat, values: Array, size: int) -> Array:
 
 
 def chosen_states(found: Constraints, numbers: Array, asked: frozenset[int] = frozenset()) -> list[Column]:
-    """The states where the constraints have these values (n,); `asked` unknowns are ten times as much wanted.
+    """The states at these values (n,) of the constraints; `asked` unknowns have ten times the preference.
 
-    At each level, the differentiated equations H z = ... get as many of the highest derivatives z as they are, chosen
-    by QR with column pivoting; these become algebraic.
+    At each level, as many of the highest derivatives z as there are differentiated equations H z = ... become algebraic,
+    chosen by QR with column pivoting.
 
     S. E. Mattsson, G. Soderlind: Index reduction in differential-algebraic equations using dummy derivatives.
     SIAM J. Sci. Comput. 14 (1993) 677-692, doi:10.1137/0914043.
@@ -186,7 +187,7 @@ def parts_of(found: Constraints, states: Sequence[Column]) -> list[Part]:
 
 
 def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
-    """How badly the dummies of a part follow from its states, and on which side of where they do not, at N points.
+    """The strain of a part at N points, and the side of its singularity: how strongly the dummies depend on the states.
 
     With H_d, H_s the columns of dummies and states in their preference, max |H_d^-1 H_s| (N,) is the largest factor by
     which an exchange of two of them would improve the choice; it is about 1 where the choice was made and has no bound where
@@ -211,7 +212,7 @@ def _weight(flat: Flat, column: Column, asked: frozenset[int]) -> float:
 
 
 class InitialGuess:
-    """First values of all unknowns: what the diagram asks for or guesses, else the declared start, else 0."""
+    """Initial guess of all unknowns: the condition or guess of the diagram, else the declared start, else 0."""
 
     def __init__(self, flat: Flat):
         self._declared = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])
@@ -242,7 +243,7 @@ class InitialGuess:
         return stack([asked.get(j, ca.SX(self._declared[j])) if order == 0 else ca.SX(0) for j, order in columns])
 
     def slopes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How they move with the parameters, (n, n_p)."""
+        """The derivatives of the values by the parameters, (n, n_p)."""
         slopes = np.zeros((len(self._declared), len(p)))
         slopes[self._asked] = self._slopes(p)["o0"]
         return slopes
@@ -253,8 +254,8 @@ class InitialGuess:
 
 
 def pivot_columns(matrix: NDArray[np.float64]) -> list[int]:
-    """The first min(m, n) columns that QR with column pivoting takes of a matrix (m, n): each time the longest of what is
-    left when the directions of those taken are removed from all (modified Gram-Schmidt).
+    """The first min(m, n) columns that QR with column pivoting takes of a matrix (m, n): each time the longest after the
+    directions of the taken columns are removed from all (modified Gram-Schmidt).
 
     G. H. Golub, C. F. Van Loan: Matrix Computations, 4th ed., Johns Hopkins 2013, sections 5.2.8 and 5.4.2.
     """

@@ -21,10 +21,10 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int],
              ) -> ModelError:
     """The error for a system whose equations cannot be assigned one to each unknown.
 
-    `rows[i]` lists the unknowns of equation i whatever their derivatives; a Dulmage-Mendelsohn decomposition finds
-    the smallest parts with more equations than unknowns, and those with more unknowns than equations. The two belong
-    together where they meet in a component: what fixes a velocity twice leaves two forces open, and what fixes a flow
-    twice leaves a pressure open. Where the decomposition finds no part, the error names the equations `dependent`.
+    `rows[i]` lists the unknowns of equation i whatever their derivatives; a Dulmage-Mendelsohn decomposition finds the
+    smallest parts with more equations than unknowns, and those with more unknowns than equations. Both parts are reported
+    together if they share a component: a velocity that is prescribed twice leaves two forces undetermined, a flow that is
+    prescribed twice a pressure. If the decomposition gives no part, the error names the equations `dependent`.
     """
     try:
         parts = dulmage_mendelsohn(rows, len(flat.unknowns), matching)
@@ -52,7 +52,7 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int],
 
 
 def _dependent(flat: Flat, numbers: Sequence[int]) -> Problem:
-    """The problem of equations that depend on each other whatever their numbers are."""
+    """The problem of equations that depend on each other for all values."""
     equations = [flat.equations[i] for i in dict.fromkeys(numbers)]
     laws = [e for e in equations if not bookkeeping(e)] or equations
     parts = listing(dict.fromkeys(e.owner for e in laws), MOST_BLAMED)
@@ -62,7 +62,7 @@ def _dependent(flat: Flat, numbers: Sequence[int]) -> Problem:
 
 
 class _Part:
-    """The smallest set of equations that have one unknown fewer than they are, as a user would tell it."""
+    """A smallest set of k equations with k - 1 unknowns, in the terms of a user."""
 
     def __init__(self, flat: Flat, block: Block):
         self.flat = flat
@@ -78,7 +78,8 @@ class _Part:
         self.touched.update(block.core_columns)
 
     def fixed_twice(self, loose: Sequence[Unknown]) -> Problem:
-        """The problem of equations that contradict, or repeat, each other; `loose` is what they leave open instead."""
+        """The problem of equations that contradict or repeat each other; `loose` are the unknowns that they leave
+        undetermined."""
         names = listing((u.name for u in self.unknowns), 4) or "nothing that is unknown"
         number = len(self.said)
         message = f"these {number} equations fix the same unknown{'s' * (len(self.unknowns) > 1)}, {names}" \
@@ -101,7 +102,7 @@ class _Part:
 
 
 def _undecided(flat: Flat, loose: Sequence[Unknown], part: _Part | None) -> Problem:
-    """The problem of unknowns that no equation decides, beside equations that are one too many for what they hold."""
+    """The problem of undetermined unknowns, together with redundant equations."""
     shared = _without_rates([u for u in loose if u.role in SHARED])
     shown = shared or list(loose)
     names = listing((u.name for u in shown), 6)
@@ -122,8 +123,7 @@ def _undecided(flat: Flat, loose: Sequence[Unknown], part: _Part | None) -> Prob
 
 
 def lost(flat: Flat, found: Sequence[RankLoss], when: str = "") -> list[Problem]:
-    """The problems of equations that depend on each other for the numbers that they have; `when` tells where along a run
-    (`at the start`)."""
+    """The problems of equations that depend on each other at their values; `when` is the time in a run (`at the start`)."""
     joined: dict[tuple[int, ...], list[RankLoss]] = {}
     for loss in found:  # a tie of velocities is one of accelerations, and of forces, too
         said = tuple(dict.fromkeys(i for i, _ in loss.rows if not bookkeeping(flat.equations[i])))
@@ -134,8 +134,8 @@ def lost(flat: Flat, found: Sequence[RankLoss], when: str = "") -> list[Problem]
 
 
 def undecided(flat: Flat, found: Sequence[RankLoss], names: Sequence[str], when: str) -> SimulationError:
-    """The error for a run where (`at t = 2 s`) no equation determines its algebraic unknowns `names` any more, by what
-    lost its rank."""
+    """The error for a run where (`at t = 2 s`) no equation determines its algebraic unknowns `names` any more, from the
+    equations that lost their rank."""
     return SimulationError(lost(flat, found, when) or [Problem(
         "loop-singular", f"no equation determines {listing(names, 4)} {when}", None,
         "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
@@ -151,7 +151,7 @@ def _together(same: Sequence[RankLoss]) -> RankLoss:
 
 
 class _Lost:
-    """Equations that depend on each other, and what they leave open, as a user would tell it."""
+    """Dependent equations and the unknowns that they leave undetermined, in the terms of a user."""
 
     def __init__(self, flat: Flat, loss: RankLoss):
         self.flat, self.loss = flat, loss
@@ -195,7 +195,7 @@ class _Lost:
         return listing((f"der({u.name})" if rates and least[u.name] else u.name for u in self.shown), 6)
 
     def _remedy(self) -> str:
-        """What mistake it is, and what to type."""
+        """The kind of mistake, and the lines to type."""
         loss, blamed = self.loss, self.blamed
         if loss.zero:
             return self._other_value()
@@ -240,7 +240,7 @@ def short_circuit(flat: Flat, owners: Iterable[str]) -> tuple[str, str] | None:
 
 
 def joined_ports(flat: Flat, path: str) -> str | None:
-    """The node on which both ports are of a component that has two; None for any other component."""
+    """The node to which both ports of a component with two ports are connected; None for any other component."""
     leaf = flat.expanded.leaves.get(path)
     if leaf is None or leaf.component.composite or len(leaf.component.ports) != 2:
         return None
@@ -249,7 +249,7 @@ def joined_ports(flat: Flat, path: str) -> str | None:
 
 
 def _without_rates(unknowns: Sequence[Unknown]) -> list[Unknown]:
-    """A velocity is left out where the position beside it is named: to a user they are one thing."""
+    """Omit a velocity if the position of the same node is named: for a user they are one quantity."""
     positions = {u.name.rpartition(".")[0] for u in unknowns if u.role == "position"}
     return [u for u in unknowns if not (u.motion and u.name.rpartition(".")[0] in positions)]
 
@@ -286,7 +286,7 @@ def _domains(flat: Flat, unknowns: Iterable[Unknown]) -> list[Domain]:
 
 
 def bookkeeping(equation: FlatEquation) -> bool:
-    """A node's own equation, which the assembler wrote and no user can remove, or the value of an input."""
+    """True for the balance of a node, which the assembler generates, and for the value of an input."""
     return equation.role is not EquationRole.LAW
 
 

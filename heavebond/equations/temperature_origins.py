@@ -1,4 +1,4 @@
-"""Which quantities in K are temperatures and which are differences: how they move with the origin of temperature.
+"""Distinction of temperatures and temperature differences in K, by their dependence on the origin of temperature.
 
 An equation between temperatures does not change if all of them, and no difference, are moved by the same amount. With
 w_j = 1 for a temperature and 0 for a difference, r(T + w c) = r(T) for every residual r and every shift c. This is evaluated
@@ -37,7 +37,7 @@ ROUNDING = 1e-9    # of the largest change of a residual
 
 
 class Flat(Protocol):
-    """What is needed of a flat model (see `heavebond.equations.flatten.Flat`)."""
+    """The required interface of a flat model (see `heavebond.equations.flatten.Flat`)."""
 
     @property
     def expanded(self) -> Expanded:
@@ -49,7 +49,7 @@ class Flat(Protocol):
 
     @property
     def levels(self) -> tuple[tuple[ca.SX, ...], ...]:
-        """Their symbols and those of their derivatives."""
+        """The symbols of the unknowns and of their derivatives."""
 
     @property
     def parameters(self) -> tuple[FlatParameter, ...]:
@@ -57,7 +57,7 @@ class Flat(Protocol):
 
     @property
     def p(self) -> ca.SX:
-        """Their symbols."""
+        """The symbols of the independent parameters."""
 
     @property
     def residuals(self) -> tuple[ca.SX, ...]:
@@ -118,8 +118,8 @@ def origins_of(flat: Flat) -> dict[str, float]:
 
 def _decided(row: ca.SX, used: Sequence[ca.SX], symbols: Mapping[int, str], numbers: Mapping[int, float],
              weights: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
-    """The names that have the same value in all choices of 0 and 1 which keep a residual; for a single name also 2 and -1,
-    the sum of two temperatures and its negative."""
+    """The names with the same value in all choices of 0 and 1 that preserve a residual; for a single name also 2 and -1, the
+    sum of two temperatures and its negative."""
     rng = np.random.default_rng(1)
     hashes = [s.element_hash() for s in used]
 
@@ -165,7 +165,7 @@ class TemperatureOrigins:
         return origins(expr, self.lookup(scope))
 
     def determined(self, path: str) -> float | None:
-        """That of a variable or parameter, by the equations alone."""
+        """The origin of a variable or parameter, by the equations alone."""
         flat = self.flat
         return self.weights.get(flat.unknowns[flat.names[path]].name if path in flat.names else path)
 

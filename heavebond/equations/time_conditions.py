@@ -1,12 +1,10 @@
-"""Comparisons of the time with what is known beforehand, `time < t_open`, as events at that instant.
+"""Comparisons of the time with values known in advance, `time < t_open`, as events at that instant.
 
 A condition g(t, p) > 0 whose g = c(p) + s(p) t is a straight line in time changes once, at T = -c/s. In an equation it is
-replaced by a held variable that is 0 before T and 1 after it, so that no step of the integrator reaches across T, and what
-T does to the motion is known (see `numerics.jumps`). At T itself what comes after it holds, be it `<` or `<=`. A condition
-of
-another function of time, and a sign, is held from one change of its sign to the next. What holds at the start of a run
-follows
-from its time (see `numerics.time_events.clocks_at`).
+replaced by a held variable that is 0 before T and 1 after it, so that no step of the integrator crosses T, and the
+derivatives by T are known (see `numerics.jumps`). At T itself the state after the event holds, for `<` as for `<=`. A
+condition of another function of time, and a sign, is held from one change of its sign to the next. What holds at the start
+of a run follows from its time (see `numerics.time_events.clocks_at`).
 """
 
 from __future__ import annotations
@@ -48,8 +46,8 @@ class TimeSwitch:
 def clocked(residual: ca.SX, time: ca.SX, constants: set[int], corners: bool = False
             ) -> tuple[ca.SX, list[TimeSwitch], bool]:
     """A scalar residual that depends on the time, without comparisons of the time with constants (the hashes of their
-    symbols), the instants at which these change, and whether it still has a kink in something that moves. With `corners`
-    what `max`, `min` and `abs` choose by the time is such a comparison, too."""
+    symbols), the instants at which these change, and whether it still has a kink in a variable. With `corners` the choice of
+    `max`, `min` and `abs` by the time is such a comparison, too."""
     symbols = ca.symvar(residual)
     walk = _Walk(time, constants, corners)
     rebuilt = walk.rebuilt(ca.Function("residual", [stack(symbols)], [residual]), symbols)
@@ -84,8 +82,8 @@ def _differentiable(residual: ca.SX, switches: Iterable[TimeSwitch], time: ca.SX
 
 def check_steps(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
                 problems: Problems) -> None:
-    """`floor` of what moves between events jumps where no event stops the integrator: `floor-moves` for each equation in
-    which the argument depends on more than parameters and held variables."""
+    """Note `floor-moves` for each equation with `floor` of an argument that depends on more than parameters and held
+    variables: it would jump without an event that stops the integrator."""
     floored = [(residuals[k], text, place) for k, (_, text, place) in enumerate(told) if "floor" in text]
     constants = places(parameters.p).keys() if floored else set[int]()
     for residual, text, place in floored:
@@ -127,8 +125,9 @@ def _floored(expression: ca.SX) -> Iterator[ca.SX]:
 
 @dataclass(frozen=True)
 class TimeConditions:
-    """Residuals with what they took from the time held, the parameters with the begins of that, and when it changes;
-    `smooth` are the numbers of residuals that have no kink between these instants."""
+    """Residuals with held variables in place of their conditions of time, the parameters with the initial values of these
+    variables, and the instants of their changes; `smooth` are the numbers of residuals without a kink between these
+    instants."""
 
     residuals: ca.SX
     smooth: frozenset[int]
@@ -139,8 +138,9 @@ class TimeConditions:
 
 def timed(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
           held: tuple[Held, ...], corners: Mapping[int, int]) -> TimeConditions:
-    """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already. The residuals
-    `corners` are differentiated as often as it says: their corners are clocked if they are smooth enough for it."""
+    """All residuals clocked; `told` are owner, text and location of their equations, `held` the existing held variables.
+    `corners` gives the number of differentiations of residuals: their corners are clocked if they are smooth enough for
+    it."""
     by_time = ca.which_depends(residuals, time, 1, True)
     if not any(by_time):  # as in nearly every diagram
         return TimeConditions(residuals, frozenset(), parameters, held, ())
@@ -216,8 +216,8 @@ class _Walk:
         return ca.SX.binary(op, a, b) if op in TWO and b is not None else ca.SX.unary(op, a)
 
     def _held(self, above: ca.SX) -> ca.SX | None:
-        """The condition `above` > 0 in terms of held variables; None where more than the time and constants is in it, or
-        held variables in another way than in a straight line."""
+        """The condition `above` > 0 in terms of held variables; None if it contains more than the time and constants, or
+        held variables nonlinearly."""
         slope = ca.jacobian(above, self.time)
         names = {s.element_hash() for s in ca.symvar(above)} - {self.time.element_hash()}
         if not ca.depends_on(above, self.time) or not names <= self.constants:

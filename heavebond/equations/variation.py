@@ -34,7 +34,7 @@ class Factor:
 
 def factors(model: Model, leaves: Mapping[str, Leaf], templates: Mapping[str, Template], resolver: Resolver,
             problems: Problems) -> dict[str, Factor]:
-    """The factors of a diagram by the full names of their parameters; what is wrong with one is added to `problems`."""
+    """The factors of a diagram by the full names of their parameters; problems are added to `problems`."""
     found = {}
     for path, setting in model.vary.items():
         owner, _, name = path.rpartition(".")
@@ -79,7 +79,7 @@ def _may_vary(path: str, leaves: Mapping[str, Leaf], templates: Mapping[str, Tem
 
 
 def fixed_because(component: Component, name: str) -> str:
-    """Why a parameter of a component cannot vary; empty if it can."""
+    """The reason why a parameter of a component cannot vary; empty if it can."""
     parameter = component.parameters.get(name.partition("[")[0]) or component.parameters.get(name)
     if parameter is not None and parameter.integer:
         return "it is a whole number"

@@ -1,4 +1,5 @@
-"""Wires of a diagram while its blocks are opened: which ports and signals each node joins, arrays as one node an element."""
+"""Wires of a diagram while its blocks are opened: the ports and signals of each node; an array has one node for each
+element."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ class Wires:
         self.removed: dict[str, dict[str, Place]] = {}
 
     def inside_blocks(self) -> None:
-        """No wire to a node or port inside a block is left over."""
+        """Check that all wires to nodes and ports inside blocks are used."""
         for name, place in self.outside.items():
             leaf = self.leaves.get(name.rpartition(".")[0])
             if leaf is None or name.rpartition(".")[2] not in (*leaf.component.ports, *leaf.component.signals):
@@ -49,7 +50,7 @@ class Wires:
                               hint=suggest(path, self.junctions) or f"Nodes: {listing(self.junctions)}.")
 
     def join(self, body: Body, prefix: str, owner: Component | None, known: dict[str, Component]) -> None:
-        """The nodes of one level, and what on it is on no node."""
+        """Connect the nodes of one level, and note ports that are on no node."""
         on: dict[str, tuple[str, Place]] = {}
         for wire in body.wires.values():
             ends = []
@@ -149,7 +150,7 @@ class Wires:
                             or f"{path}.{name}" in {*self.meant, *self.outside})
 
     def _input(self, part: str, signal: SignalPort, place: Place, driven: bool) -> None:
-        """An input has a value, or is on a node."""
+        """Check that an input has a value or is on a node."""
         if signal.direction == "in" and not driven:
             unit = "" if signal.unit.text == "1" or is_generic(signal.unit.dimension) else f" {signal.unit.text}"
             self.problems.add("input-unconnected", f"input '{part}.{signal.name}' has no value", place,
@@ -157,7 +158,8 @@ class Wires:
                               f"`{signal.name}: 0{unit}`.")
 
     def arrays(self) -> None:
-        """Every element of an array of ports is on a node, and no other. A node of whole arrays is one for each element."""
+        """Check that every element of an array of ports is on a node, and no other. A node of whole arrays is one node for
+        each element."""
         self.junctions = {one.path: one for junction in self.junctions.values() for one in self._elements(junction)}
         joined = {end.name: end for junction in self.junctions.values() for end in junction.ends if end.sign > 0}
         self._vectors(joined)
@@ -179,7 +181,7 @@ class Wires:
                                       hint="Join each to a node (in quotes inside a list), or lower the number of ports.")
 
     def _vectors(self, joined: dict[str, PortEnd]) -> None:
-        """The elements of vectors of signals: each is on a node or given, and no other is named."""
+        """Check vectors of signals: each element is on a node or has a value, and no other element is named."""
         for path, leaf in self.leaves.items():
             vectors = {name: signal for name, signal in leaf.component.signals.items() if "[" in name}
             if not vectors:
@@ -195,8 +197,8 @@ class Wires:
                                       "these", end.place, hint="An index counts from 1.")
 
     def _elements(self, junction: Junction) -> list[Junction]:
-        """The junctions `path[1]`, `path[2]` that a node of whole arrays of ports, of vectors of signals or of parts of them
-        is; any other as it is."""
+        """The junctions `path[1]`, `path[2]` of a node of whole arrays of ports, of vectors of signals or of parts of them;
+        any other node unchanged."""
         arrays = {end.name: found for end in junction.ends if (found := self._array(end)) is not None}
         if not arrays:
             return [junction]

@@ -1,8 +1,9 @@
-"""Floquet multipliers of a run that becomes periodic: stability where a machine has no equilibrium.
+"""Floquet multipliers of a run that becomes periodic: stability if a machine has no equilibrium.
 
-Small deviations follow dx' = A(t) dx with A along the run. Over a period T they are multiplied by the monodromy matrix, here
-the product of exp(A dt) over the steps of the output, A in the middle of each; its eigenvalues are the multipliers. The run
-is stable where all are below 1 in size. A. H. Nayfeh, B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, section 3.2.
+Small deviations follow dx' = A(t) dx with A along the run. Over a period T they are multiplied by the monodromy matrix,
+here the product of exp(A dt) over the steps of the output, A in the middle of each; its eigenvalues are the multipliers. The
+run is stable if all have magnitudes below 1. A. H. Nayfeh, B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, section
+3.2.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ FLOQUET = FloquetConstants()
 
 
 def largest_multiplier(assembly: Assembly, until: float) -> float | None:
-    """The size of the largest Floquet multiplier over the last period of a run, None where it ends in none, has events or
-    delays, or cannot be finished."""
+    """The magnitude of the largest Floquet multiplier over the last period of a run; None if the run is not periodic at its
+    end, has events or delays, or fails."""
     if assembly.flat.events or assembly.flat.held or assembly.flat.delays:
         return None
     try:
@@ -68,7 +69,7 @@ def largest_multiplier(assembly: Assembly, until: float) -> float | None:
 
 
 def period(x: Array) -> int | None:
-    """The steps after which the end of states (n_x, N) repeats itself, None where it does not."""
+    """The number of steps after which the end of states (n_x, N) repeats; None if it does not."""
     spread = np.ptp(x[:, x.shape[1] // 2:], axis=1)
     moving = x[spread > 1e-9 * np.maximum(np.abs(x).max(axis=1), 1e-300)]
     if not len(moving):

@@ -5,12 +5,12 @@ An input w may enter with its derivatives (a position source passes its speed on
     x' = A x + B_0 w + B_1 w' + B_2 w'',   y = C x + D_0 w + D_1 w' + D_2 w''.
 
 With x = x~ + B_k w^(k-1), from the highest k down, x~' = A x~ + (B_(k-1) + A B_k) w^(k-1) + ..., y = C x~ + ... +
-(D_(k-1) + C B_k) w^(k-1), so that only w itself is left in x~'. Where D_1 or D_2 remain, the transfer function grows without
-bound with the frequency; it has a frequency response, but no state space of its own.
+(D_(k-1) + C B_k) w^(k-1), so that only w itself is left in x~'. If D_1 or D_2 remain, the transfer function grows without
+bound with the frequency; it has a frequency response, but no proper state space.
 
-With samples in a loop, or between inputs and outputs, the system is discretised exactly (see `sampled`): x[k+1] = A x[k] +
-B w[k], y[k] = C x[k] + D w[k], with inputs that are constant over the period T. All its properties follow from those of
-gamma = (z - 1)/T, G = C (gamma - Delta)^-1 B/T + D with Delta = (A - 1)/T, which at small T is s.
+With samples in a loop, or between inputs and outputs, the system is discretised exactly (see `sampled`): x[k+1] = A x[k]
++ B w[k], y[k] = C x[k] + D w[k], with inputs that are constant over the period T. All its properties follow from gamma = (z
+- 1)/T, G = C (gamma - Delta)^-1 B/T + D with Delta = (A - 1)/T; for small T, gamma approaches s.
 """
 
 from __future__ import annotations
@@ -50,14 +50,13 @@ class LinearSystemConstants:
 
     rounding: share of their sizes that terms leave as rounding where they cancel. Origin: systems of a hundred states.
         Doubled: nothing.
-    infinite: multiple of the fastest pole beyond which a zero is at infinity. Origin: errors of the QZ algorithm.
-        Doubled: nothing.
-    visible: share of the strongest mode below which one is not looked for in plots of a channel. Origin: width of a
-        line. Doubled: shorter plots.
-    free: magnitude of a pole, over the fastest, below which it is at zero. Origin: errors of eigenvalues. Doubled:
+    infinite: multiple of the fastest pole beyond which a zero is at infinity. Origin: errors of the QZ algorithm. Doubled:
         nothing.
-    undamped: share of its magnitude that the half-width of an undamped resonance is given in a plot. Origin: a peak that
-        no damping of a machine reaches. Doubled: nothing.
+    visible: share of the strongest mode below which one is not looked for in plots of a channel. Origin: width of a line.
+        Doubled: shorter plots.
+    free: magnitude of a pole, over the fastest, below which it is at zero. Origin: errors of eigenvalues. Doubled: nothing.
+    undamped: share of its magnitude that the half-width of an undamped resonance is given in a plot. Origin: a peak that no
+        damping of a machine reaches. Doubled: nothing.
     points: points of a plot. Origin: pixels. Doubled: time.
     near: points about a resonance, together with its two flanks. Origin: pixels. Doubled: time.
     most_near: points about all resonances together. Origin: time of systems of hundreds of states. Doubled: time.
@@ -65,7 +64,7 @@ class LinearSystemConstants:
         solution is faster. Doubled: time.
     dense: share of nonzeros up to which it is. Origin: above, factors fill up. Doubled: time.
     block: numbers of a block of dense matrices that are solved at a time. Origin: 64 MB. Doubled: memory.
-    zeros: number of states up to which a table of channels tells the zeros. Origin: the QZ algorithm takes some seconds
+    zeros: number of states up to which a table of channels contains the zeros. Origin: the QZ algorithm takes some seconds
         there, and eight times as long for twice as many. Doubled: time.
     """
 
@@ -109,17 +108,16 @@ class DelayedSystem:
 class StateSpace:
     """A linear system x' = A x + B w, y = C x + D w: a (n, n), b (n, m), c (k, n), d (k, m) in SI.
 
-    `higher` (2, k, m) are the factors of w' and w'' in y, `sizes` (n,) the nominal values of the states, `units` those
-    of states, inputs and outputs in turn. `shown` are the units in which the outputs are printed and drawn
-    (`displayed`), `rigid` tells which states are positions and speeds of bodies, `held` are the variables that are
-    constant in the linear system. The states are those of the machine, less what derivatives of the inputs add to them
-    (see the module). Delayed variables have approximations without history in the matrices; with `exact` the responses
-    have their factors exp(-s T).
+    `higher` (2, k, m) are the factors of w' and w'' in y, `sizes` (n,) the nominal values of the states, `units` the units
+    of states, inputs and outputs in turn. `shown` are the units in which the outputs are printed and drawn (`displayed`),
+    `rigid` marks states that are positions and speeds of bodies, `held` are the variables that are constant in the linear
+    system. The states are the states of the machine, less the terms of derivatives of the inputs (see the module). Delayed
+    variables have approximations without history in the matrices; with `exact` the responses have their factors exp(-s T).
 
-    With a `period` T in s it is a sampled system, x[k+1] = A x[k] + B w[k], with `delta` = (A - 1)/T: x is taken right
-    before the samples, y right after them; `sampled` are the variables that samples set, some of them states. An open loop
-    that is cut at a signal (`cut`) of several instants in a period has a column and a row for each of them. Delays of a
-    sampled system have approximations without history.
+    With a `period` T in s it is a sampled system, x[k+1] = A x[k] + B w[k], with `delta` = (A - 1)/T: x is taken just before
+    the samples, y just after them; `sampled` are the variables that samples set, some of them states. An open loop that is
+    cut at a signal (`cut`) of several instants in a period has a column and a row for each of them. Delays of a sampled
+    system have approximations without history.
     """
 
     states: tuple[str, ...]
@@ -164,7 +162,7 @@ class StateSpace:
 
     @property
     def highest(self) -> float:
-        """The frequency in Hz up to which the response says all: the Nyquist frequency of a sampled system."""
+        """The highest frequency in Hz of the response: the Nyquist frequency of a sampled system, else infinite."""
         return np.inf if self.period is None else (len(self.cut.times) if self.cut else 1) / (2 * self.period)
 
     def _mapped(self, gamma: Complex) -> Complex:
@@ -183,7 +181,7 @@ class StateSpace:
                                  self.period), undecided=undecided_reasons(self.held))
 
     def displayed(self) -> StateSpace:
-        """The same with its outputs in the units in which they are shown, to be printed or drawn."""
+        """The same system with its outputs in display units, for tables and plots."""
         return self._displayed
 
     @cached_property
@@ -220,7 +218,7 @@ class StateSpace:
                                           outputs=tuple(n for n in h.outputs if n == output)) for h in self.held))
 
     def _inner(self, input: str) -> str:
-        """The name under which held variables know an input."""
+        """The name of an input in the structure of held variables."""
         return inner_name(input) if any(inner_name(input) in h.inputs for h in self.held) else input
 
     def response(self, s: ArrayLike) -> Complex:
@@ -252,21 +250,21 @@ class StateSpace:
         return dense_response(a, b, c, np.asarray(np.expm1(s * period) / period, dtype=complex)) + self.d
 
     def _locus(self, s: Complex, times: Array) -> Complex:
-        """Of the eigenvalues of the lifted loop that of the vector nearest to exp(s t) at the instants t: the response
-        itself where the loop is the same at all instants."""
+        """The eigenvalue of the lifted loop whose vector is nearest to exp(s t) at the instants t: the response itself if
+        the loop is the same at all instants."""
         values, vectors = np.linalg.eig(self.lifted(s))
         signal = np.exp(s[:, None] * times)
         near = np.argmax(np.abs(np.einsum("Ni,Nij->Nj", signal.conj(), vectors)), axis=1)
         return np.asarray(values[np.arange(len(s)), near][:, None, None])
 
     def dc_gain(self) -> Array:
-        """The gains (k, m) at zero frequency in SI, infinite where poles at 0 are left: decided by the poles and zeros at
-        s = 0 (see `zero_frequency`)."""
+        """The gains (k, m) at zero frequency in SI, infinite if poles at 0 remain, by the poles and zeros at s = 0 (see
+        `zero_frequency`)."""
         return np.array([[self._leading(i, j).gain for j in range(len(self.inputs))] for i in range(len(self.outputs))]
                         ).reshape(len(self.outputs), len(self.inputs))
 
     def poles_at_zero(self) -> int:
-        """The most integrators in series of a channel, those that zeros cancel apart."""
+        """The largest number of integrators in series of a channel, without those that zeros cancel."""
         return max((self._leading(i, j).integrators for i in range(len(self.outputs)) for j in range(len(self.inputs))),
                    default=0)
 
@@ -302,8 +300,9 @@ class StateSpace:
         return self._mapped(found if power is None else with_zeros_at_zero(found, power + int(np.count_nonzero(poles == 0))))
 
     def step(self, time: Array) -> Array:
-        """What the outputs do (N, k, m) after a unit step of an input, at equally spaced times (N,) from 0 on; an impulse
-        at 0 that derivatives of the step would make is left out. A sampled system has the values of its last instant."""
+        """The outputs (N, k, m) after a unit step of an input, at equally spaced times (N,) from 0 on, without an impulse at
+        0 from derivatives of the step. A sampled system has the values of its last instant. A sampled system has the values
+        of its last instant."""
         from scipy.linalg import expm
 
         if self.period is not None:
@@ -355,8 +354,8 @@ class StateSpace:
 
     def to_control(self) -> Any:
         """The same as a `control.StateSpace`, of a sampled system with its `dt`, dots in names as underscores
-        (python-control allows none), with an attribute `held` that names the variables that are constant in it;
-        UsageError where python-control is not there or the system is not proper."""
+        (python-control allows none), with an attribute `held` that names the variables that are constant in it; UsageError
+        if python-control is not installed or the system is not proper."""
         self._check_proper()
         try:
             import control
@@ -370,7 +369,7 @@ class StateSpace:
         return system
 
     def to_scipy(self) -> Any:
-        """The same as a `scipy.signal.StateSpace`, of a sampled system with its `dt`; UsageError where the system is not
+        """The same as a `scipy.signal.StateSpace`, of a sampled system with its `dt`; UsageError if the system is not
         proper."""
         from scipy.signal import StateSpace as Scipy
 
@@ -407,12 +406,12 @@ def state_space(model: ModelOrFile, inputs: Sequence[str], outputs: Sequence[str
                 parameters: Mapping[str, float | str] | None = None) -> StateSpace:
     """A diagram linearised between inputs and outputs: x' = A x + B w, y = C x + D w.
 
-    Derivatives are exact, with index reduction and algebraic loops. A (n, n), B (n, m), C (k, n) and D (k, m) are in SI
-    for m `inputs` and k `outputs`. An input is a signal, the through variable of a node (`crown.f`: an external force)
-    or a parameter; an output is a variable, an output of the diagram or a formula of these. `at` is the operating point
-    of `model`: None for the start, `"steady"`, or a time (s, or text with a unit) to which the diagram is simulated;
-    `parameters` overrides values by name. Raises UsageError for unknown names, StartError and SimulationError where
-    there is no operating point.
+    Derivatives are exact, with index reduction and algebraic loops. A (n, n), B (n, m), C (k, n) and D (k, m) are in SI for
+    m `inputs` and k `outputs`. An input is a signal, the through variable of a node (`crown.f`: an external force) or a
+    parameter; an output is a variable, an output of the diagram or a formula of these. `at` is the operating point of
+    `model`: None for the start, `"steady"`, or a time (s, or text with a unit) to which the diagram is simulated;
+    `parameters` overrides values by name. Raises UsageError for unknown names, StartError and SimulationError if there is no
+    operating point.
 
     With samples at regular times in a loop, or between `inputs` and `outputs`, the machine is discretised exactly, with
     inputs that are constant over the period T (`period`, in s): x[k+1] = A x[k] + B w[k], y[k] = C x[k] + D w[k].
@@ -551,7 +550,7 @@ def spread(poles: Complex, all_poles: Complex) -> Array:
 
 
 def _without_derivatives(linear: Linear, b: Array, d: Array) -> tuple[Array, Array]:
-    """b (n, m) and d (4, k, m) after the derivatives of the inputs have been taken into the states."""
+    """b (n, m) and d (4, k, m) after the derivatives of the inputs have been absorbed by the states."""
     size_b, size_d = np.abs(b), np.abs(d)
     for k in (3, 2, 1):
         b[k - 1] += linear.a @ b[k]
@@ -570,7 +569,7 @@ def _balanced(b: Array, c: Array, d: Array, higher: Array, largest: float) -> tu
 
 
 def _named(model: Model, formulas: Sequence[str]) -> set[str]:
-    """The names in formulas; what cannot be read is complained about later."""
+    """The names in formulas; formulas with syntax errors are reported later."""
     found = set()
     for text in formulas:
         try:

@@ -4,7 +4,7 @@ With x' = f(x, z, p, w), 0 = g(x, z, p, w) and outputs y = h(x, z, p, w), the al
 
     A = f_x - f_z g_z^-1 g_x,   B = f_w - f_z g_z^-1 g_w,   C = h_x - h_z g_z^-1 g_x,   D = h_w - h_z g_z^-1 g_w.
 
-A mode is an eigenvalue s of A with right and left vectors, A v = s v and l^H A = s l^H. While the machine changes,
+A mode is an eigenvalue s of A with right and left vectors, A v = s v and l^H A = s l^H. For a change dA of the machine,
 ds = l^H dA v / l^H v. The participation of the state k in it is |l_k v_k| / sum |l_i v_i|, which does not depend on units.
 G. C. Verghese, I. J. Perez-Arriaga, F. C. Schweppe, Selective modal analysis, 1982, doi:10.1109/TPAS.1982.317524.
 """
@@ -59,13 +59,13 @@ class Mode:
 
     @property
     def damping(self) -> float:
-        """-Re(s) / |s|: 0 at the stability boundary, 1 where nothing swings, below 0 where the mode grows, not a number for
-        a free mode."""
+        """-Re(s) / |s|: 0 at the stability boundary, 1 for a mode that does not oscillate, below 0 for a growing mode, NaN
+        for a free mode."""
         return float(-self.value.real / abs(self.value)) if self.value else float("nan")
 
     @property
     def swings(self) -> bool:
-        """Whether it belongs to a pair."""
+        """True for a mode of a complex pair."""
         return bool(self.value.imag > 0)
 
     @property
@@ -79,7 +79,7 @@ class Mode:
 @dataclass(frozen=True)
 class Linear:
     """a (n_x, n_x), b (n_x, m), c (k, n_x), d (k, m) in SI; `sizes` (n_x,) are the nominal values of the states, `rigid`
-    tells which of them are positions and speeds of bodies, `held` are the variables that are constant in it. With a `period`
+    marks states that are positions and speeds of bodies, `held` are the variables that are constant in it. With a `period`
     in s it is x[k+1] = a x[k] + b w[k], with delta = (a - 1)/period; `sampled` are the variables that samples set."""
 
     states: tuple[str, ...]
@@ -139,9 +139,9 @@ class Linear:
 class Linearisation:
     """The Jacobians of an assembly, differentiated once: inputs are names of parameters, outputs are signals in SI.
 
-    `driven` are names of measured inputs: each gives four columns after those of the parameters, for the input and its first
-    three derivatives; they are right at points whose pieces begin at their time (see `operating_point`). UsageError for
-    a name that is not there.
+    `driven` are names of measured inputs: each gives four columns after the columns of the parameters, for the input and its
+    first three derivatives; they are valid at points whose pieces begin at their time (see `operating_point`). UsageError
+    for an unknown name.
     """
 
     def __init__(self, assembly: Assembly, inputs: Sequence[str] = (), outputs: Sequence[str] = (),
@@ -183,8 +183,8 @@ class Linearisation:
         return HeldStructure(self.assembly, self._given, self._driven, self.outputs, self._sides[2])
 
     def held(self, point: Point) -> tuple[HeldVariable, ...]:
-        """The held variables near a point, those that take the verdict on stability first, with those that samples set in
-        the linear system (`exact`)."""
+        """The held variables near a point, those that make the stability undecided first, with those that samples set in the
+        linear system (`exact`)."""
         return self._held.at(point) if self._held is not None else ()
 
     def at(self, point: Point) -> Linear:
@@ -197,8 +197,8 @@ class Linearisation:
         return linear.discrete(discretised(system), self.inputs, self.outputs)
 
     def continuous(self, point: Point) -> tuple[Linear, SampledUpdates | None]:
-        """The linear system between events near a point. With samples, what they set, before and after an instant, is
-        behind the inputs, and what they set it to behind the outputs."""
+        """The linear system between events near a point. With samples, the variables that samples set, before and after an
+        instant, are additional inputs, and their new values additional outputs."""
         held = self.held(point)
         updates = self._updates(tuple(h for h in held if h.exact), point.p)
         jacobians, per = self._jacobians, self._per
@@ -262,7 +262,7 @@ def _first_inputs(assembly: Assembly) -> Array:
 
 
 def without_history(assembly: Assembly) -> Assembly:
-    """The diagram with approximations in the places of its delayed variables, and the parameters of the assembly."""
+    """The diagram with approximations in place of its delayed variables, and the parameters of the assembly."""
     if not assembly.flat.delays:
         return assembly
     made = assemble(replace(assembly.model, approximate=True))
@@ -276,7 +276,7 @@ def start_point(first: Start, u: Array) -> Point:
 
 
 class ModesAtStart:
-    """The modes of an assembly at its start, and how their eigenvalues move with parameters."""
+    """The modes of an assembly at its start, and the derivatives of their eigenvalues by parameters."""
 
     def __init__(self, assembly: Assembly):
         self.assembly = assembly = without_history(assembly)
@@ -286,7 +286,7 @@ class ModesAtStart:
         self._events = StartEvents(assembly)
 
     def at(self, settings: Mapping[str, float | str]) -> tuple[Start, list[Mode]]:
-        """The start and the modes with these parameters set; StartError where there is no start."""
+        """The start and the modes with these parameters set; StartError if there is no start."""
         first = self.start(settings)
         return first, self.linearisation.at(self.point(first)).modes()
 
@@ -303,9 +303,8 @@ class ModesAtStart:
         return start(self.assembly.with_parameters(settings) if settings else self.assembly, None, self.u, self.equations)
 
     def slope(self, first: Start, mode: Mode, names: Sequence[str], at: Point | None = None) -> NDArray[np.complex128]:
-        """d s / d p (m,) for named parameters, the start moving along; zero for a multiple eigenvalue. `at` is the point
-        that was linearised, where parameters are others there than at the start. Those of a sampled system are central
-        differences."""
+        """d s / d p (m,) for named parameters, including the change of the start; zero for a multiple eigenvalue. `at` is
+        the linearised point, if its parameters differ from those of the start. A sampled system has central differences."""
         if mode.z is not None:
             return self._differences(first, mode, names, at or self.point(first))
         assembly, n_x = self.assembly, len(first.x)

@@ -39,11 +39,10 @@ class CrossingConstants:
     infinite: multiple of the largest pole beyond which a zero of a pencil is at infinity. Origin: errors of the QZ
         algorithm. Doubled: nothing.
     zero: share of it below which one is at 0. Origin: as above. Doubled: nothing.
-    on_axis: damping ratio below which a pole is passed on both sides. Origin: rounding of eigenvalues. Doubled:
-        nothing.
-    beside: share of its frequency by which such a pole is missed. Origin: rounding. Doubled: nothing.
-    points_per_decade: points for each decade beside those that the pencils give. Origin: dead times are not in the
-        pencils. Doubled: time.
+    on_axis: damping ratio below which a pole is passed on both sides. Origin: rounding of eigenvalues. Doubled: nothing.
+    beside: share of its frequency by which such a pole is avoided. Origin: rounding. Doubled: nothing.
+    points_per_decade: points for each decade in addition to those of the pencils. Origin: dead times are not in the pencils.
+        Doubled: time.
     closer: share by which a lower |1 + L| would be looked for. Origin: digits shown. Doubled: nothing.
     max_rounds: rounds of halving. Origin: rounding. Doubled: nothing.
     close_enough: share of the least |1 + L| by which intervals must be able to come nearer to be halved. Origin: digits
@@ -126,8 +125,8 @@ class Transfer:
 
 
 def transfer(a: Array, b: Array, c: Array, d: float, dead_time: float = 0.0) -> Transfer:
-    """A transfer function from a (n, n), b (n,), c (n,), d: states that its input does not reach or its output does not
-    see are left out, the others balanced, and time is counted in the fastest rate."""
+    """A transfer function from a (n, n), b (n,), c (n,), d: uncontrollable and unobservable states are left out by
+    structure, the others balanced, and time is scaled by the fastest rate."""
     from scipy.linalg import matrix_balance
 
     kept = states_between(a, b, c)
@@ -167,8 +166,8 @@ def _magnitude_marks(of: Transfer, level: float, shift: float) -> Complex:
 
 
 def real_crossings(of: Transfer) -> list[float]:
-    """Every omega > 0 in rad/s at which L is real; with a dead time, where there is no end of them, all that are below the
-    last frequency at which |L| is above the largest value below 1 that one of them has."""
+    """Every omega > 0 in rad/s at which L is real. With a dead time there are infinitely many: all below the last frequency
+    at which |L| exceeds the largest value below 1 at a crossing."""
     marks = np.abs(_real_marks(of).imag)
     if not of.turning:
         return _refined(of, marks, lambda omega: _sine(of.at(omega)), np.zeros(0))
@@ -201,7 +200,7 @@ def _real_marks(of: Transfer) -> Complex:
 
 
 def _sine(values: Complex) -> Array:
-    """Im L / |L|, and nothing where that is rounding."""
+    """Im L / |L|, and zero if that is rounding."""
     share = values.imag / np.maximum(np.abs(values), 1e-300)
     return np.where(np.abs(share) > CROSSINGS.resolved, share, np.nan)
 
@@ -225,8 +224,8 @@ def least_distance(of: Transfer) -> tuple[float, float]:
 
 
 def _nearest(of: Transfer, nodes: Array) -> tuple[float, float]:
-    """The least |1 + L| and its omega: nodes are halved where the arc between two of them, which goes little farther than
-    its chord, could come nearer to -1 than any node; the nearest is refined."""
+    """The least |1 + L| and its omega: intervals are halved if the arc between two nodes, estimated from its chord, could
+    approach -1 more closely than any node; the nearest is refined."""
     from scipy.optimize import minimize_scalar
 
     points = 1 + of.at(nodes)
@@ -292,7 +291,7 @@ def _on_axis(of: Transfer) -> Array:
 
 
 def _refined(of: Transfer, marks: Array, function: Callable[[Array], Array], more: Array) -> list[float]:
-    """Where a function of omega changes its sign, poles on the axis apart."""
+    """The sign changes of a function of omega, without poles on the axis."""
     from scipy.optimize import brentq
 
     nodes = _nodes(of, marks, more[more > 0])

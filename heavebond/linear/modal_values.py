@@ -23,8 +23,8 @@ def part_of(states: Sequence[str], component: str) -> list[str]:
 
 
 def chosen_mode(modes: Sequence[Mode], number: str, which: str) -> Mode | None:
-    """The mode with the least damping ratio (or the slowest decay), the slowest that swings, or the one that swings in which
-    a component takes part most (of all, where none swings); None where nothing moves by itself."""
+    """The mode with the least damping ratio or the slowest decay; or the slowest oscillatory mode; or the oscillatory mode
+    with the largest participation of a component (of all modes, if none oscillates). None if there are no modes."""
     moving = [mode for mode in modes if mode.value]
     if which not in WHICH:
         return max([m for m in moving if m.swings] or moving, default=None, key=lambda mode: sum(
@@ -36,14 +36,14 @@ def chosen_mode(modes: Sequence[Mode], number: str, which: str) -> Mode | None:
 
 
 def modal_number(number: str, mode: Mode | None) -> float:
-    """Its damping ratio, -Re(s) in 1/s or |s|/2 pi in Hz; a machine without such a mode does not oscillate."""
+    """The damping ratio, -Re(s) in 1/s or |s|/2 pi in Hz of a mode; a machine without such a mode does not oscillate."""
     if mode is None:
         return 1.0 if number == "damping" else 0.0
     return {"damping": mode.damping, "decay": -mode.value.real, "frequency": mode.frequency}[number]
 
 
 def modal_slope(number: str, mode: Mode, moved: NDArray[np.complex128]) -> Array:
-    """How the number moves (m,) while the eigenvalue moves by `moved` (m,)."""
+    """The derivatives (m,) of the number for derivatives `moved` (m,) of the eigenvalue."""
     s = mode.value
     if number == "decay":
         return np.asarray(-moved.real)
@@ -54,8 +54,8 @@ def modal_slope(number: str, mode: Mode, moved: NDArray[np.complex128]) -> Array
 
 
 class ModalNumbers:
-    """Numbers of the modes of an assembly, with other settings if so wanted, and their derivatives by the named parameters;
-    those of the last parameters are kept."""
+    """Numbers of the modes of an assembly, with changed settings if needed, and their derivatives by the named parameters;
+    those of the last parameters are cached."""
 
     def __init__(self, assembly: Assembly, settings: Mapping[str, float | str], named: Sequence[str]):
         self.names, self.settings = assembly.parameter_names, settings

@@ -6,11 +6,11 @@ An eigenvalue s of the machine linearised at its operating point is scored by
 
 minus its damping ratio where it is fast against the time T of the run; w is the fastest rate, eps = 1e-6. Eigenvalues of
 zero (bodies that nothing holds, integrators outside of every loop) have no score. The limit is a smooth maximum over all
-scores, log(sum exp(rho r))/rho, which stays differentiable where one mode takes over from another; G. Kreisselmeier, R.
+scores, log(sum exp(rho r))/rho, which is differentiable when another mode becomes the largest; G. Kreisselmeier, R.
 Steinhauser, Systematic control design by optimizing a vector performance index, IFAC Symposium, Zurich 1979, 113-117.
 
 A machine with dry friction is judged as modelled, while all dry friction slides, and with the slopes that it has over the
-motion of the case (see `describing_function`). What holds at all slopes between is told beside it.
+motion of the case (see `describing_function`). The sentences add the verdict over all slopes between these.
 """
 
 from __future__ import annotations
@@ -42,21 +42,20 @@ STABLE = "stable"
 class RestStabilityConstants:
     """The constants of the stability at rest, a smooth function of the parameters for searches.
 
-    smoothing: distance of a real pole from zero, over the fastest, that counts as kept. Origin: rounding of
-        eigenvalues. Doubled: nothing.
-    sharpness: exponent of the smooth maximum over modes: n equal scores lie log(n)/sharpness above them, a damping
-        ratio of some 0.0005. Origin: small against damping ratios that matter. Doubled: half of that, stiffer
-        gradients.
-    min_damping: damping ratio that a search keeps. Origin: twice what a limit may be exceeded by. Doubled: searches
-        keep farther from the boundary.
-    at_rest: change of a state in a second of the run's time, over its size, below which it is at rest. Origin:
-        tolerances. Doubled: nothing.
+    smoothing: distance of a real pole from zero, over the fastest, that counts as kept. Origin: rounding of eigenvalues.
+        Doubled: nothing.
+    sharpness: exponent of the smooth maximum over modes: n equal scores lie log(n)/sharpness above them, a damping ratio of
+        some 0.0005. Origin: small against damping ratios that matter. Doubled: half of that, stiffer gradients.
+    min_damping: damping ratio that a search keeps. Origin: twice the tolerance of a limit. Doubled: searches keep farther
+        from the boundary.
+    at_rest: change of a state in a second of the run's time, over its size, below which it is at rest. Origin: tolerances.
+        Doubled: nothing.
     min_weight: weight in the smooth maximum below which a mode is left out. Origin: it does not move the sum. Doubled:
         nothing.
-    max_factor: factor on a gain, up or down, within which a stability boundary is looked for. Origin: two decades.
-        Doubled: boundaries farther away are found.
-    factor_ratio: ratio of successive factors in that search. Origin: 9 for each decade. Doubled (in its excess over 1):
-        two crossings close to each other are missed.
+    max_factor: factor on a gain, up or down, within which a stability boundary is looked for. Origin: two decades. Doubled:
+        boundaries farther away are found.
+    factor_ratio: ratio of successive factors in that search. Origin: 9 for each decade. Doubled (in its excess over 1): two
+        crossings close to each other are missed.
     rank_one: singular value, over the largest, below which a friction acts on one direction. Origin: rounding of a
         linearisation. Doubled: nothing.
     """
@@ -97,7 +96,7 @@ class Variant:
         return sum(1 + mode.swings for mode in self.modes if not mode.value)
 
     def score(self, mode: Mode, base: float) -> float:
-        """r, above 0 for an eigenvalue that grows; that of a real one that decays knows no eps."""
+        """r, positive for an eigenvalue that grows; a decaying real eigenvalue is scored without eps."""
         s = mode.value
         kept = REST_STABILITY.smoothing * self.fastest if s.imag or s.real > 0 else 0.0
         return float((s.real + kept) / np.hypot(abs(s), base))
@@ -162,8 +161,8 @@ class RestStability:
         return (min(bad), max(bad)) if bad else None
 
     def limit(self, values: Mapping[str, float | str], named: Sequence[str]) -> tuple[float, Array]:
-        """The limit, above zero where less than the least damping ratio is left, and its slope by parameters (m,); -1 where
-        stability at rest has no meaning."""
+        """The limit, positive if the damping ratio is below the least one, and its derivatives by parameters (m,); -1 if
+        stability at rest is not defined."""
         found = self.at(values)
         if found is None:
             return -1.0, np.zeros(len(named))
@@ -216,7 +215,7 @@ class RestStability:
         return sides.ravel(), jacobian
 
     def _rests(self, point: Point) -> bool:
-        """Whether no state changes there, or each as it would for ever: a shaft that turns at a constant speed."""
+        """True if no state changes at the point, or only at a constant rate: a shaft that turns at a constant speed."""
         n_x, sizes = len(point.x), self.assembly.x_nominal
         rates = self._at(replace(point, rate=0.0))[0][:n_x]
         if not np.all(np.isfinite(rates)) or not self._samples_rest(point):
@@ -232,7 +231,7 @@ class RestStability:
         return bool(np.all(scaled <= REST_STABILITY.at_rest * max(fastest, self.base) * self.base))
 
     def _samples_rest(self, point: Point) -> bool:
-        """Whether samples set what they set to the value that it has."""
+        """True if samples set their variables to the present values."""
         updates = self.modes.linearisation.updates(point)
         if updates is None:
             return True
@@ -274,14 +273,14 @@ class Loop:
 
 @dataclass(frozen=True)
 class Stability:
-    """The stability of a tuned machine. `decided` by its `equilibrium`, its `periodic run` or `` (not decided); `stable` is
-    None where it is not decided. `damping` is the least damping ratio as modelled, `sliding` that with dry friction that
-    slides and `in_case` that with the slopes of the case (None without dry friction); `slowest` the frequency (Hz) and
-    damping ratio of the slowest mode that oscillates; `shares` the slopes of dry friction, as shares of those at rest,
-    between which the machine is unstable, which need not be those of the case; `marginal` the
-    number of free bodies and integrators; `boundary` the factors by which each free parameter may fall and grow; `case` the
-    least stable case; `multiplier` the largest Floquet multiplier; `undecided` the held variables that take the verdict, and
-    `held` all of them with their treatment."""
+    """The stability of a tuned machine. `decided` is the basis of the verdict: `equilibrium`, `periodic run` or `` (not
+    decided); `stable` is None if it is not decided. `damping` is the least damping ratio as modelled, `sliding` the one with
+    sliding dry friction and `in_case` the one with the slopes of the case (None without dry friction); `slowest` the
+    frequency (Hz) and damping ratio of the slowest mode that oscillates; `shares` the slopes of dry friction, as shares of
+    those at rest, between which the machine is unstable, which need not include those of the case; `marginal` the number of
+    free bodies and integrators; `boundary` the factors by which each free parameter may fall and grow; `case` the least
+    stable case; `multiplier` the largest Floquet multiplier; `undecided` the held variables that make the stability
+    undecided, and `held` all of them with their treatment."""
 
     decided: str
     stable: bool | None
@@ -302,7 +301,7 @@ class Stability:
 
 
 def least_damping(variant: Variant) -> float:
-    """The least damping ratio of all modes but those of zero."""
+    """The least damping ratio of all modes except those with eigenvalue zero."""
     return min((mode.damping for mode in variant.modes if mode.value), default=1.0)
 
 
@@ -324,9 +323,9 @@ def describe(machine: RestStability, found: OperatingPointStability, case: str, 
 
 
 def loop(machine: RestStability, variant: Variant, named: Sequence[str], values: Mapping[str, float]) -> Loop | None:
-    """The margins of the loop through those of the parameters that belong to signals, where all of them together scale one
-    loop: A(k) = A_0 + k M with M of rank one, M = B C, so that L(s) = -C (s - A_0)^-1 B. With a phase of phi in the loop the
-    poles are the eigenvalues of A_0 + exp(-j phi) M. That of a sampled system is its Delta."""
+    """The margins of the loop through those parameters that belong to signals, if all of them together scale one loop: A(k)
+    = A_0 + k M with M of rank one, M = B C, so that L(s) = -C (s - A_0)^-1 B. With a phase of phi in the loop the poles are
+    the eigenvalues of A_0 + exp(-j phi) M. For a sampled system A is its Delta."""
     gains = [name for name in named if values[name] and _of_signals(machine.assembly, name)]
     if not gains:
         return None
@@ -368,7 +367,7 @@ def loop(machine: RestStability, variant: Variant, named: Sequence[str], values:
 
 
 def _moving(poles: NDArray[Any], zeros: int) -> NDArray[Any]:
-    """The poles without so many that are zero but for rounding."""
+    """The poles without this number of smallest ones, which are zero except for rounding."""
     return poles[np.argsort(np.abs(poles))[zeros:]]
 
 
@@ -400,7 +399,7 @@ def crossing(score: Callable[[float], float], up: bool) -> float | None:
 
 
 def stability_sentences(found: Stability, *, asked: bool = True) -> Iterator[str]:
-    """What is to be said of the stability of a tuned machine."""
+    """Sentences on the stability of a tuned machine."""
     if found.undecided:
         yield f"stability not decided: {'; '.join(found.undecided)}"
     elif not found.decided:

@@ -4,11 +4,10 @@ Between samples the variables h that samples set are constant. With the states x
 
     x' = A x + B h + E w,    h' = 0:    z(t + dt) = z + phi(G dt) dt (G z + F w),    phi(M) = M^-1 (exp(M) - 1).
 
-At an instant the blocks of the clocks that coincide there set h_i (or a state) to R_i z + N_i z_new + S_i w: along the
-data flow a block reads the new values of other blocks (N); it reads states and its own variables as before the instant (R;
-see `numerics.update_order`).
-The product of all these maps over the hyperperiod T, the least common multiple of the periods, is the monodromy matrix Phi;
-its eigenvalues z = exp(s T) decide on the stability. Inputs are constant over the hyperperiod.
+At an instant the blocks of the coincident clocks set h_i (or a state) to R_i z + N_i z_new + S_i w: along the data flow a
+block reads the new values of other blocks (N); it reads states and its own variables as before the instant (R; see
+`numerics.update_order`). The product of all these maps over the hyperperiod T, the least common multiple of the periods, is
+the monodromy matrix Phi; its eigenvalues z = exp(s T) decide on the stability. Inputs are constant over the hyperperiod.
 
 The matrices are kept less the identity, Delta = (Phi - 1)/T, as slow modes would be lost in the rounding of Phi.
 
@@ -69,7 +68,7 @@ class Schedule:
 
     @property
     def same(self) -> float:
-        """How near to each other two instants are one, in s."""
+        """The time difference in s below which two instants are identical."""
         return SAMPLING.same * self.period / max(len(self.instants), 1)
 
 
@@ -263,7 +262,7 @@ def discretised(system: Hybrid, begin: float | None = None, given: Input = Input
 
 
 def _merged(steps: Sequence[tuple[float, int, int]], same: float) -> list[tuple[float, int, int]]:
-    """Steps in the order of their times, those of one instant at one time and in the order of their kinds."""
+    """Steps in the order of their times; those of one instant in the order of their kinds."""
     merged: list[tuple[float, int, int]] = []
     for time, kind, number in sorted(steps):
         merged.append((merged[-1][0] if merged and time - merged[-1][0] <= same else max(time, 0.0), kind, number))
@@ -272,7 +271,7 @@ def _merged(steps: Sequence[tuple[float, int, int]], same: float) -> list[tuple[
 
 def _flown(system: Hybrid, flows: dict[float, tuple[Array, Array]], change: Array, start: Array, current: Array,
            length: float) -> Array:
-    """The change of z after so many seconds."""
+    """The change of z over a time in s."""
     from scipy.linalg import expm
 
     if length <= 0.0:
@@ -297,9 +296,9 @@ def equivalent(z: NDArray[np.complex128] | complex, period: float) -> NDArray[np
 class SampledUpdates:
     """The samples that a linear system contains: their variables, new values and instants.
 
-    `held` are the exact ones of the held variables of an assembly (see `held_variables`). `symbols` are those of them that
-    are no states, and `after` the same after an instant, as further inputs of the continuous system; `values` are the new
-    values, as further outputs of it, in the order of the run at the parameters p (see `numerics.update_order`).
+    `held` are the exact ones of the held variables of an assembly (see `held_variables`). `symbols` are their symbols,
+    without states, and `after` their symbols after an instant, as further inputs of the continuous system; `values` are the
+    new values, as further outputs of it, in the order of the run at the parameters p (see `numerics.update_order`).
     """
 
     def __init__(self, structure: HeldStructure, held: Sequence[HeldVariable], p: Array):
@@ -351,8 +350,8 @@ class SampledUpdates:
         return ca.Function("rest", [t, x, z, p, u, rate], [ca.densify(sides), ca.densify(ca.jacobian(sides, inner))])
 
     def at_rest(self, point: Point, bounds: tuple[Array, Array]) -> Point | None:
-        """The equilibrium, also of the samples, that Newton's method finds from a point with the inputs held still; `bounds`
-        are those of states and algebraic unknowns."""
+        """The equilibrium, including the samples, by Newton's method from a point with the inputs held constant; `bounds`
+        are the bounds of states and algebraic unknowns."""
         assembly, n_x, n = self._assembly, len(point.x), len(point.x) + len(point.z)
         slopes = np.abs(np.array(self.rest(*point.values())[1]))[-len(self.target):, :n_x] @ assembly.x_nominal
         held = [max((slopes[i] for i, t in enumerate(self.target) if t == n_x + k), default=0.0) or 1.0
@@ -383,7 +382,7 @@ class SampledUpdates:
 
     @property
     def number(self) -> int:
-        """How many variables are no states."""
+        """The number of variables that are not states."""
         return len(self.held)
 
     def hybrid(self, point: Point, names: Sequence[str], sizes: Array, rigid: Sequence[bool], a: Array, b: Array, c: Array,

@@ -1,18 +1,18 @@
 """Stability margins of sampled loops, cut where the signal is sampled or held.
 
-With w = (r - C z)/D at a signal s = C z + D w (see `margins`) what reads the signal reads r alone. A signal that only
-sampled blocks read is taken at their instants; one that only sampled blocks set is taken at theirs, and is constant between.
-With one instant in a period T the loop is L(z), and
+With w = (r - C z)/D at a signal s = C z + D w (see `margins`) the readers of the signal receive r alone. A signal that
+only sampled blocks read is taken at their instants; one that only sampled blocks set is taken at theirs, and is constant
+between. With one instant in a period T the loop is L(z), and
 
     v = 2/T (z - 1)/(z + 1)
 
-maps the unit circle to the imaginary axis exactly: at z = exp(j w T) v = 2j/T tan(w T/2). Crossings of L are those of a
-transfer function of v, and the Nyquist frequency is at infinity. With n instants L(z) is an n by n matrix. With the factor
+maps the unit circle to the imaginary axis exactly: at z = exp(j w T) v = 2j/T tan(w T/2). Crossings of L are crossings of
+a transfer function of v, and the Nyquist frequency is at infinity. With n instants L(z) is an n by n matrix. With the factor
 k at all of them the closed loop has the monodromy matrix A - B (1 + k D)^-1 k C; margins are real k, or k = exp(j phi), that
 put an eigenvalue on the unit circle, and 1/Ms is the least singular value of 1 + L.
 
-A further delay is no power of z between whole periods: it moves the instants at which the signal acts. The delay margin is
-the shortest delay with an eigenvalue of that system on the unit circle.
+A further delay is not a power of z between whole periods: it changes the instants at which the signal acts. The delay
+margin is the shortest delay with an eigenvalue of that system on the unit circle.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class SampledMarginConstants:
         rounding. Doubled: margins larger by some 1e-7.
     max_gain: factor on a gain up to which a margin is looked for. Origin: six decades. Doubled: margins farther away are
         found.
-    gain_steps: steps for each decade of this search. Origin: 2 % in gain. Doubled: closer crossings are told apart.
+    gain_steps: steps for each decade of this search. Origin: 2 % in gain. Doubled: closer crossings are distinguished.
     phase_steps: steps of the search for a phase margin up to 180 degrees. Origin: half a degree. Doubled: as above.
     delay_steps: steps of the search up to the delay that the phase margin suggests. Origin: 4 %. Doubled: as above.
     max_delay_steps: steps of this search up to its end, twice that delay and two periods. Origin: time. Doubled: as above.
@@ -72,7 +72,7 @@ SAMPLED_MARGINS = SampledMarginConstants()
 
 
 def cut_at(closed: Hybrid, name: str, direct: float) -> SampledLoop:
-    """A loop from the hybrid system between what is added to a signal and the signal itself; UsageError where it cannot be
+    """A loop from the hybrid system between the disturbance of a signal and the signal itself; UsageError if it cannot be
     cut there."""
     c, d = closed.c, float(closed.d[0, 0])
     if abs(d) < direct:
@@ -111,7 +111,7 @@ def _clear(difference: Array, *parts: Array) -> Array:
 
 
 def opened(closed: StateSpace, loop: SampledLoop, name: str, inside: str, delay: float = 0.0) -> StateSpace:
-    """The open loop as a system; UsageError where nothing comes back."""
+    """The open loop as a system; UsageError if the signal is in no loop."""
     found = loop.open(delay)
     units = dict(zip(closed.states, closed.units[0], strict=True))
     signal = closed.units[1]
@@ -177,7 +177,8 @@ def crossings_of_several(loop: Discrete) -> tuple[list[tuple[float, float]], lis
 
 
 def _boundaries(loop: Discrete, values: Array, factor: Callable[[float], complex]) -> list[tuple[float, float]]:
-    """Where the number of growing modes changes while a factor in the loop moves, and the frequency in Hz of the mode."""
+    """The values of a factor in the loop at which the number of growing modes changes, and the frequency in Hz of the
+    mode."""
     def eigenvalues(value: float) -> NDArray[np.complex128]:
         return np.linalg.eigvals(loop.closed(factor(value))).astype(complex)
 
@@ -215,8 +216,8 @@ def _boundary(eigenvalues: Callable[[float], NDArray[np.complex128]], span: tupl
 
 def least_delay(loop: SampledLoop, phases: Sequence[tuple[float, float]], dead_time: float = 0.0
                 ) -> tuple[float, float] | None:
-    """The shortest delay in s, beside the dead time, that brings a stable loop to its stability boundary, and the frequency
-    in Hz there; `phases` are its phase margins in degrees with their frequencies."""
+    """The shortest delay in s, in addition to the dead time, that brings a stable loop to its stability boundary, and the
+    frequency in Hz at the boundary; `phases` are its phase margins in degrees with their frequencies."""
     suggested = [(angle % 360.0 / 360.0 / f, f) for angle, f in phases if f > 0]
     if not suggested:
         return None

@@ -31,8 +31,8 @@ class ZeroFrequencyConstants:
         and the elimination of algebraic unknowns. Doubled: cancellations of ill-conditioned systems are accepted earlier.
     rounding: share of the largest entries of a block to which its staircase is exact. Origin: some roundings of 1e-16.
         Doubled: as with `entries`.
-    samples: solutions with entries disturbed by that share. Origin: a chance below 1e-9 that each is nearer to a rounding
-        error than a hundredth of the usual. Doubled: time.
+    samples: solutions with entries disturbed by that share. Origin: a chance below 1e-9 that each deviation is below a
+        hundredth of the usual one. Doubled: time.
     beyond: multiple of the largest deviation of these solutions up to which a coefficient is 0. Origin: the usual one.
         Doubled: as with `entries`.
     """
@@ -101,8 +101,9 @@ def leading(a: Array, b: Array, c: Array, direct: Array, highest: int = 0) -> Le
 def _series(a: Array, b: Array, c: Array, direct: Array, highest: int, blocks: list[list[int]],
             steps: list[tuple[int, ...]] | None = None, generator: np.random.Generator | None = None
             ) -> tuple[Array, list[tuple[int, ...]]]:
-    """The coefficients of the Laurent series up to a power, from that of all zero eigenvalues on, and the staircases of the
-    blocks; with the `steps` of known staircases, and with blocks disturbed by the rounding of a staircase (`generator`)."""
+    """The coefficients of the Laurent series up to a power, from the power of all zero eigenvalues on, and the staircases of
+    the blocks; with the `steps` of known staircases, and with blocks disturbed by the rounding of a staircase
+    (`generator`)."""
     matrix, scale = balanced(a)
     least = STABILITY.rounding * len(a) * (float(np.linalg.norm(matrix, 2)) if len(a) else 0.0)
     stairs = []

@@ -1,15 +1,15 @@
-"""Laws of one or two variables for an unknown input, fitted to what the records show and validated on held-out data.
+"""Laws of one or two variables for an unknown input, fitted to the records and validated on held-out data.
 
-A law is linear in the coefficients of piecewise linear functions of its variables (of one, or of two with a coefficient at
-each pair of knots). What each of these functions, acting at a place, does to the outputs follows from the linear
+A law is linear in the coefficients of piecewise linear functions of its variables (of one, or of two with a coefficient
+at each pair of knots). The responses of the outputs to each of these functions, acting at a place, follow from the linear
 time-varying model (see `kalman_smoother.Unknown.innovations`); so the coefficients are estimated from the outputs
 themselves, together with the free parameters and their prior, and not from an estimated input. With L the sum of squared
 whitened innovations of n held-out samples, L_0 that with the parameters alone,
 
-    R2 = 1 - (L - n) / (L_0 - n)        share of the misfit above the noise that the law takes away.
+    R2 = 1 - (L - n) / (L_0 - n)        share of the misfit above the noise that the law removes.
 
-Beside the free curve stand simple laws (a step, a line, a dead band, ...) fitted and tried alike: one that does as well as
-the free curve, with few numbers, names its shape.
+In addition to the free curve, simple laws (a step, a line, a dead band, ...) are fitted and validated in the same way. A
+law that fits as well as the free curve, with few numbers, names its shape.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ class Variable:
 class Curve:
     """The best law of one or two variables for an unknown input.
 
-    `r2` is that of the free curve (or of a law, where better) on the samples not learnt from, `shape` the name of the law
-    that does as well (or `curve`, or `loop`), `shape_r2` its own; x, y (K,) draw that law, in a loop its way up, `y_down`
-    its way down; `q` are the parameters with which it is so; `scores` the R2 of every variable by its formula, `units`
-    their units; `times` a signal by which the curve is multiplied; `second` another variable on which it depends: then
-    y is the curve where that is large and `y_down` where it is small. `covered` is the share of the samples not learnt from
-    at which its variables lie inside of those learnt from; `chance` the p value that it predicts no better there than the
-    parameters alone (Student's t of the mean over blocks of time, H. R. Kuensch, 1989, doi:10.1214/aos/1176347265).
+    `r2` is the R2 of the free curve (or of a better law) on the samples not learnt from, `shape` the name of the law that
+    fits as well (or `curve`, or `loop`), `shape_r2` its R2; x, y (K,) draw that law, in a loop its rising branch, `y_down`
+    its falling branch; `q` are the fitted parameters; `scores` the R2 of every variable by its formula, `units` their units;
+    `times` a signal by which the curve is multiplied; `second` another variable on which it depends: then y is the curve at
+    large and `y_down` at small values of it. `covered` is the share of the samples not learnt from whose variables lie in
+    the range of those learnt from; `chance` the p value that it predicts no better there than the parameters alone
+    (Student's t of the mean over blocks of time, H. R. Kuensch, 1989, doi:10.1214/aos/1176347265).
     """
 
     variable: Variable
@@ -130,8 +130,8 @@ class Regression:
         return total
 
     def solved(self) -> tuple[Array, Array]:
-        """The q (k,) and coefficients that are learnt. The prior of q counts for more where the law leaves more than the
-        noise: what it leaves is correlated, and must not be mended by the parameters."""
+        """The learnt q (k,) and coefficients. The prior of q has more weight if the law leaves more than the noise: its
+        residuals are correlated, and parameters must not compensate for them."""
         k = self.k
         normal, slope = self.learn[1:, 1:].copy(), self.learn[1:, 0]
         normal[k:, k:] += self.penalty
@@ -149,7 +149,7 @@ class Regression:
         return found[:k], found[k:]
 
     def tried(self) -> float:
-        """The loss on the other samples."""
+        """The loss on the samples not learnt from."""
         return self._loss(self.other, self._applied())
 
     def chance(self) -> float:
@@ -163,7 +163,7 @@ class Regression:
         return float(stdtr(len(gains) - 1, -gains.mean() / error)) if error > 0 else float(gains.mean() <= 0)
 
     def _applied(self) -> Array:
-        """The (q, a) that are learnt; parameters that each record has for itself are those that suit the others best."""
+        """The learnt (q, a), with separate parameters of a record fitted to the other samples."""
         q, a = self.solved()
         found = np.concatenate([q, a])
         own = np.flatnonzero(np.diag(self.learn)[1:1 + self.k] == 0)
@@ -185,17 +185,17 @@ class Regression:
 
     @property
     def misfit(self) -> float:
-        """What the parameters alone leave above the noise, fitted or as they are known, whichever is less: moving a
-        parameter must not make something to explain."""
+        """The misfit above the noise with the parameters alone, fitted or at their known values, whichever is less: a change
+        of parameters must not create a misfit to explain."""
         alone = self.of(np.zeros(0, np.int64))
         return max(min(alone.tried(), self._loss(alone.other, self.mean)) - self.samples[1], 1e-300)
 
     def r2(self, misfit: float) -> float:
-        """The share of a `misfit` that the law takes away."""
+        """The share of a `misfit` that the law removes."""
         return self.share(self.tried(), misfit)
 
     def share(self, loss: float, misfit: float) -> float:
-        """The share of a `misfit` that is taken away where a `loss` is left."""
+        """The removed share of a `misfit` for a remaining `loss`."""
         return float(min(1.0, 1.0 - (loss - self.samples[1]) / misfit))
 
 
@@ -214,9 +214,9 @@ def regression(innovations: Array, learn: Mask, counts: Array, mean: Array) -> R
 
 
 class Design:
-    """The functions of the variables at a place: `columns` (N, K) over the samples, and where those of a variable, of its
-    rising branch and of a pair of variables stand. The `knots` of a variable are the `inner` ones, about the samples learnt
-    from, and the ends of all of its motion, so that a named law goes on where a free curve knows nothing."""
+    """The functions of the variables at a place: `columns` (N, K) over the samples, and the columns of each variable, of its
+    rising branch and of each pair of variables. The `knots` of a variable are the `inner` ones, in the range of the samples
+    learnt from, and the ends of its whole range, so that a named law continues beyond the free curve."""
 
     def __init__(self, variables: Sequence[Variable], learn: Mask):
         self.variables = list(variables)
@@ -242,7 +242,7 @@ class Design:
         parts.append(basis)
 
     def _pairs(self) -> Iterator[tuple[int, int]]:
-        """Speed, pressure drop or position with what else may act there, the nearest first."""
+        """Pairs of speed, pressure drop or position with other variables at the place, the nearest first."""
         for j, other in enumerate(self.variables):
             for i, first in enumerate(self.variables):
                 if i != j and first.kind in ("across", "position") and other.kind != "rate" \
@@ -259,14 +259,14 @@ class Design:
         return hats(self.knots[i], self.inner[i])
 
     def index(self, *key: int) -> Index:
-        """Where the functions of a variable (i), of its rising branch (i, i) or of a pair (i, j) stand."""
+        """The columns of the functions of a variable (i), of its rising branch (i, i) or of a pair (i, j)."""
         size = len(self.knots[key[0]]) * (3 if len(key) == 2 and key[0] != key[1] else 1)
         return self._begin[key] + np.arange(size)
 
 
 def best_curve(design: Design, found: Regression, learn: Mask) -> Curve | None:
     """The variable whose curve explains most of the misfit (the first of those that do as well); a loop, with a branch for
-    each direction, or a law of two variables only if it explains clearly more. None where no variable moves."""
+    each direction, or a law of two variables only if it explains clearly more. None if no variable changes."""
     if not design.variables:
         return None
     misfit = found.misfit
@@ -298,14 +298,14 @@ def best_curve(design: Design, found: Regression, learn: Mask) -> Curve | None:
 
 
 def _as_good(least: float, samples: int, misfit: float) -> float:
-    """What a variable may leave more than the best, which leaves `least`, and explain as much: where that is noise by its
-    likelihood, elsewhere by its share of the misfit, as no law is exact then."""
+    """The loss up to which a variable counts as equal to the best one, with loss `least`: at noise level by its likelihood,
+    otherwise by its share of the misfit, as no law is exact then."""
     noise = least <= samples + 3 * np.sqrt(2 * samples)
     return CURVES.strong + CURVES.inexact * samples if noise else CURVES.exact * misfit
 
 
 def _tested(curve: Curve, law: Regression, design: Design, learn: Mask) -> Curve:
-    """The curve with what is known of it on the samples not learnt from."""
+    """The curve with its figures on the samples not learnt from."""
     names = {curve.variable.formula, curve.times, curve.second.formula if curve.second is not None else ""}
     inside = np.ones(len(learn), dtype=bool)
     for variable in design.variables:
@@ -363,9 +363,9 @@ def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found
 
 
 def _named(curve: Curve, learn: Mask, knots: Array, found: Regression, misfit: float, second: Array | None = None) -> Curve:
-    """Of the laws that explain as much as the free curve does the best, each number in a law counting against it; the curve
-    as it is where none does. `second` (3, p) are the functions of a second variable at its knots, by each of which the law
-    is multiplied."""
+    """The best of the laws that explain as much as the free curve, with a penalty for each number of a law; the curve itself
+    if there is none. `second` (3, p) are the functions of a second variable at its knots, by each of which the law is
+    multiplied."""
     v, r2 = curve.variable.values[learn], curve.r2
     enough = r2 - max(CURVES.simple_share, (CURVES.simple_factor - 1) * (1 - r2))
     size = float(np.quantile(np.abs(v), 0.98)) or 1.0

@@ -1,9 +1,9 @@
 """Unknown-input estimation: the input at each place that makes the model match its records, with a ranking of places.
 
-At every place (see `places`) a through variable w(t) is estimated by a Kalman smoother together with the free
-parameters and small deviations of the start. How freely w may move is chosen by its likelihood on the records to be fitted;
-places are ranked by that likelihood, which counts freedom against them. Where the machine is not linear, the run is made
-again with the parameters and the w of the best place, and all is estimated anew about it.
+At every place (see `places`) a through variable w(t) is estimated by a Kalman smoother together with the free parameters
+and small deviations of the start. The intensity of w maximises the likelihood of the fitted records; places are ranked by
+that likelihood, which penalises the intensity. For a nonlinear machine the run is repeated with the parameters and the w of
+the best place, and all is estimated again about it.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ INTENSITIES, FINER = 10.0 ** np.arange(-2.0, 5.1), 10.0 ** np.array([-0.5, 0.0, 
 
 @dataclass(frozen=True)
 class Group:
-    """Places that no record can tell apart by their responses: what enters at the first, times `ratio`, is what enters at
-    each. `size` is the input of the first that moves the outputs by as much as they are wrong."""
+    """Places that no record can distinguish by their responses: an input at the first, times `ratio`, is the equivalent
+    input at each. `size` is the input of the first that changes the outputs by the size of their errors."""
 
     places: tuple[Place, ...]
     ratios: tuple[float, ...]
@@ -48,10 +48,10 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Estimate:
-    """All places beside all records. `likelihood` is that of the parameters alone, `ideal` that of nothing but noise,
-    `samples` their number; `base` are the runs with `values`, `systems` those with what the best place asks for besides,
-    about which `smoothed` (by record, the places as in `full`) was estimated; `foreseen` tells whether those runs came out
-    as foreseen, so that the estimate is that of the machine and not only of its linear system.
+    """The estimates for all places and records. `likelihood` is the likelihood of the parameters alone, `ideal` of pure
+    noise, `samples` their number; `base` are the runs with `values`, `systems` the runs with the input of the best place,
+    about which `smoothed` (by record, the places as in `full`) was estimated. `foreseen` is true if those runs agree with
+    the prediction, so that the estimate holds for the machine and not only for its linear system.
     """
 
     ranked: tuple[Ranked, ...]
@@ -68,19 +68,20 @@ class Estimate:
 
     @property
     def gain(self) -> float:
-        """Log likelihood that the best place adds to that of the parameters alone."""
+        """Log likelihood that the best place adds to the parameters alone."""
         return self.ranked[0].likelihood - self.likelihood if self.ranked else 0.0
 
     @property
     def chance(self) -> float:
-        """How likely such a gain would be at one of the places without anything missing: the likelihood ratio test of one
-        intensity, half of whose chi-square distribution is at 0, times the number of places (Bonferroni)."""
+        """The p value of the gain: the likelihood ratio test of one intensity, half of whose chi-square distribution is at
+        0, times the number of places (Bonferroni)."""
         from scipy.special import chdtrc
 
         return float(min(1.0, len(self.ranked) * 0.5 * chdtrc(1, 2 * max(self.gain, 0.0)))) if self.ranked else 1.0
 
     def explained(self, ranked: Ranked) -> float:
-        """The share of the way from the parameters alone to nothing but noise that a place goes, its freedom counted."""
+        """The share of the log likelihood between the parameters alone and pure noise that a place explains, with its
+        penalty."""
         way = self.ideal - self.likelihood
         return float(np.clip((ranked.likelihood - self.likelihood) / way, 0.0, 1.0)) if way > 0 else 0.0
 
@@ -96,7 +97,7 @@ class EstimationPass:
 
 @dataclass(frozen=True)
 class Search:
-    """Records beside their machine, those to be fitted first, and what is known of the free parameters."""
+    """Records with their machines, those to be fitted first, and the priors of the free parameters."""
 
     sides: Sequence[SourcedRecord]
     known: Sequence[Known]
@@ -108,7 +109,7 @@ class Search:
         return [s.record.name for s in self.sides if s.record.use == "fit"] or [self.sides[0].record.name]
 
     def columns(self, record: str) -> NDArray[np.int64]:
-        """Where the q of a record stand in the q of all: shared ones first, then those that each record has for itself."""
+        """The indices of the q of a record in the q of all: shared ones first, then separate ones of each record."""
         shared = [k for k, known in enumerate(self.known) if not known.each]
         own = [k for k, known in enumerate(self.known) if known.each]
         first = len(shared) + len(own) * [s.record.name for s in self.sides].index(record)
@@ -117,7 +118,7 @@ class Search:
 
     @property
     def width(self) -> int:
-        """How many q there are in all."""
+        """The number of all q."""
         own = sum(k.each for k in self.known)
         return len(self.known) - own + own * len(self.sides)
 
@@ -156,7 +157,7 @@ class Search:
         return {s.record.name: s.about(values[s.record.name], self.known, driven.get(s.record.name)) for s in self.sides}
 
     def groups(self, systems: Mapping[str, LtvModel]) -> tuple[list[Group], list[Place]]:
-        """Places that respond alike put together, and those without a response."""
+        """Places grouped by equal responses, and the places without a response."""
         side = self.sides[0]
         responses = np.concatenate([_responses(systems[name], list(side.nodes), side.places) for name in self.fitted])
         strength = np.sqrt(np.mean(responses**2, axis=0))
@@ -181,7 +182,7 @@ class Search:
                 for members, ratios in found], unseen
 
     def round(self, systems: Mapping[str, LtvModel], grids: Sequence[tuple[Group, Array]]) -> EstimationPass:
-        """The likelihood of every group at its intensities, the parameters integrated out over what is known of them."""
+        """The likelihood of every group at its intensities, with the parameters integrated out over their priors."""
         # first nothing at all, as an input of intensity 0
         tried = np.concatenate([[0.0], *(grid for _, grid in grids)])
         places = [self.sides[0].places[0], *(group.places[0] for group, grid in grids for _ in grid)]
@@ -219,7 +220,7 @@ class Search:
         return np.asarray(-0.5 * (bottom + np.linalg.slogdet(precision)[1])), np.asarray(q)
 
     def _own(self, record: str, q: Array, systems: Mapping[str, LtvModel], alone: Mapping[str, Likelihood]) -> Array:
-        """The q of one record about zero; where it was not fitted, those that it has for itself from it alone."""
+        """The q of one record about zero; for a record that is not fitted, its separate q are estimated from it alone."""
         moved, own = q[self.columns(record)], np.array([k.each for k in self.known], dtype=bool)
         if record not in self.fitted and own.any():
             found = alone[record]
@@ -231,7 +232,7 @@ class Search:
     def _parameters_alone(self, systems: dict[str, LtvModel], values: Mapping[str, Mapping[str, float]],
                           grids: Sequence[tuple[Group, Array]], now: EstimationPass
                           ) -> tuple[dict[str, LtvModel], Mapping[str, Mapping[str, float]], EstimationPass]:
-        """Gauss-Newton steps of the parameters, where these alone nearly explain the records."""
+        """Gauss-Newton steps of the parameters, if these alone nearly explain the records."""
         samples = sum(int(systems[name].used.sum()) for name in self.fitted)
         size = sum(systems[name].used.size for name in self.fitted)
         for _ in range(INPUT_ESTIMATION.max_steps if self.known else 0):
@@ -253,7 +254,7 @@ class Search:
         return systems, values, now
 
     def _along_the_best(self, first: Estimate) -> Estimate:
-        """The runs made again with what the best place asks for, until they come out as foreseen."""
+        """Repeat the runs with the input of the best place until they agree with the prediction."""
         now = replace(first, foreseen=False)
         for _ in range(INPUT_ESTIMATION.max_rounds):
             place = now.ranked[0].group.places[0]
@@ -277,7 +278,7 @@ class Search:
         return now
 
     def _smoothed(self, systems: Mapping[str, LtvModel], ranked: Sequence[Ranked]) -> dict[str, Smoothed]:
-        """What acts at the first place of each group, in every record."""
+        """The input at the first place of each group, in every record."""
         if not ranked:
             return {}
         places, sizes = [r.group.places[0] for r in ranked], np.array([r.group.size for r in ranked])
@@ -296,7 +297,7 @@ def misfit(systems: Mapping[str, LtvModel], names: Sequence[str]) -> float:
 
 
 def _responses(system: LtvModel, nodes: Sequence[str], places: Sequence[Place]) -> Array:
-    """The outputs (N m, places), in noise, to the same wandering input of size 1 at each place."""
+    """The responses of the outputs (N m, places), in noise, to the same random walk of size 1 at each place."""
     w = np.cumsum(np.random.default_rng(0).standard_normal(len(system.time)))
     w /= np.sqrt(np.mean(w**2))
     unknown = Unknown(system, nodes, places, np.ones(len(places)))

@@ -1,12 +1,12 @@
 """Linear time-varying model of small deviations from a run of a record.
 
-Along a simulated run, with dx the deviation of the states, q that of the free parameters (in standard deviations of what is
-known of them) and w_n what enters node n (see `places`),
+Along a simulated run, with dx the deviation of the states, q of the free parameters (in standard deviations of their
+priors) and w_n the input at node n (see `places`),
 
     dx' = A(t) dx + A_q(t) q + sum_n B_n(t) dw_n,     dy = C(t) dx + C_q(t) q + sum_n D_n(t) dw_n,
 
-A = f_x - f_z g_z^-1 g_x and so on, as algebraic unknowns follow at once. From one sample to the next, over h, with the
-matrices of its middle, the solution is exact: dx(t + h) = exp(A h) dx(t) + G (A_q q + B dw), G = int_0^h exp(A s) ds.
+A = f_x - f_z g_z^-1 g_x and so on, since algebraic unknowns follow without delay. From one sample to the next, over h, with
+the matrices of its middle, the solution is exact: dx(t + h) = exp(A h) dx(t) + G (A_q q + B dw), G = int_0^h exp(A s) ds.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ AT_ONCE = 128  # points at which one call evaluates a function: what maps it tak
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a free parameter before: value = centre + deviation * q, or centre * exp(deviation * q) where
-    `logarithmic`, with q normal."""
+    """The prior of a free parameter: value = centre + deviation * q, or centre * exp(deviation * q) if `logarithmic`, with q
+    normal."""
 
     name: str
     centre: float
@@ -92,8 +92,8 @@ class LocalSignal:
 
 @dataclass(frozen=True)
 class LtvModel:
-    """A record beside a run, and the linear system about the run. Shapes: N samples, n states (each by its nominal size),
-    k free parameters, m channels (each by its noise), M nodes, L local signals; all else in SI.
+    """A record with its run, and the linear system about the run. Shapes: N samples, n states (each by its nominal size), k
+    free parameters, m channels (each by its noise), M nodes, L local signals; all else in SI.
 
     `phi` (N-1, n, n+k) and `gamma` (N-1, n, M) step (dx, q) and dw; `error` (N, m) is measured - run; `c` (N, m, n+k) and
     `d` (N, m, M) give dy; `used` (N, m) are the samples that there are (the others are zero in all three); `local` (N, L),
@@ -120,7 +120,7 @@ class LtvModel:
 
     @cached_property
     def whitening(self) -> Whitening:
-        """Its Kalman filter where nothing unknown acts."""
+        """Its Kalman filter without an unknown input."""
         n = self.phi.shape[1]
         return Whitening.of(self.phi[:, :, :n], self.c[:, :, :n], self.start_deviation)
 
@@ -190,7 +190,7 @@ class SourcedRecord:
 
 
 def _learnt(counts: Mask, checking: Mask, record: Record) -> Mask:
-    """Which times (N,) belong to what is fitted: a held-out stretch and a record to be validated do not."""
+    """True for times (N,) of samples to be fitted: not for held-out stretches and validation records."""
     if record.use != "fit" or not checking.any():
         return np.full(len(counts), record.use == "fit")
     known = np.flatnonzero(counts | checking)

@@ -34,7 +34,7 @@ from heavebond.numerics.dae import Array, Assembly
 
 @dataclass(frozen=True)
 class ImpliedInput:
-    """What would have to act at a place in one record: `value` (N,) with its standard deviation, in SI (`unit`); what stands
+    """The implied input at a place in one record: `value` (N,) with its standard deviation, in SI (`unit`); the variables
     around it by formula (`local`), in SI."""
 
     record: str
@@ -47,11 +47,11 @@ class ImpliedInput:
 
 @dataclass(frozen=True)
 class PlaceEstimate:
-    """A place, and how well something there would explain the misfit.
+    """A place, and the quality with which an input there explains the misfit.
 
-    explained: share of the way from the parameters alone to nothing but noise, freedom counted; behind: log likelihood by
-    which it is behind the best; alike: names of places that the records cannot tell from it by its effect; curve: the
-    variable that tells best what acts, with R2 on samples not learnt from; implied: what acts, by record.
+    explained: share of the log likelihood between the parameters alone and pure noise, with the penalty; behind: difference
+    of its log likelihood to the best; alike: names of places that the records cannot distinguish from it; curve: the
+    variable that best predicts the input, with R2 on samples not learnt from; implied: the input, by record.
     """
 
     place: Place
@@ -86,7 +86,7 @@ class PlaceEstimate:
 
 
 def _told(suspect: PlaceEstimate) -> str:
-    """A place and how well its best variable tells what acts there."""
+    """A place and the quality with which its best variable predicts its input."""
     curve = suspect.curve
     told = f" (R2 {max(curve.r2, 0.0):.2f} with {curve.variable.formula})" if curve is not None else ""
     return suspect.place.words + told
@@ -96,8 +96,8 @@ def _told(suspect: PlaceEstimate) -> str:
 class Localization:
     """The location of a model error: when it occurs and the places that may cause it, the likeliest first.
 
-    `missing` tells whether there is more than parameters and noise explain, `chance` is the p value of the opposite;
-    `chi2` is the reduced chi-square of the runs with `values` (by record, in SI) on the fitted records.
+    `missing` is true if there is more than parameters and noise explain, `chance` is the p value of the opposite; `chi2` is
+    the reduced chi-square of the runs with `values` (by record, in SI) on the fitted records.
     """
 
     experiment: Experiment
@@ -162,10 +162,10 @@ def localize(experiment: ExperimentOrFile, *, values: Fit | Mapping[str, float |
     """Localise a model error: when, in what state of motion and at which place of its diagram a model fails its records.
 
     The unknown input at each place (in SI) is estimated together with the free parameters and initial values of
-    `experiment`, beginning at the diagram's own parameters or at `values` (a fit, or values by name, in SI or as text
-    with a unit), so that no fit is needed before. Of long records the beginning is used (see `estimation.excerpts`).
-    With `besides`, names of nodes, only places that are about as likely as the best and those at just these nodes are
-    estimated in full. `progress` is called with a text at each step. Raises what `compare` raises.
+    `experiment`, beginning at the parameters of the diagram or at `values` (a fit, or values by name, in SI or as text with
+    a unit), so that no fit is needed before. The beginning of long records is used (see `estimation.excerpts`). With
+    `besides`, names of nodes, only places that are about as likely as the best and those at just these nodes are estimated
+    in full. `progress` is called with a text at each step. Raises the errors of `compare`.
     """
     say = progress or (lambda text: None)
     experiment = beginning(with_noise(load_experiment(experiment)), values)
@@ -180,8 +180,8 @@ def localize(experiment: ExperimentOrFile, *, values: Fit | Mapping[str, float |
 
 def estimated_inputs(experiment: Experiment, folder: Path, values: Fit | Mapping[str, float | str] | None, say: Progress,
                      besides: Collection[Set[str]] | None = None) -> tuple[Search, Estimate]:
-    """The records beside their machine, and the input estimated at each place; `folder` holds files of the runs for as long
-    as the result is used, all else as for `localize`."""
+    """The records with their machines, and the estimated input at each place; `folder` holds files of the runs while the
+    result is used, the other arguments as in `localize`."""
     records = sorted(experiment.records.values(), key=lambda r: r.use != "fit")
     sides = [SourcedRecord(experiment, record, folder) for record in records]
     if not sides[0].places:
@@ -204,7 +204,7 @@ def _in_full(ranked: Sequence[Ranked], besides: Collection[Set[str]] | None) -> 
 
 
 def beginning(experiment: Experiment, values: Fit | Mapping[str, float | str] | None) -> Experiment:
-    """The beginning of long records, the whole of others: what is estimated grows with samples times places."""
+    """The beginning of long records, other records unchanged: the effort grows with samples times places."""
     if sum(len(measure(experiment, r).grid) for r in experiment.records.values() if r.use == "fit") <= EXCERPTS.long:
         return experiment
     return excerpt(experiment, values.after if isinstance(values, Fit) else compare(experiment, parameters=values))
@@ -218,13 +218,13 @@ def _given(values: Fit | Mapping[str, float | str] | None, record: str, assembly
 
 
 def _learn(search: Search) -> list[Mask]:
-    """Which samples of each record are learnt from: those to be fitted."""
+    """True for samples of each record that are learnt from: those to be fitted."""
     return [side.learn for side in search.sides]
 
 
 # -- where in the diagram ------------------------------------------------------------------------------------------------
 def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[PlaceEstimate]:
-    """The places of one group, the one whose own variables tell best what acts there first."""
+    """The places of one group, first the one whose variables best predict the input."""
     w, deviation, moved, around = input_at(search, found, k, ranked)
     suspects = [_suspect(search, found, ranked, k, w, deviation, moved, around)
                 for k in range(len(ranked.group.places))]
@@ -233,8 +233,9 @@ def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[Plac
 
 
 def input_at(search: Search, found: Estimate, k: int, ranked: Ranked) -> tuple[Array, Array, Array, Regressors]:
-    """The input estimated at the first place of the k-th group: w (N,) with the parameters as they are known, its standard
-    deviation (N,), how w moves with the parameters (N, q), and the signals around it, over all records one after another."""
+    """The input estimated at the first place of the k-th group: w (N,) with the parameters at their known values, its
+    standard deviation (N,), its derivatives by the parameters (N, q), and the signals around it, over all records one after
+    another."""
     mean = -search.centre(found.systems)
     side, first = search.sides[0], ranked.group.places[0]
     vector = np.array([first.weights.get(node, 0.0) for node in side.nodes])
@@ -257,8 +258,8 @@ def input_at(search: Search, found: Estimate, k: int, ranked: Ranked) -> tuple[A
 
 def _suspect(search: Search, found: Estimate, ranked: Ranked, k: int, w: Array, deviation: Array, moved: Array,
              around: Regressors) -> PlaceEstimate:
-    """The k-th place of a group: w (N,) is what acts at its first with the parameters as they are known, and `moved` (N, k)
-    how that moves with them."""
+    """The k-th place of a group: w (N,) is the input at its first place with the parameters at their known values, and
+    `moved` (N, k) its derivatives by them."""
     place, ratio = ranked.group.places[k], ranked.group.ratios[k]
     alike = tuple(p.name for p in ranked.group.places if p is not place)
     variables, learn = around.variables(place), np.concatenate(_learn(search))
@@ -284,7 +285,7 @@ def implied_inputs(search: Search, place: Place, value: Array, deviation: Array,
 
 def _regression(search: Search, systems: Mapping[str, LtvModel], place: Place, design: Design, learn: Mask, mean: Array
                 ) -> Regression:
-    """What the functions of a design do to the outputs of all records where they act at a place."""
+    """The responses of the outputs of all records to the functions of a design at a place."""
     parts, counts = [], []
     begin = 0
     for s in search.sides:
@@ -326,7 +327,7 @@ def _when(experiment: Experiment, search: Search, found: Estimate) -> tuple[tupl
 
 
 def _base_unit(text: str) -> str:
-    """The SI unit of what is measured in `text`."""
+    """The SI unit of a unit in `text`."""
     return dimension_text(read_unit(text).dimension)
 
 
@@ -369,19 +370,19 @@ def _pressed(suspect: PlaceEstimate, curve: Curve) -> bool:
 
 
 def noun(suspect: PlaceEstimate) -> str:
-    """What is missing at a place in one word: force, volume flow, current."""
+    """The missing quantity at a place in one word: force, volume flow, current."""
     node = suspect.place.nodes[0]
     return node.domain.members[node.through].noun
 
 
 def shape_words(curve: Curve) -> str:
-    """How an unknown input follows its variables."""
+    """The dependence of an unknown input on its variables, in words."""
     return SHAPES[curve.shape] + (f", times {curve.times}" if curve.times else "") + \
         (f", and changes with the {curve.second.phrase}" if curve.second is not None else "")
 
 
 def words_of(suspect: PlaceEstimate) -> str:
-    """One place in sentences."""
+    """Sentences on one place."""
     place, curve = suspect.place, suspect.curve
     what = noun(suspect)
     size = readable(suspect.rms, place.unit.text, 2)

@@ -22,9 +22,8 @@ def estimated(system: LtvModel, locals_: Sequence[LocalSignal], state: Array, dr
 
 
 def smooth_rate(values: Array, time: Array) -> Array:
-    """The derivative (N,) of an estimated signal: of cubics through a sixth of its mean period about each sample, as
-    differences of neighbours would be mostly those of its errors (A. Savitzky, M. J. E. Golay, 1964,
-    doi:10.1021/ac60214a047)."""
+    """The derivative (N,) of an estimated signal, from cubics over a sixth of its mean period about each sample; differences
+    of neighbours would mostly show the errors of the signal (A. Savitzky, M. J. E. Golay, 1964, doi:10.1021/ac60214a047)."""
     step = float(np.median(np.diff(time)))
     rate = np.gradient(values, time)
     omega = float(np.sqrt(np.mean(rate**2) / max(float(np.var(values)), 1e-300)))
@@ -53,8 +52,8 @@ class Regressors:
     times: Sequence[Array]
 
     def variables(self, place: Place) -> list[Variable]:
-        """First what acts with the through variable (speed, pressure drop), then its integral or position, its rate, then
-        the same of other ports of the components there, and their signals; what stands still is left out."""
+        """First the conjugate variable of the through variable (speed, pressure drop), then its integral or position, its
+        rate, then the same of other ports of the components there, and their signals; constant variables are left out."""
         found = self._across(place.nodes)
         for component in place.components:
             found += self._neighbours(place, component)
@@ -103,7 +102,7 @@ class Regressors:
         return values, f"{first.name}.{member} - {second.name}.{member}"
 
     def _position(self, nodes: tuple[Node, ...], member: str, speed: Array, formula: str) -> tuple[Array, str]:
-        """The position, or where the diagram has none the integral of the speed about its mean."""
+        """The position, or without one in the diagram the integral of the speed about its mean."""
         if all(f"{n.name}.{member}" in self.signals for n in nodes):
             return self._between(nodes, member)
         parts = []

@@ -1,11 +1,11 @@
 """The Kalman filter of a linear system as linear maps of its errors, for many inputs at once.
 
-Gains and variances do not depend on the data. They are computed once for a system; what the filter makes of any number of
-inputs is then one recursion of products,
+Gains and variances do not depend on the data. They are computed once for a system; the innovations for any number of
+inputs are then one recursion of products,
 
     v_i = W_i (e_i - C_i x_i),      x_(i+1) = A_i x_i + B_i e_i + u_i,
 
-with e (N, m) the errors, x the predicted states, u what else drives them, W_i the inverse of the lower triangular root of
+with e (N, m) the errors, x the predicted states, u their further inputs, W_i the inverse of the lower triangular root of
 the variance of e_i - C_i x_i (unit noise), and v the innovations over their standard deviations, channel after channel.
 """
 
@@ -66,9 +66,9 @@ class Whitening:
         return np.asarray(self.by_error @ error + self.by_state @ states)
 
     def responses(self, inputs: Array, gamma: Array, d: Array, means: Array | None = None) -> Array:
-        """v (N, m, K) of inputs (N, K) from rest that act as u = gamma (N-1, n) times their mean over a step, and as -d
-        (N, m) on the errors: one product a sample, of [v_i; x_(i+1)] from [x_i; input_i; mean_i]. The `means` (N-1, K) over
-        the steps are those of their ends if none are given."""
+        """v (N, m, K) of inputs (N, K) from rest that act as u = gamma (N-1, n) times their mean over a step, and as -d (N,
+        m) on the errors: one product a sample, of [v_i; x_(i+1)] from [x_i; input_i; mean_i]. The `means` (N-1, K) over the
+        steps default to the means of their ends."""
         (count, m, n), width = self.by_state.shape, inputs.shape[1]
         means = (inputs[1:] + inputs[:-1]) / 2 if means is None else means
         maps = np.zeros((count, m + n, n + 2))

@@ -1,7 +1,8 @@
-"""The FMUs of a diagram while it runs: the one place where code from a file is executed, where the user allows it.
+"""Co-simulation of the FMUs of a diagram. This is the only module that executes code from a file, with the user's
+permission.
 
-At each communication point t_k an FMU has got from t_{k-1} to t_k with the inputs of t_{k-1}; its outputs are taken over,
-and it is given its inputs at t_k, as they were before the instant. At the start it is initialised and gives first outputs.
+An FMU advances from t_{k-1} to t_k with the inputs of t_{k-1}. At t_k its outputs are read, and it receives its inputs at
+t_k, as they were before the instant. At the start it is initialised, and its first outputs are read.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ def foreign_parts(flat: Flat) -> dict[str, Foreign]:
 
 
 def check_allowed(flat: Flat, allowed: bool, sensitivities: Sequence[str]) -> None:
-    """UsageError for a diagram with FMUs where their code must not be run, or where derivatives through them are wanted."""
+    """Raise UsageError for a diagram with FMUs if their code must not be executed, or if derivatives through them are
+    needed."""
     parts = foreign_parts(flat)
     if not parts:
         return
@@ -74,7 +76,7 @@ class Partners:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """A run: each FMU begins anew, and none is left behind."""
+        """Context of a run: open and initialise each FMU, and terminate all of them at the end."""
         if not self.parts:
             yield
             return
@@ -88,7 +90,8 @@ class Partners:
                     _close(part)
 
     def outputs(self, point: Point, fired: Sequence[int]) -> dict[int, float]:
-        """The outputs, by the rows of the resets, of the FMUs whose events happen at a point, which each has reached."""
+        """The outputs of the FMUs whose events happen at a point, by the rows of the resets; each FMU has reached the
+        point."""
         found: dict[int, float] = {}
         for part in (self.parts[event] for event in fired if event in self.parts):
             with _failing(part, point.t):
@@ -169,7 +172,7 @@ def _close(part: _Partner) -> None:
 
 @contextmanager
 def _failing(part: _Partner, time: float) -> Iterator[None]:
-    """SimulationError with the messages of an FMU where it fails."""
+    """Context: raise SimulationError with the messages of an FMU if it fails."""
     try:
         yield
     except Exception as error:
@@ -179,7 +182,7 @@ def _failing(part: _Partner, time: float) -> Iterator[None]:
 
 
 def _reached(part: _Partner, point: Point) -> list[float]:
-    """The outputs (n,) in SI at a communication point, to which the FMU is taken with the inputs of the last one."""
+    """Advance an FMU to a communication point with the inputs of the previous one; its outputs (n,) in SI."""
     if np.isnan(part.reached):
         inputs, parameters = (np.array(v).ravel() for v in part.given(*point.values()))
         _begin(part, point.t, inputs, parameters)

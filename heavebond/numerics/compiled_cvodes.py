@@ -14,8 +14,8 @@ Records with few samples in a cycle of the motion ask for many steps between two
 back to its low orders at each. Where CVODES takes more evaluations than the explicit one-step method of order 5 by Dormand
 and Prince, at the same tolerances, that method may take over (see `Method`).
 
-It serves on Linux where a C compiler is present and CasADi brings the SUNDIALS that the program was written for; everywhere
-else searches integrate through CasADi, by the same method with the same tolerances.
+The program is used on Linux if a C compiler is present and CasADi contains a suitable SUNDIALS; otherwise searches
+integrate through CasADi, by the same method with the same tolerances.
 """
 
 from __future__ import annotations
@@ -199,9 +199,9 @@ def scaled_equations(assembly: Assembly, signals: ca.SX, moving: Sequence[int], 
 
 @dataclass(frozen=True)
 class Driving:
-    """What drives the equations, columns u (n_u, ...): `pieces` (n_u, k) between `breaks` (k + 1,), and `at_stops` (n_u, N).
-    Integration begins anew at every stop where it `restarts`; then there is one piece for each interval between stops. It
-    also begins anew at the `kinks` (n_kinks,), which are stops."""
+    """The inputs of the equations, columns u (n_u, ...): `pieces` (n_u, k) between `breaks` (k + 1,), and `at_stops` (n_u,
+    N). Integration begins anew at every stop where it `restarts`; then there is one piece for each interval between stops.
+    It also begins anew at the `kinks` (n_kinks,), which are stops."""
 
     breaks: Array
     pieces: Array
@@ -212,8 +212,8 @@ class Driving:
 
 @dataclass(frozen=True)
 class Method:
-    """What integrates: CVODES, or where `one_step` the method of Dormand and Prince, which hands over to CVODES for good
-    where it takes more than so many evaluations between two stops, on average: the equations have become stiff."""
+    """The integrator: CVODES, or with `one_step` the method of Dormand and Prince. The latter is replaced by CVODES for all
+    further runs if it takes more than this mean number of evaluations between two stops, because the equations are stiff."""
 
     one_step: bool
     evaluations: float = 0.0
@@ -266,9 +266,9 @@ class CompiledCvodes:
     def run(self, x0: Array, z0: Array, p: Array, directions: Array, states: bool = True, watch: Watch | None = None
             ) -> Integrated:
         """From x0 (n (1 + m),), the states and then their sensitivities along each column of `directions` (n_p, m), with z
-        near z0 (n_z,); RuntimeError where CVODES fails. Without `states` only the signals are kept. `watch` is called
-        after `CHUNK` stops or more with the signals at these, from the first on where another method begins anew; what it
-        raises ends the run."""
+        near z0 (n_z,); RuntimeError where CVODES fails. Without `states` only the signals are kept. `watch` is called after
+        at least `CHUNK` stops with the signals at these, from the first stop again if another method starts over; an
+        exception that it raises ends the run."""
         given, intervals = (x0, z0, p, directions, states, watch), len(self._stops) - 1
         if self.method is not None and self.method.one_step:
             try:
@@ -325,7 +325,7 @@ class CompiledCvodes:
         return Integrated(x.T, z.T, signals.reshape(N, 1 + m, equations.n_signals))
 
     def _renew(self) -> None:
-        """Take the functions as they are now: they may have been compiled since the last run."""
+        """Update the functions: they may have been compiled since the last run."""
         if self._functions is self.equations.functions:
             return
         self._functions, slots = self.equations.functions, self.equations.slots()
@@ -367,7 +367,7 @@ class _Listed:
 
 
 class _Machine:
-    """A function as machine code: its inputs stand in the first slots, its outputs behind them."""
+    """A function as machine code. Its first slots are the inputs, the next ones the outputs."""
 
     def __init__(self, library: ctypes.CDLL, name: str, inputs: int, outputs: int):
         self.library, self.length, self.first = library, 0, inputs
@@ -401,11 +401,12 @@ class _Compilation:
 
     @property
     def busy(self) -> bool:
-        """Whether the functions are still to be had."""
+        """True if the functions are not yet returned."""
         return self._process is not None
 
     def functions(self) -> tuple[_Machine, ...] | None:
-        """The functions as machine code, once; None while they are compiled, thereafter, and where the compiler fails."""
+        """The functions as machine code, returned once; None during the compilation, after the first return, and if the
+        compiler fails."""
         if self._process is None:
             return None
         answer, library = self._process.poll(), None
@@ -427,7 +428,7 @@ def _end_compiler(process: subprocess.Popen[bytes], folder: str) -> None:
 
 
 def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
-    """The operations of an expression, each result in a slot of its own."""
+    """The operations of an expression, each with a separate slot for its result."""
     function = ca.Function("f", list(given), [ca.densify(wanted)])
     begins = np.cumsum([0, *(g.numel() for g in given)]).tolist()
     constant: dict[str, int] = {}
@@ -489,7 +490,7 @@ class _Program:
 
 @lru_cache(maxsize=1)
 def program() -> _Program | None:
-    """The program, compiled at its first use; None where this computer has no compiler or another SUNDIALS."""
+    """The program, compiled at its first use; None if this computer has no compiler or another SUNDIALS."""
     if not ca.CasadiMeta.version().startswith(VERSIONS):
         return None
     labels = ", ".join([*(f"&&{name}_" for name in OPERATIONS), "&&END"])

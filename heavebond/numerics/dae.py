@@ -1,4 +1,4 @@
-"""The reduced model as CasADi functions: scaled, with what depends on parameters alone computed once a run."""
+"""The reduced model as CasADi functions: scaled, with expressions of parameters alone evaluated once a run."""
 
 from __future__ import annotations
 
@@ -75,13 +75,14 @@ class Assembly:
 
     def __reduce__(self) -> tuple[Callable[..., Assembly], tuple[object, ...]]:
         """Pickle the diagram and the numbers: another process assembles them again, as CasADi's functions stay in theirs.
-        TypeError for an assembly whose equations are no longer those of the diagram."""
+        Raises TypeError if the equations of the assembly are no longer those of the diagram."""
         if self.flat.options is None:
             raise TypeError("an assembly with equations that its diagram does not have cannot be pickled")
         return _assembled_again, (self.model, self.flat.options, self.reduced.states, self.p, dict(self.sizes))
 
     def once(self, key: object, make: Callable[[], T]) -> T:
-        """What is made of the equations alone, whatever the values of the parameters, and asked for at every run."""
+        """Values derived from the equations alone, independent of parameter values, and needed in every run; computed
+        once."""
         if key not in self.memo:
             self.memo[key] = make()
         return cast(T, self.memo[key])
@@ -127,9 +128,9 @@ class Assembly:
         return dict(zip(self.parameter_names, self.p.tolist(), strict=True))
 
     def with_parameters(self, values: Mapping[str, float | str]) -> Assembly:
-        """The same equations with other numbers; other equations only where a delay becomes zero or is zero no more, or a
-        parameter of `zeros` gets a value (see `at_zero`). UsageError for a name that is no independent parameter, ModelError
-        for a value that its component does not allow."""
+        """The same equations with other parameter values. The equations change only if a delay becomes or ceases to be zero,
+        or if a parameter of `zeros` becomes nonzero (see `at_zero`). Raises UsageError if a name is not an independent
+        parameter, ModelError for a value that its component does not allow."""
         p = self.p.copy()
         for (name, given), k in zip(values.items(), self.parameter_indices(values), strict=True):
             p[k] = self._number(name, given, k)
@@ -144,7 +145,7 @@ class Assembly:
         return replace(self, p=p)
 
     def parameter_indices(self, names: Iterable[str]) -> list[int]:
-        """The places of independent parameters in p; UsageError for a name that cannot be set."""
+        """The indices of independent parameters in p; UsageError for a name that cannot be set."""
         index = self.once("parameter indices", lambda: {q.name: k for k, q in enumerate(self.flat.parameters)})
         indices = []
         for name in names:
@@ -206,7 +207,8 @@ class Assembly:
         return self.once(("expression", expr), lambda: self.express(self.resolver().evaluate(expr)))
 
     def express(self, raw: ca.SX) -> ca.SX:
-        """Raw symbols put in terms of (t, x, z, p, u, rate); a derivative that no equation has by the chain rule."""
+        """Substitute (t, x, z, p, u, rate) for raw symbols; a derivative that no equation contains follows by the chain
+        rule."""
         found = self.reduced.express(raw)
         if self.flat.zeros:  # the power of a volume of 0 needs no rate of its pressure
             left_out = stack([self.flat.constants[name] for name in self.flat.zeros])
@@ -230,7 +232,7 @@ class Assembly:
                      if s.element_hash() == own), "a derivative")
 
     def _rate_of(self, symbol: ca.SX) -> ca.SX:
-        """d/dt of an unknown whose derivative stands in no equation."""
+        """d/dt of an unknown whose derivative does not occur in the equations, by the chain rule."""
         first = {s.element_hash(): j for j, s in enumerate(self.flat.levels[1])}
         j = first.get(symbol.element_hash())
         if j is None:
@@ -250,9 +252,8 @@ def assemble(model: ModelOrFile | Assembly, also: Iterable[str] = (), widths: fl
 
     `model` is a diagram, or the path or bundled name of one; an Assembly, which serves many runs, is returned as it is.
     `also` names positions that no equation uses; `widths` is a factor on the widths of all regularised transitions. Raises
-    ModelError with all that is wrong in the diagram. Sources: C. C. Pantelides, 1988, doi:10.1137/0909014; S. E. Mattsson,
-    G. Soederlind, 1993,
-    doi:10.1137/0914043.
+    ModelError with all problems of the diagram. Sources: C. C. Pantelides, 1988, doi:10.1137/0909014; S. E. Mattsson, G.
+    Soederlind, 1993, doi:10.1137/0914043.
     """
     if isinstance(model, Assembly):
         return model
@@ -270,12 +271,12 @@ def at_zero(assembly: Assembly, free: Iterable[str] = (), flattened: Callable[[M
     """The assembly with the equations that hold where parameters are 0: terms that these multiply are left out, as if their
     component did not have them.
 
-    An assembly divides by coefficients such as a mass. Where parameters of value 0 make one of these vanish, the model has
-    fewer states or another index: a body without mass on a spring and a damper has no speed of its own, a lag of 0 s passes
-    its input. It is then `flattened` (by default from its diagram) and reduced again without these parameters. The assembly
-    itself is returned where no coefficient vanishes, where the equations without them are singular, and where a `free`
-    parameter, whose value may change, is among them. Their values remain parameters with the value 0; a sensitivity by them
-    does not exist.
+    An assembly divides by coefficients such as a mass. If a parameter of value 0 makes one of these vanish, the model has
+    fewer states or another index: the speed of a body without mass on a spring and a damper is not a state; a lag of 0 s
+    passes its input. It is then `flattened` (by default from its diagram) and reduced again without these parameters. The
+    assembly itself is returned if no coefficient vanishes, if the equations without the parameters are singular, or if a
+    `free` parameter, whose value may change, is among them. Their values remain parameters with the value 0; a sensitivity
+    by them does not exist.
     """
     if flattened is None:
         if assembly.flat.options is None:  # equations that the diagram does not have
@@ -298,7 +299,8 @@ def at_zero(assembly: Assembly, free: Iterable[str] = (), flattened: Callable[[M
 
 
 def other_states(assembly: Assembly) -> UsageError:
-    """The error for a value of a parameter that is 0 in the diagram, in computations whose equations are those of 0."""
+    """The error for a nonzero value of a parameter that is 0 in the diagram, in computations with the equations for the
+    value 0."""
     zeros = listing(assembly.flat.zeros)
     return UsageError([Problem("zero-left", f"{zeros} = 0 in the diagram is to have another value, with which the model has "
                                "other states", None, "Give a value other than 0 in the diagram.")])
@@ -316,8 +318,8 @@ def _left_out(flattened: Callable[[Mapping[int, int]], Flat], zeros: tuple[str, 
 
 
 def _vanishing(assembly: Assembly) -> list[str]:
-    """The parameters of value 0 without which a coefficient that is divided by is zero, or the algebraic equations have no
-    solution, whatever the other numbers are."""
+    """The parameters whose value 0 makes a divisor zero or the algebraic equations singular for all values of the other
+    parameters."""
     flat, (_, _, z, *_) = assembly.flat, assembly.arguments
     symbols_of_p = split(flat.p)
     zero = {symbols_of_p[k].element_hash(): k for k in np.flatnonzero(assembly.p == 0).tolist()}
@@ -395,7 +397,7 @@ def build(reduced: Reduced) -> Assembly:
 
 
 def _check_events(reduced: Reduced) -> None:
-    """What events set are states, and periods are above zero; ModelError otherwise."""
+    """Raise ModelError if an event sets a variable that is not a state, or if a period is not positive."""
     flat, problems = reduced.flat, Problems()
     states = {j for j, order in reduced.states if order == 0}
     for event in flat.events:
@@ -413,7 +415,7 @@ def _check_events(reduced: Reduced) -> None:
 
 
 def _check_smoothness(reduced: Reduced, expressions: list[ca.SX]) -> None:
-    """A held input has no derivative, a linear one no second; ModelError where the equations need one."""
+    """Raise ModelError if the equations need the derivative of a held input or the second derivative of a linear one."""
     if not reduced.flat.inputs:
         return
     used = {s.element_hash() for e in expressions for s in ca.symvar(e)}
@@ -483,10 +485,10 @@ class Factors:
 class Integrand:
     """What CasADi's integrators take, in scaled unknowns; `hoist` maps (p, directions) to the integrand's parameters.
 
-    Terms that depend on parameters alone (the amplitudes of a sea's hundred sines) are computed once a run, what several
-    components compute alike (an elongation) once a step. With m directions, x and z hold the model's own unknowns first
-    and then m blocks of their sensitivities. No step is longer than `longest` (s; 0 for no limit). A pivot of the Newton
-    matrix below `smallest_pivot` is zero.
+    Terms that depend on parameters alone (the amplitudes of a sea's hundred sines) are computed once a run, common
+    subexpressions (an elongation) once a step. With m directions, x and z hold the model's own unknowns first and then m
+    blocks of their sensitivities. No step is longer than `longest` (s; 0 for no limit). A pivot of the Newton matrix below
+    `smallest_pivot` is zero.
     """
 
     dae: dict[str, ca.SX]
@@ -499,16 +501,17 @@ def smallest_pivot(assembly: Assembly) -> float:
     """The size below which a pivot of the integrator's Newton matrix is zero: SMALLEST_PIVOT, or less where the gradients
     of a loop are tiny from the beginning, as the residuals of loops are not scaled.
 
-    The gradients are those at equal pressures, where the regularised laws are steepest. A loop without gradient there, as
-    at an open contact, has no size.
+    The gradients are taken at equal pressures, where the regularised laws are steepest. A loop without a gradient at that
+    point, such as an open contact, does not count.
     """
     rows = _row_sizes(assembly) * _row_scales(assembly)
     return min(SMALLEST_PIVOT, LOST_GRADIENT * float(np.min(rows, where=np.isfinite(rows) & (rows > 0.0), initial=np.inf)))
 
 
 def _row_scales(assembly: Assembly) -> Array:
-    """Factors (n_z,) of the residuals of loops: powers of two that bring gradients far from 1 to it, else 1. These gradients
-    are far from 1 both where all unknowns are zero, as a temperature never is, and where they have their sizes."""
+    """Factors (n_z,) of the residuals of loops: powers of two that bring gradients far from 1 to it, else 1. A row is scaled
+    only if its gradient is far from 1 both at zero unknowns and at unknowns of their nominal sizes (a temperature is never
+    zero)."""
     rows = np.stack([_row_sizes(assembly, share) for share in (0.0, 1.0)])
     near = np.exp2(np.floor(np.log2(np.where(np.isfinite(rows) & (rows > 0.0), rows, 1.0))))
     steep, flat = near.min(axis=0), near.max(axis=0)
@@ -516,7 +519,7 @@ def _row_scales(assembly: Assembly) -> Array:
 
 
 def _row_sizes(assembly: Assembly, share: float = 0.0) -> Array:
-    """The largest gradient in each residual of a loop, per size of an unknown, where the unknowns have this share of their
+    """The largest gradient in each residual of a loop, per size of an unknown, with the unknowns at a given share of their
     sizes; 0 in large systems."""
     n_z = assembly.alg.numel()
     if not 0 < n_z < LARGE:
@@ -531,8 +534,8 @@ def _row_sizes(assembly: Assembly, share: float = 0.0) -> Array:
 def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float) -> list[ca.SX]:
     """Expressions (columns) with the time counted from the begin of a run (s).
 
-    A straight line a*time + b in them becomes a*time + (a*begin + b): where the begin is large, as that of a UNIX clock, the
-    difference to another instant is then as exact as a short time, and a step is not rounded.
+    A straight line a*time + b becomes a*time + (a*begin + b). If the begin is large, such as the time of a UNIX clock, the
+    difference to another instant is then as exact as a short time, and steps are not rounded.
     """
     columns = list(expressions)
     sizes = [c.numel() for c in columns]
@@ -628,8 +631,8 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
 
 def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX], u: ca.SX, du: ca.SX
                ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """x, z and the right sides (ode, alg, quadratures) with the forward sensitivities along each column of dp, the moves of
-    some parameters p, and of du, those of some inputs u."""
+    """x, z and the right sides (ode, alg, quadratures) with forward sensitivities along each column of dp (directions of
+    some parameters p) and du (directions of some inputs u)."""
     columns = dp.shape[1]
     if not columns:
         return x, z, right
@@ -642,8 +645,8 @@ def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX], u: c
 
 
 def summed(made: Integrand, factors: Factors | None) -> Integrand:
-    """Quadratures as states after the others: those of IDAS are left out of its choice of order, so that a run whose
-    states are straight lines would take its quadratures by first-order steps."""
+    """Append the quadratures to the states: IDAS excludes quadratures from its choice of order, so that a run whose states
+    are straight lines would integrate its quadratures by first-order steps."""
     dae = dict(made.dae)
     if "quad" not in dae:
         return made
@@ -665,8 +668,8 @@ def newton_loops(made: Integrand) -> ca.Function | None:
 def solved_loops(z: ca.SX, given: ca.SX, residuals: ca.SX, most: int) -> ca.Function:
     """(z, given) to the z near by with residuals (n_z,) = 0, by at most so many steps of Newton's method.
 
-    CasADi's method leaves out the last step, one of less than 1e-12: it is taken here, as 1e-12 of an acceleration moves a
-    very large mass by a force.
+    CasADi's method leaves out the last step, one of less than 1e-12: it is taken here, because an acceleration of 1e-12
+    times a very large mass is a considerable force.
     """
     newton = ca.rootfinder("newton", "newton", {"x": z, "p": given, "g": residuals},
                            {"error_on_fail": False, "abstol": 1e-14, "max_iter": most})

@@ -33,20 +33,20 @@ class DelayConstants:
 
     samples: intervals of a window in which sources are sampled, at least. Origin: a window of one polynomial piece has
         several stencils. Doubled: short delays cost twice as many points, with smaller errors.
-    mean_steps: steps of the integrator between two samples, on the average, at most. Origin: a step at rtol 1e-8 is 0.06
-        rad of an oscillation, in which the interpolation errs by 1e-10. Doubled: by 1e-8, half of the evaluations.
-    stencil: samples of an interpolating polynomial. Origin: its order is above that of the integrator. Doubled: it
+    mean_steps: steps of the integrator between two samples, on the average, at most. Origin: a step at rtol 1e-8 is 0.06 rad
+        of an oscillation, in which the interpolation errs by 1e-10. Doubled: by 1e-8, half of the evaluations.
+    stencil: samples of an interpolating polynomial. Origin: an order above the order of the integrator. Doubled: it
         oscillates where the samples are rounded.
     apart: distance of two samples of a stencil, at least, over that of the two around a time. Origin: rounding is magnified
         by some hundred at most. Doubled: fewer of close samples, with errors of a wider stencil.
-    tolerance: error of the polynomial pieces in the equations, over the tolerance of the integrator. Origin: it is not to
-        add to the error of the integrator. Doubled: slightly longer pieces.
+    tolerance: error of the polynomial pieces in the equations, over the tolerance of the integrator. Origin: well below the
+        error of the integrator. Doubled: slightly longer pieces.
     parts: samples and pieces of one window, at most: a shorter window resolves a short transient in the history. Origin:
         memory of a call. Doubled: fewer windows.
     halvings: halvings of a piece, at most. Origin: rounding of time. Doubled: nothing.
     max_windows: windows of a run, at most. Origin: some minutes. Doubled: shorter delays are possible.
-    beside: distance from a discontinuity at which sources are evaluated on either side, in instants that count as one.
-        Origin: a function of time has its value on the other side at the instant itself. Doubled: nothing.
+    beside: distance from a discontinuity at which sources are evaluated on both sides, in units of `same_instant`. Origin: a
+        function of time has its value on the other side at the instant itself. Doubled: nothing.
     """
 
     samples: int = 32
@@ -132,8 +132,8 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Return:
-    """A discontinuity that returns in the delayed variable of a number: its sensitivity (m,), and the column of u with the
-    value right after it."""
+    """A discontinuity that returns in a delayed variable (index): its sensitivity (m,), and the column of u just after
+    it."""
 
     delay: int
     late: Array
@@ -241,8 +241,8 @@ class Delays:
         return found
 
     def _felt(self, k: int, number: int) -> bool:
-        """Whether the source of a delay has a discontinuity, in itself or in a derivative that counts, at the begin of a
-        stretch: the polynomial before it does not continue it."""
+        """True if the source of a delay, or a relevant derivative of it, is discontinuous at the begin of a stretch: the
+        polynomial before it does not continue the values after it."""
         rows, begin = self._rows[k], self.starts[number]
         after = self.stretches[number]
         before = self.stretches[number - 1] if number else None
@@ -260,15 +260,15 @@ class Delays:
         return bool(np.any(differ > self._allowed(k)))
 
     def _allowed(self, k: int) -> Array:
-        """The error (1 + m,) that counts for a delay and its sensitivities."""
+        """The admissible errors (1 + m,) of a delayed variable and its sensitivities."""
         scale = self.largest[self._rows[k]]
         return np.asarray(DELAYS.tolerance * (self.rtol * scale + self.atol[k] * np.where(np.arange(1 + self.m), 0.0, 1.0)
                                               ) + 1e-13 * scale + 1e-300)
 
     # -- windows ---------------------------------------------------------------------------------------------------
     def open(self, t: float, limit: float) -> tuple[float, float]:
-        """Open a window at a time: its end, and the longest interval in it that one polynomial follows. The pieces in it are
-        those of `inputs` from here on."""
+        """Open a window at a time: its end, and the longest interval in it that one polynomial follows. `inputs` then gives
+        the pieces in this window."""
         end = min(limit, t + float(self.lengths.min()))
         for k, length in enumerate(self.lengths.tolist()):
             while self._next[k] < len(self.breaks):
@@ -309,8 +309,8 @@ class Delays:
         return found
 
     def check_jump(self, k: int, t: float, before: Array, after: Array) -> None:
-        """SimulationError where a delayed variable jumps, from one of its columns of u to another, whose rate the equations
-        need: what follows from the impulse would be wrong in silence."""
+        """Raise SimulationError if a delayed variable jumps from one column of u to another and the equations need its rate:
+        the impulse would be ignored without a warning."""
         first, then = (float((1 - u[0]) * self.before[k] + np.polyval(u[:2:-1], u[2] * (t - u[1]))) for u in (before, after))
         delay = self.delays[k]
         if self.rated[k] and abs(then - first) > EVENTS.continuous * delay.nominal:

@@ -1,10 +1,10 @@
-"""Runs that are cut: at events, and where other states must be integrated from there on.
+"""Integration in stretches: through events, delays and changes of the integrated states.
 
-The next instant is found, the integrator stops there, the event acts, and it begins anew. Time events are known beforehand
-and met exactly. For the others the indicators of all conditions are looked at in every point of a stretch; where one passes
-zero, the crossing is found by integrating again from the point before; the points follow the steps of the integrator
-(`looks`). In the same points it is looked at how well the states decide the other unknowns (`dynamic_state_selection`);
-shortly before they do not any more, the run goes on in others.
+The integrator stops at the next event, the event sets its values, and the integrator restarts. The instants of time
+events are known in advance and met exactly. For other events the indicators of all conditions are evaluated at every point
+of a stretch; if one passes zero, the crossing is located by integrating again from the point before. The points follow the
+steps of the integrator (`looks`). At the same points the strain of the states is evaluated (`dynamic_state_selection`);
+before they become singular, the run continues in other states.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class RunEnded(Exception):
 
 @dataclass(frozen=True)
 class Failures:
-    """How often the integrator has failed, and crawled, since so many changes of a run."""
+    """Numbers of failures and of halved stretches since the last change of a run."""
 
     changes: int
     number: int = 0
@@ -62,25 +62,26 @@ class Failures:
 
 @dataclass(frozen=True)
 class IntegratorCall:
-    """The last call of the integrator: where it began, and the length of a unit of its own time."""
+    """The last call of the integrator: its begin, and the unit of its scaled time."""
 
     begin: EventState
     step: float
 
     def time(self, s: float) -> float:
-        """The time of the integrator's own time."""
+        """The time (s) at a value of the scaled time."""
         return self.begin.t + self.step * s
 
 
 class EventIntegration:
-    """The runs of a simulator whose diagram has events, or constraints that one choice of states may not do for.
+    """The runs of a simulator whose diagram has events, delays, or constraints for which one choice of states may not
+    suffice.
 
-    `framed` makes the equations in a chart, with `integrals` (integrals and their sensitivities) after the other states;
-    `inputs` gives at times the integrator's inputs, the first `n_u` of them those of the assembly, the others factors of the
-    integrals; `build` makes an integrator by its name that stops at times, `solver` is the name of the first. With `changes`
-    the other solver goes on where one stops (see `other`). With `dense` points between the stops are kept. At the `kinks` of
-    functions of time, which are among the stops, the integrator begins anew. `sampled` makes the compiled program for runs
-    of many samples.
+    `framed` gives the equations in a chart, with `integrals` (integrals and their sensitivities) after the other states.
+    `inputs` gives the integrator's inputs at times: the first `n_u` are inputs of the assembly, the others factors of the
+    integrals. `build` makes a named integrator with stops; `solver` is the name of the first. With `changes` the alternative
+    solver continues if one fails (see `other`). With `dense` points between the stops are kept. At the `kinks` of functions
+    of time, which are among the stops, the integrator begins anew. `sampled` makes the compiled program for runs of many
+    samples.
     """
 
     def __init__(self, charts: StateChoices, framed: Callable[[StateChoice], Frame], integrals: int, stops: Array,
@@ -148,8 +149,8 @@ class EventIntegration:
         self._over_kinks(now, end, record)
 
     def _through_samples(self, coming: Timetable) -> Callable[[EventState, int, Record], tuple[EventState, int]] | None:
-        """Go on by the compiled program from a state before an instant of a number, as far as it gets: to a state, and the
-        next instant. None for a run of few instants, and where the program does not serve."""
+        """Continue with the compiled program from a state before an instant (index) as far as possible; the state reached,
+        and the next instant. None for a run of few instants, and if the program is not applicable."""
         if len(coming.times) < SAMPLED_RUNS.least or self._make_sampled is None or self.charts.needed \
                 or self.delays is not None or self.home.equations.partners.parts or coming.moved.any():
             return None
@@ -181,7 +182,7 @@ class EventIntegration:
 
     def _passed_samples(self, now: EventState, targets: Targets, found: Passed, coming: Timetable, record: Record
                         ) -> EventState:
-        """Record what the compiled program passed; the state at its last target."""
+        """Record the points that the compiled program passed; the state at its last target."""
         n, assembly, equations = len(found.y), now.frame.assembly, now.frame.equations
         times, m = targets.times[:n], now.blocks - 1
         counts = np.diff(targets.ends[:n], prepend=0)
@@ -254,12 +255,13 @@ class EventIntegration:
         return replace(now, true=self._true(now))
 
     def _true(self, now: EventState) -> NDArray[np.bool_]:
-        """The conditions that are true at a point. That of a breakaway never is: it happens whenever it is met."""
+        """The conditions that are true at a point. The condition of a breakaway counts as false: the event happens whenever
+        it is met."""
         return np.asarray((self._indicators(now)[0] > 0) & ~self.breakaways)
 
     def _true_at_start(self, now: EventState) -> list[str]:
-        """The events whose condition is true at the start, which is no change and lets nothing happen, and which would have
-        set something to another value; SimulationError if the run was to end there."""
+        """The events whose condition is true at the start, and which would set a variable to another value. They do not
+        happen, as the condition does not become true. SimulationError if such an event ends the run."""
         if not now.true.any():
             return []
         events, point = [self.conditions[c] for c in np.flatnonzero(now.true)], self._point(now)
@@ -271,12 +273,12 @@ class EventIntegration:
         return [now.frame.equations.events[i].name for i in events if now.frame.equations.would_change(point, i)]
 
     def _stop(self, time: float) -> float:
-        """The stop that is meant by a time, or the time itself."""
+        """The stop that equals a time up to rounding, or the time itself."""
         near = float(self.stops[np.abs(self.stops - time).argmin()])
         return near if abs(near - time) <= self.same else time
 
     def _over_kinks(self, now: EventState, limit: float, record: Record) -> EventState:
-        """Go on to a time, from kink to kink."""
+        """Integrate to a time, with a restart at each kink."""
         for kink in self.kinks[(self.kinks > now.t + self.same) & (self.kinks < limit - self.same)].tolist():
             now = self._through(now, kink, record)
             if self.delays is not None:
@@ -286,7 +288,7 @@ class EventIntegration:
 
     # -- delays ----------------------------------------------------------------------------------------------------
     def _through(self, now: EventState, limit: float, record: Record) -> EventState:
-        """Go on to a time, from window to window where there are delays."""
+        """Integrate to a time, in windows if there are delays."""
         if self.delays is None:
             return self._until(now, limit, record)
         while now.t < limit - self.same:
@@ -298,8 +300,8 @@ class EventIntegration:
         return now
 
     def _returned(self, now: EventState, returned: list[Return], record: Record) -> EventState:
-        """Pass discontinuities of delayed variables: the states are continuous, what follows from them is solved for anew,
-        and conditions may become true."""
+        """Pass discontinuities of delayed variables: the states are continuous, the algebraic unknowns are solved again, and
+        conditions may become true."""
         assert self.delays is not None
         delays, equations, moved, point = self.delays, now.frame.equations, self._moved(now), self._point(now)
         delays.open(now.t, np.inf)
@@ -336,7 +338,7 @@ class EventIntegration:
                                                      driven.along.transpose(1, 0, 2)))
 
     def _until(self, now: EventState, limit: float, record: Record) -> EventState:
-        """Go on to a time, through the events of conditions on the way; what is passed is written down."""
+        """Integrate to a time through the events of conditions on the way, and record the points."""
         ahead, halvings = self.ahead, 0
         ahead.restart(self.changes)
         while now.t < limit - self.same:
@@ -374,8 +376,8 @@ class EventIntegration:
         return now
 
     def _passed(self, now: EventState, looks: Looks, reached: int, y: Array, z: Array, record: Record, steps: int) -> None:
-        """Write down the points of a call that took so many steps. Where points between the stops are kept and these points
-        are far apart, the call is made again with points between."""
+        """Record the points of a call with its number of steps. If points between the stops are kept and these points are
+        far apart, the call is repeated with points between."""
         times, whole = looks.times[:reached], reached == len(looks.times)
         parts = self._parts(looks, float(looks.times[-1] - now.t), steps) if self.dense and whole else 1
         if parts == 1:
@@ -394,7 +396,7 @@ class EventIntegration:
         record.keep(now, times, y[:, :reached], z[:, :reached])
 
     def _parts(self, looks: Looks, length: float, steps: int) -> int:
-        """Into how many parts the intervals of a call are divided, a power of two."""
+        """The number of parts of each interval of a call, a power of two."""
         if self.ahead.dense:  # its points follow the steps
             return 1
         by_steps = (steps - EVENTS.steps_at_begin) / looks.even / EVENTS.steps_between_points
@@ -404,7 +406,8 @@ class EventIntegration:
 
     def _mended(self, now: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
                 ) -> tuple[EventState, int]:
-        """As `_failed`; where that finds no event and no other chart, the other solver goes on from here, once."""
+        """As `_failed`; if that finds neither an event nor another chart, the alternative solver continues from this point,
+        once."""
         try:
             return self._failed(now, looks, halvings, error, record)
         except RuntimeError as final:
@@ -420,8 +423,8 @@ class EventIntegration:
 
     def _failed(self, now: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
                 ) -> tuple[EventState, int]:
-        """Where to go on after the integrator has failed, and with how many halvings: what comes after an event that is not
-        known yet, or after the end of a chart, may be out of its equations' reach."""
+        """The state and the number of halvings with which to continue after a failure of the integrator: an unknown event or
+        the end of a chart may lie within the stretch, and the equations may have no solution beyond it."""
         ahead, one = self.ahead, self.ahead.points == 1
         interrupted, crawls = _says(error, INTERRUPTED), _says(error, CRAWLS)
         if crawls and looks.limited and not ahead.crawling:
@@ -441,7 +444,7 @@ class EventIntegration:
         return now, halvings + one
 
     def _hopeless(self, crawled: bool, record: Record) -> bool:
-        """Whether the integrator has failed or crawled too often since something last changed."""
+        """True if the integrator has failed or halved its stretch too often since the last change."""
         changes = len(record.instants) + len(record.changes) + len(record.solver_changes)
         if changes != self.failures.changes:
             self.failures = Failures(changes)
@@ -450,7 +453,7 @@ class EventIntegration:
             (self.failures.crawls > EVENTS.max_crawls and not self.charts.needed)
 
     def _forced(self, now: EventState, record: Record) -> EventState:
-        """The event right before which the integrator fails; its RuntimeError where none is near."""
+        """The event just before which the integrator fails; the RuntimeError of the integrator if none is near."""
         values, rates = self._indicators(now)
         near = (values + rates * EVENTS.approach**2 * self.same > 0) & ~now.true
         if not near.any():
@@ -463,7 +466,7 @@ class EventIntegration:
         return float(now.frame.chart.strain(self._point(now).columns()).worst[0])
 
     def _in_chart(self, now: EventState, times: Array, y: Array, z: Array) -> int:
-        """How many of the points lie in the chart before its end."""
+        """The number of points before the end of the chart."""
         if not self.charts.needed:
             return len(times)
         t = np.append(now.t, times)
@@ -474,8 +477,8 @@ class EventIntegration:
         return 0 if out[0] else int(np.argmax(out)) - 1 if out.any() else len(times)
 
     def _turned(self, now: EventState, halvings: int, record: Record) -> tuple[EventState, int] | None:
-        """Where to go on at a point after which its chart ends: in another, or nearer to the end; None where no other is
-        better, as where a mechanism passes a point in which its links lie in one line."""
+        """The state with which to continue at a point after which its chart ends: in another chart, or nearer to the end.
+        None if no other chart is better, as at a dead centre of a mechanism."""
         if self._strain(now) >= STATE_SELECTION.enough_strain:
             changed = self._changed(now, record)
             if changed is None:
@@ -488,7 +491,7 @@ class EventIntegration:
         return now, halvings + 1
 
     def _changed(self, now: EventState, record: Record) -> EventState | None:
-        """The same moment in states that suit it better; None where there are none."""
+        """The same point in states with less strain; None if there are none."""
         point, old = self._point(now), now.frame.chart
         states = old.better(point)
         if states is None:
@@ -590,7 +593,7 @@ class EventIntegration:
 
     def _crossing(self, begin: EventState, condition: int, end: float, first: float, extremes: tuple[float, float],
                   certain: bool, record: Record) -> tuple[EventState, int] | None:
-        """Where a condition becomes true after a point, and the condition; None where it does not."""
+        """The time at which a condition first becomes true after a point, and the condition; None if none does."""
         reached = begin
 
         def indicator(time: float) -> tuple[float, float]:
@@ -618,7 +621,8 @@ class EventIntegration:
         return reached, condition
 
     def _met(self, at: EventState, condition: int) -> tuple[list[int], list[Array]]:
-        """The events at a crossing, those included that are met at the same instant, and their delays."""
+        """The events at a crossing, with those whose conditions become true at the same instant, and the sensitivities of
+        their times."""
         values, rates = self._indicators(at)
         soon = values + rates * self.same > 0
         met = [c for c in range(len(values)) if c == condition or (soon[c] and rates[c] > 0 and not at.true[c])]
@@ -640,8 +644,8 @@ class EventIntegration:
 
     def _happen(self, now: EventState, events: list[int], delays: list[Array], record: Record,
                 condition: bool = False) -> EventState:
-        """The events act, then those whose conditions become true by it; what stands there after all is written down.
-        Without events a delayed variable has jumped, with its sensitivities in `delays`."""
+        """Apply the events, then those whose conditions become true by them, and record the point after all of them. Without
+        events a delayed variable has jumped, with its sensitivities in `delays`."""
         equations, begun = now.frame.equations, now
         if events:
             record.keep(now, np.array([now.t]), now.y[:, None], now.z[:, None])
@@ -699,7 +703,7 @@ class EventIntegration:
                 raise self._chattering(time, events, f"happens {most} times within {time - passed[-most][0]:.2g} s")
 
     def _sliding(self, time: float, record: Record) -> SimulationError:
-        """What switches to and fro so fast that the run would not come to its end."""
+        """The message on the part whose conditions alternate so fast that the run would not end."""
         found = [self.home.equations.events[i] for i in dict.fromkeys(i for _, events in record.passed for i in events)]
         took = time - record.passed[0][0]
         whole = self.span / took * EVENTS.sliding_events
@@ -724,7 +728,7 @@ class EventIntegration:
             "below which a body rests.", tuple(event.text for event in found))])
 
     def _write(self, now: EventState, record: Record) -> None:
-        """The point where it is a stop."""
+        """Record the point if it is a stop."""
         record.write(now, np.array([now.t]), now.y[:, None], now.z[:, None])
 
 
@@ -733,14 +737,14 @@ def _says(error: RuntimeError, words: Sequence[str]) -> bool:
 
 
 def reason(said: str) -> str:
-    """The solver's own word for why it stopped."""
+    """The reason of the failure in the words of the solver."""
     return next(iter(re.findall(r"(?:IDA|CV)_[A-Z_]+", said)), said.strip().splitlines()[-1][:160] if said.strip() else "")
 
 
 def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM | Array, times: Array, inputs: Array) -> Array:
     """Algebraic unknowns solved anew at every point, with times counted as in the equations: between its steps IDAS only
-    interpolates them, and where the states are quiet its steps are long (and at a jump of an input they belong to the time
-    before it)."""
+    interpolates them, and if the states hardly change its steps are long (and at a jump of an input the interpolated values
+    belong to the time before it)."""
     if loops is None:
         return z
     found = np.array(loops(z, np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), inputs])))

@@ -1,9 +1,9 @@
 """Extremes and means of a signal between the points of a run.
 
 A signal is known at times t (n,), in which the time of an event occurs twice, with the values before and after it. Events
-divide it into pieces. Within a piece an extreme is that of the polynomial through five points around the extreme point, if
-the signal is curved about alike over these; else, as at a kink, it is the extreme point itself. Integrals are those of the
-cubics through values and slopes at the points, of order 4.
+divide it into pieces. Within a piece an extreme is taken from the polynomial through five points around the extreme point,
+if the curvature of the signal is about equal over these; otherwise, as at a kink, it is the extreme point itself. Integrals
+are taken over the cubics through values and slopes at the points, of order 4.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class ExtremeConstants:
 
     points: points of the polynomial. Origin: at 0.3 rad of an oscillation between two of them the error is 1e-5 of the
         amplitude. Doubled: it oscillates at kinks.
-    evenness: least curvature among the five points, as a share of the largest. Origin: a limited signal has no curvature
-        on one side of its kink, an oscillation about the same on both. Doubled: extremes of strongly damped motions are
-        those of the points.
+    evenness: least curvature among the five points, as a share of the largest. Origin: a limited signal has no curvature on
+        one side of its kink, an oscillation about the same on both. Doubled: extremes of strongly damped motions are taken
+        at the points.
     samples: points at which the polynomial is evaluated. Origin: an error of 1e-4 of the excess. Doubled: a quarter of it.
     candidates: local extremes that are refined, at most, the largest of the signal. Origin: time. Doubled: of hundreds of
         equal extremes more are refined.
@@ -82,7 +82,7 @@ def _with_gaps(time: Array, values: Array, missing: NDArray[np.bool_]) -> Signal
 
 
 def mean(time: Array, values: Array) -> float:
-    """The mean over time of a signal (n,); that of its values where no time passes."""
+    """The mean over time of a signal (n,); the mean of its values if all times are equal."""
     length = float(time[-1] - time[0])
     if length == 0:
         return float(values.mean())
@@ -97,7 +97,7 @@ def mean(time: Array, values: Array) -> float:
 
 
 def pieces(time: Array) -> Iterator[slice]:
-    """The pieces between equal times."""
+    """The slices of the pieces between times that occur twice."""
     cuts = np.flatnonzero(np.diff(time) <= 0) + 1
     for begin, end in pairwise([0, *cuts.tolist(), len(time)]):
         yield slice(begin, end)
@@ -105,8 +105,8 @@ def pieces(time: Array) -> Iterator[slice]:
 
 @dataclass(frozen=True)
 class Extreme:
-    """An extreme as a sum of weights (k,) times the values at points (k,): so is its derivative by a parameter, as the
-    slope over time is zero there."""
+    """An extreme as a sum of weights (k,) times the values at points (k,). Its derivative by a parameter is the same sum of
+    derivatives, as the slope over time is zero at the extreme."""
 
     at: NDArray[np.intp]
     weights: Array
@@ -140,8 +140,8 @@ def highest(time: Array, values: Array) -> Extreme:
 
 
 def _candidates(values: Array, most: float) -> list[int]:
-    """Local maxima (indices) that may lie between points higher than the largest value: by no more than by what the values
-    next to them are lower."""
+    """Local maxima (indices) between whose points the signal may exceed the largest value: the excess is at most the
+    difference to the neighbouring values."""
     left, right = np.append(values[:1], values[:-1]), np.append(values[1:], values[-1:])
     drop = values - np.minimum(left, right)
     found = np.flatnonzero((values >= left) & (values >= right) & (values + drop > most) & (drop > 0))

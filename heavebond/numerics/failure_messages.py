@@ -43,8 +43,8 @@ _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
 
 @dataclass(frozen=True)
 class Stop:
-    """Where an integrator gave up: at time `t` (s, NaN if it did not say), in the states of `assembly`, shortly after the
-    point `last` (None if none could be reached); `folded` where a mechanism lies in one line there."""
+    """A failure of the integrator at time `t` (s, NaN if it was not reported), in the states of `assembly`, shortly after
+    the point `last` (None if none could be reached); `folded` if a mechanism is at a dead centre."""
 
     assembly: Assembly
     t: float
@@ -53,12 +53,13 @@ class Stop:
 
 
 def stop_times(said: str) -> list[float]:
-    """The times (s) that an integrator names in what it says of a failure."""
+    """The times (s) in the message of an integrator on a failure."""
     return [float(t) for t in _TIME.findall(said)]
 
 
 def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> SimulationError:
-    """The error for a run from `first` that stopped; `said` is what the integrator said, `rtol` its relative tolerance."""
+    """The error for a run from `first` that failed; `said` is the message of the integrator, `rtol` its relative
+    tolerance."""
     notes: list[str] = []
     loosen, stopped = _loosen(rtol), stop.t
     hint = f"Check the parameters of these components{loosen}."
@@ -77,14 +78,14 @@ def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> Simulat
 
 
 def stop_message(t: float) -> str:
-    """That the integrator gave up at time t (s, NaN if it did not say)."""
+    """The sentence that the integrator failed at time t (s, NaN if it is not known)."""
     return "the integration stopped" + (f" at t = {t:.6g} s" if np.isfinite(t) else "")
 
 
 def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> None:
-    """SimulationError where a run went on although nothing decided an algebraic unknown any more: what it shows of it from
-    there on is chance. `slopes` is d(algebraic equations)/d(algebraic unknowns) in the arguments of the assembly; it is
-    looked at in some of the output points `at`.
+    """Raise SimulationError if a run continued although no equation determined an algebraic unknown any more: its values
+    after that time are arbitrary. `slopes` is d(algebraic equations)/d(algebraic unknowns) in the arguments of the assembly;
+    it is evaluated at some of the output points `at`.
     """
     assembly, n_z = result.assembly, len(result.assembly.z_nominal)
     chosen = at[np.unique(np.linspace(0, len(at) - 1, LOOKED_AT).astype(int))]
@@ -105,7 +106,7 @@ def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> 
 
 
 def _without_mass(assembly: Assembly, last: Point) -> str:
-    """What to add at the node that moves fastest where no mass decides its speed; empty if its speed is a state."""
+    """The element to add at the fastest node if no mass determines its speed; empty if its speed is a state."""
     flat, reduced = assembly.flat, assembly.reduced
     rates = np.abs(np.array(assembly.rates(*last.values()[:5], 1.0)[0]).ravel()) / assembly.x_nominal
     k = int(np.argmax(np.nan_to_num(rates, nan=-1.0))) if rates.size else -1
@@ -128,7 +129,7 @@ def _without_mass(assembly: Assembly, last: Point) -> str:
 
 
 def _loosen(rtol: float) -> str:
-    """The advice to loosen the tolerances, where they are tight."""
+    """The advice to loosen the tolerances, if they are tight."""
     return ", or loosen the tolerances (--rtol 1e-6)" if rtol < TIGHT else ""
 
 
@@ -188,14 +189,14 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
 
 
 def _of_the_user(assembly: Assembly, part: str) -> bool:
-    """Whether a law of a part is the user's to change: a component of his own, or an input given by a formula."""
+    """True if the user can change a law of a part: a component file of the user, or an input given by a formula."""
     leaf = assembly.flat.expanded.leaves[part]
     written = (bound.value for bound in leaf.inputs.values() if bound.scope == "")
     return not is_bundled(leaf.component.path) or any(isinstance(value, Value) and value.formula for value in written)
 
 
 def _leaves(assembly: Assembly, name: str) -> list[str]:
-    """The parts in whose equations a state or an algebraic unknown stands."""
+    """The parts whose equations contain a state or an algebraic unknown."""
     flat, n = assembly.flat, len(assembly.flat.unknowns)
     reduced = assembly.reduced
     j = next((c[0] for c in (*reduced.states, *reduced.algebraic) if reduced.name(c) == name), None)
@@ -204,7 +205,7 @@ def _leaves(assembly: Assembly, name: str) -> list[str]:
 
 
 def _grown(assembly: Assembly, x: Array, t: float) -> str:
-    """What to say where states had left all bounds before the run stopped: what else is wrong there follows from that."""
+    """The message if states had exceeded all bounds before the run stopped: other faults at that point are consequences."""
     unknowns = [assembly.flat.unknowns[j] for j, _ in assembly.reduced.states]
     sizes = [min(RUNAWAY * typical_size(u, t), VALIDITY.worthless) for u in unknowns]
     grown = [name for name, value, size in zip(assembly.state_names, x, sizes, strict=True) if abs(value) > size]
@@ -214,8 +215,8 @@ def _grown(assembly: Assembly, x: Array, t: float) -> str:
 
 
 def _at_limit(assembly: Assembly, start: dict[int, float], at: dict[int, float]) -> str:
-    """What to say where a variable of a component has come to the end of its declared range: a piston at the end of its
-    stroke leaves no volume. With what the component, or the block that it stands in, does not model."""
+    """The message if a variable of a component has reached the end of its declared range: a piston at the end of its stroke
+    leaves no volume. It adds the restriction of the component, or of the block that contains it."""
     flat = assembly.flat
     for u, symbol in zip(flat.unknowns, flat.levels[0], strict=True):
         begin, value = start[symbol.element_hash()], at[symbol.element_hash()]
@@ -236,7 +237,7 @@ def _at_limit(assembly: Assembly, start: dict[int, float], at: dict[int, float])
 
 
 def _out_of_range(assembly: Assembly, last: Point) -> str:
-    """What to say where a variable is where its laws do not hold: oil below vacuum, or compressed as in no machine."""
+    """The message on a variable outside the range of its laws: oil below vacuum, or at an unusual pressure."""
     found = next((f for f in at_point(assembly, last).findings if f.kind in ("physical", "range", "larger")), None)
     if found is None or found.limit is None:
         return ""
@@ -245,7 +246,8 @@ def _out_of_range(assembly: Assembly, last: Point) -> str:
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
-    """What is on its way to leave something undecided at a point shortly before the end, else what does so there."""
+    """The equations that are about to lose their rank at a point shortly before the end, otherwise those that have lost
+    it."""
     system = assembly.reduced.system
     vanishing = [loss for loss in losses(system, at, NEAR) if loss.zero]
     found = structural_messages.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
@@ -253,8 +255,8 @@ def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
 
 
 def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:
-    """The variables that are no numbers at the state where the run stopped, or a little later in time, the state there or
-    on its way."""
+    """The variables without a finite value at the state where the run stopped, or slightly later, with the state unchanged
+    or extrapolated."""
     rates = np.array(assembly.rates(t, x, z, p, u, 1.0)[0]).ravel()
     for later, further in ((0.0, 0.0), (1e-6, 0.0), (1e-3, 0.0), (1e-6, 1.0), (1e-5, 1.0)):
         step = later * max(abs(t), 1.0)
@@ -267,8 +269,9 @@ def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: A
 
 
 def _jumping(assembly: Assembly, at: dict[int, float]) -> str:
-    """Laws that jump where the run stopped, as `if_else(v > 0, F, -F)` does at v = 0: their change over a short way of a
-    variable through the point is as large as over a tenth of that way, and a considerable part of that over its size."""
+    """Laws that are discontinuous where the run stopped, such as `if_else(v > 0, F, -F)` at v = 0. Their change over a short
+    distance of a variable through the point is as large as over a tenth of that distance, and a considerable part of the
+    change over the size of the variable."""
     flat, found = assembly.flat, []
     known = {s.element_hash(): unknown for s, unknown in zip(flat.levels[0], flat.unknowns, strict=True)}
     for equation, residual in zip(flat.equations, flat.residuals, strict=True):

@@ -1,10 +1,10 @@
-"""Prescribed functions of time: the instants and the longest step with which no motion of one of them is passed over.
+"""Prescribed functions of time: the stops and the longest step with which the integrator misses none of their motions.
 
-A solver evaluates the equations only at the ends of its steps. Where a machine is at rest the steps grow without limit, and
+A solver evaluates the equations only at the ends of its steps. If a machine is at rest, the steps grow without limit, and
 a road bump, a pulse or a gust that begins and ends within one step is missed: the run ends without an error and without the
 motion. Before a run the functions of time in the equations are therefore searched. The integrator stops at their kinks and
-jumps (where an argument of `min`, `max`, `abs`, `sign` or a comparison changes its sign) and at points of motions that are
-shorter than the output intervals; its steps are limited by what the output points show of longer motions.
+jumps (where an argument of `min`, `max`, `abs`, `sign` or a comparison changes its sign) and at points within motions that
+are shorter than the output intervals. The longest step follows from the values at the output points.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ FORCING = ForcingConstants()
 
 @dataclass(frozen=True)
 class Stops:
-    """Where the functions of time make the integrator stop (n,), its longest step (s; 0: no limit), and the functions for
-    which neither was found, as texts: they may have shorter motions."""
+    """The stops (n,) of the integrator at motions of the functions of time, its longest step (s; 0: no limit), and as texts
+    the functions for which neither could be determined: they may have shorter motions."""
 
     times: Array
     longest: float
@@ -108,8 +108,9 @@ class Forcing:
         return _longest(values[np.all(np.isfinite(values), axis=1)], float(np.median(np.diff(times))))
 
     def stops(self, times: Array, p: Array) -> Stops:
-        """What the functions of time ask of an integrator between these output times (N,) with these parameters. Few output
-        times are replaced by POINTS intervals, so that a longer motion between them is met, too."""
+        """The stops and the longest step that the functions of time require between these output times (N,) with these
+        parameters. If there are few output times, POINTS intervals replace them, so that longer motions between them are
+        included."""
         if self._functions is None or len(times) < 2:
             return Stops(np.zeros(0), 0.0)
         felt, ends, unknown = p[self._felt], times[[0, -1]], list[str]()
@@ -135,7 +136,7 @@ class Forcing:
         return Stops(_within(np.append(kinks, motions), ends), longest, tuple(dict.fromkeys(unknown)))
 
     def felt(self, p: Array) -> Array:
-        """The parameters that the functions depend on."""
+        """The parameters on which the functions depend."""
         return np.asarray(p[self._felt])
 
 
@@ -157,11 +158,9 @@ def _parts(equations: ca.SX, time: ca.SX, p: ca.SX) -> list[ca.SX]:
 
 
 def switch_arguments(parts: list[ca.SX], time: ca.SX) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
-    """What changes its sign where functions of time have a kink or jump, as it is written; the same with each condition
-    inside
-    taken both ways, up to MOST_BRANCHES expressions, most of which are straight lines in time (where another branch holds,
-    they
-    change their sign to no effect); and the arguments of powers and exponentials in the same way."""
+    """The expressions whose sign changes at kinks and jumps of functions of time: as they are written; with each condition
+    inside taken both ways, up to MOST_BRANCHES expressions, most of which are straight lines in time (a sign change in an
+    inactive branch has no effect); and the arguments of powers and exponentials in the same way."""
     together = ca.cse(stack(parts))
     symbols = ca.symvar(together)
     function = ca.Function("f", [stack(symbols)], [together])

@@ -78,8 +78,8 @@ class Idas:
 
     def __init__(self, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS,
                  strict: bool = False):
-        """`strict` includes the algebraic unknowns in the error control: with shorter steps the predictor gives Newton's
-        method a closer initial guess."""
+        """`strict` includes the algebraic unknowns in the error control: the steps are shorter, and the predictor gives
+        Newton's method a closer initial guess."""
         self._orders, unit = _orders(made.dae), time_unit(stops)
         self._dae, self._begin = _ordered(in_unit_of_time(made.dae, unit), self._orders), float(stops[0] / unit)
         self._outputs = [float(t) for t in stops[1:] / unit] or [self._begin + 1.0]
@@ -175,7 +175,7 @@ def is_large(dae: Mapping[str, ca.SX]) -> bool:
 
 
 def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances, pivot: float) -> dict[str, Any]:
-    """The options of IDAS for a DAE; a smaller pivot of its Newton matrix is zero."""
+    """The options of IDAS for a DAE; pivots of its Newton matrix below `smallest_pivot` count as zero."""
     large = is_large(dae)
     return {
         "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
@@ -189,7 +189,7 @@ def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances, pivot: 
 @contextmanager
 def caught_errors() -> Iterator[list[str]]:
     """Capture standard error. SUNDIALS reports the time and step of a failure only there, from C or, by CasADi, through
-    Python's `sys.stderr`. Both belong to the process, so that a lock admits one thread at a time."""
+    Python's `sys.stderr`. Both are shared by the whole process, so that a lock admits one thread at a time."""
     with _TURN:
         yield from _caught()
 

@@ -1,7 +1,7 @@
-"""Impacts: what the impulse of a force does to all states at an instant.
+"""Impacts: the changes of all states by the impulse of a force at an instant.
 
-A force J that stands in the equations as a held variable moves the rates of the states, x' = f(t, x, z, p, J) with
-0 = g(t, x, z, p, J). Over an instant all other forces are negligible, so that an impulse P of it changes the states by B P,
+A force J that is a held variable in the equations changes the rates of the states, x' = f(t, x, z, p, J) with 0 = g(t, x,
+z, p, J). Over an instant all other forces are negligible, so that an impulse P of it changes the states by B P,
 
     B = f_J - f_z g_z^-1 g_J,        P = (new speed - speed) / (c B),      speed = c(x, z): c B = c_x B - c_z g_z^-1 g_x B.
 
@@ -64,7 +64,7 @@ def _written_out(event: FlatEvent, impulse: Impulse, reduced: Reduced, loops: _L
 
 
 def yielding(reduced: Reduced) -> list[str]:
-    """The events of other parts whose conditions an impulse may turn: of friction that sticks, of bodies at rest."""
+    """The events of other parts whose conditions an impulse may make true: sticking friction, bodies at rest."""
     loops, found = _Loops.of(reduced), []
     conditions = [(e, reduced.express(e.indicator)) for e in reduced.flat.events if e.indicator is not None]
     for event in (e for e in reduced.flat.events if e.impulse is not None):
@@ -78,7 +78,7 @@ def yielding(reduced: Reduced) -> list[str]:
 
 @dataclass(frozen=True)
 class _Loops:
-    """The algebraic equations 0 = alg, one for each unknown of z, and which of the others each unknown needs."""
+    """The algebraic equations 0 = alg, one for each unknown of z, with the dependencies between the unknowns."""
 
     reduced: Reduced
     row: tuple[int, ...]
@@ -111,7 +111,7 @@ class _Loops:
         return found
 
     def response(self, unknowns: set[int], moved: ca.SX) -> ca.SX:
-        """How z (n_z, 1) changes where the residuals change by `moved` (n_z, 1): -g_z^-1 moved, within some unknowns."""
+        """The change of z (n_z, 1) for a change of the residuals (n_z, 1): -g_z^-1 moved, restricted to some unknowns."""
         found = ca.SX(len(self.row), 1)
         if not unknowns:
             return found

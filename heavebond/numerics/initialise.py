@@ -1,4 +1,4 @@
-"""Consistent initial values: a globalised Newton method of our own, which says what was asked and what was used."""
+"""Consistent initial values by a globalised Newton method; the result lists the requested and the used values."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ class Start:
 
 def start(assembly: Assembly, t: float | None = None, u: Array | None = None, equations: StartEquations | None = None
           ) -> Start:
-    """Solve for x, z and the parameters under `solve:`; StartError with the reason where that cannot be.
+    """Solve for x, z and the parameters under `solve:`; StartError with the reason if no solution is found.
 
-    Unknowns that no condition decides keep their guess: states do where the loops can be solved for the algebraic unknowns
-    alone; else all change as little as they can, in scaled variables. After `start: steady` a direction that no equation
-    determines is an error. The time is by default that at which runs begin; `equations` are those of the assembly where
-    they are compiled already."""
+    Unknowns that no condition determines keep their guess: states keep it exactly if the loops can be solved for the
+    algebraic unknowns alone; otherwise all unknowns change by the least norm in scaled variables. After `start: steady` a
+    direction that no equation determines is an error. The time defaults to the begin of the runs; `equations` are the
+    compiled equations of the start, if they exist."""
     t = assembly.begin if t is None else t
     if (p := clocks_at(assembly, t, assembly.p)) is not assembly.p:
         assembly = replace(assembly, p=p)
@@ -72,8 +72,8 @@ def start(assembly: Assembly, t: float | None = None, u: Array | None = None, eq
 
 def held_still(u: Array, t: float) -> Array:
     """The pieces of the measured inputs (see `dae.substitute_inputs`) with their values at t, and no derivatives: a spline
-    through samples has a slope at its end even where the machine was at rest, and a small one fills or empties a chamber
-    that hardly leaks."""
+    through samples has a slope at its end even if the machine was at rest, and a small slope fills or empties a chamber with
+    little leakage."""
     found = u.copy()
     for k in range(1, len(u) - 3, 4):
         found[k:k + 4] = np.polyval(u[k:k + 4][::-1], t - u[0]), 0.0, 0.0, 0.0
@@ -93,8 +93,8 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     """The derivative of the start along `directions` (n_p, m), by the implicit function theorem.
 
     With F(y, p) = 0 the equations of the start and dy_0 the change of the guess, dy = dy_0 - F_y^+ (F_p dp + F_y dy_0): the
-    least change in scaled unknowns, as `start` takes it, so that what no equation determines follows its guess. Parameters
-    under `solve:` follow the others.
+    least change in scaled unknowns, as in `start`, so that undetermined unknowns follow their guess. Parameters under
+    `solve:` follow the others.
     """
     n_x, n_z = len(first.x), len(first.z)
     sizes = equations.sizes(first.p)
@@ -176,8 +176,8 @@ class StartSearch:
         return self._with_components(y) if self.equations.component_rows else y
 
     def _with_components(self, y: Array) -> Array:
-        """The start with the states that the initial values of the components decide; `y` itself if these have no solution,
-        as that of a lag in a loop with a gain of 1."""
+        """The start with the states that the initial values of the components determine; `y` itself if these have no
+        solution, such as a lag in a loop with gain 1."""
         sizes, system = self.equations.following(self.nominal), self.equations.with_components
 
         def at(y: Array) -> tuple[Array, Matrix]:
@@ -224,10 +224,10 @@ class StartSearch:
             return None
 
     def _search(self, first: Array) -> Array:
-        """The first of these that leads to a solution: Newton's method from the guess; continuation in the widths of
-        regularised laws; continuation in what is out of balance at the guess; for a steady start, letting the machine
-        settle; continuation with rounded corners, since where a contact is open or a valve shut at the guess its force has
-        no gradient there; integrating it until it rests; Newton's method from points around the guess."""
+        """The first of these methods that converges: Newton's method from the guess; continuation in the widths of
+        regularised laws; continuation in the residuals at the guess; for a steady start, pseudo-transient continuation;
+        continuation with rounded corners, since an open contact or a shut valve has no gradient at the guess; integration
+        until the machine is at rest; Newton's method from points around the guess."""
         system = self._scaled(self.equations.all)
         best: NewtonResult | None = None
         for attempt in range(6 + INITIALISATION.max_shifts):
@@ -244,9 +244,10 @@ class StartSearch:
         raise start_messages.failure(self.equations, self._point(best.y), best.residual, self.equations.all, self.nominal)
 
     def _nearest(self, system: System, first: Array, y: Array) -> Array:
-        """Of several equilibria the nearest to the guess, in usual sizes of the states: Newton's method may step over it.
-        The path along which the imbalance at the guess vanishes leads to one nearby; if that is another than y, so does
-        the motion of the machine. A start in which shut volumes leave directions open stays as it is."""
+        """The equilibrium nearest to the guess, in usual sizes of the states, if there are several: Newton's method may step
+        over it. The path along which the residuals at the guess vanish leads to a near equilibrium. It replaces y if it
+        differs from y and the motion of the machine leads to it too. A start with undetermined pressures of shut volumes is
+        not changed."""
         if self.equations.all.affine:
             return y
         found = continued(lambda done: system, first, self.frame)
@@ -281,8 +282,9 @@ class StartSearch:
         return newton(system, first + self.nominal * self._shift(attempt - 5), self.frame)
 
     def _come_to_rest(self, system: System, first: Array) -> NewtonResult:
-        """Where the machine comes to rest by itself, by the integrator, from a consistent point at the guess: valves that
-        are shut there open as pressures rise, whatever gradient they had. Newton's method is tried from later points."""
+        """The state of rest to which the machine settles by integration from a consistent point at the guess: valves that
+        are shut at the guess open when pressures rise, even if they have no gradient there. Newton's method is tried from
+        later points."""
         y, found = first.copy(), NewtonResult(first, np.full(1, np.inf), 0)
         inner = slice(self.n_x, self.n_x + self.n_z)
         try:
@@ -309,7 +311,7 @@ class StartSearch:
         return at
 
     def _narrowed(self, system: System, y: Array) -> NewtonResult:
-        """Newton's method with wide transitions, which are narrowed to their own width step by step."""
+        """Newton's method with widened transitions, which are narrowed step by step to their width."""
         found = NewtonResult(y, np.full(1, np.inf), 0)
         if not self.equations.widths:
             return found
@@ -392,7 +394,7 @@ class StartSearch:
         return Start(self.t, point.x, point.z, point.p, tuple(table), free, self.steps, self.in_turn, self.of_components)
 
     def _others(self, point: Point, told: set[str]) -> list[StartLine]:
-        """What was asked of variables that are no states."""
+        """The lines of the table on conditions for variables that are not states."""
         flat = self.assembly.flat
         found = [(j, c) for name, c in self.equations.initial.conditions.items()
                  if (j := flat.names.get(name)) is not None and flat.unknowns[j].name not in told and name not in told]
@@ -403,7 +405,8 @@ class StartSearch:
                           "solved from a guess" if c.guess else "asked for") for j, c in found]
 
     def _check_constants(self) -> None:
-        """Coefficients of parameters alone that are zero: a mass or stiffness of 0 is told before anything is solved."""
+        """Raise an error for coefficients of parameters alone that are zero: a mass or stiffness of 0 is reported before the
+        equations are solved."""
         constant, function = self.equations.constants
         values = function(self.assembly.p)["o0"].ravel()
         start_messages.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))

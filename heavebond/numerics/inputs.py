@@ -38,7 +38,7 @@ class Pieced:
 
 
 def pieced(flat: Flat, begin: float, end: float) -> Pieced:
-    """Read every measured input of a model; DataError with file and line for what is wrong in a record."""
+    """Read every measured input of a model; DataError with file and line for faults of a record."""
     if not flat.inputs:
         return Pieced(np.zeros(0), np.zeros((0, 0)), DELAY_ROWS * len(flat.delays))
     problems = Problems()
@@ -76,9 +76,9 @@ def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -
 
 def input_samples(given: FileInput, begin: float = -np.inf, end: float = np.inf, *, table: Table | None = None
                   ) -> tuple[Array, Array]:
-    """The times (n,) in s at which an input was sampled and its values (n,) in its own unit; rows without a value are
-    passed over. `table` is its file where that has been read. DataError for a gap between `begin` and `end` (see
-    `check_gaps`) that may not be bridged."""
+    """The times (n,) in s and values (n,) of the samples of an input, in the unit of the input; rows without a value are
+    omitted. `table` is its file where that has been read. DataError for a gap between `begin` and `end` (see `check_gaps`)
+    that may not be bridged."""
     table = table or read_table(given.file, place=given.place, beside=given.time_column)
     name = given.time_column or table.header[0]
     table = timed(table, name, unit=given.time_unit, zero=given.zero, place=given.place)

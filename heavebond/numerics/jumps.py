@@ -1,15 +1,15 @@
-"""Events as equations: when they happen, what they set, and how that moves with parameters.
+"""Events as equations: their conditions, the values that they set, and the derivatives of both by parameters.
 
-Between events x' = f(t, x, z, p, h), 0 = g(t, x, z, p, h); the held variables h stand among the parameters. At an instant T
-an event sets some of x and h to r(t, x, z, p, h), taken before it. Along a direction in the parameters, with X = dx/dp,
-H = dh/dp and a condition c(t, x, z, p, h) = 0 that is met at T,
+Between events x' = f(t, x, z, p, h), 0 = g(t, x, z, p, h); the held variables h are elements of the parameter vector. At
+an instant T an event sets some of x and h to r(t, x, z, p, h), taken before it. Along a direction in the parameters, with X
+= dx/dp, H = dh/dp and a condition c(t, x, z, p, h) = 0 that is met at T,
 
     dT = -(c_x X + c_z Z + c_p + c_h H) / (c_t + c_x x' + c_z z'),
     dr = r_x (X + x' dT) + r_z (Z + z' dT) + r_p + r_h H + r_t dT       (all before T),
     X after = dr - x' dT for what is set, X + (x' before - x' after) dT for the rest;   H after = dr.
 
-With `at: t_s` dT is that of the parameter, with `every: T_s` it is k dT_s at the k-th instant. Integrals are states that
-nothing sets. Hiskens and Pai, Trajectory sensitivity analysis of hybrid systems, 2000, doi:10.1109/81.828574.
+With `at: t_s` dT is the derivative of that parameter, with `every: T_s` it is k dT_s at the k-th instant. Integrals are
+states that nothing sets. Hiskens and Pai, Trajectory sensitivity analysis of hybrid systems, 2000, doi:10.1109/81.828574.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from heavebond.numerics.update_order import Updates
 
 @dataclass(frozen=True)
 class PointSensitivity:
-    """How a point moves along m directions: states (n_x, m), integrals (n_q, m), parameters and held variables (n_p, m), and
-    the pieces of delayed variables (n_u, m)."""
+    """The derivatives of a point along m directions: states (n_x, m), integrals (n_q, m), parameters and held variables
+    (n_p, m), and the pieces of delayed variables (n_u, m)."""
 
     x: Array
     q: Array
@@ -48,8 +48,8 @@ class PointSensitivity:
 
 
 class EventEquations:
-    """The conditions, instants and resets of an assembly, compiled once; `quadratures` are what is integrated along, in the
-    arguments of the assembly and `factors`."""
+    """The conditions, instants and resets of an assembly, compiled once; `quadratures` are the integrands of the integrals,
+    in the arguments of the assembly and `factors`."""
 
     def __init__(self, assembly: Assembly, quadratures: ca.SX, factors: ca.SX):
         self.assembly, self.events = assembly, assembly.flat.events
@@ -132,7 +132,8 @@ class EventEquations:
         return np.array(self._along(*columns, dt, dx, dz, dp, du)[1]).reshape(-1, n), dz
 
     def _undecided(self, columns: Sequence[Array], by_z: Array, when: str = "at") -> SimulationError:
-        """What to say where d(algebraic equations)/dz (N, n_z, n_z) is singular at the first of N points."""
+        """The message on undetermined unknowns if d(algebraic equations)/dz (N, n_z, n_z) is singular at the first of N
+        points."""
         k = int(np.argmin(np.abs(np.linalg.slogdet(by_z)[0])))
         t, x, z, p, u, _ = (column[:, k] for column in columns)
         found = losses(self.assembly.reduced.system, self.assembly.point(float(t[0]), x, z, p, u))
@@ -199,9 +200,9 @@ class EventEquations:
         return np.asarray(-indicators[condition] / slope)
 
     def check_continuous(self, before: Point, after: Point, happened: Sequence[int]) -> None:
-        """SimulationError where events make jump what the equations differentiate, a prescribed position or speed of a mass
-        above all: its rate there is no number, and what follows from it would be wrong in silence. Where an event sets
-        states, the law of an impact is known, and the others follow it."""
+        """Raise SimulationError if events cause a jump of a variable that the equations differentiate, such as a prescribed
+        position or speed of a mass: its rate is infinite, and dependent values would be wrong without a warning. If an event
+        sets states, the law of the impact is specified by the event."""
         if not self._differentiated or any(self.states[row] is not None for i in happened for row in self.rows[i]):
             return
         first, then = (np.array(self._followed(*point.values())).ravel() for point in (before, after))
@@ -237,7 +238,7 @@ class EventEquations:
         return found
 
     def _check_solvable(self, point: Point, when: str) -> None:
-        """SimulationError with what is undecided where the equations lose their rank at a point."""
+        """Raise SimulationError with the undetermined unknowns if the equations lose their rank at a point."""
         by_z = np.array(self._by_z(*point.values()))
         if np.linalg.slogdet(by_z)[0] == 0:
             raise self._undecided(point.columns(), by_z[None], when)
@@ -257,9 +258,9 @@ class EventEquations:
         return np.asarray(-np.linalg.solve(np.array(self._by_z(*point.values())), residual.reshape(-1, m)))
 
     def yielding(self, point: Point, fired: Sequence[int], touch: float) -> tuple[Point, list[int]]:
-        """The point after what gives way to the impulses of the events `fired`, and the events by which it does: friction
-        that sticks holds a finite force, and a body that rests on another cannot pull it. Their conditions are looked at
-        under the force that gives the impulse within `touch` (s)."""
+        """The point after contacts have yielded to the impulses of the events `fired`, and the events of these contacts:
+        sticking friction transmits a finite force, and a body that rests on another cannot pull it. Their conditions are
+        evaluated under the force whose impulse within `touch` (s) is that of the event."""
         yielded: list[int] = []
         for event in (e for e in fired if self._forces[e] is not None):
             for _ in range(EVENTS.max_cascades):
@@ -282,8 +283,8 @@ class EventEquations:
         return point, yielded
 
     def breaking(self, point: Point, fired: Sequence[int]) -> tuple[Point, list[int]]:
-        """The point with the contacts that are at their limits there, and those of the events `fired`, with the breakaways
-        of other contacts, that happen.
+        """The point with the contacts that are at their limits, and the events that happen: those of `fired`, with the
+        breakaways of other contacts.
 
         A contact breaks away only if the bodies then move. With all contacts at their limits reduced to `EVENTS.reduced` of
         their forces, a contact moves if its speed changes by more than `EVENTS.held` of its change in the case that no other
@@ -330,8 +331,8 @@ class EventEquations:
         """The point and its derivatives after the events `fired` at one instant, with the delays dT (m,) of each, and the
         events that their impulses, within `touch` (s), set off (see `yielding`).
 
-        The new values are computed in the order of `update_order`. Where events coincide that move differently with a
-        parameter, the derivative is that for the order in which they stand.
+        The new values are computed in the order of `update_order`. If coincident events have different derivatives by a
+        parameter, the derivative assumes the order of declaration.
         """
         begun = point
         point, yielded = self.yielding(point, fired, touch)
@@ -358,7 +359,7 @@ class EventEquations:
         return now, PointSensitivity(x, q, p, moved.u), yielded
 
     def would_change(self, point: Point, event: int) -> bool:
-        """Whether the event would set anything at a point to another value than it has there."""
+        """True if the event would change a value at a point."""
         values = self._new_values(point, [event])
         after, sizes = self._set(point, values, event), self.assembly.x_nominal
         moved = np.any(np.abs(after.x - point.x) > EVENTS.continuous * sizes)
@@ -407,8 +408,8 @@ def _looked(assembly: Assembly, indicators: ca.SX) -> ca.Function:
 
 
 def differentiated(assembly: Assembly) -> list[int]:
-    """The unknowns whose rates stand in the equations, that are no states, and that follow from what events change. A speed
-    that is told of a node, and that nothing else asks for, does not count: a spring may be jerked at its end."""
+    """The unknowns that are not states, whose rates occur in the equations, and that depend on values set by events. A
+    prescribed speed of a node that no other equation uses is excluded: the end of a spring may move abruptly."""
     flat, states, n = assembly.flat, set(assembly.reduced.states), len(assembly.flat.unknowns)
     used = Counter(c % n for row in flat.entries for c, _ in row)
     idle = [equation.role is EquationRole.RATE and any(c < n and used[c] == 1 for c, _ in row)

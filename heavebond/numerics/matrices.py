@@ -165,11 +165,11 @@ def null_space(matrix: Matrix, share: float) -> Array:
 
 
 class _Damped:
-    """The equations (A^T A + d^2) x = A^T b of a large sparse matrix A (m, n), as the system
-    [[d, A], [A^T, -d]] [y, x] = [b, 0], whose condition is that of A with its singular values below d raised to d.
+    """The equations (A^T A + d^2) x = A^T b of a large sparse matrix A (m, n), as the system [[d, A], [A^T, -d]] [y, x] =
+    [b, 0]. Its condition is the condition of A with the singular values below d raised to d.
 
-    Repeated with what is left of b, its solution approaches that of least norm: a singular value s counts as
-    1 - (d^2 / (s^2 + d^2))^k after k times (iterated Tikhonov regularisation; H. W. Engl, M. Hanke, A. Neubauer,
+    Repeated with the residual of b, its solution approaches the solution of least norm: a singular value s counts as 1 -
+    (d^2 / (s^2 + d^2))^k after k repetitions (iterated Tikhonov regularisation; H. W. Engl, M. Hanke, A. Neubauer,
     Regularization of Inverse Problems, Kluwer 1996, section 5.1).
     """
 

@@ -29,8 +29,8 @@ MOVED, WAY = 2, 0.2
 
 
 def unassembled(assembly: Assembly) -> Problem | None:
-    """Why the initial conditions of a mechanism ask for a configuration that does not exist; None where it does, or
-    where the diagram has no constraints that change with its configuration."""
+    """The error for initial conditions of a mechanism that require an impossible configuration; None if the configuration
+    exists, or if no constraint of the diagram depends on the configuration."""
     equations = _equations(assembly)
     if equations is None:
         return None
@@ -45,7 +45,8 @@ def unassembled(assembly: Assembly) -> Problem | None:
 
 
 def dead_centre(assembly: Assembly) -> Problem | None:
-    """That the constraints of a mechanism depend on each other at its start, but not beside it; None if they do not."""
+    """The error for a dead centre: the constraints of a mechanism depend on each other at its start, but not near it. None
+    if this is not so."""
     equations = _equations(assembly)
     if equations is None:
         return None
@@ -55,8 +56,8 @@ def dead_centre(assembly: Assembly) -> Problem | None:
 
 
 def redundant_loop(assembly: Assembly) -> Problem | None:
-    """That the constraints of a mechanism depend on each other at its start and at positions to which it moves, as those of
-    three parallel cranks; None if they do not, or at its start only (a dead centre)."""
+    """The error for redundant constraints: they depend on each other at the start of a mechanism and at positions to which
+    it moves, as with three parallel cranks. None if not, or if at the start only (a dead centre)."""
     equations = _equations(assembly)
     if equations is None:
         return None

@@ -30,7 +30,8 @@ class DensePointConstants:
     first: share of the run up to which the first output interval is not divided in the integration. Origin: the first step
         depends on its length, and runs are not to depend on these points. Doubled: nothing but for coarse output.
     moved: share of its range along the run from which on a state that moves in the first interval has it integrated again,
-        with points between. Origin: a smaller excursion is no extreme. Doubled: smaller transients are passed over.
+        with points between. Origin: a smaller excursion does not affect extremes. Doubled: smaller transients are passed
+        over.
     shares: the points in it, as shares. Origin: transients of any length down to rounding. Doubled: some us.
     """
 

@@ -29,7 +29,7 @@ def evaluated(assembly: Assembly, function: ca.Function, columns: Sequence[Array
 
 
 def missing(assembly: Assembly, unknowns: Sequence[int], columns: Sequence[Array], values: Array) -> NDArray[np.bool_]:
-    """Which values (k, N) of unknowns no equation determines, of those on which no motion depends."""
+    """True for values (k, N) of unknowns that no equation determines and on which no motion depends."""
     found = np.zeros(values.shape, bool)
     for k, j in enumerate(unknowns):
         if j in assembly.reduced.choices.derived and np.isnan(values[k]).any():
@@ -51,8 +51,8 @@ def undetermined(assembly: Assembly, expression: ca.SX, columns: Sequence[Array]
 
 
 def _quotients(expression: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-    """The numerators and denominators in an expression; of a product with infinity the other factor, and of NaN under a
-    condition its opposite, twice."""
+    """The numerators and denominators in an expression; for a product with infinity the other factor, and for NaN under a
+    condition the opposite condition, twice."""
     found, waiting, known = [], [expression], {expression.element_hash()}
     while waiting:
         node = waiting.pop()

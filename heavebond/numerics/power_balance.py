@@ -1,8 +1,8 @@
-"""Power balance of components along a run: what flows in over the ports, against what is stored, dissipated and unbalanced.
+"""Power balance of components along a run: the power through the ports against stored, dissipated and unbalanced power.
 
-The audit of a run (`audit`) integrates powers beside the states, which costs a second run. The same law holds at every
-instant, d(stores)/dt taken along the equations of motion, and is checked here at some points of a run that is there already:
-no error of a quadrature between output points enters, only rounding. What it finds is a law that makes or loses energy.
+The audit of a run (`audit`) integrates powers together with the states, which costs a second run. The same balance holds
+at every instant, with d(stores)/dt along the equations of motion. It is checked here at some points of an existing run,
+without errors of quadrature between output points. A violation means that a law creates or loses energy.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: S
 
 def _missing(parts: Sequence[Energetics], through: Mapping[str, Array], powers: tuple[Array, Array, Array], limit: float,
              time: Array) -> list[Imbalance]:
-    """The parts that miss more than the limit, from the power into each over its ports and what it stores, dissipates and
-    leaves unbalanced, each (n_parts, N)."""
+    """The parts whose missing power exceeds the limit, from the power into each over its ports and the power that it stores,
+    dissipates and leaves unbalanced, each (n_parts, N)."""
     (rate, dissipated, unbalanced), found = powers, []
     for k, part in enumerate(parts):
         missing = through[part.owner] - rate[k] - dissipated[k] - unbalanced[k]
@@ -80,7 +80,8 @@ def _missing(parts: Sequence[Energetics], through: Mapping[str, Array], powers: 
 
 
 def _turnover(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence[Array]) -> float:
-    """The largest power that a store exchanges with itself: the sum of |dS/dx_i x'_i|, W, where a pendulum's dS/dt is 0."""
+    """The largest power that a store exchanges internally: the sum of |dS/dx_i x'_i|, W. For a pendulum dS/dt is 0, this sum
+    is not."""
     t, x, _, _, _, rate = assembly.arguments
     gradient = ca.jacobian(assembly.express(stack(e.energy for e in parts)), stack([t, x]))
     terms = ca.sum2(ca.fabs(ca.mtimes(gradient, ca.diag(stack([rate, assembly.ode])))))
@@ -101,7 +102,8 @@ def _port_powers(flat: Flat, values: Array) -> dict[str, Array]:
 
 def _energies(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence[Array], more: Sequence[ca.SX]
               ) -> tuple[tuple[Array, ...], Array]:
-    """What is dissipated and unbalanced in W, what is stored in J and its rate in W, each (n_parts, N), and more (k, N).
+    """Dissipated and unbalanced power in W, stored energy in J and its rate in W, each (n_parts, N), and the values (k, N)
+    of `more`.
 
     The rate is taken along the motion: dS/dt + dS/dx x' + dS/dz z', with z' = -(dg/dz)^-1 (dg/dt + dg/dx x') of the
     algebraic equations g = 0.

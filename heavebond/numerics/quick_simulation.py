@@ -1,16 +1,16 @@
 """Runs for searches: measured inputs are looked up by time inside the equations.
 
-`Simulator` hands the integrator a new polynomial piece of each input at every sample and makes it stop there, which splits
-its steps: three to six times as many as the motion asks for. Here the pieces stand in the equations as a table over time,
-and the integrator (CVODES where there are no algebraic unknowns, which takes fewer evaluations a step than IDAS) steps over
-the samples under its error control. What a search finds is reported from runs of `Simulator`.
+`Simulator` hands the integrator a new polynomial piece of each input at every sample and makes it stop there, which
+splits its steps: three to six times as many as the motion asks for. Here the pieces are a table over time within the
+equations. The integrator (CVODES if there are no algebraic unknowns, with fewer evaluations a step than IDAS) steps over the
+samples under its error control. Results of a search are reported from runs of `Simulator`.
 
-Where a C compiler is present, a compiled program drives CVODES and evaluates the equations (see `compiled_cvodes`): two to
+If a C compiler is present, a compiled program calls CVODES and evaluates the equations (see `compiled_cvodes`): two to
 four times as fast for a machine of few states.
 
-An input that jumps at its samples (`interpolation: hold`) has to be stopped at. Methods of several steps begin each stretch
-with their lowest order and their shortest steps; where that takes many evaluations a sample and nothing is compiled, a
-one-step method takes over, which needs a step or two.
+An input that jumps at its samples (`interpolation: hold`) has to be stopped at. Multistep methods begin each stretch with
+their lowest order and shortest steps. If that takes many evaluations a sample and nothing is compiled, a one-step method is
+used instead, which needs one or two steps.
 """
 
 from __future__ import annotations
@@ -54,13 +54,12 @@ class SearchRunConstants:
 
     max_steps: steps between two samples after which a candidate is given up. Origin: a bound on the time of a hopeless
         candidate. Doubled: hopeless candidates take twice as long.
-    max_steps_exact: the same in what is reported of a candidate. Origin: ten times that of the search. Doubled: as
-        above.
-    longest_step: longest step, in samples of the inputs. Origin: from rest an integrator would step over a short
-        motion, and longer steps of its own change with the parameters, which makes the sum of squares rough. Doubled:
-        fewer evaluations, a rougher sum of squares.
-    one_step_from: evaluations between two samples from which a one-step method costs less. Origin: each of its steps
-        takes eight and a Jacobian. Doubled: some runs take longer, with the same result.
+    max_steps_exact: the same in final runs of a candidate. Origin: ten times the value of the search. Doubled: as above.
+    longest_step: longest step, in samples of the inputs. Origin: from rest an integrator would step over a short motion, and
+        the lengths of unlimited steps depend on the parameters, which makes the sum of squares rough. Doubled: fewer
+        evaluations, a rougher sum of squares.
+    one_step_from: evaluations between two samples from which a one-step method costs less. Origin: each of its steps takes
+        eight and a Jacobian. Doubled: some runs take longer, with the same result.
     one_step_tolerance: factor on its tolerances. Origin: its steps end at the samples, so that it errs by far less than
         allowed. Doubled: errors up to the tolerance asked for.
     """
@@ -79,18 +78,18 @@ CONTINUOUS = ("spline", "linear")
 
 
 class Unexplained(Simulator):
-    """A `Simulator` for one candidate among many: where it gives up it does so soon, and does not look for the reason, which
-    would cost further runs. Where the compiled program can integrate its equations, it does so with the share
-    `CVODES_SHARE` of the tolerances asked for."""
+    """A `Simulator` for one candidate among many: it gives up early, and does not search for the reason of a failure, which
+    would cost further runs. If the compiled program can integrate its equations, it is used, with the share `CVODES_SHARE`
+    of the requested tolerances."""
 
     most_steps = SEARCH_RUNS.max_steps_exact
     share = CVODES_SHARE  # of the tolerances asked for, with which the compiled program integrates
 
     def __init__(self, *given: Any, probe: Probe | None = None, among: Sequence[str] = (), like: Simulator | None = None,
                  **named: Any):
-        """`probe` are the signals that `measured` gives. The compiled program has derivatives by the sensitivities and by
-        all parameters `among` which they stand: simulators that differ in nothing else share one list of operations. What
-        integrates is that of the simulator `like`, where it is of the same kind."""
+        """`probe` are the signals that `measured` gives. The compiled program has derivatives by all parameters `among`,
+        which include the sensitivities: simulators with equal equations share one list of operations. The integrator is
+        taken from the simulator `like` if it is of the same kind."""
         self.probe, self.among = probe, among
         of = like.driver if isinstance(like, Unexplained) and type(like) is type(self) else None
         self.method = None if of is None else of.method
@@ -118,7 +117,7 @@ class Unexplained(Simulator):
 
     @cached_property
     def equations(self) -> Equations | None:
-        """What the compiled program integrates; None where it cannot."""
+        """The equations of the compiled program; None if it cannot integrate them."""
         assembly = self.assembly
         if assembly.flat.events or assembly.flat.delays or self.charts.needed or self.quadratures is not None \
                 or compiled_cvodes.program() is None \
@@ -170,8 +169,8 @@ class Unexplained(Simulator):
 
     def measured(self, parameters: Mapping[str, float], watch: Watch | None = None) -> tuple[Array, Array]:
         """The signals of the probe (k, N) along a run and their derivatives by the sensitivities (m, k, N). The compiled
-        program calls `watch` now and then with the number of output times seen before and the signals (k, n) at those
-        since; what it raises ends the run."""
+        program calls `watch` from time to time with the number of output times passed before and the signals (k, n) at the
+        output times since; an exception that it raises ends the run."""
         assert self.probe is not None
         check()
         with self._turn:
@@ -193,7 +192,7 @@ class Unexplained(Simulator):
             return found[:, 0].T, np.ascontiguousarray(np.moveaxis(found[:, 1:] / self._sizes(moved)[:, None], 0, -1))
 
     def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
-        """As a `Simulator`, but the start is not solved again where only what it does not depend on has another value."""
+        """As `Simulator`, but the start is solved again only if a parameter on which it depends has changed."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         equations = self.start_equations
         p = clocks_at(assembly, float(self.time[0]), assembly.p)
@@ -238,7 +237,7 @@ class Unexplained(Simulator):
 
     def _compiled(self, driver: CompiledCvodes, first: Start, moved: Tangent | None, states: bool,
                   watch: Watch | None = None) -> Integrated:
-        """A run by the compiled program; its RuntimeError where it fails."""
+        """A run by the compiled program; RuntimeError if it fails."""
         x0, nominal = first.x / self.assembly.x_nominal, self.assembly.x_nominal[:, None]
         directions = self.along if moved is None else moved.p
         if moved is not None:
@@ -283,7 +282,8 @@ class Unexplained(Simulator):
 
 class CaseSimulator(Unexplained):
     """A `Simulator` for the cases of a sweep, which have the same equations with other parameters, with integrals along the
-    run; without sensitivities. What one run gives does not depend on those before it. `compiled` tells whether it serves."""
+    run; without sensitivities. The result of a run does not depend on the runs before it. `compiled` is true if the compiled
+    program integrates the equations."""
 
     most_steps, share = idas.MOST_STEPS, 1.0
     keeps_shortest = False
@@ -295,7 +295,7 @@ class CaseSimulator(Unexplained):
 
     @cached_property
     def equations(self) -> Equations | None:
-        """What the compiled program integrates; None where it cannot."""
+        """The equations of the compiled program; None if it cannot integrate them."""
         assembly = self.assembly
         if assembly.flat.events or assembly.flat.delays or self.charts.needed or self.sensitivities \
                 or compiled_cvodes.program() is None:
@@ -344,8 +344,8 @@ class FitSimulator(Unexplained):
 
 
 class QuickSimulator(Unexplained):
-    """A `Simulator` for searches. Where a diagram has events, or inputs with kinks or jumps at their samples, it is one in
-    all but its messages."""
+    """A `Simulator` for searches. For a diagram with events, or with inputs that have kinks or jumps at their samples, it
+    differs from `Simulator` in its messages only."""
 
     most_steps, share = SEARCH_RUNS.max_steps, 1.0
 
@@ -408,9 +408,9 @@ class QuickSimulator(Unexplained):
 
 
 def _sides(dae: Mapping[str, ca.SX]) -> ca.Function:
-    """The right sides (ode, alg) as a function of (t, x, z, p, u) that knows its Jacobian by x and z, which is all that an
-    integrator asks for. Left to itself CasADi moves the function once for each colour of columns, with its parameters and
-    inputs: five times the operations, in a run with sensitivities half of its time."""
+    """The right sides (ode, alg) as a function of (t, x, z, p, u) that knows its Jacobian by x and z, the only derivative
+    that an integrator needs. By default CasADi differentiates the function once for each colour of columns, with its
+    parameters and inputs: five times the operations, in a run with sensitivities half of its time."""
     inputs, outputs = ("t", "x", "z", "p", "u"), ("ode", "alg")
     given, sides = [dae[k] for k in inputs], [dae[k] for k in outputs]
     before = [ca.SX.sym(f"out_{k}", dae[k].numel()) for k in outputs]

@@ -2,8 +2,8 @@
 
 An impact acts through the ports of its component: impulses P there change the states by B P, with B the response of the
 rates of the states to forces at the ports (see `impulses`). An event that sets some speeds and leaves the others as they are
-is possible only where some P changes those alone. Else the others would have to change too: what is set in their place
-creates momentum and energy from nothing.
+is possible only where some P changes those alone. Otherwise the other states would have to change as well, and the specified
+values create momentum and energy.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def check_resets(reduced: Reduced, problems: Problems) -> None:
 
 
 class _Candidate(NamedTuple):
-    """An event that sets speeds without an impulse: the states (numbers) that it sets, those of them that are speeds of the
-    ports of its component, and the balances of forces (rows) of these ports."""
+    """An event that sets speeds without an impulse: the states (indices) that it sets, those among them that are speeds at
+    the ports of its component, and the force balances (rows) of these ports."""
 
     event: FlatEvent
     given: set[int]
@@ -123,7 +123,7 @@ def _response(flat: Flat, rows: list[int], reduced: Reduced) -> Array | None:
 
 
 def _moved_too(response: Array, speeds: list[int], others: list[int]) -> list[int]:
-    """The states beside `speeds` that every impulse changes which changes these; none where some impulse does not."""
+    """The further states changed by every impulse that changes `speeds`; none if some impulse changes `speeds` alone."""
     size = np.abs(response).max(axis=0, initial=0.0)
     scaled = response[:, size > 0] / size[size > 0]
     if not scaled.size or not np.abs(scaled[speeds]).max() > SMALL:

@@ -65,7 +65,7 @@ Settle = Callable[[NDArray[np.intp]], Array]  # the algebraic unknowns (n_z, k) 
 
 
 def _kept(dense: Result) -> tuple[Result, Settle | None]:
-    """What `between` of a run gives that was handed over with its dense points."""
+    """The function `between` of a run that is created with its dense points."""
     return dense, None
 
 
@@ -101,14 +101,14 @@ class Result:
     ended: Finding | None = None
 
     def __reduce__(self) -> tuple[Callable[..., Result], tuple[object, ...]]:
-        """Pickle the numbers, those of `dense` too; see `Assembly` for the equations."""
+        """Pickle the numbers, including those of `dense`; see `Assembly` for the equations."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         values["between"] = None if self._points is None else partial(_kept, self.dense)
         return partial(Result, **values), ()
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
+        """The verdict on the values of this run: `print(result.verdict)` shows it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
         findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._filled(),
                     *self._unfit(), *self._unstable_start(), *self._time_formulas(), *self._dense_events(),
@@ -122,7 +122,7 @@ class Result:
     @cached_property
     def dense(self) -> Result:
         """The run at its output points, at points between them about as dense as the steps of the integrator, and on both
-        sides of events, whose time occurs twice. The run itself where it was made without such points."""
+        sides of events, whose time occurs twice. The run itself if it was made without such points."""
         if self._points is None:
             return self
         points, settle = self._points
@@ -151,7 +151,7 @@ class Result:
         return Verdict(tuple(f for f in found.findings if f.failed or f.name not in named))
 
     def _true_at_start(self) -> list[Finding]:
-        """Events that would have happened if their conditions had become true at the start instead of being so."""
+        """Findings on events whose conditions are already true at the start, so that the events do not happen."""
         names = self.statistics.get("true_at_start", ())
         assert isinstance(names, (list, tuple))
         texts = {event.name: event.text for event in self.assembly.flat.events}
@@ -165,7 +165,8 @@ class Result:
         return [finding] if finding is not None else []
 
     def _dense_events(self) -> list[Finding]:
-        """Parts whose conditions make so many events, in the run or in a short while, that they decide on its time."""
+        """Findings on parts whose conditions cause so many events, in the run or in a short time, that they determine its
+        computing time."""
         conditions = {e.name for e in self.assembly.flat.events if e.indicator is not None and not e.by_clock}
         instants: dict[str, list[float]] = {}
         for instant in self.instants:
@@ -183,14 +184,14 @@ class Result:
         return found
 
     def _placeholders(self) -> list[Finding]:
-        """Parts that stand for something that was not translated."""
+        """Findings on parts that are placeholders for untranslated parts."""
         leaves = self.assembly.flat.expanded.leaves
         return [Finding("placeholder", path, path, float(self.time[0]), 0.0, None, "",
                         f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
                 for path, leaf in leaves.items() if leaf.component.placeholder]
 
     def _joined(self) -> list[Finding]:
-        """Parts with two ports of which both are on one node."""
+        """Findings on parts with two ports, both on one node."""
         flat, time = self.assembly.flat, float(self.time[0])
         joined = {path: node for path in flat.expanded.leaves if (node := joined_ports(flat, path)) is not None}
         return [Finding("joined", path, node, time, 0.0, None, "", "it does nothing there. Put one port on another node, or "
@@ -223,7 +224,7 @@ class Result:
         return found
 
     def _filled(self) -> list[Finding]:
-        """Nodes without a capacity of their own at which the run was restarted with a small volume."""
+        """Findings on nodes without a capacity at which the run was restarted with a small volume."""
         fills = self.statistics.get("fills")
         if not isinstance(fills, dict):
             return []
@@ -395,8 +396,8 @@ AT_ONCE = 6000  # points of one call of a function, at most
 
 
 class Probe:
-    """Signals of an assembly as compiled functions, for one run or for many (fitting, sweeps). With `si` all are formulas
-    in SI: an output of the diagram that is called as a variable does not take its place with a unit of its own."""
+    """Signals of an assembly as compiled functions, for one run or for many (fitting, sweeps). With `si` all signals are
+    formulas in SI: an output with the name of a variable does not replace that variable."""
 
     def __init__(self, assembly: Assembly, names: Iterable[str], si: bool = False):
         self.assembly, self.names, self.si = assembly, tuple(names), si
@@ -449,7 +450,8 @@ class Probe:
 
 
 class _Course:
-    """An expression in an assembly's arguments along runs; only what it contains is handed over to its function."""
+    """An expression in an assembly's arguments, evaluated along runs; only the arguments that it contains are passed to its
+    function."""
 
     def __init__(self, assembly: Assembly, expression: ca.SX):
         known = {s.element_hash() for s in ca.symvar(expression)}
@@ -526,8 +528,8 @@ def with_held(result: Result, p: Array, held: Array) -> Array:
 
 
 def signal_expression(assembly: Assembly, name: str, si: bool = False) -> ca.SX:
-    """A signal in the assembly's arguments: an output in its own unit, any other formula (with `si` every one) in SI;
-    UsageError for a name that is not there."""
+    """A signal in the assembly's arguments: an output in its declared unit, any other formula (with `si` every one) in SI;
+    UsageError for an unknown name."""
     shown = None if si else assembly.model.show.get(name)
     try:
         if shown is None:
@@ -539,7 +541,7 @@ def signal_expression(assembly: Assembly, name: str, si: bool = False) -> ca.SX:
 
 
 def unknown_signal(assembly: Assembly, name: str, problem: ExpressionProblem) -> UsageError:
-    """The error for a signal that is not there; a position that no equation uses must be asked for."""
+    """The error for an unknown signal; positions that no equation uses must be requested by `also`."""
     flat = assembly.flat
     hint = suggest(name, [*assembly.model.show, *flat.names]) or problem.hint
     node, _, member = name.rpartition(".")

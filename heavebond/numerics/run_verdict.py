@@ -1,8 +1,8 @@
-"""Findings about a run, the verdict that they add up to, and how that reaches whoever asked for the run.
+"""Findings about a run, the verdict, and its report to the caller of the run.
 
-A function that runs a diagram for a user ends with `tell`. In Python that is a warning (RunWarning) unless the verdict is
-clean; the command line listens (`listening`), and makes of all verdicts its lines on standard error, `validity` in the JSON
-file and the exit code.
+A function that runs a diagram for a user ends with `report_verdict`. In Python it gives a warning (RunWarning) unless the
+verdict is clean. The command line collects the verdicts (`listening`) for its lines on standard error, `validity` in the
+JSON file and the exit code.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ RUNAWAY = 1e6  # typical sizes from which on a value is no result: a machine of 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong with a run: what it is (see `KINDS`), the variable and its part or node, when first and how
-    far at worst, the limit and the unit (SI), and what to look at."""
+    """A fault of a run: its kind (see `KINDS`), the variable and its part or node, the first time and the worst value, the
+    limit and the unit (SI), and a hint where to look."""
 
     kind: str
     name: str
@@ -108,7 +108,7 @@ FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a run says of itself: its findings, the worst kind first, then by time. Clean where there are none."""
+    """The verdict on a run: its findings, the worst kind first, then by time. Clean where there are none."""
 
     findings: tuple[Finding, ...] = ()
 
@@ -141,7 +141,7 @@ class Verdict:
         return self.text
 
     def _before(self, first: Finding) -> str:
-        """Where something left its range before, as the cause may be there."""
+        """The earlier finding of a variable outside its range, which may be the cause."""
         earliest = min(self.findings, key=lambda f: f.time)
         return f"{earliest.name} was the first to leave its range, at {earliest.time:.4g} s. " \
             if first.failed and earliest.time < first.time and earliest.kind in ("range", "larger", *FAILURES) else ""
@@ -168,8 +168,8 @@ class Verdict:
 
 
 def verdict(findings: Sequence[Finding]) -> Verdict:
-    """The verdict on a run: the worst finding of each variable where it is first told, failures before the rest, then by
-    time (growth, which has no beginning, last)."""
+    """The verdict on a run: the worst finding of each variable at its first time, failures first, then by time (growth,
+    which has no beginning, last)."""
     order = list(KINDS)
     worst: dict[str, Finding] = {}
     for f in sorted(findings, key=lambda f: (order.index(f.kind), f.time)):
@@ -184,7 +184,7 @@ _HEARD: ContextVar[list[tuple[str, Verdict]] | None] = ContextVar("verdicts hear
 
 @contextmanager
 def listening() -> Iterator[list[tuple[str, Verdict]]]:
-    """Within, verdicts that are told are listed, by the name of the run, instead of being warned of."""
+    """Context in which verdicts are collected by the name of the run instead of being issued as warnings."""
     heard: list[tuple[str, Verdict]] = []
     token = _HEARD.set(heard)
     try:
@@ -194,7 +194,7 @@ def listening() -> Iterator[list[tuple[str, Verdict]]]:
 
 
 def report_verdict(name: str, found: Verdict) -> None:
-    """Hand on the verdict on a run of that name: to who listens, else as a warning where it is not clean."""
+    """Report the verdict on a run of that name: to `listening` if active, else as a warning unless it is clean."""
     heard = _HEARD.get()
     if heard is not None:
         heard.append((name, found))
@@ -203,7 +203,7 @@ def report_verdict(name: str, found: Verdict) -> None:
 
 
 def _depth_of_caller() -> int:
-    """The stack level, counted from `tell`, of the first function that is not of heavebond."""
+    """The stack level of the first function outside heavebond, counted from `report_verdict`."""
     frame, depth = inspect.currentframe(), 0
     while frame is not None and str(frame.f_globals.get("__name__", "")).partition(".")[0] == PACKAGE:
         frame, depth = frame.f_back, depth + 1
@@ -211,7 +211,7 @@ def _depth_of_caller() -> int:
 
 
 def verdicts_as_dict(heard: Sequence[tuple[str, Verdict]]) -> dict[str, object]:
-    """The verdicts of all runs of a command for machines: the worst status, and what was found in which run."""
+    """The verdicts of all runs of a command for machines: the worst status, and the findings of each run."""
     whole = verdict_of_all(heard)
     findings = [{"run": name, **f.as_dict()} for name, found in dict(heard).items() for f in found.findings]
     return {**whole.as_dict(), "findings": findings}

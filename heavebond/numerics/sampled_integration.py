@@ -1,10 +1,10 @@
 """Runs through many samples by the compiled program: from one instant to the next without a way back to Python.
 
-A sampled controller cuts a run into thousands of stretches. In Python each of them costs as much as hundreds of evaluations
-of a small machine. Here a program in C (`heavebond/c/sampled.c`) integrates from instant to instant, evaluates the updates
-of all blocks that are sampled there, and moves their sensitivities, X after = X before and H after = r_x X + r_z Z + r_p +
-r_h H (see `jumps`; the instants do not move). It looks at the conditions of other events after each step. Where one might
-become true, and where anything fails, `EventIntegration` goes through that interval as in any other run.
+A sampled controller cuts a run into thousands of stretches. In Python each of them costs as much as hundreds of
+evaluations of a small machine. Here a program in C (`heavebond/c/sampled.c`) integrates from instant to instant, evaluates
+the updates of all blocks that are sampled there, and moves their sensitivities, X after = X before and H after = r_x X + r_z
+Z + r_p + r_h H (see `jumps`; the instants do not move). It looks at the conditions of other events after each step. An
+interval in which a condition may become true, or in which the program fails, is integrated by `EventIntegration`.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class SampledRunConstants:
         each step. Doubled: twice the memory.
     loops: algebraic unknowns with which conditions are looked at, at most. Origin: their rates are written out. Doubled: a
         long list of operations.
-    most_misses: intervals that Python goes through before the program is tried again, at most, where it did not get through
-        one. Origin: a call costs a tenth of an interval. Doubled: nothing measurable.
+    most_misses: intervals integrated in Python before the program is tried again, at most, after it failed in one. Origin: a
+        call costs a tenth of an interval. Doubled: nothing measurable.
     """
 
     least: int = 2000
@@ -66,8 +66,8 @@ class _Sampled(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Targets:
-    """Where a call of the program stops: times (N,), whether the integrator begins anew there, the events at each (their
-    ends (N,) in one list), and the inputs (n_u, N) before and at each."""
+    """The stops of a call of the program: times (N,), whether the integrator restarts, the events at each (their ends (N,)
+    in one list), and the inputs (n_u, N) before and at each."""
 
     times: Array
     anew: NDArray[np.bool_]
@@ -133,12 +133,12 @@ class SampledIntegration(CompiledCvodes):
         self._problem.n_u = assembly.arguments[4].numel()
 
     def begin_run(self) -> None:
-        """Forget what earlier runs took."""
+        """Reset the counters of earlier runs."""
         self._sampled.trial, self._sampled.strikes, self._sampled.counted, self._sampled.intervals = 8, 0, 0, 0
         self._problem.step = 0.0
 
     def go_on(self, now: EventState, targets: Targets) -> Passed:
-        """From a state through the targets, as far as the program gets."""
+        """Integrate from a state through the targets as far as the program can."""
         equations, problem, m, n = self.equations, self._problem, self.m, len(targets.times)
         self._renew()
         hoisted = np.ascontiguousarray(equations.hoist(np.concatenate([now.p, self.factors, np.zeros(self.n_events)]))[

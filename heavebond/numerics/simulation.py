@@ -1,16 +1,16 @@
-"""Simulation of a diagram; the default solver `auto`: CVODES or IDAS, and what is done where they stop.
+"""Simulation of a diagram; the default solver `auto`: CVODES or IDAS, and the alternatives after a failure.
 
-A diagram without algebraic unknowns is integrated by CVODES. Where that gives up, or has stepped over a point at which a
-coefficient that is divided by vanishes (a volume, an arm), IDAS runs it from its start. IDAS also runs all other diagrams.
-Where it stops:
+A diagram without algebraic unknowns is integrated by CVODES. If CVODES fails, or has stepped over a point at which a
+divisor vanishes (a volume, an arm), IDAS integrates from the start. IDAS also runs all other diagrams. If IDAS fails:
 
-1. Where algebraic unknowns are pressures of nodes that hold no oil or gas of their own, their balance of flows may have no
-   slope (valves that are shut on all sides) or turn its corners faster than any step. Each of these nodes is then given what
-   its domain says under `fills:`, the oil in a short bore, and the run begins anew: its pressures are states.
-2. Else the run is made again in stretches. Where a solver stops, the other one goes on from the last accepted point:
-   CVODES, or with algebraic unknowns IDAS with these under error control, and IDAS again where that stops.
+1. If algebraic unknowns are pressures of nodes without oil or gas of their own volume, their flow balance may have no
+   gradient (valves shut on all sides) or change more sharply than any step resolves. Each of these nodes then receives the
+   component that its domain specifies under `fills:`, the oil in a short bore, and the run restarts: its pressures are
+   states.
+2. Otherwise the run is repeated in stretches. If a solver fails, the other one continues from the last accepted point:
+   CVODES, or with algebraic unknowns IDAS with these under error control, and IDAS again if that fails.
 
-Each change stands in the statistics of the run, `fills` and `solver_changes`.
+Each change is listed in the statistics of the run, `fills` and `solver_changes`.
 """
 
 from __future__ import annotations
@@ -58,13 +58,11 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
 
     Integrates x' = f(t, x, z), 0 = g(t, x, z) from consistent initial values; all signals of the result have shape (N,).
     Times are in s or text (`"2 min"`) and default to `simulate:` of the diagram (`from:` for `begin`, else 0 s);
-    `parameters`
-    overrides values by name, in SI or as text with a unit. `also` names positions that no equation uses; `sensitivities`
-    names parameters for
-    `result.sensitivity`. The error of each step is controlled to `rtol` and to `atol` times the nominal size of each
-    unknown. `solver` is idas, cvodes, rosenbrock or auto (see `solvers` and `run_by_auto`), by default that of the
-    diagram, else auto. FMUs are executed with `allow_fmu` only. `model` is a
-    diagram, the path or bundled name of one, or an Assembly, which is used without assembling it again.
+    `parameters` overrides values by name, in SI or as text with a unit. `also` names positions that no equation uses;
+    `sensitivities` names parameters for `result.sensitivity`. The error of each step is controlled to `rtol` and to `atol`
+    times the nominal size of each unknown. `solver` is idas, cvodes, rosenbrock or auto (see `solvers` and `run_by_auto`),
+    by default the solver of the diagram, else auto. FMUs are executed with `allow_fmu` only. `model` is a diagram, the path
+    or bundled name of one, or an Assembly, which is used without assembling it again.
 
     Warns (RunWarning) unless the verdict of the run (`result.verdict`) is clean. Raises ModelError for an invalid
     diagram, UsageError for wrong arguments or an unsuitable solver, StartError where no consistent initial values exist
@@ -92,7 +90,7 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
 
 
 def _with_begin(model: ModelOrFile | Assembly, begin: Time, also: Iterable[str]) -> Model | Assembly:
-    """What begins its runs at another time; an assembly with the parameters that it has."""
+    """A diagram or assembly (with its parameter values) whose runs begin at another time."""
     if not isinstance(model, Assembly):
         return with_begin(loaded(model), begin)
     return replace(assemble(with_begin(model.model, begin), also), p=model.p)
@@ -100,14 +98,14 @@ def _with_begin(model: ModelOrFile | Assembly, begin: Time, also: Iterable[str])
 
 def with_equations_at_zero(assembly: Assembly, parameters: Mapping[str, float | str] | None, free: Iterable[str] = ()
                            ) -> tuple[Assembly, Mapping[str, float | str] | None]:
-    """An assembly and the parameters of a run of it; where a parameter of value 0 leaves other equations (see `at_zero`),
-    their assembly, which has the parameters."""
+    """An assembly and the parameters of a run of it; if a parameter of value 0 changes the equations (see `at_zero`), the
+    assembly is made from the changed ones, with these parameters."""
     zeroed = at_zero(assembly.with_parameters(parameters) if parameters else assembly, free)
     return (zeroed, None) if zeroed.flat.zeros else (assembly, parameters)
 
 
 def _run_as_asked(simulator: Simulator, parameters: Mapping[str, float | str] | None) -> Result:
-    """A run by the solver that was asked for; where `auto` would go on, the error says so."""
+    """A run by the requested solver; if `auto` could continue after its failure, the error mentions it."""
     try:
         return simulator.run(parameters)
     except (StartError, SimulationError) as error:
@@ -120,8 +118,8 @@ def _run_as_asked(simulator: Simulator, parameters: Mapping[str, float | str] | 
 
 def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | None = None, allow_fmu: bool = False
                 ) -> Result:
-    """A run that changes its equations or its solver where one stops; where nothing helps, the error of the last attempt
-    that got as far as integrating filled nodes, else the first."""
+    """A run that changes its equations or its solver after a failure. If nothing succeeds, the error of the last attempt
+    that integrated with filled nodes is raised, else the first error."""
     simulator.explains = False  # what helps needs no reason
     try:
         return _changed_where_it_stops(simulator, parameters, allow_fmu)
@@ -169,7 +167,7 @@ def _changed_where_it_stops(simulator: Simulator, parameters: Mapping[str, float
 
 
 def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | None) -> tuple[Result | None, str]:
-    """The run by the solver that `auto` begins with; None where IDAS has to make it, and why."""
+    """The run by the first solver of `auto`; None, and the reason, if IDAS must integrate it."""
     try:
         result = simulator.run(parameters)
     except SimulationError as error:
@@ -182,7 +180,7 @@ def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | N
 
 
 def changes_of(result: Result, states: bool = True) -> list[str]:
-    """What a run changed on its way, in sentences: its tolerances, solver and `states`; its verdict names filled nodes."""
+    """Sentences on the changes during a run: its tolerances, solver and `states`; filled nodes are part of its verdict."""
     said = []
     sizes = result.statistics.get("sizes")
     if isinstance(sizes, dict):
@@ -202,9 +200,9 @@ def changes_of(result: Result, states: bool = True) -> list[str]:
 
 def with_filled_nodes(make: Callable[[Assembly], T], assembly: Assembly, run_of: Callable[[T], Result | None],
                       free: Iterable[str] = ()) -> tuple[T, str]:
-    """What `make`, which varies the parameters `free`, gives for an assembly, `at_zero` where others are 0.
-    Where a run ends at nodes that store nothing, it is for the assembly with these filled, as in a run by `auto`, and with
-    what is to be said of it. `run_of` gives one of the runs that it is of, if any."""
+    """The result of `make`, which varies the parameters `free`, for an assembly, `at_zero` if others are 0. If a run fails
+    at nodes without capacity, the result is for the assembly with these nodes filled, as in a run by `auto`, and with the
+    messages on the filling. `run_of` gives one of the runs of the result, if any."""
     assembly = at_zero(assembly, free)
     try:
         return make(assembly), ""
@@ -222,19 +220,20 @@ def with_filled_nodes(make: Callable[[Assembly], T], assembly: Assembly, run_of:
 
 
 def fills_told(nodes: Sequence[str], why: str) -> str:
-    """What was added to a diagram at nodes that store nothing, `why` it could not do without, and what to type."""
+    """Sentences on volumes added at nodes without capacity: the added component, the reason `why`, and the lines to type."""
     return f"with a short bore of oil or gas on {listing(nodes)}, which store none: before, {why}. " \
         "A Volume or a Receiver there of the real size takes its place."
 
 
 def _may_help(problem: Problem) -> bool:
-    """Whether another system or solver could do what failed: not where events went wrong, or a physical limit is passed."""
+    """True if another system or solver might succeed: not after a failure of events, or after a physical limit."""
     return not problem.code.startswith("event") and problem.code != "run-physical"
 
 
 def _accepted(result: Result, fills: Mapping[str, str], why: HeavebondError) -> Result:
-    """The result with what was filled, and why, in its statistics; the error `why` where it means nothing: a run that fails
-    its verdict, that has stepped over a point where a volume or an arm vanishes, or in which what fills a node decides."""
+    """The result with the filling and its reason in its statistics. The error `why` is raised if the result is meaningless:
+    a run that fails its verdict, that has stepped over a point where a volume or an arm vanishes, or that the filled volumes
+    determine."""
     if result.verdict.failed or _passes_zero(result) or _decides(result, fills):
         raise why
     if not fills:
@@ -245,7 +244,7 @@ def _accepted(result: Result, fills: Mapping[str, str], why: HeavebondError) -> 
 
 
 def _passes_zero(result: Result) -> bool:
-    """Whether a coefficient that is divided by turns its sign along the run, in the states of the diagram's own choice."""
+    """True if a divisor changes its sign along the run, in the default states of the diagram."""
     own = np.ones(len(result.time), bool)
     own[[k for at, _ in result.stays for k in at]] = False
     varying = result.assembly.once("varying pivots", lambda: _varying_pivots(result.assembly))
@@ -256,7 +255,7 @@ def _passes_zero(result: Result) -> bool:
 
 
 def _varying_pivots(assembly: Assembly) -> ca.Function | None:
-    """The coefficients (k, 1) that are divided by and may vary along a run; None where all follow from parameters."""
+    """The divisors (k, 1) that may vary along a run; None if all depend on parameters only."""
     whole = assembly.pivots(*assembly.arguments)
     fixed = assembly.flat.places.keys()
     varying = [c for c, q in zip(split(whole), assembly.reduced.pivots, strict=True)
@@ -265,7 +264,7 @@ def _varying_pivots(assembly: Assembly) -> ca.Function | None:
 
 
 def _decides(result: Result, fills: Mapping[str, str]) -> bool:
-    """Whether a filled node goes far beyond any usual pressure: a flow that has no way out is taken up by what fills it."""
+    """True if a filled node far exceeds any usual pressure: a flow without an outlet accumulates in its volume."""
     assembly, domains = result.assembly, result.assembly.model.library.domains
     names = {node: f"{node}.{domains[domain].across[0]}" for node, domain in fills.items()}
     usual = {name: assembly.flat.unknowns[assembly.flat.names[name]].nominal for name in names.values()}
@@ -273,8 +272,8 @@ def _decides(result: Result, fills: Mapping[str, str]) -> bool:
 
 
 def unfilled(assembly: Assembly) -> dict[str, str]:
-    """The nodes whose pressure is no state but follows from a balance of flows, with their domains, where these say what
-    fills a node."""
+    """The nodes whose pressure follows from a flow balance and is not a state, with their domains, if these have
+    `fills:`."""
     flat, domains = assembly.flat, assembly.model.library.domains
     states = set(assembly.state_names)
     free = {s.element_hash() for s in split(assembly.arguments[2])}
@@ -289,8 +288,8 @@ def unfilled(assembly: Assembly) -> dict[str, str]:
 
 
 def filled(assembly: Assembly, nodes: Mapping[str, str], begun: Start | None = None) -> Assembly:
-    """The assembly of the diagram with its nodes filled; their pressures begin where they stood at the start (where the run
-    has `begun`, if known), as far as there is one."""
+    """The assembly of the diagram with its nodes filled; their pressures begin at the values of the start (if the run has
+    `begun`, of its start), if there is one."""
     flat = assembly.flat
     model = _with_guesses(assembly, nodes, begun)
     for k, (node, domain) in enumerate(nodes.items(), 1):
@@ -303,7 +302,7 @@ def filled(assembly: Assembly, nodes: Mapping[str, str], begun: Start | None = N
 
 
 def _with_guesses(assembly: Assembly, nodes: Mapping[str, str], begun: Start | None) -> Model:
-    """The diagram with the pressures of its nodes at the start as guesses, as far as there is one."""
+    """The diagram with the pressures of its nodes at the start as guesses, if there is a start."""
     model, flat = assembly.model, assembly.flat
     try:
         point = begun or start(assembly)

@@ -69,19 +69,19 @@ LOOKED_AT = 0.02  # share of a single run that is integrated beforehand, to find
 
 
 class Simulator:
-    """An integrator built once for one grid of output times, to be run with many parameter values. Runs that several threads
-    ask for are made one after the other."""
+    """An integrator built once for one grid of output times, to be run with many parameter values. Runs of several threads
+    are executed one after the other."""
 
     def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
                  times: Array | None = None, tolerances: Tolerances | None = None,
                  quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
                  free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None,
                  solver: str | None = None, allow_fmu: bool = False, dense: bool = False):
-        """IDAS integrates where no other `solver` is asked for, whatever the diagram says of its plain runs; `auto` is
-        resolved here (see `chosen`), while what happens where it fails is that of `run_by_auto`. `factors`
-        stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see `run_from`); what
-        can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken instead of the
-        records'. With `dense` a result has points between its output points (see `Result.dense`)."""
+        """IDAS integrates unless another `solver` is requested, independently of the solver in the diagram; `auto` is
+        resolved here (see `chosen`), while its alternatives after a failure are in `run_by_auto`. `factors` are factors in
+        the quadratures; `free_start` adds the states at the first time to the sensitivities (see `run_from`); functions of
+        another simulator (`like`) are reused if they apply; `driven` are inputs that replace those of records. With `dense`
+        a result has points between its output points (see `Result.dense`)."""
         self.assembly, self._turn = assembly, RLock()
         self._sized = {tuple(sorted(assembly.sizes.items())): assembly}
         self._base_sizes, self._sized_for = dict(assembly.sizes), None
@@ -134,8 +134,8 @@ class Simulator:
     _felt: Array | None  # the parameters that these were found with
 
     def _limit_steps(self, p: Array) -> bool:
-        """Find the instants and the longest step with which no prescribed function of time is passed over with parameters;
-        whether the integrator has to be built again: for other instants, or for steps that are much shorter."""
+        """Determine the stops and the longest step with which no motion of a prescribed function of time is missed. True if
+        the integrator must be built again: for other stops, or for much shorter steps."""
         self.forcing: Forcing = self.assembly.once("forcing", lambda: Forcing(self.assembly))
         felt = self.forcing.felt(p)
         if self._felt is not None and np.array_equal(felt, self._felt):
@@ -152,8 +152,8 @@ class Simulator:
         return shorter or moved
 
     def _place_stops(self) -> None:
-        """The output times, the breaks of measured inputs and the kinks in one order; those that differ by rounding from an
-        output time or a break are it."""
+        """Merge the output times, the breaks of measured inputs and the kinks in order; a kink that differs by rounding from
+        an output time or a break is replaced by it."""
         stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         if len(self.kinks):
             place = np.clip(np.searchsorted(stops, self.kinks), 1, len(stops) - 1)
@@ -177,8 +177,7 @@ class Simulator:
 
     @property
     def _cut(self) -> bool:
-        """Whether runs are integrated in stretches: a method of several steps takes what it knows from before a kink
-        across."""
+        """True if runs are integrated in stretches: a multistep method would carry its history across a kink."""
         kinked = len(self.kinks) and self.solver.name != "rosenbrock"
         return bool(self.assembly.flat.events or self.charts.needed or kinked or self.assembly.flat.delays)
 
@@ -217,7 +216,7 @@ class Simulator:
 
     @cached_property
     def integrand(self) -> Integrand:
-        """What is integrated."""
+        """The integrand of the simulator."""
         return self._made(self.assembly, self.quadratures)
 
     @cached_property
@@ -237,13 +236,14 @@ class Simulator:
         return replace(made, dae=dae, longest=min(self.longest or self.largest, self.largest or self.longest))
 
     def _moving(self, assembly: Assembly) -> list[int]:
-        """The parameters (indices) that move along the sensitivities: also those that follow the start or are held."""
+        """The parameters (indices) that vary along the sensitivities, including those that depend on the start or are
+        held."""
         moving = {*np.flatnonzero(self.along.any(axis=1)).tolist(), *self.start_equations.solved_for,
                   *(held.index for held in assembly.flat.held)}
         return sorted(moving)
 
     def _framed(self, chart: StateChoice) -> Frame:
-        """The equations in the states of a chart; quadratures are given in those of the first."""
+        """The equations in the states of a chart; quadratures are given in the states of the first chart."""
         factors = ca.SX(0, 1) if self.factors is None else self.factors.symbols
         quadratures = ca.SX(0, 1) if self.quadratures is None else self.quadratures
         if chart.assembly is self.assembly:
@@ -267,7 +267,7 @@ class Simulator:
                           self.solver.controlled(self.tolerances))
 
     def _driven(self, times: Array) -> dict[str, Array]:
-        """What drives the integrator between its stops, at times between them."""
+        """The inputs of the compiled integrators between the stops, at times between them."""
         return {"u": self.inputs(times)}
 
     def inputs(self, times: Array) -> Array:
@@ -341,7 +341,8 @@ class Simulator:
 
     def _result(self, assembly: Assembly, first: Start, moved: Tangent | None, began: float,
                 again: Callable[[], tuple[Assembly, Start, Tangent | None]] | None = None) -> Result:
-        """A run; where its unknowns stay far below their nominal sizes and `again` gives its start, with sizes that fit."""
+        """A run; if its unknowns stay far below their nominal sizes and `again` gives its start, repeated with fitting
+        sizes."""
         started = clock.perf_counter()
         with self._turn:
             if self._limit_steps(first.p):
@@ -417,7 +418,7 @@ class Simulator:
         return result
 
     def _fitting_sizes(self, assembly: Assembly, first: Start, moved: Tangent | None, found: Trace) -> dict[str, float]:
-        """Sizes of unknowns that fit a run, where it stays far below those that it was integrated with."""
+        """Fitting sizes of unknowns for a run, if it stays far below its nominal sizes."""
         stops = self.stops if found.ended is None else found.ended
         own = np.ones(len(stops), bool)
         reached, nominal, declared = dict[str, float](), dict[str, float](), dict[str, float]()
@@ -473,7 +474,8 @@ class Simulator:
             self.switching = self._switching(self.charts, self.switching.changes)
 
     def _check_decided(self, result: Result) -> None:
-        """SimulationError where a run went on although nothing decided an algebraic unknown, in any of its charts."""
+        """Raise SimulationError if a run continued although no equation determined an algebraic unknown, in any of its
+        charts."""
         own = np.ones(len(result.time), bool)
         own[[k for at, _ in result.stays for k in at]] = False
         for part, at in ((result, np.flatnonzero(own)), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
@@ -530,14 +532,14 @@ class Simulator:
     _unexplained: tuple[SimulationError, Assembly, Start, str] | None = None  # the last
 
     def _failure(self, assembly: Assembly, first: Start, said: str) -> HeavebondError:
-        """The error of a run that stopped, of which the integrator `said` this."""
+        """The error of a run that failed; `said` is the message of the integrator."""
         stopped = SimulationError([Problem("integration-failed", stop_message(self._stop_time(stop_times(said))),
                                            notes=(reason(said),))])
         self._unexplained = stopped, assembly, first, said
         return self.explained(stopped) if self.explains else stopped
 
     def explained(self, error: HeavebondError) -> HeavebondError:
-        """An error of the last run with its reason, where that was not looked for."""
+        """An error of the last run, with its reason if that was not yet determined."""
         if self._unexplained is None or self._unexplained[0] is not error:
             return error
         _, assembly, first, said = self._unexplained
@@ -547,13 +549,13 @@ class Simulator:
             return explain_failure(self._stop(assembly, first, stop_times(said)), first, said, self.tolerances.rtol)
 
     def _stop_time(self, times: list[float]) -> float:
-        """When the integrator gave up (s; NaN if it did not say), by the times that it named."""
+        """The time (s) at which the integrator failed (NaN if unknown), from the times in its message."""
         if self.switching is None or self.switching.last is None:
             return self.begin + max(times) * time_unit(self.stops - self.begin) if times else float("nan")
         return self.switching.last.time(times[-1]) if times else self.switching.last.begin.t
 
     def _stop(self, assembly: Assembly, first: Start, times: list[float]) -> Stop:
-        """Where the integrator gave up, and the state shortly before."""
+        """The failure of the integrator with the state shortly before."""
         stopped = self._stop_time(times)
         if self.switching is None or self.switching.last is None:
             return Stop(assembly, stopped, self._state_before(assembly, first, stopped))
@@ -562,7 +564,7 @@ class Simulator:
         return Stop(frame.assembly, stopped, last, frame.chart.folded(last))
 
     def _state_before(self, assembly: Assembly, first: Start, stopped: float) -> Point | None:
-        """The state a little before the end, found by integrating again up to there."""
+        """The state shortly before the failure, by another integration up to that time."""
         begin = float(self.time[0])
         if not np.isfinite(stopped) or stopped <= begin:
             u = self.pieces.at(np.array([begin]))[:, 0]
@@ -579,7 +581,7 @@ class Simulator:
         return None
 
     def _failure_by_default(self, assembly: Assembly, first: Start) -> SimulationError:
-        """Why another solver than IDAS stopped: as IDAS tells it, or that IDAS goes through."""
+        """The error for a failure of another solver than IDAS: the error of IDAS, or a hint that IDAS succeeds."""
         again = Simulator(assembly, times=self.time, tolerances=self.tolerances, driven=self.pieces, allow_fmu=True)
         try:
             again._integrate(assembly, first, None)
@@ -589,7 +591,7 @@ class Simulator:
                                         RETYPE.format(DEFAULT) + ".")])
 
     def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:
-        """A run without events."""
+        """The trace of a run without events."""
         m, n = len(self.sensitivities), x.shape[1]
         return Trace(x, z, quadratures, np.zeros((0, n)), np.zeros((m, 0, n)), (), statistics)
 
@@ -625,8 +627,8 @@ class Simulator:
         return replace(traced(x, z, statistics), between=between if self.dense else None)
 
     def _with_first_interval(self, first: Start, x: Array, z: Array, p: Array) -> tuple[Array, Array, Array]:
-        """The stops (N,) with scaled states (n, N) and algebraic unknowns there; where the states move much in the first
-        interval, which is not divided in the run, it is integrated again with points between."""
+        """The stops (N,) with scaled states (n, N) and algebraic unknowns. If the states change much in the first interval,
+        which is not divided in the run, it is integrated again with points between."""
         assembly, stops, length = self.assembly, self.stops, float(self.stops[1] - self.stops[0])
         u = self.pieces.at(stops[:1])[:, 0]
         rates = np.array(assembly.rates(first.t, first.x, first.z, first.p, u, 1.0)[0]).ravel() / assembly.x_nominal
@@ -662,7 +664,7 @@ class Simulator:
         return x0, z0, self._hoist(first.p, dp)["o0"]
 
     def expect(self, parameters: Mapping[str, float | str] | None = None) -> None:
-        """Compile the equations before a run that is made once, where its first points show that this pays. Runs of fewer
+        """Compile the equations before a single run if the time of its first points shows that this pays. Runs of fewer
         points are over too soon, and those with events are compiled on their way."""
         points = int(LOOKED_AT * (len(self.stops) - 1))
         integration = self.integrator
@@ -688,7 +690,7 @@ class Simulator:
 
 
 def _check_delays(assembly: Assembly, along: Array, names: tuple[str, ...]) -> None:
-    """UsageError for a sensitivity by a delay of zero, with which the equations change."""
+    """Raise UsageError for a sensitivity by a delay of zero, since the equations change at zero."""
     zero = assembly.flat.passed_through
     if not zero or not names:
         return
@@ -708,8 +710,8 @@ def _by_direction(values: Array, sizes: Array) -> Array:
 
 
 def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Array:
-    """One column per name: its parameter moved by its own size (1 where it is zero) times the weight, so that the
-    error control sees sensitivities of the size of the states; UsageError for a name that is no parameter."""
+    """One column per name: its parameter changes by its size (1 if it is zero) times the weight, so that the error control
+    sees sensitivities of the size of the states; UsageError for a name that is not a parameter."""
     index = {name: k for k, name in enumerate(assembly.parameter_names)}
     along = np.zeros((len(assembly.p), len(names)))
     for column, name in enumerate(names):

@@ -40,14 +40,14 @@ RETYPE = "Type `--solver {0}` (in Python `solver='{0}'`, in the diagram `simulat
 
 @dataclass(frozen=True)
 class Choice:
-    """The solver of a run and why this one; `provisional` where IDAS takes its place should it fail."""
+    """The solver of a run and the reason; `provisional` if IDAS replaces it after a failure."""
 
     name: str
     why: str
     provisional: bool = False
 
     def controlled(self, asked: Tolerances) -> Tolerances:
-        """The tolerances to integrate with for those that were asked for."""
+        """The tolerances of the integration for requested tolerances."""
         return asked.scaled(CVODES_SHARE) if self.provisional else asked
 
 
@@ -62,14 +62,14 @@ class Integrator(Protocol):
         """The number of numbers in an input."""
 
     def stats(self) -> dict[str, Any]:
-        """Counts of steps and evaluations of the last call, as far as the integrator counts."""
+        """Counts of steps and evaluations of the last call, if the integrator counts them."""
 
 
 def chosen(asked: str | None, assembly: Assembly, changes_states: bool) -> Choice:
-    """The solver that was asked for by name; by default IDAS, for `auto` the one that suits the diagram.
+    """The solver of a name; by default IDAS, for `auto` the suitable one.
 
-    `changes_states` says whether a run may go on in other states than it begins with, where algebraic unknowns may appear.
-    UsageError for a name that is none and for a solver that cannot integrate the diagram.
+    `changes_states` is true if a run may continue in other states than at its begin, where algebraic unknowns may appear.
+    UsageError for an unknown name and for a solver that cannot integrate the diagram.
     """
     if asked == AUTO and not assembly.algebraic_names and not changes_states:
         return Choice("cvodes", "no algebraic unknowns", provisional=True)
@@ -120,7 +120,7 @@ def integrator(solver: str, made: Integrand, stops: Array, tolerances: Tolerance
 
 
 def other(solver: str, loops: bool) -> str:
-    """What `auto` changes to where a solver stops, for a system with or without algebraic unknowns."""
+    """The solver with which `auto` continues after a failure, for a system with or without algebraic unknowns."""
     return DEFAULT if solver != DEFAULT else STRICT if loops else "cvodes"
 
 
@@ -159,7 +159,7 @@ class Explicit:
 
 
 def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances, pivot: float) -> dict[str, Any]:
-    """The options of a solver for a DAE; a smaller pivot of its Newton matrix is zero."""
+    """The options of a solver for a DAE; pivots of its Newton matrix below `smallest_pivot` count as zero."""
     options = integrator_options(dae, tolerances, pivot)
     unknown = {"idas": (), "cvodes": ("suppress_algebraic",),
                "rosenbrock": ("suppress_algebraic", "linear_solver", "linear_solver_options", "cache")}[solver]

@@ -32,7 +32,7 @@ def jacobian(residuals: ca.SX, unknowns: ca.SX) -> ca.SX:
 
 
 def rows_backwards(pattern: ca.Sparsity) -> NDArray[np.int_]:
-    """The rows that are differentiated backwards, a sweep each; none where sweeps in one direction are as few.
+    """The rows that are differentiated backwards, a sweep each; none if sweeps in one direction are not more.
 
     The k fullest rows are left to backward sweeps; the others need at least as many forward sweeps as the fullest of them
     has entries. The sum of both is the least."""
@@ -46,8 +46,8 @@ def rows_backwards(pattern: ca.Sparsity) -> NDArray[np.int_]:
 
 
 def given_jacobian(dae: Mapping[str, ca.SX]) -> dict[str, Any]:
-    """The option of CasADi's integrators that brings the Jacobian of a system with x, z, ode and alg (t, p, u); none where
-    sweeps in one direction are as few."""
+    """The option of CasADi's integrators with the Jacobian of a system with x, z, ode and alg (t, p, u); empty if sweeps in
+    one direction are not more."""
     n_x, unknowns, rates = dae["x"].numel(), ca.vertcat(dae["x"], dae["z"]), ca.vertcat(dae["ode"], dae["alg"])
     if not len(rows_backwards(ca.jacobian_sparsity(rates, unknowns))):
         return {}

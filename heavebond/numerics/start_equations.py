@@ -29,21 +29,21 @@ from heavebond.numerics.sparse_jacobian import jacobian
 class InitialisationConstants:
     """The constants of the search for consistent initial values.
 
-    max_nesting: conditional expressions nested in each other through which slopes of their conditions are followed.
-        Origin: a bound. Doubled: nothing but for deeper expressions.
+    max_nesting: conditional expressions nested in each other through which slopes of their conditions are followed. Origin:
+        a bound. Doubled: nothing but for deeper expressions.
     sharp: width of a smoothed step that counts as sharp, in the unit of its argument. Origin: below any value. Doubled:
         nothing.
     singular: singular value, over the largest, of a system that is singular at the solution. Origin: rounding of a few
         hundred terms. Doubled: nothing but for values within rounding of it.
     max_shifts: shifted guesses from which a start is tried, after six plain attempts. Origin: a bound on the time of an
         impossible start. Doubled: an impossible start is refused later.
-    dependent: share up to which gradients of two conditions depend on each other. Origin: square root of rounding.
-        Doubled: nothing.
+    dependent: share up to which gradients of two conditions depend on each other. Origin: square root of rounding. Doubled:
+        nothing.
     disagree: residual from which such conditions contradict each other. Origin: `acceptable` of the nonlinear solver.
-        Doubled: smaller contradictions are told as too many conditions.
-    undetermined: singular value, over the largest, below which a direction of a start is named as undetermined. Origin:
-        ten times `rank`. Doubled: nothing but for values within rounding of it.
-    just_after: time in s after the start at which values are evaluated again, where they are not finite at it. Origin:
+        Doubled: smaller contradictions are reported as too many conditions.
+    undetermined: singular value, over the largest, below which a direction of a start is named as undetermined. Origin: ten
+        times `rank`. Doubled: only values within rounding of it are affected.
+    just_after: time in s after the start at which values are evaluated again if they are not finite at the start. Origin:
         short against motions of machines. Doubled: nothing.
     share: share of an unknown in an undetermined direction from which on it is named. Origin: rounding is far below.
         Doubled: nothing.
@@ -71,8 +71,8 @@ INITIALISATION = InitialisationConstants()
 
 @dataclass(frozen=True)
 class StartRow:
-    """One equation of the start: its residual in the arguments of the assembly, its words for messages, its place; `name`
-    is the variable that a condition is about."""
+    """One equation of the start: its residual in the arguments of the assembly, its text in messages, its location; `name`
+    is the variable of a condition."""
 
     residual: ca.SX
     label: str
@@ -89,7 +89,8 @@ def _words(equation: FlatEquation) -> str:
 
 @dataclass(frozen=True)
 class Point:
-    """Where the equations are taken: time, x, z, all parameters, the pieces of the inputs, the time rate."""
+    """The point at which the equations are evaluated: time, x, z, all parameters, the pieces of the inputs, the time
+    rate."""
 
     t: float
     x: Array
@@ -126,28 +127,28 @@ class StartSystem:
         return residual.ravel(), jacobian
 
     def standing(self, row: int) -> list[int]:
-        """The unknowns that stand in a row, whatever they do to it at a point."""
+        """The unknowns that occur in a row, also with a zero derivative at the point."""
         rows, columns = self._function.sparsity_out(1).get_triplet()
         return [column for at, column in zip(rows, columns, strict=True) if at == row]
 
     @cached_property
     def affine(self) -> bool:
-        """Whether the residuals are straight lines in the unknowns, whatever else they contain: then one step of Newton's
-        method tells all."""
+        """True if the residuals are affine in the unknowns: one step of Newton's method solves them."""
         corners = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & CORNERS
         return not corners and not any(ca.which_depends(self.residuals, self._unknowns, 2, True))
 
     @cached_property
     def _rounded(self) -> tuple[SmoothedColumn, ca.Function, ca.Function]:
-        """The residuals with rounded corners: their values and Jacobian, and the Jacobian of what is zero at the corners."""
+        """The residuals with rounded corners: their values and Jacobian, and the Jacobian of the arguments that are zero at
+        the corners."""
         found = rounded(self.residuals, self._arguments)
         arguments = [*self._arguments, found.widths]
         return (found, ca.Function("rounded", arguments, [found.column, ca.jacobian(found.column, self._unknowns)]),
                 ca.Function("corners", arguments, [ca.jacobian(found.at, self._unknowns)]))
 
     def corner_widths(self, point: Point, sizes: Array) -> Array:
-        """How far each corner (n,) moves while every unknown moves by its size; what a corner that is shut hides counts as
-        it does where its own is rounded."""
+        """The change of each corner argument (n,) while every unknown changes by its size. Corners inside an inactive branch
+        count as if that branch were rounded, too."""
         found, _, slopes = self._rounded
         widths = np.full(found.widths.numel(), INITIALISATION.sharp)
         for _ in range(INITIALISATION.max_nesting if len(widths) else 0):
@@ -170,13 +171,13 @@ class StartSystem:
                            [ca.jacobian(self.residuals, p), ca.jacobian(self.residuals, x)])
 
     def moved(self, point: Point, dp: Array, dx: Array | None = None) -> Array:
-        """Change of the residuals (m, k) while p moves along dp (n_p, k) and x along dx (n_x, k)."""
+        """The derivatives of the residuals (m, k) along dp (n_p, k) and dx (n_x, k)."""
         by_p, by_x = (self._matrix(s) for s in self._slopes(*point.values()))
         return np.asarray(by_p @ dp if dx is None else by_p @ dp + by_x @ dx)
 
 
 class StartEquations:
-    """What a diagram asks of its start, as equations: conditions, guesses, rest or steady, and the loops."""
+    """The requirements on the start of a diagram as equations: conditions, guesses, rest or steady state, and the loops."""
 
     def __init__(self, assembly: Assembly):
         self.assembly = assembly
@@ -198,12 +199,12 @@ class StartEquations:
 
     @cached_property
     def with_components(self) -> StartSystem:
-        """Everything that must hold, and the initial values of the components."""
+        """All equations of the start, and the initial values of the components."""
         return self._system([*self.rows, *self.component_rows])
 
     def following(self, sizes: Array) -> Array:
-        """The sizes of the unknowns for the initial values of the components: these move their own states and the algebraic
-        unknowns, and leave all other states where they are."""
+        """The scales of the unknowns for the initial values of the components: these change the states of their component
+        and the algebraic unknowns only."""
         own = {self.assembly.flat.names[row.name] for row in self.component_rows}
         found = sizes.copy()
         for k, (j, order) in enumerate(self.assembly.reduced.states):
@@ -246,9 +247,10 @@ class StartEquations:
         return found
 
     def _decides(self, guess: Condition) -> bool:
-        """Whether a guess is used: one of a rate, `der(joint.v): ~ 0`, only where the variable consists of speeds alone. The
-        positions that they leave open then follow from it (the elongation of a spring between two masses, from the load
-        that it carries). Otherwise the variable's own guess decides the positions, as that of a joint without mass does."""
+        """True if a guess is used: a guess of a rate, `der(joint.v): ~ 0`, is used only if the variable consists of speeds
+        alone. The positions that they leave open then follow from it (the elongation of a spring between two masses, from
+        the load that it carries). Otherwise the guess of the variable determines the positions, such as the guess of a joint
+        without mass."""
         inner = rate_of(guess.name)
         if inner is None:
             return True
@@ -285,17 +287,17 @@ class StartEquations:
 
     @cached_property
     def all(self) -> StartSystem:
-        """Everything that must hold."""
+        """All equations of the start."""
         return self._system(self.rows, self.with_guesses.slopes[:len(self.rows), :]) if self.guesses else self.with_guesses
 
     @cached_property
     def with_guesses(self) -> StartSystem:
-        """Everything that must hold, and the guesses: what is undetermined beyond these is not decided at all."""
+        """All equations of the start and the guesses; the remaining directions are undetermined."""
         return self._system([*self.rows, *self.guesses])
 
     @cached_property
     def approach(self) -> StartSystem:
-        """The guesses and conditions without the steady state: where the search begins."""
+        """The guesses and conditions without the steady state, with which the search begins."""
         return self._system([r for r in self.rows if not r.steady] + self.guesses)
 
     @cached_property
@@ -331,14 +333,14 @@ class StartEquations:
 
     @cached_property
     def felt(self) -> NDArray[np.int64]:
-        """The parameters (indices) on which the start depends: others may be changed without solving it again."""
+        """The parameters (indices) on which the start depends; others may change without another solution."""
         stand = stack([*(row.residual for row in (*self.rows, *self.guesses, *self.component_rows)), self.guess.expressions])
         there = {s.element_hash() for s in ca.symvar(stand)}
         return np.array([k for s, k in self.assembly.flat.places.items() if s in there], np.int64)
 
     @cached_property
     def widths(self) -> list[int]:
-        """The parameters that are widths of regularised laws: that over which `smooth_sign` and `signed_sqrt` turn."""
+        """The parameters that are widths of regularised laws, the second arguments of `smooth_sign` and `signed_sqrt`."""
         names = {name: k for k, name in enumerate(self.assembly.parameter_names)}
         leaves = self.assembly.flat.expanded.leaves
         found = (names.get(f"{path}.{width}") for path, leaf in leaves.items() for width in leaf.component.widths)
@@ -346,14 +348,14 @@ class StartEquations:
 
     @cached_property
     def _told(self) -> Buffered:
-        """The coefficients that were divided by, the rates and all variables, given a point."""
+        """The divisors, the rates and all variables at a point."""
         assembly = self.assembly
         arguments = list(assembly.arguments)
         return Buffered(ca.Function("told", arguments, [
             stack([f(*arguments)]) for f in (assembly.pivots, assembly.values)] + [assembly.ode]))
 
     def sound(self, point: Point) -> bool:
-        """Whether every variable and rate is a number at a point, and no coefficient that was divided by is zero."""
+        """True if every variable and rate is finite at a point, and no divisor is zero."""
         found = list(self._told(*point.values()).values())
         return all(np.isfinite(values).all() for values in found) and bool(np.all(found[0] != 0))
 
@@ -366,7 +368,7 @@ class StartEquations:
 
     @cached_property
     def constants(self) -> tuple[list[Pivot], Buffered]:
-        """The coefficients of parameters alone that were divided by, and their values, given the parameters."""
+        """The divisors that depend on parameters alone, and their values."""
         flat, pivots = self.assembly.flat, self.assembly.reduced.pivots
         coefficients = stack([q.coefficient for q in pivots])
         others = [s for s in ca.symvar(coefficients) if s.element_hash() not in flat.places]
@@ -376,7 +378,7 @@ class StartEquations:
 
     @cached_property
     def _usual(self) -> list[float]:
-        """The usual sizes of what has the dimensions of the solved parameters."""
+        """The usual sizes of quantities with the dimensions of the solved parameters."""
         flat = self.assembly.flat
         # a dimension is slow to hash, and most unknowns share one of a few
         each = {id(u.unit.dimension): (u.unit.dimension, u.nominal) for u in flat.unknowns}

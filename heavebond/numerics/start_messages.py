@@ -1,4 +1,5 @@
-"""Why no start was found: what contradicts, what is left open, which value is zero, in the words of the diagram."""
+"""Messages on a start that was not found: contradictory conditions, undetermined unknowns and zero divisors, by the names of
+the diagram."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ BALANCES = {"m": "a Fixed, a Spring", "m/s": "a Fixed, a Spring, a Damper", "rad
 
 
 def lost(assembly: Assembly, point: Point) -> list[Problem]:
-    """What the equations of the diagram leave undecided at a point, whatever is asked of the start."""
+    """The unknowns that the equations of the diagram leave undetermined at a point, for any requirements on the start."""
     values = point.values()
     if not all(np.all(np.isfinite(v)) for v in values):
         return []
@@ -80,7 +81,8 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
 
 
 def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> tuple[str, Place | None]:
-    """What to type where something has no value: which zero, had it another value, would give it one; and its place."""
+    """Suggest the input line that would determine an undetermined variable, with its location: a value of zero that must
+    differ."""
     flat = assembly.flat
     states = [k for k, (_, order) in enumerate(assembly.reduced.states) if order == 0 and point.x[k] == 0]
     # a default of 0 of the library is right everywhere
@@ -124,8 +126,8 @@ def _example(assembly: Assembly) -> str:
 
 
 def _dependent(system: StartSystem, point: Point, sizes: Array) -> tuple[Array, Array]:
-    """The directions of the weighted rows (m, k) whose gradients depend on each other, and how far each row's residual
-    takes part in what disagrees (m,)."""
+    """The directions of the weighted rows (m, k) with dependent gradients, and the share of each row (m,) in the
+    contradictory residual."""
     residual, jacobian = system.at(point)
     if not finite(jacobian) or not residual.size:
         return np.zeros((len(residual), 0)), np.zeros(len(residual))
@@ -136,7 +138,7 @@ def _dependent(system: StartSystem, point: Point, sizes: Array) -> tuple[Array, 
 
 
 def _at_bounds(equations: StartEquations, point: Point) -> list[str]:
-    """What the search has pushed against a declared bound."""
+    """The sentence on unknowns that the search has pushed to a declared bound."""
     assembly = equations.assembly
     low, high = equations.bounds
     y = np.concatenate([point.x, point.z, point.p[equations.solved_for]])
@@ -149,8 +151,8 @@ def _at_bounds(equations: StartEquations, point: Point) -> list[str]:
 
 
 def _unmoved(equations: StartEquations, system: StartSystem, point: Point, row: int) -> Problem | None:
-    """A condition that nothing moves at the point, though it hangs on unknowns that may be elsewhere: the force of a contact
-    that is open, the flow through a valve that is shut. None for one that something moves, or that others decide."""
+    """A condition without a gradient at the point, though it depends on unknowns that have one elsewhere: the force of an
+    open contact, the flow through a shut valve. None if it has a gradient, or if other conditions determine it."""
     assembly, asked = equations.assembly, system.rows[row]
     standing = system.standing(row)
     if asked.name not in assembly.flat.names or not standing or np.any(dense(system.at(point)[1][[row]])):
@@ -196,7 +198,7 @@ def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[S
 
 
 def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRow]) -> Problem:
-    """Rates that no state can make zero."""
+    """The message on rates that no state can make zero."""
     raw = dict(zip(equations.all.rows, equations.all.at(point)[0], strict=True))
     assembly = equations.assembly
     units = {f"steady: der({name}) = 0": (assembly.flat.unknowns[j].unit.text + "/s" * (order + 1)).replace("/s/s", "/s**2")
@@ -220,7 +222,7 @@ def _inputs_held(assembly: Assembly, point: Point) -> tuple[str, ...]:
 
 
 def _balances(equations: StartEquations, conflict: Sequence[StartRow]) -> str:
-    """`: a Spring or a Fixed`, for what moves on in a conflict."""
+    """`: a Spring or a Fixed`, for a part that cannot be at rest."""
     flat, moving = equations.assembly.flat, " ".join(row.label for row in conflict)
     kinds = [BALANCES[unit] for j, _ in equations.assembly.reduced.states
              if (unit := flat.unknowns[j].unit.text) in BALANCES and f"({flat.unknowns[j].name})" in moving]
@@ -228,7 +230,7 @@ def _balances(equations: StartEquations, conflict: Sequence[StartRow]) -> str:
 
 
 def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
-    """The equations whose gradients depend on each other while their residuals do not agree."""
+    """The message on equations with dependent gradients and contradictory residuals."""
     _, share = _dependent(system, point, sizes)
     if not share.size or share.max() < INITIALISATION.disagree:
         return []
@@ -263,8 +265,8 @@ def _settling(equations: StartEquations, system: StartSystem, point: Point, size
 
 
 def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple[str, ...]:
-    """StartError for what a steady start, or the parameters that it solves for, leave open. Pressures of what is shut in may
-    be any: they keep their guess, and their names are returned."""
+    """StartError for undetermined directions of a steady start, or of the parameters under `solve:`. Pressures of shut
+    volumes are free: they keep their guess, and their names are returned."""
     residual, jacobian = equations.with_guesses.at(point)
     if not finite(jacobian):
         return ()
@@ -294,14 +296,15 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
 
 
 def _pressures(assembly: Assembly) -> set[str]:
-    """The states that are pressures of oil or gas: in the domains that say what fills a node."""
+    """The states that are pressures of oil or gas: in the domains with `fills:`."""
     members = {domain.across[0] for domain in assembly.model.library.domains.values() if domain.fills}
     return {name for (j, _), name in zip(assembly.reduced.states, assembly.state_names, strict=True)
             if assembly.flat.unknowns[j].role == "across" and name.rpartition(".")[2] in members}
 
 
 def _solve_open(equations: StartEquations, names: list[str], moved: list[str]) -> Problem:
-    """What is solved for without an equation that decides it, and the variables that would follow it (`moved`)."""
+    """The parameters under `solve:` without an equation that determines them, and the variables that would follow them
+    (`moved`)."""
     place = equations.assembly.model.initial.solve[names[0]]
     steady = "" if equations.steady else "`start: steady`, or "
     return Problem("solve-undetermined", f"no equation determines {listing(names)} under `solve:`", place,
@@ -327,7 +330,7 @@ def _open(equations: StartEquations, point: Point, notes: list[str], suggestions
 
 
 def singular_loop(assembly: Assembly, point: Point, direction: Array) -> StartError:
-    """The error for loops that leave an algebraic unknown undecided along a direction (n_z,)."""
+    """The error for loops that leave an algebraic unknown undetermined along a direction (n_z,)."""
     if problems := lost(assembly, point):
         return StartError(problems)
     share = np.abs(direction)
@@ -340,7 +343,7 @@ def singular_loop(assembly: Assembly, point: Point, direction: Array) -> StartEr
 
 
 def check_pivots(assembly: Assembly, found: Sequence[tuple[Pivot, float]], point: Point) -> None:
-    """StartError for coefficients that were divided by and are zero, or no numbers."""
+    """Raise StartError for divisors that are zero or not finite."""
     zero = [(pivot, value) for pivot, value in found if (value == 0 and not pivot.derived) or not np.isfinite(value)]
     if not zero:
         return
@@ -364,7 +367,7 @@ def _sound(assembly: Assembly, point: Point) -> bool:
 
 
 def check_values(assembly: Assembly, point: Point) -> None:
-    """StartError for variables, and for rates of states, that are no numbers, but for those that are undetermined without an
+    """Raise StartError for variables and rates of states that are not finite, except for undetermined ones that have no
     effect on the motion."""
     def values(at: Point) -> Array:
         rates = np.array(assembly.rates(*at.values())[0]).ravel()

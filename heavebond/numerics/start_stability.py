@@ -22,8 +22,8 @@ PUSHES = (0.1, 1.0)  # of the fastest growing mode, in usual sizes of its states
 
 def unstable_start(assembly: Assembly, first: Start, u: Array, duration: float) -> Finding | None:
     """The finding that the equilibrium at which a run of this duration (s) begins is unstable, from the eigenvalues of
-    dx'/dx there (held variables stay). None where it is stable, does not leave the equilibrium by e within the run, or
-    where a sampled controller may stabilise it."""
+    dx'/dx there (held variables stay). None if it is stable, if the deviation grows by less than a factor e within the run,
+    or if a sampled controller may stabilise it."""
     sampled = any(event.period is not None for event in assembly.flat.events)
     if assembly.model.initial.mode != "steady" or sampled or not 0 < len(first.x) <= MOST_STATES:
         return None
@@ -64,7 +64,8 @@ def _state_matrix(assembly: Assembly, first: Start, u: Array) -> Array:
 
 
 def _others(assembly: Assembly, first: Start, u: Array, mode: Array, k: int) -> list[float]:
-    """The values of state k at the equilibria to which the machine settles when it is pushed along the mode, both ways."""
+    """The values of state k at the equilibria to which the machine settles after a disturbance along the mode in either
+    direction."""
     search = StartSearch(StartEquations(assembly), assembly, first.t, u)
     y = np.concatenate([first.x, first.z, first.p[search.equations.solved_for]])
     found: list[float] = []

@@ -17,12 +17,12 @@ from heavebond.numerics.event_constants import EVENTS
 
 
 def same_instant(begin: float, end: float) -> float:
-    """How near to each other two instants of a run are one."""
+    """The time difference (s) below which two instants of a run are identical."""
     return float(max(EVENTS.same_instant * (end - begin), EVENTS.same_roundings * np.spacing(max(abs(begin), abs(end)))))
 
 
 def clocks_at(assembly: Assembly, t: float, p: Array) -> Array:
-    """The parameters with what conditions of the time (see `equations.time_conditions`) hold at a time."""
+    """The parameters with the values of conditions of the time (see `equations.time_conditions`) at a time."""
     clocks = {held: e for e in reversed(assembly.flat.events) if e.by_clock and (held := e.resets[0].held) is not None}
     if not clocks:
         return p
@@ -54,9 +54,9 @@ def timetable(events: Sequence[FlatEvent], instants: tuple[Array, Array, Array, 
               ) -> Timetable:
     """The instants of a run.
 
-    `instants` are the first instant and the period (n,) of every event with their derivatives (n, m). What happens once, and
-    was to happen before the run begins, happens as it begins; of what is repeated the instants before are passed over.
-    The instants of an irregular clock are late or left out (see `Clock`). SimulationError for a period that is none.
+    `instants` are the first instant and the period (n,) of every event with their derivatives (n, m). A single event whose
+    instant lies before the begin of the run happens at the begin; instants of a repeated event before the begin are omitted.
+    The instants of an irregular clock are late or left out (see `Clock`). SimulationError for a period that is not positive.
     """
     first, period, by_first, by_period = instants
     same = same_instant(begin, end)

@@ -1,4 +1,4 @@
-"""Search of functions of time alone: where they change their sign, and where they move too shortly for the output points.
+"""Search in functions of time alone: for sign changes, and for motions that are too short for the output points.
 
 Both searches divide intervals of time until interval bounds decide. An interval in which no zero can lie, or in which a
 function differs by less than a tolerance from a constant (by its range) or from a straight line (by its second derivative),
@@ -23,13 +23,12 @@ class TimeSearchConstants:
     """The constants of the searches.
 
     share: excursion of a function from the straight line between two output points, over its range, from which on it is
-        searched for. Origin: that of the limit of the steps (`forcing.FORCING`). Doubled: smaller short motions are passed
-        over.
+        searched for. Origin: the share of the limit of the steps (`forcing.FORCING`). Doubled: smaller short motions are
+        passed over.
     narrow: share of an output interval below which the motion is too short for the output points. Origin: an interval of a
         twentieth of the width of a bell holds its excursion. Doubled: sines with few output points a period are cut, too.
     most_intervals: intervals that are looked at in one search. Origin: a tenth of a second. Doubled: the search of a
-    function
-        whose bounds are wide takes twice as long.
+    function whose bounds are wide takes twice as long.
     roundings: distance in units of rounding within which two times are one. Origin: the rounding of an instant that is
         computed from parameters in two or three operations. Doubled: no change to be seen.
     best_first: number of intervals from which on the widest ranges are divided first. Origin: the range of a function
@@ -154,8 +153,8 @@ def _bisected(course: Course, p: Array, row: NDArray[np.intp], begin: Array, end
 
 @dataclass(frozen=True)
 class Narrow:
-    """The times (n,) at which short motions are to be met, the longest step (s; 0: no limit) with which those are not
-    passed over that were not found in time, and the rows for which there is neither."""
+    """The times (n,) of stops within short motions, the longest step (s; 0: no limit) for motions that were not located, and
+    the rows for which there is neither."""
 
     times: Array
     longest: float

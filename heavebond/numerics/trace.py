@@ -54,8 +54,8 @@ class SolverChange:
 
 @dataclass(frozen=True)
 class AlternativeStates:
-    """The stops of a run at which other states than those of its diagram were integrated, by the mask `at` (N,): x and z
-    there as in `Trace`."""
+    """The stops of a run at which the integrated states differ from those of the diagram, by the mask `at` (N,): x and z at
+    these as in `Trace`."""
 
     assembly: Assembly
     at: NDArray[np.bool_]
@@ -74,10 +74,10 @@ class Driven:
 @dataclass(frozen=True)
 class Trace:
     """A run at its stops: x, z, integrals with all blocks of sensitivities, the held variables (n_h, N) and their
-    sensitivities (m, n_h, N), the events, and the stops at which other states were integrated. `between` gives times and the
-    run at these (at the stops, at points between them, and on both sides of events), and a function that gives the algebraic
-    unknowns at points by their numbers, where those of the run have yet to be solved for. `driven` are the inputs, where
-    they are not known before the run."""
+    sensitivities (m, n_h, N), the events, and the stops at which other states were integrated. `between` gives times, the
+    run at these (at the stops, at points between them, and on both sides of events), and a function for the algebraic
+    unknowns at points by their numbers, if they must still be solved for. `driven` are the inputs, if they are known only
+    after the run."""
 
     x: Array
     z: Array
@@ -160,7 +160,8 @@ class EventState:
         return x, z
 
     def standing(self, point: Point, moved: PointSensitivity) -> EventState:
-        """This state at another point of the same time; the integrals stay, except for their sensitivities in `moved`."""
+        """This state at another point of the same time; the integrals are unchanged, except for their sensitivities in
+        `moved`."""
         assembly, y = self.frame.assembly, self.y.copy()
         x_size, z_size, n_x = assembly.x_nominal, assembly.z_nominal, len(point.x)
         y[:n_x] = point.x / x_size

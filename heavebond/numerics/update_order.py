@@ -1,12 +1,12 @@
 """The order of updates at one instant: sampled blocks are evaluated along the flow of their signals.
 
-At an instant several time events may assign held variables, h_i := r_i(t, x, z, p, h). Within its component, an update reads
-the held variables as they were before the instant (`n: n + 1`). Along signals it reads those of other components as they are
-assigned at the same instant, so that blocks of one rate in series add no sample. Quantities of the physical network have
-their values before the instant: a converter samples before the forces of the same instant act. The updates are sorted by
-these dependencies and written into each other, with a symbol for each event that is 1 if the event happens at the instant;
-a loop of updates that may happen at the same instant is an error. E. A. Lee, D. G. Messerschmitt, Synchronous data flow,
-Proc. IEEE 75 (1987) 1235, doi:10.1109/PROC.1987.13876.
+At an instant several time events may assign held variables, h_i := r_i(t, x, z, p, h). Within its component, an update
+reads the held variables as they were before the instant (`n: n + 1`). Along signals it reads the values of other components
+after their assignment at the same instant, so that blocks of one rate in series add no sample. Quantities of the physical
+network have their values before the instant: a converter samples before the forces of the same instant act. The updates are
+sorted by these dependencies and written into each other, with a symbol for each event that is 1 if the event happens at the
+instant; a loop of updates that may happen at the same instant is an error. E. A. Lee, D. G. Messerschmitt, Synchronous data
+flow, Proc. IEEE 75 (1987) 1235, doi:10.1109/PROC.1987.13876.
 """
 
 from __future__ import annotations
@@ -107,8 +107,8 @@ class UpdateOrder:
 
     @property
     def direct(self) -> list[ca.SX]:
-        """The new value of each reset as a formula of the arguments of the assembly, with the held variables that its
-        component reads itself, and of those that it reads along signals, which are symbols of their own."""
+        """The new value of each reset as a formula of the arguments of the assembly, with held variables of two kinds: those
+        that its component reads itself, and those that it reads along signals, which are separate symbols."""
         return self._graph.direct
 
     def instants(self, p: Array) -> tuple[Array, Array]:
@@ -148,8 +148,8 @@ class _Graph:
         self.direct = split(ca.substitute(column, known, express(known)))
 
     def _along_signals(self, values: Sequence[ca.SX], rows: Sequence[int]) -> list[ca.SX]:
-        """New values (raw) with their signals traced back to held variables: `after` for the held variables of other
-        components, p for those of the same component. Physical unknowns remain."""
+        """New values (raw) with their signals traced back to held variables: `after` for held variables of other components,
+        p for those of the same component. Physical unknowns remain."""
         reduced, flat = self.reduced, self.reduced.flat
         owners, signals = _traced(reduced)
         held, before = stack(flat.p[k] for k in self.setters), stack(ca.SX.sym("before") for _ in self.setters)
@@ -261,7 +261,7 @@ class _Graph:
         return Updates(fired, stack(values), self.after, stack(direct), ranks, apart, sequence)
 
     def _give_precedence(self, values: list[ca.SX], fired: ca.SX) -> None:
-        """Let an event that happens together with one that it yields to set nothing of its own."""
+        """Remove the assignments of an event that coincides with an event of higher precedence."""
         number, own = {event.name: e for e, event in enumerate(self.events)}, list(values)
         for row, (e, held) in enumerate(zip(self.owner, self.held, strict=True)):
             for name in reversed(self.events[e].yields_to):
@@ -326,7 +326,7 @@ def _ranks(read: Sequence[Set[int]]) -> tuple[tuple[int, ...], ...]:
 
 
 def _meet(first: float, other_first: float, period: float, other_period: float) -> bool:
-    """Whether two periodic events ever happen at the same instant: with T_1 = a g and T_2 = b g for whole numbers a and b
+    """True if two periodic events can happen at the same instant: with T_1 = a g and T_2 = b g for whole numbers a and b
     without a common factor, if the difference of their first instants is a multiple of g."""
     ratio = Fraction(period / other_period).limit_denominator(LARGEST_RATIO)
     if ratio == 0 or abs(float(ratio) * other_period / period - 1) > SAME_RATIO:

@@ -1,9 +1,9 @@
-"""Whether the values of a run mean something: the checks behind its verdict.
+"""Checks of the values of a run, from which its verdict follows.
 
-What is looked for, at the output points and those between them (see `Result.dense`): values that are not finite; values of
-more than a million typical sizes; components whose power does not balance; values outside the range that a component or a
-domain declares, or larger than in any machine; states that grow exponentially to the end. The first three mean that the
-numbers are worthless, the others are told: a diagram in the making may go there, and a short while may not matter.
+The checks, at the output points and points between them (see `Result.dense`), find values that are not finite; values
+above a million typical sizes; components whose power does not balance; values outside the range declared by a component or a
+domain, or larger than in any machine; states that grow exponentially to the end. The first three make the numbers worthless.
+The others are reported only: a diagram under construction may leave a range, and a short time outside may not matter.
 """
 
 from __future__ import annotations
@@ -39,34 +39,33 @@ class ValidityConstants:
     rounding: share of the usual size of a variable by which it may always pass a physical limit. Origin: ten times the
         absolute tolerance of the integration. Doubled: a tank that is empty may be emptied a little further.
     worthless: magnitude that no unit explains. Origin: its square is infinite. Doubled: nothing.
-    fast: multiple of the typical speed of its domain at which a position may move for the whole run. Origin: a shaft
-        that turns for hours. Doubled: a position that runs away is named later.
-    samples: points of a run at which everything is evaluated. Origin: all points would cost a tenth of the run.
-        Doubled: twice that time, short excesses of algebraic variables are found.
+    fast: multiple of the typical speed of its domain at which a position may move for the whole run. Origin: a shaft that
+        turns for hours. Doubled: a position that runs away is named later.
+    samples: points of a run at which everything is evaluated. Origin: all points would cost a tenth of the run. Doubled:
+        twice that time, short excesses of algebraic variables are found.
     watched: points at which variables with a declared range are evaluated in any case. Origin: as above. Doubled: as above.
-    near: multiple of their moves from one of these points to the next by which they must keep away from their limits;
-        else they are evaluated at all points between. Origin: a curve goes beyond its points by less than it moves.
+    near: multiple of their moves from one of these points to the next by which they must keep away from their limits; else
+        they are evaluated at all points between. Origin: a curve exceeds its points by less than the change between them.
         Doubled: more evaluations.
-    excursion: share of its range along the run by which a state that leaves its values at two of these points has all
-        points between evaluated. Origin: half of what is drawn as one line. Doubled: smaller excursions are passed over.
-    growth_parts: equal parts of the second half of a run that are compared for growth. Origin: an exponential is told
+    excursion: share of its range along the run by which a state that leaves its values at two of these points has all points
+        between evaluated. Origin: half of what is drawn as one line. Doubled: smaller excursions are passed over.
+    growth_parts: equal parts of the second half of a run that are compared for growth. Origin: it separates an exponential
         from a power of time. Doubled: slow growth is less often named.
-    growth: factor by which each part goes further than the one before. Origin: t**6 does not. Doubled: only fast growth
-        is named.
-    grown: typical sizes below which growth does not matter. Origin: machines exceed their typical sizes by less.
-        Doubled: named later.
-    grown_unknown: the same in its unit for what has no typical size. Origin: no better yardstick. Doubled: named later.
-    front: segments of a line in a front (its height over the largest rate and the travel time of a segment) below which
-        it is reported. Origin: the overshoot of a lumped line at a ramp of x segments is up to 0.45/x; 12 % at this front.
+    growth: factor by which each part goes further than the one before. Origin: t**6 does not. Doubled: only fast growth is
+        named.
+    grown: typical sizes below which growth does not matter. Origin: machines exceed their typical sizes by less. Doubled:
+        named later.
+    grown_unknown: the same in its unit for what has no typical size. Origin: no better measure. Doubled: named later.
+    front: segments of a line in a front (its height over the largest rate and the travel time of a segment) below which it
+        is reported. Origin: the overshoot of a lumped line at a ramp of x segments is up to 0.45/x; 12 % at this front.
         Doubled: reported from 6 % on.
     front_window: travel times of a segment before and after the largest rate in which the height of a front is measured.
         Origin: a ripple and the front before it. Doubled: two fronts may count as one.
     front_size: share of its largest value by which a variable of a line changes for its front to matter. Origin: the error
         is a hundredth of the value then. Doubled: errors of two hundredths are silent.
     resolved: segments in a front that are recommended. Origin: 5 % of overshoot. Doubled: 2.5 %.
-    own_front: segments a and factor b of the front sqrt(a**2 + (b*x)**2) that a ramp of x segments becomes in a lumped
-        line. Origin: ramps of the flow at the end of a line, x from 0.01 to 9, within 5 %. Doubled: other numbers are
-        recommended.
+    own_front: segments a and factor b of the front sqrt(a**2 + (b*x)**2) that a ramp of x segments becomes in a lumped line.
+        Origin: ramps of the flow at the end of a line, x from 0.01 to 9, within 5 %. Doubled: other numbers are recommended.
     """
 
     grace: float = 1e-3
@@ -120,8 +119,8 @@ class RunSection:
 
 
 def judged(stretches: Sequence[RunSection], also: Sequence[Finding] = (), dense: Sequence[RunSection] = ()) -> Verdict:
-    """The verdict on a run of one stretch or several; `also` was found during the run, `dense` is the run with points
-    between its output points, where there are any."""
+    """The verdict on a run in one or several stretches; `also` are findings made during the run, `dense` is the run with
+    points between its output points, if there are any."""
     duration = max((float(s.time[-1]) for s in stretches), default=0.0) - min((float(s.time[0]) for s in stretches),
                                                                               default=0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # what has run away may overflow
@@ -134,7 +133,7 @@ def judged(stretches: Sequence[RunSection], also: Sequence[Finding] = (), dense:
 
 
 def at_point(assembly: Assembly, point: Point) -> Verdict:
-    """What is outside its range at one point, as at a start."""
+    """The findings on variables outside their range at one point, such as a start."""
     values = np.array(assembly.values(*point.values())).reshape(-1, 1)
     columns = [np.reshape(v, (-1, 1)) for v in point.values()]
     lost = missing(assembly, range(len(values)), columns, values)
@@ -142,8 +141,8 @@ def at_point(assembly: Assembly, point: Point) -> Verdict:
 
 
 def _between(s: RunSection, duration: float) -> Iterator[Finding]:
-    """What is outside its range in one part of a run, at all points: states, and variables with a declared range where
-    these come near to it or the states move (see `near`)."""
+    """The findings on variables outside their range in one part of a run, at all points: states, and variables with a
+    declared range if these come near to it or the states change much (see `near`)."""
     flat, states = s.assembly.flat, {j: k for k, (j, order) in enumerate(s.assembly.reduced.states) if order == 0}
     yield from _outside([flat.unknowns[j] for j in states], s.x[list(states.values())], s.time, duration)
     looked_at = [j for j, u in enumerate(flat.unknowns) if j not in states and _ranged(u)]
@@ -165,13 +164,15 @@ def _between(s: RunSection, duration: float) -> Iterator[Finding]:
 
 
 def _moves(values: Array) -> Array:
-    """By how much values (k, n) differ between two points at most, in each interval (k, n - 1) and those next to it."""
+    """The largest difference of values (k, n) between neighbouring points, in each interval (k, n - 1) and the adjacent
+    ones."""
     moved = np.pad(np.abs(np.diff(values, axis=1)), ((0, 0), (1, 1)))
     return np.asarray(np.maximum(moved[:, 1:-1], np.maximum(moved[:, :-2], moved[:, 2:])))
 
 
 def _excursions(x: Array, at: Points) -> NDArray[np.bool_]:
-    """Between which of the points `at` (k,) states (n, N) go beyond their values at both by more than these tell."""
+    """The intervals between points `at` (k,) in which states (n, N) leave the range of their values at both ends by more
+    than neighbouring values suggest."""
     if not len(x):
         return np.zeros(len(at) - 1, bool)
     first, last = x[:, at[:-1]], x[:, at[1:]]
@@ -220,7 +221,7 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) ->
 
 
 def _closely(s: RunSection, looked_at: Sequence[int], at: Points, duration: float) -> Iterator[Finding]:
-    """What is wrong with some of the unknowns at more points of a run."""
+    """The findings on some of the unknowns at further points of a run."""
     flat = s.assembly.flat
     values = _values_of(s, looked_at, at)
     for found in _outside([flat.unknowns[j] for j in looked_at], values, s.time[at], duration,
@@ -315,7 +316,7 @@ def without_value(signals: Mapping[str, Array], time: Array, lost: Callable[[str
 
 
 def _culprit(flat: Flat, values: Array) -> str:
-    """What to look at where values (n,) are not finite: the equation that has no value although all else in it has one."""
+    """The hint for values (n,) that are not finite: the equation without a value although all its other terms have one."""
     bad = set(np.flatnonzero(~np.isfinite(values)).tolist())
     for equation, entries in zip(flat.equations, flat.entries, strict=True):
         if len({column % len(flat.unknowns) for column, _ in entries} & bad) == 1:
@@ -346,7 +347,7 @@ def _ranged(unknown: Unknown) -> bool:
 
 def _outside(unknowns: Sequence[Unknown], values: Array, time: Array, duration: float,
              lost: NDArray[np.bool_] | None = None) -> Iterator[Finding]:
-    """What is wrong with the values (k, N) of unknowns at times of a run, but for those that are undetermined (`lost`)."""
+    """The findings on values (k, N) of unknowns at times of a run, except for undetermined ones (`lost`)."""
     if not len(unknowns):
         return
     low, high = values.min(axis=1), values.max(axis=1)  # NaN where one is
@@ -360,7 +361,7 @@ def _outside(unknowns: Sequence[Unknown], values: Array, time: Array, duration: 
 
 
 def _bounds(u: Unknown, duration: float) -> tuple[float, float]:
-    """Between which values nothing is wrong with a variable."""
+    """The range of a variable without a finding."""
     most = min(RUNAWAY * typical_size(u, duration), VALIDITY.worthless, _largest(u, duration))
     own = u.role == "own"
     least = max(u.plausible.least - physical_grace(u), u.low - _grace(u, u.low) if own else -np.inf)
@@ -372,7 +373,7 @@ def _grace(u: Unknown, limit: float) -> float:
 
 
 def physical_grace(u: Unknown, reach: float = 0.0) -> float:
-    """How far a variable may fall below its physical limit, in a run in which it stood up to `reach` above it."""
+    """The tolerance below the physical limit of a variable, in a run in which it was up to `reach` above the limit."""
     limit = u.plausible.least
     share = VALIDITY.grace * max(abs(limit), VALIDITY.grace * min(u.nominal, reach)) if math.isfinite(limit) else 0.0
     return max(share, VALIDITY.rounding * u.nominal)
@@ -383,7 +384,7 @@ def _largest(u: Unknown, duration: float) -> float:
 
 
 def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[Finding]:
-    """What is wrong with one variable, the worst first."""
+    """The findings on one variable, the worst first."""
     finite = np.isfinite(values)
     if not finite.all():
         at = int(np.argmin(finite))
