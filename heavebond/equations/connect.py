@@ -152,7 +152,7 @@ def _domains(expanded: Expanded, groups: list[Members], problems: Problems) -> l
         if not domains[k] and members.ports:
             path = members.ports[0]
             leaf = expanded.leaves[path.rpartition(".")[0]]
-            problems.add("domain-open", f"nothing tells the domain of '{path}'",
+            problems.add("domain-open", f"nothing determines the domain of '{path}'",
                          leaf.place, hint="Join it to a port of a component that has a domain.")
     return domains
 

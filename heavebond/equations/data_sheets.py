@@ -51,7 +51,7 @@ def data_sheets(instance: Instance, body: Body, known: Mapping[str, Component], 
         sheet = known.get(name)
         if name == instance.name or name not in body.instances:
             problems.add("data-unknown", f"'{name}' is the part itself" if name == instance.name else
-                         f"there is no part '{name}' beside '{instance.name}'", place,
+                         f"there is no part '{name}' at the level of '{instance.name}'", place,
                          hint=_meant(name, instance, body, model))
         elif sheet is not None:
             shared = [p for p in own.parameters if p in sheet.parameters]

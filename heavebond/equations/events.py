@@ -121,7 +121,7 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
 def _asked(condition: Condition, problems: Problems) -> float | None:
     number = constant(condition.value.expr)
     if number is None or condition.guess:
-        problems.add("held-initial", f"'{condition.name}' is held; what it starts at is a plain quantity",
+        problems.add("held-initial", f"'{condition.name}' is held; its initial value is a plain quantity",
                      condition.value.place, hint=f"Write `{condition.name}: 1`, or leave it out.")
     return number
 

@@ -97,7 +97,7 @@ class _Opener:
             elif owner in self.wires.junctions:
                 message, choices = f"'{path}' changes during a run; only parameters and inputs are set", []
             hint = suggest(path, choices) or (f"What can be set: {listing(choices, 20)}." if choices else
-                                              "Its value at the start stands under `initial:`.")
+                                              "Its value at the start is given under `initial:`.")
             self.problems.add("setting-unknown", message, setting.place, hint=hint)
 
     def component(self, path: str) -> Component | None:
@@ -145,7 +145,7 @@ class _Opener:
         if component.name in kinds or len(kinds) > DEEPEST_BLOCK:
             circle = [*kinds[kinds.index(component.name):], component.name] if component.name in kinds else [*kinds]
             self.problems.add("block-contains-itself", f"'{circle[0]}' contains itself: {' > '.join(circle)}"
-                              if component.name in kinds else f"blocks stand in each other more than "
+                              if component.name in kinds else f"blocks are nested more than "
                               f"{DEEPEST_BLOCK} deep", instance.place,
                               hint="A block is made of other components; leave one of these parts out.")
             return None
@@ -311,7 +311,7 @@ class _Opener:
                 what = f"a matrix of {rows} rows and {columns[0]} columns" if columns else f"a list of {rows} values"
                 form = "[[..., ...], ...]" if columns else "[..., ...]"
                 given = "" if set(elements) <= set(names) else \
-                    f"\nOr give the other lists of '{path}' the same length: they tell this size, too."
+                    f"\nOr give the other lists of '{path}' the same length: they determine this size, too."
                 self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs {what} for {base} "
                                   f"({parameter.doc}); {name} is not given", place,
                                   hint=f"Write `{base}: {form}`, each value with its unit.{given}")

@@ -557,7 +557,7 @@ class _Builder:
                        and (event.name.startswith(f"{path}.") or event.name.rpartition(".")[0] == path)]
                 sampled = dict.fromkeys(e.name.rpartition(".")[0] for e in self.events if e.period is not None)
                 if not own:
-                    self.problems.add("clock-part", f"clock '{clock.name}': '{path}' is no sampled part", place,
+                    self.problems.add("clock-part", f"clock '{clock.name}': '{path}' is not a sampled part", place,
                                       hint=suggest(path, sampled) or f"Sampled parts: {listing(sampled) or 'none'}.")
                 for k in own:
                     if (other := clocks.setdefault(k, clock)) is not clock:

@@ -146,7 +146,7 @@ def _sources(expanded: Expanded, kind: str, circuits: dict[Terminal, int], probl
         if other != path:
             problems.add("media-mixed", f"{either([other, path])} fill the same circuit; parts and wires join it all",
                          leaf.place, hint=f"Remove one {kind}: it counts for all that is joined, through valves and past "
-                         "pistons too. A single part may have values of its own.")
+                         "pistons too. A single part may have separate values.")
     return found
 
 

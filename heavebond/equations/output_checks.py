@@ -53,7 +53,8 @@ def _shown(shown: NamedOutput, resolver: Resolver, problems: Problems) -> None:
         found = resolver.dimension(shown.expr)
     except ExpressionProblem as problem:
         if problem.code == "name-unknown" and shown.text == shown.name and "." not in shown.name:
-            problem.hint = f"Say what is shown: `{shown.name}: {{is: spring.F, unit: {shown.unit}}}`; {problem.hint}"
+            example = f"`{shown.name}: {{is: spring.F, unit: {shown.unit}}}`"
+            problem.hint = f"Specify the shown quantity: {example}; {problem.hint}"
         reading.add_expression_problem(problem, shown.place, problems)
         return
     found = ONE if found == TRUTH else found  # a condition is shown as 0 and 1
@@ -77,7 +78,7 @@ def _condition(condition: Condition, resolver: Resolver, held: Container[str], p
         return
     if condition.name not in held and not any(_varies(name, resolver) for name in names(tree)):
         problems.add("initial-constant", f"'{condition.name}' is constant; an initial value belongs to a variable",
-                     condition.place, hint="Set a parameter where its component stands, or under `set:`.")
+                     condition.place, hint="Set a parameter at its component, or under `set:`.")
         return
     try:
         given = resolver.dimension(condition.value.expr)
@@ -113,7 +114,7 @@ def with_nominal_sizes(model: Model, unknowns: Sequence[Unknown], names: Mapping
 
 
 def _no_name(name: Name) -> Dimension:
-    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is no number", name.column, name.length)
+    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is not a number", name.column, name.length)
 
 
 def _varies(name: Name, resolver: Resolver) -> bool:

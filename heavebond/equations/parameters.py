@@ -195,7 +195,7 @@ def _sorted(needs: dict[str, list[str]], known: Mapping[str, Bound], problems: P
             message = "these parameters depend on each other in a circle: " + " needs ".join(circle) \
                 if len(circle) > 2 else f"parameter '{first}' depends on itself"
             problems.add("parameter-circle", message, known[first].value.place,
-                         hint=f"Give one of them a value of its own, for example `{first.rpartition('.')[2]}: 1 ...`.")
+                         hint=f"Give one of them a number, for example `{first.rpartition('.')[2]}: 1 ...`.")
             del open_needs[first]
 
 
@@ -472,7 +472,7 @@ def check_range(name: str, wanted: Range, limits: Limits, origin: Origin, place:
         allowed = f"at least {unit.written(low)}" if isinf(high) else f"at most {unit.written(high)}" if isinf(low) else \
             f"between {unit.written(low)} and {unit.written(high)}"
         raise UsageError([Problem("range-beyond", f"the range of {name}, {wanted.low:g} .. {unit.written(wanted.high)}, "
-                                  f"reaches beyond what is allowed; it must be {allowed}", place, "Give a range inside.")])
+                                  f"exceeds the allowed range; it must be {allowed}", place, "Give a range inside.")])
 
 
 def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range], limits: Limits, origin: Origin) -> None:
@@ -480,7 +480,7 @@ def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range], limits:
     beyond the values that are allowed."""
     for name, wanted in ranges.items():
         if name not in units:
-            raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
+            raise UsageError([Problem("free-unknown", f"'{name}' cannot be estimated: it is not a numeric parameter", None,
                                       suggest(name, units) or NAMES_LISTED)])
         if units[name].dimension != wanted.unit.dimension:
             plain = wanted.unit.text == "1"

@@ -110,7 +110,7 @@ class Resolver:
         """A condition as a number that is positive while it holds; ExpressionProblem for a formula that is not a
         condition."""
         if self.dimension(expr) != TRUTH:
-            raise ExpressionProblem("not-a-condition", "this is no condition", 0,
+            raise ExpressionProblem("not-a-condition", "this is not a condition", 0,
                                     hint="Write a comparison: `load.x > 0.5 m`.")
         return indicator(expr, Context(lambda text, name: self._value("", text, name), self._der))
 

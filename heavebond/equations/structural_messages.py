@@ -56,8 +56,8 @@ def _dependent(flat: Flat, numbers: Sequence[int]) -> Problem:
     equations = [flat.equations[i] for i in dict.fromkeys(numbers)]
     laws = [e for e in equations if not bookkeeping(e)] or equations
     parts = listing(dict.fromkeys(e.owner for e in laws), MOST_BLAMED)
-    return Problem("singular", f"equations of {parts} say the same in another form, so that no equation determines some "
-                   "unknowns", laws[0].place if laws else None, "Look for two parts that hold the same position, or for a "
+    return Problem("singular", f"equations of {parts} are equivalent, so that no equation determines some unknowns",
+                   laws[0].place if laws else None, "Look for two parts that hold the same position, or for a "
                    "circuit without a Tank or a Volume.", tuple(_table(laws)))
 
 
@@ -93,8 +93,8 @@ class _Part:
         advice = f"Remove or change {either(owners)}." if len(self.owners) == 1 else \
             (f"{either(owners)} each hold the {what} of one node, which one part alone can do.\n" if what else "") + \
             f"Put {either(owners)} on different nodes, or remove one of them." if len(nodes) < 2 else \
-            f"They join rigidly what is held at both ends: remove one of {either(owners, 'or')},\nor put {elastic} " \
-            "between them."
+            f"They rigidly join nodes that are fixed at both ends: remove one of {either(owners, 'or')},\n" \
+            f"or put {elastic} between them."
         place = self.unknowns[0].place if self.unknowns else self.said[0].place
         if joined := short_circuit(self.flat, self.owners):
             (message, advice), sharing = joined, ""
@@ -173,7 +173,7 @@ class _Lost:
     def problem(self, when: str) -> Problem:
         cause = f": {listing(self.blamed)} {'is' if len(self.blamed) == 1 else 'are'} 0" if self.loss.zero else ""
         notes = [("of these equations one is then too many:" if len(self.said) > 1 else
-                  "this equation then says nothing of it:"), *_table(self.said)] if self.said else []
+                  "this equation then does not contain it:"), *_table(self.said)] if self.said else []
         places = {q.name: q.place for q in self.flat.parameters}
         places |= {e.subject: e.place for e in self.flat.equations if e.role is EquationRole.GIVEN}
         place = next((places[name] for name in self.blamed if self.loss.zero and name in places),
@@ -186,7 +186,7 @@ class _Lost:
     def _names(self) -> str:
         """`A.p, B.p`, `der(cart.v)` where the value itself is known, `the volume flow through pump, pipe`."""
         if not self.shown:
-            return "what these equations say twice"
+            return "the unknowns of these equations"
         if all(u.role == "through" for u in self.shown):
             parts = dict.fromkeys(u.name.rpartition(".")[0].rpartition(".")[0] for u in self.shown)
             return f"{_noun(self.shown[0].doc)} through {listing(parts, 6)}"
@@ -214,7 +214,7 @@ class _Lost:
                 f"{self.decides[:1].upper()}{self.decides[1:]}."
         agree = f", since {listing(blamed)} agree" if blamed else ""
         if len(self.owners) > 1:
-            return f"A loop of rigid parts that say the same{agree}.\nTake one of {either(self.owners[:4], 'or')} out, or " \
+            return f"A loop of redundant rigid parts{agree}.\nTake one of {either(self.owners[:4], 'or')} out, or " \
                 f"put {self.elastic} in line with one of them."
         return f"Remove or change {either(self.owners[:1]) or 'a part there'}" + (f", or {self.decides}." if self.decides
                                                                                  else ".")
@@ -235,7 +235,7 @@ def short_circuit(flat: Flat, owners: Iterable[str]) -> tuple[str, str] | None:
     if found is None:
         return None
     owner, node = found
-    return (f"both ports of '{owner}' are on the same node, '{node}', although '{owner}' prescribes what is between them",
+    return (f"both ports of '{owner}' are on the same node, '{node}', although '{owner}' prescribes their difference",
             f"Put one port of '{owner}' on another node.")
 
 

@@ -207,8 +207,8 @@ def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
         needed = starts.get(name) if name in starts else known.determined(name)
         if isinstance(value, FileInput):
             if needed == 0 and counts_from_origin(value.unit):
-                problems.add("unit-offset", f"{name} is a difference of temperatures, and {value.unit} counts from an "
-                             "origin of its own", value.place, hint=f"Write `unit: {interval_unit(value.unit)}`.")
+                problems.add("unit-offset", f"{name} is a difference of temperatures, and {value.unit} has a "
+                             "separate origin", value.place, hint=f"Write `unit: {interval_unit(value.unit)}`.")
             continue
         try:
             weight = check_origins(value.expr, known.lookup(scope))

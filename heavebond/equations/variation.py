@@ -55,7 +55,7 @@ def factors(model: Model, leaves: Mapping[str, Leaf], templates: Mapping[str, Te
         own = {s.element_hash() for s in ca.symvar(expression)}
         if own & {s.element_hash() for column in resolver.columns[1:] for s in split(column)}:
             problems.add("vary-rate", f"the factor of {path} contains a derivative", value.place,
-                         hint="Use a velocity or a flow, a variable of its own.")
+                         hint="Use a velocity, a flow or a separate variable.")
             continue
         column = split(resolver.columns[0])
         found[path] = Factor(expression, tuple(k for k, s in enumerate(column) if s.element_hash() in own))
@@ -71,7 +71,7 @@ def _may_vary(path: str, leaves: Mapping[str, Leaf], templates: Mapping[str, Tem
     known = [f"{leaf}.{p}" for leaf in leaves if leaf in templates for p in templates[leaf].parameters]
     own = [p for p in known if p.rpartition(".")[0] == owner]
     inside = sorted({p for p in known if p.startswith(f"{owner}.") and p not in own}) if owner else []
-    problems.add("vary-unknown", f"'{path}' is no parameter of a part, so it cannot vary", place,
+    problems.add("vary-unknown", f"'{path}' is not a parameter of a part, so it cannot vary", place,
                  hint=suggest(path, known) or (f"Parameters: {listing(own, 20)}." if own else
                  f"'{owner}' is a block; vary parameters of its parts: {listing(inside, 20)}." if inside else
                  "Write the name of a part and its parameter, for example `spring.c`."))

@@ -72,7 +72,7 @@ class Wires:
                 if found.name in on:
                     node, first = on[found.name]
                     twice = node == wire.name
-                    self.problems.add("port-on-two-nodes", f"'{end.path}' stands twice on node '{node}'" if twice else
+                    self.problems.add("port-on-two-nodes", f"'{end.path}' is listed twice on node '{node}'" if twice else
                                       f"'{end.path}' is on two nodes, '{node}' (line {first.line}) and '{wire.name}'",
                                       end.place, hint="Remove one of the two." if twice else "A port is on one node; "
                                       "join the two nodes into one, or remove the port from one of them.")
@@ -141,7 +141,7 @@ class Wires:
             if port.count is None and not joined:
                 self.problems.add("port-unconnected", f"port '{instance.name}.{port.name}' is on no node",
                                   instance.place, hint=f"Add `{instance.name}.{port.name}` to a node; a free end is "
-                                  f"a node of its own: `{instance.name}_{port.name}: [{instance.name}.{port.name}]`.")
+                                  f"a separate node: `{instance.name}_{port.name}: [{instance.name}.{port.name}]`.")
         for name, signal in component.signals.items():
             if signal.count is None:  # the elements of a vector are known later
                 self.signals[f"{path}.{name}"] = signal

@@ -165,8 +165,8 @@ def open_loop(closed: StateSpace, dead_time: float = 0.0) -> StateSpace:
     if closed.hybrid is not None:
         return opened(closed, cut_at(closed.hybrid, name, MARGINS.uncut), name, f"{CUT}{name}", dead_time)
     if not closed.proper or abs(d) < MARGINS.uncut:
-        raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
-                                  "at once", None, "Cut it at another signal, such as a controller's output.")])
+        raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': a signal added there acts on "
+                                  "itself without delay", None, "Cut it at another signal, such as a controller's output.")])
     a = closed.a - closed.b @ closed.c / d
     exact = None if closed.exact is None else OpenedSystem(closed.exact.open, closed.exact.delays)
     loop = replace(closed, exact=exact, inputs=(f"{CUT}{name}",), outputs=(name,), a=a, b=closed.b / d, c=-closed.c / d,
@@ -174,7 +174,7 @@ def open_loop(closed: StateSpace, dead_time: float = 0.0) -> StateSpace:
                    shown=closed.units[1])
     if not np.any(np.abs(loop.response(2j * np.pi * spread(loop.poles, loop.poles))) > MARGINS.no_gain):
         cut = "" if not within else f" while {', '.join(h.label for h in within)} does not change"
-        raise UsageError([Problem("loop-none", f"'{name}' is in no loop: what is added to it does not come back{cut}",
+        raise UsageError([Problem("loop-none", f"'{name}' is in no loop: a signal added to it does not return{cut}",
                                   within[0].place if within else None, notes=tuple(h.text for h in within))])
     return loop
 
@@ -317,5 +317,5 @@ def checked(found: Crossings, signal: str) -> Margins:
     if found.unstable:
         raise UsageError([Problem("loop-unstable", f"the loop through '{signal}' is unstable when closed, and has no "
                                   f"margins: {'; '.join(found.reasons)}", None,
-                                  "`loop_crossings` tells where it crosses -1, and by how much.")])
+                                  "`loop_crossings` shows where it crosses -1, and by how much.")])
     return Margins(found.verdict, found.reasons, found.gain, found.phase, found.delay, found.modulus, found.held)

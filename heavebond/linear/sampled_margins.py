@@ -76,8 +76,8 @@ def cut_at(closed: Hybrid, name: str, direct: float) -> SampledLoop:
     cut there."""
     c, d = closed.c, float(closed.d[0, 0])
     if abs(d) < direct:
-        raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
-                                  "at once", None, "Cut it at another signal, such as a controller's output.")])
+        raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': a signal added there acts on "
+                                  "itself without delay", None, "Cut it at another signal, such as a controller's output.")])
     read = closed.s @ c / d  # by updates, through the signal
     new = closed.after != 0
     system = replace(closed, g=_clear(closed.g - closed.f @ c / d, closed.g, closed.f @ c / d), f=closed.f / d, c=-c / d,
@@ -101,7 +101,7 @@ def cut_at(closed: Hybrid, name: str, direct: float) -> SampledLoop:
 
 
 def _no_loop(name: str) -> UsageError:
-    return UsageError([Problem("loop-none", f"'{name}' is in no loop: what is added to it does not come back")])
+    return UsageError([Problem("loop-none", f"'{name}' is in no loop: a signal added to it does not return")])
 
 
 def _clear(difference: Array, *parts: Array) -> Array:

@@ -136,7 +136,7 @@ class Search:
         systems = self.about(values, {})
         groups, unseen = self.groups(systems)
         grids = [(group, INTENSITIES) for group in groups]
-        self.say(f"estimating what acts at {len(groups)} places")
+        self.say(f"estimating the inputs at {len(groups)} places")
         now = self.round(systems, grids)
         known = Estimate(now.ranked, (), now.likelihood, 0.0, 0, systems, systems, {}, values, True)
         systems, values, now = self._parameters_alone(systems, values, grids, now)
@@ -258,7 +258,7 @@ class Search:
         now = replace(first, foreseen=False)
         for _ in range(INPUT_ESTIMATION.max_rounds):
             place = now.ranked[0].group.places[0]
-            self.say(f"running the records with what acts {place.words}")
+            self.say(f"simulating the records with the input {place.words}")
             smoothed = self._smoothed(now.systems, now.ranked[:1])
             expected = sum(float(np.sum(smoothed[n].left[:, 0, :, 0]**2)) for n in self.fitted) / now.samples
             vector = np.array([place.weights.get(node, 0.0) for node in self.sides[0].nodes])

@@ -118,8 +118,9 @@ class Localization:
     def words(self) -> tuple[str, ...]:
         """The result in sentences."""
         if not self.missing:
-            return ("No effect is missing at any place: what the parameters leave is noise.",) if self.chi2 < 1.5 else (
-                "The residual is no force or flow at any place of this diagram.",)
+            return ("No effect is missing at any place: the residual of the fitted parameters is noise.",
+                    ) if self.chi2 < 1.5 else (
+                "The residual is not a force or flow at any place of this diagram.",)
         best = self.suspects[0]
         found = [best.words]
         same = [s for s in self.suspects if s.place.name in best.alike]
@@ -129,7 +130,7 @@ class Localization:
         if rivals:
             found.append("As likely: " + "; ".join(map(_told, rivals)) + ".")
         if not self.foreseen:
-            found.append("The machine is far from linear in what acts there: its size and shape are approximate.")
+            found.append("The machine is far from linear in the input there: its size and shape are approximate.")
         return tuple(found)
 
     def implied(self, place: str) -> dict[str, ImpliedInput]:
@@ -171,7 +172,7 @@ def localize(experiment: ExperimentOrFile, *, values: Fit | Mapping[str, float |
     experiment = beginning(with_noise(load_experiment(experiment)), values)
     with tempfile.TemporaryDirectory() as folder:
         search, found = estimated_inputs(experiment, Path(folder), values, say, besides)
-    say("looking for what it follows")
+    say("searching for the variables of the input")
     missing = found.chance < INPUT_ESTIMATION.level
     suspects = [s for k, ranked in enumerate(found.full) for s in _group(search, found, k, ranked)] if missing else []
     return Localization(experiment, missing, found.chance, misfit(found.base, search.fitted), tuple(suspects),
@@ -340,7 +341,7 @@ SHAPES = {
     "one-sided above": "on one side only, above a certain value",
     "one-sided below": "on one side only, below a certain value",
     "dead band": "beyond a dead band only", "saturation": "up to certain values, beyond which it stays",
-    "loop": "along a loop, one way going up and another going down", "curve": "along a curve of its own",
+    "loop": "along a loop, one way going up and another going down", "curve": "along an unnamed curve",
 }
 LOOKS = {
     ("across", "step"): "dry friction", ("across", "step and line"): "dry friction", ("across", "line"): "a damper",

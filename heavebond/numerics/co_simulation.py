@@ -44,8 +44,8 @@ def check_allowed(flat: Flat, allowed: bool, sensitivities: Sequence[str]) -> No
             "If you trust it: `heavebond run MODEL --allow-fmu`, or `simulate(model, allow_fmu=True)`. Other commands do "
             "not run FMUs.")])
     if sensitivities:
-        raise UsageError([Problem("fmu-sensitivity", f"there are no derivatives through {files}: an FMU does not tell how "
-                                  "its outputs move with its inputs", None, "Run it without sensitivities.")])
+        raise UsageError([Problem("fmu-sensitivity", f"there are no derivatives through {files}: an FMU does not "
+                                  "provide the derivatives of its outputs", None, "Run it without sensitivities.")])
 
 
 @dataclass

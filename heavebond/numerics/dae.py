@@ -152,7 +152,7 @@ class Assembly:
             if name not in index:
                 held = any(name == h.name for h in self.flat.held)
                 dependent = name in self.flat.constants
-                hint = f"What it starts at is called 'initial.{name}'." if held else \
+                hint = f"Its initial value is called 'initial.{name}'." if held else \
                     "It follows from other parameters by a formula." if dependent else suggest(name, index) or NAMES_LISTED
                 raise UsageError([Problem("parameter-unknown", f"'{name}' cannot be set", None, hint)])
             indices.append(index[name])
@@ -403,7 +403,7 @@ def _check_events(reduced: Reduced) -> None:
     for event in flat.events:
         for reset in (r for r in event.resets if r.unknown is not None and r.unknown not in states):
             names = listing([reduced.name(c) for c in reduced.states] or ["none"], 20)
-            problems.add("reset-no-state", f"'{event.name}' sets '{reset.name}', which is no state: it follows from the "
+            problems.add("reset-no-state", f"'{event.name}' sets '{reset.name}', which is not a state: it follows from the "
                          "states", reset.place, hint=f"States of this diagram: {names}.")
         if event.period is not None:
             p = [q.value for q in flat.parameters]

@@ -504,8 +504,9 @@ class EventIntegration:
         if m := now.blocks - 1:
             if self.delays is not None:
                 raise SimulationError([Problem(
-                    "delay-states-change", f"at t = {now.t:.6g} s the run goes on in other states, and it has sensitivities "
-                    "and delayed variables", self.delays.delays[0].place, "Approximate the delays without history (for a "
+                    "delay-states-change", f"at t = {now.t:.6g} s the run continues in other states, and it has "
+                    "sensitivities and delayed variables", self.delays.delays[0].place,
+                    "Approximate the delays without history (for a "
                     "Delay `m: 3`), or run without sensitivities.")])
             along = old.along_in(chart, point.columns(m), moved.x, now.unscaled()[1][:, 1:], now.dp)
             moved = replace(moved, x=along[:n_x])
@@ -711,8 +712,8 @@ class EventIntegration:
             "event-sliding", f"{either(event.name for event in found)} switched {EVENTS.sliding_events} times "
             f"within {took:.2g} s, at t = {time:.6g} s: at this rate the run would take {whole:.1g} of them",
             found[0].place,
-            "What it switches drives it back at once. Make its band (of a Relay, `u_on` and `u_off`) as wide as that of the "
-            "real part, give what it drives an inertia or a lag, or let a Saturation with a steep Gain take its place.",
+            "The part that it switches reverses it at once. Make its band (of a Relay, `u_on` and `u_off`) as wide as in "
+            "the real part, give the driven part an inertia or a lag, or replace it by a Saturation with a steep Gain.",
             tuple(event.text for event in found))])
 
     def _chattering(self, time: float, events: Sequence[int], what: str) -> SimulationError:
@@ -724,7 +725,7 @@ class EventIntegration:
             "event-chatter", f"{names} {what}, at t = {time:.6g} s", found[0].place,
             "Give one of these transitions the time that its state lasts, `{when: ..., after: T}`, or let their conditions "
             "exclude each other." if chart else
-            "Let what it sets lead away from its condition for a while: a band between switching on and off, or a speed "
+            "Choose values that make its condition false for a while: a band between switching on and off, or a speed "
             "below which a body rests.", tuple(event.text for event in found))])
 
     def _write(self, now: EventState, record: Record) -> None:

@@ -231,7 +231,7 @@ def _at_limit(assembly: Assembly, start: dict[int, float], at: dict[int, float])
         told = next((f" {path} is a {kind}. {words}" for path, kind, words in lacks if words), "")
         beyond = u.plausible.beyond
         advice = f" Beyond it {beyond}." if beyond and limit == u.low else ""
-        return (f"{u.name}{f' ({u.doc})' if u.doc else ''} comes to its limit {readable(limit, u.unit.text)} there, from "
+        return (f"{u.name}{f' ({u.doc})' if u.doc else ''} reaches its limit {readable(limit, u.unit.text)} there, from "
                 f"{readable(begin, u.unit.text)} at the start.{told}{advice}")
     return ""
 

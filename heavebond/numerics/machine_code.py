@@ -107,7 +107,7 @@ def with_compiled_equations(make: Made) -> ca.Function:
     equations."""
     def build() -> ca.Function:
         if sys.platform != "linux" or ctypes.CDLL(None).unshare(CLONE_FS) != 0:
-            raise RuntimeError("a thread cannot have a current folder of its own")
+            raise RuntimeError("a thread cannot have a separate current folder")
         os.chdir(folder)  # of this thread alone
         return make(_options(folder, FLAGS))
 

@@ -167,8 +167,8 @@ def _dead_centre(equations: ConstraintEquations, y: Array, p: Array) -> Problem 
     if value > LOST or singular(aside)[0] < GROWS * value:
         return None
     return Problem("rank-lost", f"the mechanism begins at a dead centre: the constraints of {_parts(equations, direction)} "
-                   "depend on each other at the start", None, "From there it could go on in two ways. Begin beside this "
-                   "position, change a length a little, or add what decides (a spring).")
+                   "depend on each other at the start", None, "From there it could move in two directions. Begin near "
+                   "this position, change a length slightly, or add an element that decides the direction (a spring).")
 
 
 def _contradiction(equations: ConstraintEquations, given: Sequence[int]) -> Problem:

@@ -67,7 +67,7 @@ def grid(model: Model, until: Time | None, every: Time | None) -> Array:
     begin = begin_of(model)
     end = seconds(until, "until") if until is not None else _from_model(model.until)
     if end is None:
-        raise UsageError([Problem("until-missing", "it is not said how long to simulate", None,
+        raise UsageError([Problem("until-missing", "the duration of the simulation is not specified", None,
                                   "Give `--until '60 s'`, or `simulate: {until: 60 s}` in the diagram.")])
     step = seconds(every, "every") if every is not None else _from_model(model.every)
     span = end - begin

@@ -42,7 +42,7 @@ def check_resets(reduced: Reduced, problems: Problems) -> None:
             what, too = (listing((reduced.name(reduced.states[k]) for k in which), 4) for which in (speeds, moved))
             problems.add("reset-without-impulse", f"'{event.name}' sets {what} and leaves {too}, which a force at its ports "
                          "changes too: momentum and energy would appear from nothing", event.place,
-                         hint="Name the force that acts during the impact beside the new speed: `impulse: F_i` with "
+                         hint="Name the force that acts during the impact together with the new speed: `impulse: F_i` with "
                          "`then: {v: -e * v}`, where `F_i: {unit: N, held: 0}` is part of the force at the ports.")
 
 

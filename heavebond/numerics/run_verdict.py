@@ -23,8 +23,8 @@ PACKAGE = __name__.partition(".")[0]
 NOT_BECOME = ("`{}` acts as it becomes true. State what holds at the start, `initial: {{switch.on: 1}}`, or begin the run "
               "before it is true")
 DENSE = ("each one stops the integrator. If a switch drives itself back, widen its band (of a Relay, `u_on` and `u_off`) or "
-         "give what it drives an inertia or a lag. Sample the counts of a quantiser or encoder (`Encoder`, `Quantiser`) "
-         "instead of an event for each edge. If the events are those of the machine, shorten the run")
+         "give the driven part an inertia or a lag. Sample the counts of a quantiser or encoder (`Encoder`, `Quantiser`) "
+         "instead of an event for each edge. If the machine needs these events, shorten the run")
 RUNAWAY = 1e6  # typical sizes from which on a value is no result: a machine of metres does not go a thousand kilometres
 
 
@@ -79,7 +79,7 @@ class Finding:
         if self.kind == "joined":
             return f"{self.name} has both ports on the same node, '{self.part}'"
         if self.kind == "filled":
-            return f"{self.name} has no capacity of its own: the run was restarted with a volume of {value} there"
+            return f"{self.name} has no capacity: the run was restarted with a volume of {value} there"
         if self.kind == "reversed":
             return f"{self.name} cannot open: from {t} on the pressure at its outlet is above that at its inlet, by up to " \
                 f"{value} more than would open it in reverse"
@@ -90,8 +90,8 @@ class Finding:
         if self.kind == "physical":
             return f"{self.name} falls below {limit} at {t}"
         if self.kind == "runaway":
-            return f"{self.name} goes to {value}, beyond {limit} (a million typical sizes) from {t} on"
-        return f"{self.name} goes to {value}, beyond {limit} from {t} on"
+            return f"{self.name} reaches {value}, beyond {limit} (a million typical sizes) from {t} on"
+        return f"{self.name} reaches {value}, beyond {limit} from {t} on"
 
     def as_dict(self) -> dict[str, object]:
         """For machines."""

@@ -112,7 +112,8 @@ def _run_as_asked(simulator: Simulator, parameters: Mapping[str, float | str] | 
         problem = error.problems[0]
         if not _may_help(problem) or (isinstance(error, StartError) and not unfilled(simulator.assembly)):
             raise
-        hint = f"{problem.hint}\n{RETYPE.format('auto')}: it goes on with other equations or another solver where one stops."
+        hint = f"{problem.hint}\n{RETYPE.format('auto')}: it continues with other equations or another solver after a " \
+            "failure."
         raise type(error)([replace(problem, hint=hint.strip()), *error.problems[1:]]) from None
 
 
@@ -175,7 +176,7 @@ def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | N
             raise
         return None, f"{simulator.solver.name} gave up: {', '.join(problem.notes) or problem.message}"
     if _passes_zero(result):
-        return None, f"{simulator.solver.name} stepped over a point where what is divided by vanishes"
+        return None, f"{simulator.solver.name} stepped over a point where a divisor vanishes"
     return result, ""
 
 

@@ -322,7 +322,7 @@ class Simulator:
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         if assembly.flat.delays or not all(event.by_clock for event in assembly.flat.events):
             what, unknown = ("delayed variables", "their history") if assembly.flat.delays else \
-                ("events", "what is held there")
+                ("events", "the values of held variables")
             raise UsageError([Problem("events-midway", f"a run cannot begin midway where a diagram has {what}: {unknown} "
                                       "is not known", None, "Run it from its start.")])
         if (held := clocks_at(assembly, float(self.time[0]), assembly.p)) is not assembly.p:
@@ -526,7 +526,7 @@ class Simulator:
             raise SimulationError([Problem(
                 "rate-too-large", f"{name} would change by {rates[fast[0]]:.1g} times its nominal size a second, near the "
                 f"start; up to {RATE:g} can be integrated", None, "Look for a stiffness, a gain or a mass out of range "
-                "by many powers of ten. What is rigid is wired to one node.")])
+                "by many powers of ten. Connect rigid parts to one node.")])
 
     explains = True  # whether the reason is looked for as soon as a run fails: it takes further runs
     _unexplained: tuple[SimulationError, Assembly, Start, str] | None = None  # the last

@@ -84,7 +84,7 @@ def _check(asked: str, assembly: Assembly, changes_states: bool) -> None:
     written = assembly.model.solver
     place = written.place if written is not None and written.text == asked else None
     if asked not in SOLVERS:
-        raise UsageError([Problem("solver-unknown", f"'{asked}' is no solver", place,
+        raise UsageError([Problem("solver-unknown", f"'{asked}' is not a solver", place,
                                   suggest(asked, SOLVERS) or f"There are {listing(SOLVERS)}.")])
     if asked == "cvodes" and (left := assembly.algebraic_names):
         raise UsageError([algebraic_left(left, place)])

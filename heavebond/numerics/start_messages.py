@@ -100,15 +100,15 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
             "other values.", flat.parameters[numbers[0]].place
     begun = [k for k in states if finite(replace(point, x=_moved(point.x, k, assembly.x_nominal[k])))]
     if not begun and finite(replace(point, t=point.t + INITIALISATION.just_after)):
-        return "It has one just after the start: something is divided by the time, or the root or logarithm taken of what " \
-            "the time makes 0. Write it such that it has a value at the start, too.", None
+        return "It has one just after the start: an equation divides by the time, or takes the root or logarithm of an " \
+            "expression that is 0 at the start. Write it such that it has a value at the start, too.", None
     begun = begun or states
     if not begun:
-        return f"Give guesses, for example `initial: {{{_example(assembly)}}}`, away from where it has none.", None
+        return f"Give guesses, for example `initial: {{{_example(assembly)}}}`, at which it has a value.", None
     unknowns = [flat.unknowns[assembly.reduced.states[k][0]] for k in begun]
     entries = ", ".join(f"{u.name}: ~ {u.nominal:g} {u.unit.text}" for u in unknowns[:3])
-    return f"{listing((u.name for u in unknowns), MOST_NAMED)} begin{'s' * (len(unknowns) == 1)} at 0, where it has " \
-        f"none; begin elsewhere, for example `initial: {{{entries}}}`.", unknowns[0].place
+    return f"{listing((u.name for u in unknowns), MOST_NAMED)} begin{'s' * (len(unknowns) == 1)} at 0, at which it has " \
+        f"no value; begin at another value, for example `initial: {{{entries}}}`.", unknowns[0].place
 
 
 def _moved(values: Array, k: int, by: float) -> Array:
@@ -174,9 +174,9 @@ def _unmoved(equations: StartEquations, system: StartSystem, point: Point, row: 
     guesses = [n for n in guesses if unknowns.get(n) not in speeds]
     begin = [*([f"a guess (`~`) for {listing(guesses, 3)}"] if guesses else []),
              *([f"another first value for {listing(first, 3)}"] if first else [])]
-    return Problem("start-unmoved", f"{asked.label} was not reached: where the search stands it is "
-                   f"{readable(value, assembly.flat.unknowns[j].unit.text, 6)}, and nothing moves it a little", asked.place,
-                   "So it is with a contact that is open, or a valve that is shut. Begin where it acts: give "
+    return Problem("start-unmoved", f"{asked.label} was not reached: at the end of the search it is "
+                   f"{readable(value, assembly.flat.unknowns[j].unit.text, 6)}, and small changes have no effect on it",
+                   asked.place, "So it is with a contact that is open, or a valve that is shut. Begin where it acts: give "
                    f"{', or '.join(begin)}.")
 
 

@@ -110,7 +110,7 @@ def _check_clock(event: FlatEvent, period: float, first: float, clocks: dict[str
     if (period, first) != (other_period, other_first):
         raise SimulationError([Problem(
             "clock-periods", f"'{event.name}' and '{other.name}' have the clock '{clock.name}', and different periods "
-            f"({period:g} s, {other_period:g} s) or first instants", clock.place, "Give each rate a clock of its own.")])
+            f"({period:g} s, {other_period:g} s) or first instants", clock.place, "Give each rate a separate clock.")])
     if clock.jitter >= period:
         raise SimulationError([Problem(
             "clock-jitter", f"the jitter of clock '{clock.name}', {clock.jitter:g} s, is not below the period of "

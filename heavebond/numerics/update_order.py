@@ -79,7 +79,7 @@ class RateTransition:
         if self.period < self.source_period:
             return f"{begin} and holds it, without a computing time of the slower part. If that takes its period, add a " \
                 f"UnitDelay with T_s: {other} behind {self.source}"
-        return f"{begin}, one value of {round(ratio)}: what is faster than {readable(0.5 / self.period, 'Hz')} folds. Add " \
+        return f"{begin}, one value of {round(ratio)}: frequencies above {readable(0.5 / self.period, 'Hz')} alias. Add " \
             f"a DiscreteLowPass at {other} and a SampleHold with T_s: {own} between them"
 
 

@@ -96,12 +96,12 @@ FRONT = ("behind a front of so few segments the lumped line oscillates, and its 
          "{} segments in place of {}, or a longer time for the change that causes the front. A hydraulic line as a "
          "TransmissionLine has no segments, and fronts keep their shape")
 _NUMBER = re.compile(r"_[0-9]+$")
-UNDETERMINED = "It is 0/0 there. No motion depends on it, so the run goes on, and its values are missing"
-NO_VALUE = ("{} has no value there: a root, a power or a logarithm of what is below zero, or a division by 0. Bound its "
+UNDETERMINED = "It is 0/0 there. No motion depends on it, so the run continues without its values"
+NO_VALUE = ("{} has no value there: a root, a power or a logarithm of a negative number, or a division by 0. Bound its "
             "argument (max(x, 0)), or look at what drives it there")
-OPEN = ("Its equations are at odds with what it states under `stores` and `dissipates`: check their signs. "
+OPEN = ("Its equations contradict its `stores` and `dissipates`: check their signs. "
         "`heavebond energy` shows all components")
-MAKES = "What it states under `dissipates` is below zero there, it makes energy: check the signs of its law"
+MAKES = "Its `dissipates` is below zero there, so it creates energy: check the signs of its law"
 
 
 Points = NDArray[np.intp]
