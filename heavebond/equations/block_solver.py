@@ -85,9 +85,9 @@ class _Block:
 
 def _share_out(residuals: Sequence[ca.SX], blocks: Sequence[_Block]) -> None:
     """Assign to each block as many expressions as it has remaining equations."""
-    found = iter(residuals)
+    expressions = iter(residuals)
     for block in blocks:
-        block.remaining = [next(found) for _ in block.residual]
+        block.remaining = [next(expressions) for _ in block.residual]
 
 
 class BlockSolver:
@@ -135,8 +135,8 @@ class BlockSolver:
         explicit = [(r, c) for r, c in pairs
                     if self._kinds(r).get(c, NONLINEAR) <= (INDEFINITE if c in self.derived else DEFINITE)]
         derived = {(r, c) for r, c in explicit if c in self.derived and self._kinds(r)[c] > NUMBER}
-        alone = {r: found for (r, _), found in zip(explicit, self._solve(explicit, derived), strict=True)
-                 if found.derived or not found.dead}
+        alone = {r: solution for (r, _), solution in zip(explicit, self._solve(explicit, derived), strict=True)
+                 if solution.derived or not solution.dead}
         loops = {rows[0]: _Block(rows, columns) for rows, columns in blocks if len(rows) > 1 or rows[0] not in alone}
         self._tear(list(loops.values()))
         for together in self._independent([block for block in loops.values() if block.torn]):
@@ -188,11 +188,11 @@ class BlockSolver:
         slopes: dict[tuple[int, int], ca.SX] = {}
         for together in self._apart(pairs):
             residuals, symbols = self.residuals[[r for r, _ in together]], self.symbols[[c for _, c in together]]
-            found = split(ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel())))
-            slopes.update(zip(together, found, strict=True))
+            coefficients = split(ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel())))
+            slopes.update(zip(together, coefficients, strict=True))
         numbers = np.abs(self.numbers(stack([slopes[pair] for pair in pairs])))
         sizes = dict(zip(pairs, numbers.tolist(), strict=True))
-        return {pair for group in compared for pair in group if sizes[pair] < WEAK * max(sizes[other] for other in group)}
+        return {pair for group in compared for pair in group if sizes[pair] < WEAK * max(sizes[entry] for entry in group)}
 
     def _comparable(self, block: _Block) -> list[list[tuple[int, int]]]:
         """The groups of entries of a loop whose coefficients are compared."""
@@ -244,32 +244,32 @@ class BlockSolver:
         for k, (rows, columns) in enumerate(parts):
             inside = {column for r in rows for column, _ in self.entries[r]}
             fitting = (g for g in groups if g[2].isdisjoint(columns) and g[1].isdisjoint(inside))
-            if (found := next(fitting, None)) is None:
-                groups.append(found := ([], set(), set()))
-            group, own, contained = found
+            if (fitting_group := next(fitting, None)) is None:
+                groups.append(fitting_group := ([], set(), set()))
+            group, rows_of_group, contained = fitting_group
             group.append(k)
-            own.update(columns)
+            rows_of_group.update(columns)
             contained |= inside
         return [group for group, _, _ in groups]
 
     def _zeros(self, coefficients: ca.SX, kinds: Sequence[int]) -> list[bool]:
         """True for coefficients of parameters alone that are zero at their values; other kinds are never zero."""
-        which = [k for k, kind in enumerate(kinds) if kind == PARAMETER]
+        indices = [k for k, kind in enumerate(kinds) if kind == PARAMETER]
         zero = [False] * len(kinds)
-        if which:
-            for k, value in zip(which, self.numbers(coefficients[which]), strict=True):
+        if indices:
+            for k, value in zip(indices, self.numbers(coefficients[indices]), strict=True):
                 zero[k] = value == 0
         return zero
 
     def _define(self, solved: Sequence[_Solved], rows: Sequence[int]) -> None:
-        for found in solved:
-            self.defined.append(found.column)
+        for solution in solved:
+            self.defined.append(solution.column)
             self.sources.append(tuple(rows))
-            self._definitions.append(found.value)
-            if found.coefficient is not None and not found.coefficient.is_constant():
-                name = column_name(self.flat, self.unknown[found.column])
-                self.pivots.append(Pivot(found.coefficient, name, self.flat.equations[self.rows[found.row][0]],
-                                         found.derived))
+            self._definitions.append(solution.value)
+            if solution.coefficient is not None and not solution.coefficient.is_constant():
+                name = column_name(self.flat, self.unknown[solution.column])
+                self.pivots.append(Pivot(solution.coefficient, name, self.flat.equations[self.rows[solution.row][0]],
+                                         solution.derived))
 
     def _eliminate(self, blocks: Sequence[_Block]) -> None:
         """Solve the residuals of torn blocks, none of which contains columns of another, for torn unknowns that are linear
@@ -277,11 +277,11 @@ class BlockSolver:
 
         Their definitions precede the sequence of the block; the remaining torn unknowns are algebraic unknowns.
         """
-        given = [s for block in blocks for s in block.solved]
+        solved = [s for block in blocks for s in block.solved]
         raw = self.residuals[[r for block in blocks for r in block.residual]]
-        if given:
-            values = self._chosen([s.value for s in given])
-            raw, = ca.substitute_inplace([self.symbols[[s.column for s in given]]], [values], [raw], False)[1]
+        if solved:
+            values = self._chosen([s.value for s in solved])
+            raw, = ca.substitute_inplace([self.symbols[[s.column for s in solved]]], [values], [raw], False)[1]
         _share_out(split(raw), blocks)
         waiting = list(blocks)
         while chosen := self._choices(waiting):
@@ -307,9 +307,9 @@ class BlockSolver:
         entries: list[tuple[_Block, tuple[int, int, int, int], ca.SX]] = []
         first = 0
         for block in blocks:
-            own = [next(rows) for _ in block.remaining]
+            row_numbers = [next(rows) for _ in block.remaining]
             entries += [(block, (e.kind, len(row), i, e.column - first), e.coefficient)
-                        for i, row in enumerate(own) for e in row
+                        for i, row in enumerate(row_numbers) for e in row
                         if e.kind <= (INDEFINITE if self._is_last(block) else DEFINITE)]
             first += len(block.torn)
         dead = self._zeros(stack([a for *_, a in entries]), [choice[0] for _, choice, _ in entries])
@@ -324,9 +324,9 @@ def explicit(residuals: ca.SX, symbols: ca.SX, derived: Sequence[int] = ()) -> t
     """a and -b/a of residuals a*v + b (m,), each linear in its own symbol v (m,) and free of the symbols of the others.
     Those of `derived` unknowns (by number) are not a number where a = b = 0, also if a factor of both cancels in b/a."""
     coefficients = ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel()))
-    rest = ca.substitute(residuals, symbols, ca.SX.zeros(symbols.numel()))
-    values = -rest / coefficients
+    constant = ca.substitute(residuals, symbols, ca.SX.zeros(symbols.numel()))
+    values = -constant / coefficients
     for k in derived:
-        nothing = np.nan if rest[k].is_zero() else -rest[k] * ca.inf
+        nothing = np.nan if constant[k].is_zero() else -constant[k] * ca.inf
         values[k] = ca.if_else(coefficients[k] == 0, nothing, values[k])
     return coefficients, values

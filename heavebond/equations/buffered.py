@@ -88,9 +88,9 @@ class _Output:
         if self._columns is not None:
             from scipy.sparse import csc_array
             return csc_array((values, self._places[0], self._columns), shape=self.shape)
-        found = np.zeros(self.shape)
-        found[self._places] = values
-        return found
+        matrix = np.zeros(self.shape)
+        matrix[self._places] = values
+        return matrix
 
 
 def _bind(bind: Callable[..., None], number: int, values: Array) -> None:

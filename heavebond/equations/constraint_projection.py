@@ -52,17 +52,17 @@ class ConstraintEquations:
 
         Gauss-Newton steps of least norm in usual sizes, dy = W (J W)^+ (-r); an unknown with an initial value has a small
         weight in W and so keeps it."""
-        given = self.fixed()
-        weight = np.array([1.0 if j not in given else ASKED if given[j] else GUESSED for j in self.columns])
+        fixed = self.fixed()
+        weight = np.array([1.0 if j not in fixed else ASKED if fixed[j] else GUESSED for j in self.columns])
         whole, y = guess.copy(), guess[list(self.columns)]
         for _ in range(STEPS):
             residual, jacobian = self.at(y, p)
             # the distance of two points has no derivative where they coincide: it follows once they have moved
             usable = np.isfinite(residual) & np.isfinite(jacobian).all(axis=1)
-            kept = bool(np.abs(residual[usable]).max(initial=0.0) < KEPT)
-            if kept and not usable.all():
+            satisfied = bool(np.abs(residual[usable]).max(initial=0.0) < KEPT)
+            if satisfied and not usable.all():
                 return None
-            if kept:
+            if satisfied:
                 whole[list(self.columns)] = y
                 unknowns = ((self.flat.unknowns[j], whole[j]) for j in self.columns)
                 return whole if all(u.low <= value <= u.high for u, value in unknowns) else None

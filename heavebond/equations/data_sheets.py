@@ -45,8 +45,8 @@ def data_sheets(instance: Instance, body: Body, known: Mapping[str, Component], 
                 problems: Problems) -> tuple[DataSheet, ...]:
     """The data sheets of a part; `known` are the components of the parts at its level. A problem is noted for the name of an
     unknown part, and for a sheet without a parameter of the part."""
-    found: list[DataSheet] = []
-    own = known[instance.name]
+    sheets: list[DataSheet] = []
+    component = known[instance.name]
     for name, place in instance.data:
         sheet = known.get(name)
         if name == instance.name or name not in body.instances:
@@ -54,31 +54,32 @@ def data_sheets(instance: Instance, body: Body, known: Mapping[str, Component], 
                          f"there is no part '{name}' at the level of '{instance.name}'", place,
                          hint=_meant(name, instance, body, model))
         elif sheet is not None:
-            shared = [p for p in own.parameters if p in sheet.parameters]
+            shared = [p for p in component.parameters if p in sheet.parameters]
             # what is given at the part itself is taken from none
             path = f"{prefix}{instance.name}"
             needed = [p for p in shared if p not in instance.settings and f"{path}.{p}" not in model.settings]
-            earlier = next(((other, p) for other in found for p in needed if p in other.component.parameters), None)
+            earlier = next(((earlier_sheet, p) for earlier_sheet in sheets for p in needed
+                            if p in earlier_sheet.component.parameters), None)
             if not shared:
-                problems.add("data-nothing", f"'{name}' ({sheet.name}) has no parameter that '{instance.name}' ({own.name}) "
-                             "has", place, hint=f"{sheet.name} has {listing(sheet.parameters) or 'none'}; {own.name} has "
-                             f"{listing(own.parameters) or 'none'}.")
+                problems.add("data-nothing", f"'{name}' ({sheet.name}) has no parameter of '{instance.name}' "
+                             f"({component.name})", place, hint=f"{sheet.name} has {listing(sheet.parameters) or 'none'}; "
+                             f"{component.name} has {listing(component.parameters) or 'none'}.")
             elif earlier is not None:
-                other, twice = earlier
-                problems.add("data-twice", f"'{other.instance.name}' and '{name}' both have a value of {twice} for "
+                earlier_sheet, twice = earlier
+                problems.add("data-twice", f"'{earlier_sheet.instance.name}' and '{name}' both have a value of {twice} for "
                              f"'{instance.name}'", place, hint="Leave one of them out, or write the one that counts "
                              f"at '{instance.name}': `{twice}: ={name}.{twice}`.")
             else:
-                found.append(DataSheet(prefix + name, body.instances[name], sheet, model))
-    return tuple(found)
+                sheets.append(DataSheet(prefix + name, body.instances[name], sheet, model))
+    return tuple(sheets)
 
 
 def _meant(name: str, instance: Instance, body: Body, model: Model) -> str:
     if name != instance.name and name in model.library.files:
         return f"Add it to the parts, `{name[0].lower() + name[1:]}: {{is: {name}}}`, and write " \
             f"`data: {name[0].lower() + name[1:]}`."
-    others = [other for other in body.instances if other != instance.name]
-    return (suggest(name, others) if name != instance.name else "") or f"Parts: {listing(others)}."
+    names = [other for other in body.instances if other != instance.name]
+    return (suggest(name, names) if name != instance.name else "") or f"Parts: {listing(names)}."
 
 
 def taken(sheets: tuple[DataSheet, ...], name: str, path: str, place: Place) -> Value | None:

@@ -94,7 +94,7 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
 
     `unit_of` solves the unit of a variable of a leaf. The name of a held variable means the same symbol.
     """
-    found: list[Held] = []
+    held_variables: list[Held] = []
     numbers: list[FlatParameter] = []
     for path, leaf in expanded.leaves.items():
         impulses = {event.impulse for event in leaf.component.when}
@@ -111,11 +111,12 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
                     problems.add("held-initial", f"'{name}' is the force of an impact, else it is 0", place,
                                  hint="Leave this line out.")
             unit = unit_of(leaf, variable.unit)
-            found.append(Held(name, len(parameters.independent) + len(found), unit, variable.place, variable.doc))
+            held_variables.append(Held(name, len(parameters.independent) + len(held_variables), unit, variable.place,
+                                       variable.doc))
             numbers.append(FlatParameter(f"initial.{name}", number or 0.0, unit, place))
     joined = parameters.joined(numbers)
-    return replace(joined, expressions={**joined.expressions, **{h.name: joined.p[h.index] for h in found}},
-                   units={**joined.units, **{h.name: h.unit for h in found}}), tuple(found)
+    return replace(joined, expressions={**joined.expressions, **{h.name: joined.p[h.index] for h in held_variables}},
+                   units={**joined.units, **{h.name: h.unit for h in held_variables}}), tuple(held_variables)
 
 
 def _asked(condition: Condition, problems: Problems) -> float | None:
@@ -143,12 +144,12 @@ def held_bounds(expanded: Expanded, symbols: Mapping[str, ca.SX]) -> dict[int, I
 def leaf_events(path: str, made: Template, values: list[ca.SX], names: Mapping[str, int], held: Mapping[str, Held]
                 ) -> Iterator[FlatEvent]:
     """The events of one leaf; `values` are the values of the template's `happenings`."""
-    rest = iter(values)
+    remaining = iter(values)
     for line in made.events:
-        condition, first, period = next(rest), next(rest), next(rest)
+        condition, first, period = next(remaining), next(remaining), next(remaining)
         resets, impulse = [], None
         for target, reset in zip(line.targets, line.when.resets, strict=True):
-            name, value = f"{path}.{target}", next(rest)
+            name, value = f"{path}.{target}", next(remaining)
             known = held.get(name)
             if line.when.impulse and known is None:
                 impulse = Impulse(name, held[f"{path}.{line.when.impulse}"].index, names[name], value)

@@ -64,15 +64,15 @@ class _Finder:
         number = {j: k for k, j in enumerate(nodes)}
         ends = {leaf: [number[j] for path in paths if (j := self._across(domain, path)) in number and j is not None]
                 for leaf, paths in self.ports.items()}
-        ends = {leaf: own for leaf, own in ends.items() if own}
-        leaves, members, found = list(ends), list(nodes), []
+        ends = {leaf: unknowns for leaf, unknowns in ends.items() if unknowns}
+        leaves, members, circuits = list(ends), list(nodes), []
         for parts, columns in components_of(list(ends.values()), len(number)):
             if parts:
                 inside, near = [members[k] for k in columns], [leaves[k] for k in parts]
                 carried = self._feeling(domain, [self.flat.levels[1][j] for j in inside], near)
                 held = self._feeling(domain, self._levels(domain, inside), [leaf for leaf in near if leaf not in carried])
-                found.append(Circuit(domain.name, tuple(nodes[j] for j in inside), held, carried))
-        return found
+                circuits.append(Circuit(domain.name, tuple(nodes[j] for j in inside), held, carried))
+        return circuits
 
     def _across(self, domain: Domain, path: str) -> int | None:
         """The unknown that is the (first) across variable of a node or port; None where it is of another domain."""
@@ -92,8 +92,8 @@ class _Finder:
         if not rows:
             return ()
         residuals = self.flat.residual_column[rows]
-        moved = split(ca.jtimes(residuals, stack(symbols), ca.SX.ones(len(symbols))))
-        felt = [i for i, change in zip(rows, moved, strict=True) if not change.is_zero()]
+        changes = split(ca.jtimes(residuals, stack(symbols), ca.SX.ones(len(symbols))))
+        felt = [i for i, change in zip(rows, changes, strict=True) if not change.is_zero()]
         return tuple(dict.fromkeys(self.flat.equations[i].owner for i in felt if self._bears(domain, i)))
 
     def _bears(self, domain: Domain, row: int) -> bool:
@@ -104,15 +104,15 @@ class _Finder:
         signals = flat.expanded.leaves[leaf].component.signals.values()
         if members[row] & {flat.names[f"{leaf}.{s.name}"] for s in signals if s.direction == "out"}:
             return False
-        own = {flat.names[f"{path}.{m}"] for path in self.ports[leaf] if self._across(domain, path) is not None
-               for m in domain.through}
-        if not own & set().union(*members.values()):
+        carried = {flat.names[f"{path}.{m}"] for path in self.ports[leaf] if self._across(domain, path) is not None
+                       for m in domain.through}
+        if not carried & set().union(*members.values()):
             return True  # it says nothing of its flow, so that it gives the level
         reached, rows = set(members[row]), {row}
         while True:
             inner = {j for j in reached if flat.unknowns[j].role == "own"}
             more = {i for i in members if i not in rows and members[i] & inner}
             if not more:
-                return bool(own & reached)
+                return bool(carried & reached)
             rows |= more
             reached |= set().union(*(members[i] for i in more))

@@ -153,9 +153,9 @@ class _Matrix:
         values = {s.element_hash(): abs(v) for s, v in zip(self.system.symbols, self.at, strict=True)}
         for k, (j, order) in enumerate(self.system.columns):
             if flat.unknowns[j].unit.dimension not in known:
-                own = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0)
-                beside = self._beside(k, sizes) if own < SMALL else 0.0
-                sizes[k] = (beside if own < SMALL * beside else own) or sizes[k]
+                value = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0)
+                beside = self._beside(k, sizes) if value < SMALL else 0.0
+                sizes[k] = (beside if value < SMALL * beside else value) or sizes[k]
         return sizes
 
     def _beside(self, column: int, sizes: Array) -> float:
@@ -163,8 +163,8 @@ class _Matrix:
         weight = np.abs(np.array(self.system.values(self.at)).ravel()) * sizes[self.column]
         found = []
         for entry in np.flatnonzero((self.column == column) & (weight > 0)):
-            others = weight[(self.row == self.row[entry]) & (self.column != column)]
-            found.append(float(others.max(initial=0.0) / weight[entry] * sizes[column]))
+            other_weights = weight[(self.row == self.row[entry]) & (self.column != column)]
+            found.append(float(other_weights.max(initial=0.0) / weight[entry] * sizes[column]))
         return min((size for size in found if np.isfinite(size) and size > 0), default=0.0)
 
     def losses(self) -> list[RankLoss]:
@@ -227,9 +227,9 @@ class _Matrix:
         """Which equation (row) belongs to which component or node (column)."""
         owners = [self.system.flat.equations[i].owner for i, _ in self.system.rows]
         number = {owner: k for k, owner in enumerate(dict.fromkeys(owners))}
-        found = np.zeros((len(owners), len(number)), dtype=bool)
-        found[np.arange(len(owners)), [number[owner] for owner in owners]] = True
-        return found
+        owns = np.zeros((len(owners), len(number)), dtype=bool)
+        owns[np.arange(len(owners)), [number[owner] for owner in owners]] = True
+        return owns
 
     def _loss(self, null: _NullVectors, rows: list[int], columns: list[int]) -> RankLoss:
         """To first order a change dM of the matrix restores its rank where u'dM v is not zero."""
@@ -246,28 +246,28 @@ class _Matrix:
                 name, size = system.names[symbol.element_hash()]
                 changed = self.at.copy()
                 changed[k] += CHANGED * (abs(changed[k]) or size)
-                moved = (np.array(system.values(changed)).ravel() * self.sizes[self.column] / self.largest[self.row]
-                         - self.entries)[near]
-                moved = np.where(np.isfinite(moved), moved, 0.0)
-                restored = left[:, self.row[near]] * moved @ right[:, self.column[near]].T
-                if np.abs(restored).max() > max(1e-6 * np.abs(moved).max(), ROUNDING):
+                changes = (np.array(system.values(changed)).ravel() * self.sizes[self.column] / self.largest[self.row]
+                                     - self.entries)[near]
+                changes = np.where(np.isfinite(changes), changes, 0.0)
+                restored = left[:, self.row[near]] * changes @ right[:, self.column[near]].T
+                if np.abs(restored).max() > max(1e-6 * np.abs(changes).max(), ROUNDING):
                     is_zero = bool(abs(self.at[k]) <= np.sqrt(self.tolerance) * size) \
                         and (self.at[k] == 0 or name not in scaled)
                     if self.tolerance > LOST and self.at[k] == 0:
                         continue  # the rank is not lost yet, so that what is zero already is not what is going there
                     repairing.append((name, is_zero, float(np.abs(restored).max())))
-        own = {q.name for q in system.flat.parameters}
+        parameter_names = {q.name for q in system.flat.parameters}
         # a value that the diagram gives is blamed before a zero that a component assumes
-        if any(name in own and not zero and not assumed(system.flat, name) for name, zero, _ in repairing):
-            repairing = [r for r in repairing if r[0] not in own or not r[1] or not assumed(system.flat, r[0])]
+        if any(name in parameter_names and not zero and not assumed(system.flat, name) for name, zero, _ in repairing):
+            repairing = [r for r in repairing if r[0] not in parameter_names or not r[1] or not assumed(system.flat, r[0])]
         # the usual sizes of variables are known, so that their effects can be compared
-        most = max((effect for name, _, effect in repairing if name not in own), default=0.0)
-        repairing = [r for r in repairing if r[0] in own or r[2] > 1e-3 * most]
+        most = max((effect for name, _, effect in repairing if name not in parameter_names), default=0.0)
+        repairing = [r for r in repairing if r[0] in parameter_names or r[2] > 1e-3 * most]
         zero = [name for name, is_zero, _ in repairing if is_zero]
-        kept = zero or [name for name, _, _ in repairing]
+        causes = zero or [name for name, _, _ in repairing]
         return RankLoss(tuple(system.rows[r] for r in taking_rows), tuple(system.columns[c] for c in taking_columns),
-                        tuple(n for n in kept if n in own),
-                        tuple((n, self._value(n)) for n in kept if n not in own), bool(zero))
+                        tuple(n for n in causes if n in parameter_names),
+                        tuple((n, self._value(n)) for n in causes if n not in parameter_names), bool(zero))
 
     def _value(self, name: str) -> float:
         number = self.system.flat.levels[0][self.system.flat.names[name]].element_hash()
@@ -293,13 +293,13 @@ def _taking_part(directions: Array) -> Flags:
 def _sparse(basis: Array) -> Array:
     """A sparse basis (k, n) of the same directions, by elimination with pivoting."""
     basis = basis.copy()
-    taken: list[int] = []
+    pivots: list[int] = []
     for k in range(len(basis)):
-        free = [c for c in range(basis.shape[1]) if c not in taken]
+        free = [c for c in range(basis.shape[1]) if c not in pivots]
         pivot = free[int(np.argmax(np.abs(basis[k, free])))]
-        taken.append(pivot)
+        pivots.append(pivot)
         basis[k] /= basis[k, pivot]
-        for other in range(len(basis)):
-            if other != k:
-                basis[other] -= basis[other, pivot] * basis[k]
+        for row in range(len(basis)):
+            if row != k:
+                basis[row] -= basis[row, pivot] * basis[k]
     return basis

@@ -75,8 +75,8 @@ def augment(rows: Sequence[Sequence[int]], column_of: list[int], row_of: list[in
     belongs to a minimal set of k rows with k - 1 columns (without HIDDEN ones), and no other row does.
     """
     while free:
-        level, found = _layers(rows, row_of, free)
-        if not found:
+        level, free_column = _layers(rows, row_of, free)
+        if not free_column:
             return list(level)
         cursors: dict[int, Iterator[int]] = {}
         free = [row for row in free if not _flip_path(row, rows, column_of, row_of, level, cursors)]
@@ -91,7 +91,7 @@ def _layers(rows: Sequence[Sequence[int]], row_of: Sequence[int], roots: Sequenc
     reaches `most`, or at twice the distance of the nearest free column.
     """
     level = dict.fromkeys(roots, 0)
-    front, depth, found = list(roots), 0, False
+    front, depth, free_column = list(roots), 0, False
     # The shortest paths alone, as in Hopcroft and Karp, take twice the searches; all paths are not local.
     deepest = len(rows)
     while front and depth < deepest and (most is None or len(level) < most):
@@ -101,14 +101,14 @@ def _layers(rows: Sequence[Sequence[int]], row_of: Sequence[int], roots: Sequenc
             for column in rows[row]:
                 owner = row_of[column]
                 if owner == FREE:
-                    found = True
+                    free_column = True
                 elif owner != HIDDEN and owner not in level:
                     level[owner] = depth
                     reached.append(owner)
         front = reached
-        if found:
+        if free_column:
             deepest = min(deepest, 2 * depth)
-    return level, found
+    return level, free_column
 
 
 def _flip_path(root: int, rows: Sequence[Sequence[int]], column_of: list[int], row_of: list[int],
@@ -118,23 +118,23 @@ def _flip_path(root: int, rows: Sequence[Sequence[int]], column_of: list[int], r
     `cursors` are shared by all walks of a phase, so that each entry is looked at once.
     """
     path = [root]
-    taken: list[int] = []
+    path_columns: list[int] = []
     while path:
         row = path[-1]
         for column in cursors.setdefault(row, iter(rows[row])):
             owner = row_of[column]
             if owner == FREE:
-                for stop, exchanged in zip(path, [*taken, column], strict=True):
+                for stop, exchanged in zip(path, [*path_columns, column], strict=True):
                     column_of[stop], row_of[exchanged] = exchanged, stop
                 return True
             if owner != HIDDEN and level.get(owner) == level[row] + 1:
                 path.append(owner)
-                taken.append(column)
+                path_columns.append(column)
                 break
         else:
             path.pop()
-            if taken:
-                taken.pop()
+            if path_columns:
+                path_columns.pop()
     return False
 
 
@@ -193,8 +193,8 @@ def _excess_blocks(rows: Sequence[Sequence[int]], row_of: Sequence[int]) -> tupl
     """The overdetermined blocks; with rows and columns exchanged, the underdetermined ones turned round."""
     matched = set(row_of)
     unmatched = [row for row in range(len(rows)) if row not in matched]
-    level, found = _layers(rows, row_of, unmatched)
-    if found:
+    level, free_column = _layers(rows, row_of, unmatched)
+    if free_column:
         raise ValueError("the matching is not maximum: an alternating path joins an unmatched row and column")
     reached = sorted(level)
     blocks = []
@@ -213,9 +213,9 @@ def _core(rows: Sequence[Sequence[int]], row_of: Sequence[int], unmatched: Seque
     core, _ = _layers(rows, row_of, shortest[:1])
     for row in shortest[1:]:
         # A search that comes to as many rows as are known to suffice is broken off.
-        other, _ = _layers(rows, row_of, [row], most=len(core))
-        if len(other) < len(core):
-            core = other
+        smaller, _ = _layers(rows, row_of, [row], most=len(core))
+        if len(smaller) < len(core):
+            core = smaller
     return sorted(core)
 
 
@@ -279,7 +279,7 @@ def _strongly_connected(successors: Sequence[Sequence[int]]) -> list[list[int]]:
     Flat lists: a networkx graph of the same takes five times as long, and a tenth of a second to import.
     """
     index, low = [FREE] * len(successors), [0] * len(successors)
-    found: list[list[int]] = []
+    components: list[list[int]] = []
     stack: list[int] = []
     placed, count = [False] * len(successors), 0
     for root in range(len(successors)):
@@ -291,13 +291,13 @@ def _strongly_connected(successors: Sequence[Sequence[int]]) -> list[list[int]]:
                 index[vertex] = low[vertex] = count
                 count += 1
                 stack.append(vertex)
-            for other in cursors[-1]:
-                if index[other] == FREE:
-                    path.append(other)
-                    cursors.append(iter(successors[other]))
+            for successor in cursors[-1]:
+                if index[successor] == FREE:
+                    path.append(successor)
+                    cursors.append(iter(successors[successor]))
                     break
-                if not placed[other]:
-                    low[vertex] = min(low[vertex], low[other])
+                if not placed[successor]:
+                    low[vertex] = min(low[vertex], low[successor])
             else:
                 path.pop()
                 cursors.pop()
@@ -309,22 +309,22 @@ def _strongly_connected(successors: Sequence[Sequence[int]]) -> list[list[int]]:
                         component.append(stack.pop())
                     for member in component:
                         placed[member] = True
-                    found.append(component)
-    return found
+                    components.append(component)
+    return components
 
 
 def _first_possible(needs: Sequence[Collection[int]]) -> Iterator[int]:
     """The numbers 0.. so that each comes after all that it needs, always the smallest that can come."""
-    waiting = [len(own) for own in needs]
+    waiting = [len(predecessors) for predecessors in needs]
     needed_by: list[list[int]] = [[] for _ in needs]
-    for k, own in enumerate(needs):
-        for need in own:
+    for k, predecessors in enumerate(needs):
+        for need in predecessors:
             needed_by[need].append(k)
     ready = [k for k, number in enumerate(waiting) if not number]  # ascending, so a heap
     while ready:
         k = heappop(ready)
         yield k
-        for other in needed_by[k]:
-            waiting[other] -= 1
-            if not waiting[other]:
-                heappush(ready, other)
+        for successor in needed_by[k]:
+            waiting[successor] -= 1
+            if not waiting[successor]:
+                heappush(ready, successor)

@@ -58,9 +58,9 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
         found = {p.name: _bound(p, leaf, sources.get(circuit, ""), kind, problems) for p in parameters}
         leaves[path] = replace(leaf, parameters={name: found[name] if name in found else leaf.parameters[name]
                                                  for name in leaf.component.parameters})
-        told = [p.name for p in parameters if circuit in sources or default(p, path) is None]
-        if told:
-            takers.setdefault(circuit, []).extend(f"{path}.{name}" for name in told)
+        without_value = [p.name for p in parameters if circuit in sources or default(p, path) is None]
+        if without_value:
+            takers.setdefault(circuit, []).extend(f"{path}.{name}" for name in without_value)
         if circuit not in sources and circuit >= 0:
             defaults.setdefault(circuit, []).extend(_defaults(path, parameters, kind, leaves[path].place))
     for circuit, values in defaults.items():
@@ -88,8 +88,8 @@ def medium_of(component: Component, domains: Mapping[str, Domain]) -> str:
 def _domain_of_medium(component: Component, domains: Mapping[str, Domain]) -> Domain | None:
     """The domain of the medium from which the parameters of a component are taken: the domain of its first port that has a
     medium; for a component without such a port the first of all."""
-    own = [domains[port.domain] for port in component.ports.values() if port.domain in domains]
-    return next((d for d in (*own, *domains.values()) if d.medium), None)
+    medium_domains = [domains[port.domain] for port in component.ports.values() if port.domain in domains]
+    return next((d for d in (*medium_domains, *domains.values()) if d.medium), None)
 
 
 def _open(leaf: Leaf) -> list[Parameter]:
@@ -98,11 +98,11 @@ def _open(leaf: Leaf) -> list[Parameter]:
 
 def _passages(path: str, component: Component, domain: Domain) -> list[list[Terminal]]:
     """The ports of a part between which the medium flows; ports of an open domain may carry any medium."""
-    found: dict[str, list[Terminal]] = {}
+    passages: dict[str, list[Terminal]] = {}
     for port in component.ports.values():
         if port.domain == domain.name or port.domain.startswith("$"):
-            found.setdefault(port.domain, []).append(Terminal("port", f"{path}.{port.name}"))
-    return list(found.values())
+            passages.setdefault(port.domain, []).append(Terminal("port", f"{path}.{port.name}"))
+    return list(passages.values())
 
 
 def _circuits(expanded: Expanded, domain: Domain) -> dict[Terminal, int]:
@@ -122,32 +122,32 @@ def _numbered(links: Iterable[list[Terminal]]) -> dict[Terminal, int]:
     for link in links:
         groups = list(dict.fromkeys(number[item] for item in link if item in number))
         # the largest group keeps its number: an item changes its own a few times at most, however long the circuit
-        kept = max(groups, key=lambda k: len(members[k]), default=len(members))
-        if kept == len(members):
+        largest = max(groups, key=lambda k: len(members[k]), default=len(members))
+        if largest == len(members):
             members.append([])
         joined = [item for item in link if item not in number]
         for old in groups:
-            if old != kept:
+            if old != largest:
                 joined += members[old]
                 members[old] = []
-        members[kept] += joined
-        number.update(dict.fromkeys(joined, kept))
+        members[largest] += joined
+        number.update(dict.fromkeys(joined, largest))
     return number
 
 
 def _sources(expanded: Expanded, kind: str, circuits: dict[Terminal, int], problems: Problems) -> dict[int, str]:
     """The part that sets the medium of each circuit."""
-    found: dict[int, str] = {}
+    sources: dict[int, str] = {}
     for path, leaf in expanded.leaves.items():
         if not leaf.component.is_a(kind):
             continue
         circuit = circuits.get(Terminal("port", f"{path}.{next(iter(leaf.component.ports))}"), -1)
-        other = found.setdefault(circuit, path)
-        if other != path:
-            problems.add("media-mixed", f"{either([other, path])} fill the same circuit; parts and wires join it all",
+        earlier = sources.setdefault(circuit, path)
+        if earlier != path:
+            problems.add("media-mixed", f"{either([earlier, path])} fill the same circuit; parts and wires join it all",
                          leaf.place, hint=f"Remove one {kind}: it counts for all that is joined, through valves and past "
                          "pistons too. A single part may have separate values.")
-    return found
+    return sources
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,10 +201,10 @@ def _one_medium(defaults: Sequence[_Default]) -> dict[_Default, _Default] | None
     for d in defaults:
         if d.deviates and not _alike(d.value, leaders.setdefault(d.parameter.medium, d).value):
             return None
-    others = [d for d in defaults if leaders and not d.deviates and d.usual]
-    if any(d.own or d.parameter.medium not in leaders for d in others):
+    followers = [d for d in defaults if leaders and not d.deviates and d.usual]
+    if any(d.own or d.parameter.medium not in leaders for d in followers):
         return None
-    return {d: leaders[d.parameter.medium] for d in others}
+    return {d: leaders[d.parameter.medium] for d in followers}
 
 
 def _alike(one: float, other: float) -> bool:
@@ -215,13 +215,13 @@ def _mixed(defaults: Sequence[_Default], library: Library, kind: Component, node
            problems: Problems) -> None:
     """Note a problem for a circuit whose parts take defaults of different media, such as a tank of water and an orifice of
     mineral oil."""
-    others = [d for d in defaults if d.deviates]
+    deviating = [d for d in defaults if d.deviates]
     alike = [d for d in defaults if not d.deviates and d.usual]
-    listed = [f"{d.path}.{d.parameter.name} = {d.value:g} {d.parameter.unit.text}" for d in (*others, *alike)]
+    listed = [f"{d.path}.{d.parameter.name} = {d.value:g} {d.parameter.unit.text}" for d in (*deviating, *alike)]
     node = next((n for n in nodes if "." not in n), nodes[0] if nodes else "NODE")
     media = " or ".join(f"`medium: {{is: {n}}}`" for n in library.names() if library.component(n).is_a(kind.name))
     problems.add("media-defaults", f"nothing sets the medium of the circuit of node '{node}', and its parts have defaults "
-                 "of different media", others[0].place, notes=[*listed[:LISTED], *(
+                 "of different media", deviating[0].place, notes=[*listed[:LISTED], *(
                      [f"and {len(listed) - LISTED} more"] if len(listed) > LISTED else [])],
                  hint=f"Add {media} to the components and `medium.a` to node '{node}', or give the parts their own values.")
 
@@ -234,10 +234,10 @@ def _bound(parameter: Parameter, leaf: Leaf, source: str, kind: Component, probl
         name = f"{source}.{parameter.medium}"
         formula = Value(Name(tuple(name.split(".")), 0, len(name)), f"= {name}", leaf.place, formula=True)
         return Bound(formula, "", leaf.place)
-    found = default(parameter, leaf.path) or (default(usual, leaf.path) if usual is not None else None)
-    if found is None:
+    value = default(parameter, leaf.path) or (default(usual, leaf.path) if usual is not None else None)
+    if value is None:
         problems.add("medium-property", f"{leaf.component.name} takes {parameter.name} from the '{parameter.medium}' of a "
                      f"{kind.name}, which has none", parameter.place,
                      hint=f"{kind.name} has {', '.join(kind.parameters)}.")
         return Bound(Value(Name(("pi",), 0, 0), "", leaf.place), "", leaf.place)
-    return found
+    return value

@@ -47,17 +47,17 @@ class Names:
 
     def owner(self, name: str) -> Owner | None:
         """The owner of a name."""
-        found = self.owners.get(name)
-        if callable(found):
-            found = self.owners[name] = dict(found())[name]
-        return found
+        owner = self.owners.get(name)
+        if callable(owner):
+            owner = self.owners[name] = dict(owner())[name]
+        return owner
 
     def claim_all(self, names: Sequence[str], told: Callable[[], Owned]) -> None:
         """Claim names for the owners that `told` returns. It is called only if a name is already taken, as a large diagram
         has many names."""
-        own = dict.fromkeys(names, told)
-        if len(own) == len(names) and self.owners.keys().isdisjoint(own):
-            self.owners.update(own)
+        owners = dict.fromkeys(names, told)
+        if len(owners) == len(names) and self.owners.keys().isdisjoint(owners):
+            self.owners.update(owners)
             return
         for name, owner in told():
             self.claim(name, owner)
@@ -68,9 +68,9 @@ class Names:
         if first is None:
             self.owners[name] = owner
         elif first.key != owner.key:
-            other = _renamed(first, owner)
+            renamed = _renamed(first, owner)
             self.problems.add("name-twice", f"'{name}' would mean two things: {first.what} ({_line(first)}) "
-                              f"and {owner.what} ({_line(owner)})", other.place, hint=_hint(other))
+                              f"and {owner.what} ({_line(owner)})", renamed.place, hint=_hint(renamed))
 
 
 def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Names:
@@ -79,41 +79,43 @@ def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Nam
     The position of a mechanical node counts although it becomes an unknown only where something names it, so that naming it
     changes no meaning.
     """
-    found = Names(problems)
+    claimed = Names(problems)
     for name, bound in expanded.parameters.items():
-        found.claim(name, Owner(("parameter", name), f"the parameter {name}", bound.place, "parameter", name))
+        claimed.claim(name, Owner(("parameter", name), f"the parameter {name}", bound.place, "parameter", name))
     for number, group in enumerate(network.groups):
         domain = expanded.model.library.domains.get(group.domain)
-        own = group.aliases if domain is None else [f"{path}.{m}" for path in group.aliases for m in _across(domain)]
-        found.claim_all(own, partial(_of_group, expanded, group, number))
+        names_of_group = group.aliases if domain is None else [f"{path}.{m}" for path in group.aliases
+                                                               for m in _across(domain)]
+        claimed.claim_all(names_of_group, partial(_of_group, expanded, group, number))
     alike: dict[tuple[Hashable, ...], list[str]] = {}
     for path, leaf in expanded.leaves.items():
         _check_prefix(path, leaf, problems)
-        told = partial(_of_leaf, expanded, network, path, leaf)
+        owners_of_leaf = partial(_of_leaf, expanded, network, path, leaf)
         kind = (id(leaf.component), *network.domains[path].items(), path if _has_arrays(leaf) else "")
         if (inside := alike.get(kind)) is None:
-            inside = alike[kind] = [name.removeprefix(path) for name, _ in told()]
-        found.claim_all([path + name for name in inside], told)
-    return found
+            inside = alike[kind] = [name.removeprefix(path) for name, _ in owners_of_leaf()]
+        claimed.claim_all([path + name for name in inside], owners_of_leaf)
+    return claimed
 
 
 def check_outputs(names: Names, show: Mapping[str, NamedOutput], index_of: Mapping[str, int]) -> None:
     """Check that an output under `show:` with the name of a variable or parameter is that variable, possibly in another
     unit, so that `result[name]` and formulas refer to the same quantity."""
-    for shown in show.values():
+    for output in show.values():
         try:
-            used = [name.text for name in names_in(parse_formula(shown.name))]
+            used = [name.text for name in names_in(parse_formula(output.name))]
         except ExpressionProblem:
             continue  # a title, which no formula can name
-        if shown.text.strip() == shown.name or not all(n in names.owners or n in KNOWN for n in used):
+        if output.text.strip() == output.name or not all(n in names.owners or n in KNOWN for n in used):
             continue
-        meant = shown.expr.text if isinstance(shown.expr, Name) else ""
-        if meant in index_of and index_of[meant] == index_of.get(shown.name):
+        meant = output.expr.text if isinstance(output.expr, Name) else ""
+        if meant in index_of and index_of[meant] == index_of.get(output.name):
             continue
-        owner = names.owner(shown.name)
-        what = f"{owner.what} ({_line(owner)})" if owner else "a formula, or the time"
-        names.problems.add("name-twice", f"the output '{shown.name}' is `{shown.text}`, but '{shown.name}' is also {what}",
-                           shown.place, hint=f"Give the output another name, for example `{_plain(shown.name)}_shown`.")
+        owner = names.owner(output.name)
+        description = f"{owner.what} ({_line(owner)})" if owner else "a formula, or the time"
+        names.problems.add("name-twice", f"the output '{output.name}' is `{output.text}`, but '{output.name}' is also "
+                           f"{description}", output.place,
+                           hint=f"Give the output another name, for example `{_plain(output.name)}_shown`.")
 
 
 def claim_clocks(names: Names, held: Iterable[Held]) -> None:
@@ -137,12 +139,13 @@ def _of_group(expanded: Expanded, group: Group, number: int) -> Iterator[tuple[s
         junction = expanded.junctions.get(path)
         node = junction is not None and path not in group.ports
         place = junction.place if junction is not None and node else expanded.leaves[path.rpartition(".")[0]].place
-        kind, what = ("node", f"node '{path}'") if node else ("port", f"port '{path}'")
+        kind, description = ("node", f"node '{path}'") if node else ("port", f"port '{path}'")
         if domain is None:
-            yield path, Owner(("signal", number), f"the signal of {what}", place, kind, path)
+            yield path, Owner(("signal", number), f"the signal of {description}", place, kind, path)
             continue
         for member in _across(domain):
-            yield f"{path}.{member}", Owner(("across", number, member), f"{_word(domain, member)} of {what}", place, kind,
+            yield f"{path}.{member}", Owner(("across", number, member), f"{_word(domain, member)} of {description}", place,
+                                            kind,
                                             path)
 
 

@@ -75,8 +75,8 @@ class Parameters:
         # most are independent, or mean one that is: the same object
         known = {id(self.expressions[q.name]): q.value for q in self.independent}
         formulas = [e for e in expressions if id(e) not in known]
-        found = iter(np.array(ca.Function("v", [self.p], [stack(formulas)])(self.numbers)).ravel().tolist())
-        return np.array([known[id(e)] if id(e) in known else next(found) for e in expressions])
+        numbers = iter(np.array(ca.Function("v", [self.p], [stack(formulas)])(self.numbers)).ravel().tolist())
+        return np.array([known[id(e)] if id(e) in known else next(numbers) for e in expressions])
 
 
 def declared(expanded: Expanded) -> Iterator[tuple[str, Bound, Leaf | None]]:
@@ -97,9 +97,9 @@ def narrowed(expanded: Expanded, factor: float) -> Expanded:
 
     leaves = {}
     for path, leaf in expanded.leaves.items():
-        given = {name: replace(bound, value=times(bound.value)) for name, bound in leaf.parameters.items()
-                 if leaf.component.parameters[name].width and isinstance(bound.value, Value)}
-        leaves[path] = replace(leaf, parameters={**leaf.parameters, **given}) if given else leaf
+        scaled = {name: replace(bound, value=times(bound.value)) for name, bound in leaf.parameters.items()
+                   if leaf.component.parameters[name].width and isinstance(bound.value, Value)}
+        leaves[path] = replace(leaf, parameters={**leaf.parameters, **scaled}) if scaled else leaf
     return replace(expanded, leaves=leaves)
 
 
@@ -117,9 +117,9 @@ def formula_order(expanded: Expanded) -> list[str]:
         if isinstance(bound.value, Value) and isinstance(bound.value.expr, Number):
             continue
         try:
-            if (own := named.get(id(bound.value))) is None:
-                own = named[id(bound.value)] = list(_names(bound))
-            needed = [path for n in own if (path := _path(expanded, known, bound, n)) is not None]
+            if (names := named.get(id(bound.value))) is None:
+                names = named[id(bound.value)] = list(_names(bound))
+            needed = [path for n in names if (path := _path(expanded, known, bound, n)) is not None]
         except ExpressionProblem as problem:
             assert isinstance(bound.value, Value)
             leaf = expanded.leaves.get(name.rpartition(".")[0])
@@ -229,13 +229,13 @@ class _Maker:
         try:
             unit = self.checked.get(alike) or self._checked(name, bound, leaf, alike)
             number = expr.value if isinstance(expr := bound.value.expr, Number) else self.numbers.get(alike)
-            found = self._value(bound, integers) if number is None else None
+            expression = self._value(bound, integers) if number is None else None
         except ExpressionProblem as problem:
             add_formula_problem(problem, bound.value, self.problems)
             self.bad.add(name)
             return
-        if found is not None and found.is_constant():
-            number = float(found)
+        if expression is not None and expression.is_constant():
+            number = float(expression)
             if alike in self.checked and all(text == "pi" or text in integers for text in needed):
                 self.numbers[alike] = number
         if number is not None:
@@ -244,26 +244,26 @@ class _Maker:
                                   bound.value.place, hint=NOT_FINITE)
                 self.bad.add(name)
                 return
-            found = ca.SX.sym(name)
+            expression = ca.SX.sym(name)
             self.independent.append(FlatParameter(name, number, unit, bound.place))
-            self.symbols.append(found)
-        assert found is not None
-        self.expressions[name], self.units[name] = found, unit
+            self.symbols.append(expression)
+        assert expression is not None
+        self.expressions[name], self.units[name] = expression, unit
 
     def _alike(self, name: str, bound: Bound, leaf: Leaf | None, needed: Sequence[str], integers: Mapping[str, int]
                ) -> Hashable:
         """A key of the dependencies of a value's unit, equal for equal parts; None if unknown."""
         if leaf is None or is_generic((unit := leaf.component.parameters[name.rpartition(".")[2]].unit).dimension):
             return None
-        given: list[Hashable] = [id(bound.value), id(unit)]
+        key: list[Hashable] = [id(bound.value), id(unit)]
         for text in needed:
             if text == "pi" or text in integers:
-                given.append(integers.get(text))
-            elif (own := self.units.get(bound.scope + text)) is not None:
-                given.append((id(own),))
+                key.append(integers.get(text))
+            elif (unit_of_name := self.units.get(bound.scope + text)) is not None:
+                key.append((id(unit_of_name),))
             else:
                 return None  # a list
-        return tuple(given)
+        return tuple(key)
 
     def _checked(self, name: str, bound: Bound, leaf: Leaf | None, alike: Hashable) -> Unit:
         """The unit of a value; a problem, or an ExpressionProblem, if it is another unit or the value is not a number."""
@@ -280,8 +280,8 @@ class _Maker:
         assert isinstance(bound.value, Value)
         expr = bound.value.expr
         if isinstance(expr, Name) and expr.text not in integers and \
-                (found := self.expressions.get(bound.scope + expr.text)) is not None:
-            return found
+                (expression := self.expressions.get(bound.scope + expr.text)) is not None:
+            return expression
         return evaluate(expr, Context(self._lookup(bound.scope), _no_rate, integers))
 
     def _lookup(self, scope: str) -> Callable[[str, Name], ca.SX]:
@@ -290,13 +290,13 @@ class _Maker:
     def _unit(self, name: str, bound: Bound, leaf: Leaf | None) -> Unit:
         assert isinstance(bound.value, Value)
         value = bound.value
-        found = number_dimension(value.expr, lambda n: self._dimension(bound.scope, n))
+        dimension = number_dimension(value.expr, lambda n: self._dimension(bound.scope, n))
         if leaf is None:
-            own = found or ONE
+            number = dimension or ONE
             counts = value.expr.unit.counts if isinstance(value.expr, Number) and value.expr.unit else ""
-            return Unit(dimension_text(own), 1.0, 0.0, own, counts)
+            return Unit(dimension_text(number), 1.0, 0.0, number, counts)
         unit = solved_unit(leaf.component.parameters[name.rpartition(".")[2]].unit, leaf, self.expanded, self.network)
-        check_dimension(name, value, found, unit, self.problems)
+        check_dimension(name, value, dimension, unit, self.problems)
         return unit
 
     def _dimension(self, scope: str, name: Name) -> Dimension:
@@ -332,8 +332,8 @@ def solved_unit(unit: Unit, leaf: Leaf, expanded: Expanded, network: Network) ->
             for role, member in (("effort", domain.effort), ("flow", domain.flow)):
                 if member:
                     values[f"{kind}.{role}"] = domain.members[member].unit.dimension
-    found = solved(unit.dimension, values)
-    return unit if found == unit.dimension else Unit(dimension_text(found), 1.0, 0.0, found)
+    dimension = solved(unit.dimension, values)
+    return unit if dimension == unit.dimension else Unit(dimension_text(dimension), 1.0, 0.0, dimension)
 
 
 def parameter_bounds(expanded: Expanded, parameters: Parameters) -> dict[int, Interval]:
@@ -345,8 +345,8 @@ def parameter_bounds(expanded: Expanded, parameters: Parameters) -> dict[int, In
             continue
         symbol = parameters.expressions[name]
         if symbol.is_symbolic():
-            low, high = bounds.get(own := symbol.element_hash(), (-inf, inf))
-            bounds[own] = (max(low, -inf if parameter.low is None else parameter.low),
+            low, high = bounds.get(key := symbol.element_hash(), (-inf, inf))
+            bounds[key] = (max(low, -inf if parameter.low is None else parameter.low),
                            min(high, inf if parameter.high is None else parameter.high))
     return bounds
 
@@ -369,13 +369,13 @@ def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[
         assert isinstance(value, Value)
         check_bounds(name, parameter, float(number), value, problems)
     problems.raise_as(ModelError)
-    asked = [(path, made) for path, made in templates.items() if expanded.leaves[path].component.requires]
-    truths = _truths(parameters, asked)
-    for path, made in asked:
+    restricted = [(path, template) for path, template in templates.items() if expanded.leaves[path].component.requires]
+    truths = _truths(parameters, restricted)
+    for path, template in restricted:
         leaf = expanded.leaves[path]
         for formula, truth in zip(leaf.component.requires, truths[path], strict=True):
             if not truth:
-                _violated(leaf, formula, made, parameters, new, problems)
+                _violated(leaf, formula, template, parameters, new, problems)
     problems.raise_as(ModelError)
 
 
@@ -396,8 +396,8 @@ class Limits:
         """The limits of a diagram that `check_values` accepts."""
         bounded = [(name, q) for name, q, _ in with_declaration(expanded) if q.low is not None or q.high is not None]
         values = stack(parameters.expressions[name] for name, _ in bounded)
-        truths = stack(made.requirements(stack(parameters.expressions[f"{path}.{name}"] for name in made.parameters))
-                       for path, made in templates.items() if expanded.leaves[path].component.requires)
+        truths = stack(template.requirements(stack(parameters.expressions[f"{path}.{name}"] for name in template.parameters))
+                       for path, template in templates.items() if expanded.leaves[path].component.requires)
         numbers = ca.Function("limits", [parameters.p], [values, truths])
         # a search may step beyond the end of its range by a rounding error
         rounding = ROUNDED * np.abs(np.array(numbers(parameters.numbers)[0]).ravel())
@@ -409,8 +409,8 @@ class Limits:
 
     def bounds(self, name: str) -> Interval:
         """The admissible interval of an independent parameter: the strictest bounds of all parameters with its value."""
-        own = parameter_bounds(self.expanded, self.parameters)
-        return own.get(self.parameters.expressions[name].element_hash(), (-inf, inf))
+        intervals = parameter_bounds(self.expanded, self.parameters)
+        return intervals.get(self.parameters.expressions[name].element_hash(), (-inf, inf))
 
     def check(self, p: Array, changed: Iterable[str]) -> None:
         """Raise ModelError if values `p`, of which some are `changed` from those of the diagram, are not allowed."""
@@ -431,14 +431,14 @@ class Limits:
 def _truths(parameters: Parameters, asked: Sequence[tuple[str, Template]]) -> dict[str, Array]:
     """Which requirements of each part are met: one call for all parts of a template, a column for each."""
     users: dict[Template, list[str]] = {}
-    for path, made in asked:
-        users.setdefault(made, []).append(path)
-    numbers = parameters.values([f"{path}.{name}" for made, paths in users.items() for path in paths
-                                 for name in made.parameters])
+    for path, template in asked:
+        users.setdefault(template, []).append(path)
+    numbers = parameters.values([f"{path}.{name}" for template, paths in users.items() for path in paths
+                                 for name in template.parameters])
     found: dict[str, Array] = {}
-    for made, paths in users.items():
-        own, numbers = np.split(numbers, [len(paths) * len(made.parameters)])
-        truths = np.array(made.requirements(own.reshape(len(paths), len(made.parameters)).T))
+    for template, paths in users.items():
+        part_numbers, numbers = np.split(numbers, [len(paths) * len(template.parameters)])
+        truths = np.array(template.requirements(part_numbers.reshape(len(paths), len(template.parameters)).T))
         found.update(zip(paths, np.broadcast_to(truths, (len(truths), len(paths))).T, strict=True))
     return found
 
@@ -450,10 +450,10 @@ def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Paramete
     for name, number in zip(used, parameters.values([f"{leaf.path}.{n}" for n in used]), strict=True):
         value, declaration = leaf.parameters[name].value, leaf.component.parameters[name]
         value = changed.get(f"{leaf.path}.{name}", value)
-        given = value.text.lstrip("= ") if isinstance(value, Value) else ""
+        text = value.text.lstrip("= ") if isinstance(value, Value) else ""
         if not (isinstance(value, Value) and isinstance(value.expr, Number) and not value.si):
-            given = f"{number:g} {parameters.units[f'{leaf.path}.{name}'].text}"
-        notes.append(f"{name} = {given}" + (f"   ({declaration.doc})" if declaration.doc else ""))
+            text = f"{number:g} {parameters.units[f'{leaf.path}.{name}'].text}"
+        notes.append(f"{name} = {text}" + (f"   ({declaration.doc})" if declaration.doc else ""))
     problems.add("requirement", f"'{leaf.path}' ({leaf.component.name}) requires {formula.text}", leaf.place,
                  notes=notes, hint="Change one of these values.")
 
@@ -484,8 +484,8 @@ def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range], limits:
                                       suggest(name, units) or NAMES_LISTED)])
         if units[name].dimension != wanted.unit.dimension:
             plain = wanted.unit.text == "1"
-            told = "has no unit" if plain else f"is in {wanted.unit.text}"
-            raise UsageError([Problem("unit-missing" if plain else "unit-wrong", f"the range of {name} {told}; "
+            unit_phrase = "has no unit" if plain else f"is in {wanted.unit.text}"
+            raise UsageError([Problem("unit-missing" if plain else "unit-wrong", f"the range of {name} {unit_phrase}; "
                                       f"{units[name].text} is needed", None,
                                       f"Write '{wanted.low:g} .. {wanted.high:g} {units[name].text}', if that is meant."
                                       if plain else f"Write it in {units[name].text} or in a multiple of it.")])

@@ -102,7 +102,7 @@ def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
     aliases: dict[int, list[str]] = {}
     for name, index in flat.names.items():
         aliases.setdefault(index, []).append(name.rpartition(".")[0])
-    found = {}
+    nodes = {}
     for path in flat.expanded.junctions:
         domain = next((d for d in domains if all(f"{path}.{m}" in flat.names for m in d.across)
                        and f"{path}.{d.through[0]}" in balances), None)
@@ -112,8 +112,8 @@ def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
         # inner nodes of a block that are joined to an outer one are that one
         if flat.unknowns[index].name == f"{path}.{domain.across[0]}":
             ports = tuple(a for a in aliases[index] if _is_port(a, flat))
-            found[path] = Node(path, domain, ports)
-    return found
+            nodes[path] = Node(path, domain, ports)
+    return nodes
 
 
 def _is_port(path: str, flat: Flat) -> bool:

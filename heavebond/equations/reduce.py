@@ -248,8 +248,8 @@ class System:
         """The values (n,) of expressions in parameters alone. The function has only the parameters that occur as arguments:
         with all parameters the work would grow with the square of the number of loops."""
         symbols = ca.symvar(expressions)
-        given = [self._value_of[s.element_hash()] for s in symbols]
-        return np.asarray(ca.Function("numbers", [stack(symbols)], [expressions])(given)).ravel()
+        values = [self._value_of[s.element_hash()] for s in symbols]
+        return np.asarray(ca.Function("numbers", [stack(symbols)], [expressions])(values)).ravel()
 
     def symbols_of(self, columns: Sequence[Column]) -> ca.SX:
         """The symbols (m,) of these columns."""
@@ -283,16 +283,16 @@ class System:
         rates = self.symbols_of([(j, k + 1) for j, k in states])
         piggyback = [rates, stack([r for r, _ in solver.remaining]),
                      stack([p.coefficient for p in solver.pivots])]
-        defined, expressions, others = system.unknowns[solver.defined], ca.SX(0, 1), piggyback
+        defined, expressions, substituted = system.unknowns[solver.defined], ca.SX(0, 1), piggyback
         definitions = solver.definitions
         if solver.defined:
-            (expressions,), others = ca.substitute_inplace([defined], [definitions], piggyback, False)
+            (expressions,), substituted = ca.substitute_inplace([defined], [definitions], piggyback, False)
         pivots = tuple(replace(p, coefficient=c)
-                       for c, p in zip(split(others[2]), solver.pivots, strict=True))
+                       for c, p in zip(split(substituted[2]), solver.pivots, strict=True))
         order = self.order
         algebraic = [j for j, top in enumerate(self.chain.highest) if top == 0]
         return Reduced(
-            flat, tuple(states), tuple(torn), x, z, others[0], others[1],
+            flat, tuple(states), tuple(torn), x, z, substituted[0], substituted[1],
             tuple(flat.equations[row[0]] for _, row in solver.remaining), defined, expressions,
             tuple(system.columns[c] for c in solver.defined), pivots, max(order, default=0) + (1 if algebraic else 0),
             tuple((i, k) for i, k in enumerate(order) if k), tuple(solver.loops), system, self, definitions,
@@ -331,12 +331,12 @@ class System:
         position = {column: k for k, column in enumerate(unknown)}
         entries: list[list[tuple[int, int]]] = []
         for i, k in rows:
-            own = self.flat.entries[i] if k == 0 else []
-            entries.append([(position[(c % n, c // n)], kind) for c, kind in own if (c % n, c // n) in position])
+            known = self.flat.entries[i] if k == 0 else []
+            entries.append([(position[(c % n, c // n)], kind) for c, kind in known if (c % n, c // n) in position])
         derived = [r for r, (_, k) in enumerate(rows) if k > 0]
         if derived:
-            found = classify(self.residuals[derived], self.symbols_of(unknown), self.constants, self.flat.bounds)
-            for r, row in zip(derived, found, strict=True):
+            classified = classify(self.residuals[derived], self.symbols_of(unknown), self.constants, self.flat.bounds)
+            for r, row in zip(derived, classified, strict=True):
                 entries[r] = [(e.column, e.kind) for e in row]
         return entries
 

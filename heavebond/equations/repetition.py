@@ -48,12 +48,12 @@ def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance]
 def _check_free(name: str, instance: Instance, written: Mapping[str, Instance | Wire], made: Mapping[str, Instance | Wire],
                 problems: Problems) -> None:
     """A name that `repeat:` makes is neither written in the file nor made by another `repeat:`."""
-    other = written.get(name) or made.get(name)
-    if other is not None:
-        what = "component" if isinstance(other, Instance) else "node"
-        problems.add("name-twice", f"`repeat:` makes a {what} '{name}' of '{instance.name}' (line {instance.place.line}); "
-                     f"there is one already (line {other.place.line})", other.place,
-                     hint=f"Give the {what} '{name}' or '{instance.name}' another name.")
+    existing = written.get(name) or made.get(name)
+    if existing is not None:
+        noun = "component" if isinstance(existing, Instance) else "node"
+        problems.add("name-twice", f"`repeat:` makes a {noun} '{name}' of '{instance.name}' (line {instance.place.line}); "
+                     f"there is one already (line {existing.place.line})", existing.place,
+                     hint=f"Give the {noun} '{name}' or '{instance.name}' another name.")
 
 
 def _in_line(instance: Instance, repeat: Value, component: Component | None, problems: Problems) -> bool:

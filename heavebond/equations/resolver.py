@@ -144,16 +144,16 @@ class Resolver:
 
     def _elements(self, path: str) -> list[str]:
         """The paths of the elements of a list or the rows of a matrix; none for anything else."""
-        found: list[str] = []
+        elements: list[str] = []
         if self._known(path):
-            return found
-        while self._known(element := f"{path}[{len(found) + 1}]") or self._known(f"{element}[1]"):
-            found.append(element)
+            return elements
+        while self._known(element := f"{path}[{len(elements) + 1}]") or self._known(f"{element}[1]"):
+            elements.append(element)
         owner, _, member = path.rpartition(".")
         # a member of all ports of an array, or of all nodes
-        while owner and self._known(element := f"{owner}[{len(found) + 1}].{member}"):
-            found.append(element)
-        return found
+        while owner and self._known(element := f"{owner}[{len(elements) + 1}].{member}"):
+            elements.append(element)
+        return elements
 
     def dimension(self, expr: Expr, scope: str = "", extra: Mapping[str, Dimension] | None = None) -> Dimension | None:
         """The dimension of a formula; ExpressionProblem where its units disagree."""
@@ -163,13 +163,13 @@ class Resolver:
 
     def unit(self, expr: Expr) -> Unit | None:
         """The SI unit of a formula, and the entity that it counts, if known (`counted`); None if any unit fits."""
-        found = self.dimension(expr)
-        if found is None:
+        dimension = self.dimension(expr)
+        if dimension is None:
             return None
         counts = counted(expr, lambda name: unit.counts if (unit := self._declared(name.text)) is not None else "")
-        turns = {"angle": "rad/s", "cycles": "Hz"} if found == FREQUENCY else {}
-        text = turns.get(counts) or dimension_text(found)
-        return Unit(text, 1.0, 0.0, found, counts)
+        turns = {"angle": "rad/s", "cycles": "Hz"} if dimension == FREQUENCY else {}
+        text = turns.get(counts) or dimension_text(dimension)
+        return Unit(text, 1.0, 0.0, dimension, counts)
 
     def _declared(self, path: str) -> Unit | None:
         return self.unknowns[self.names[path]].unit if path in self.names else self.units.get(path)
@@ -183,8 +183,8 @@ class Resolver:
         if path in self.constants:
             return self.constants[path]
         if elements := self._elements(path):
-            found = [self._value("", element, name) for element in elements]
-            return stack(found) if self._known(elements[0]) else ca.vertcat(*(row.T for row in found))
+            values = [self._value("", element, name) for element in elements]
+            return stack(values) if self._known(elements[0]) else ca.vertcat(*(row.T for row in values))
         port, _, member = path.rpartition(".")
         if member == POWER and port in self.bonds:
             return self.bonds[port].power(split(self.columns[0]))

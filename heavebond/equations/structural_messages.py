@@ -30,15 +30,15 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int],
         parts = dulmage_mendelsohn(rows, len(flat.unknowns), matching)
     except ValueError:  # the caller's matching was of other equations (their derivatives)
         parts = dulmage_mendelsohn(rows, len(flat.unknowns), maximum_matching(rows, len(flat.unknowns)))
-    problems, told = [], set()
+    problems, reported = [], set()
     for block in parts.overdetermined:
         part = _Part(flat, block)
         near = [b for b in parts.underdetermined if part.touched.intersection(b.core_columns)]
-        told.update(near)
+        reported.update(near)
         loose = [flat.unknowns[j] for b in near for j in b.core_columns]
         # heat that goes nowhere leaves a temperature open, whatever pressures the equations hold besides
-        own = [_domain(flat, u) for u in part.shared]
-        elsewhere = [u for u in loose if u.role in SHARED and _domain(flat, u) not in own]
+        domains = [_domain(flat, u) for u in part.shared]
+        elsewhere = [u for u in loose if u.role in SHARED and _domain(flat, u) not in domains]
         if part.shared and elsewhere:
             problems.append(_undecided(flat, elsewhere, part))
         elif part.shared or not any(u.role in SHARED for u in loose):
@@ -46,7 +46,7 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int],
         else:
             problems.append(_undecided(flat, loose, part))
     for block in parts.underdetermined:
-        if block not in told and block.core_columns and (block.core_rows or not parts.overdetermined):
+        if block not in reported and block.core_columns and (block.core_rows or not parts.overdetermined):
             problems.append(_undecided(flat, [flat.unknowns[j] for j in block.core_columns], None))
     return ModelError(problems or [_dependent(flat, dependent or range(len(flat.equations)))])
 
@@ -89,9 +89,10 @@ class _Part:
         nodes = {u.name.rpartition(".")[0] for u in self.shared}
         domain = _domain(self.flat, self.shared[0]) if self.shared else None
         elastic = domain.compliance if domain else Domain.compliance
-        what = self.shared[0].doc if self.shared else ""
+        quantity = self.shared[0].doc if self.shared else ""
         advice = f"Remove or change {either(owners)}." if len(self.owners) == 1 else \
-            (f"{either(owners)} each hold the {what} of one node, which one part alone can do.\n" if what else "") + \
+            (f"{either(owners)} each hold the {quantity} of one node, which one part alone can do.\n" if quantity
+             else "") + \
             f"Put {either(owners)} on different nodes, or remove one of them." if len(nodes) < 2 else \
             f"They rigidly join nodes that are fixed at both ends: remove one of {either(owners, 'or')},\n" \
             f"or put {elastic} between them."
@@ -104,39 +105,40 @@ class _Part:
 def _undecided(flat: Flat, loose: Sequence[Unknown], part: _Part | None) -> Problem:
     """The problem of undetermined unknowns, together with redundant equations."""
     shared = _without_rates([u for u in loose if u.role in SHARED])
-    shown = shared or list(loose)
-    names = listing((u.name for u in shown), 6)
-    message = f"no equation determines {names}" + ("; one of them must be known" if len(shown) > 1 else "")
+    named = shared or list(loose)
+    names = listing((u.name for u in named), 6)
+    message = f"no equation determines {names}" + ("; one of them must be known" if len(named) > 1 else "")
     domains = _domains(flat, shared)
     advice = "Add " + ", or ".join(d.determined_by for d in domains) + "." if domains else \
         "An equation is missing there, or a component."
     notes: list[str] = []
     if part is not None:
         through = [u for u in part.unknowns if u.role == "through"]
-        what = _noun(through[0].doc) if through else "what flows"
-        notes = [f"these equations decide {what} there without {'them' if len(shown) > 1 else 'it'}:", *_table(part.said)]
+        quantity = _noun(through[0].doc) if through else "what flows"
+        notes = [f"these equations decide {quantity} there without {'them' if len(named) > 1 else 'it'}:",
+                 *_table(part.said)]
         if shared and through:
             held = shared[0].doc or "other variable"
-            advice = f"{what[:1].upper()}{what[1:]} is given by {either(part.owners[:4])}, and no part there gives the " \
-                f"{held}: none stores, and none ties it to a reference.\n{advice}"
-    return Problem("underdetermined", message, shown[0].place if shown else None, advice, tuple(notes))
+            advice = f"{quantity[:1].upper()}{quantity[1:]} is given by {either(part.owners[:4])}, and no part there " \
+                f"gives the {held}: none stores, and none ties it to a reference.\n{advice}"
+    return Problem("underdetermined", message, named[0].place if named else None, advice, tuple(notes))
 
 
-def lost(flat: Flat, found: Sequence[RankLoss], when: str = "") -> list[Problem]:
+def lost(flat: Flat, rank_losses: Sequence[RankLoss], when: str = "") -> list[Problem]:
     """The problems of equations that depend on each other at their values; `when` is the time in a run (`at the start`)."""
     joined: dict[tuple[int, ...], list[RankLoss]] = {}
-    for loss in found:  # a tie of velocities is one of accelerations, and of forces, too
-        said = tuple(dict.fromkeys(i for i, _ in loss.rows if not bookkeeping(flat.equations[i])))
-        joined.setdefault(said, []).append(loss)
+    for loss in rank_losses:  # a tie of velocities is one of accelerations, and of forces, too
+        equations = tuple(dict.fromkeys(i for i, _ in loss.rows if not bookkeeping(flat.equations[i])))
+        joined.setdefault(equations, []).append(loss)
     if len(joined) > 1 and () in joined:  # what only the assembler's own equations say belongs to the others
-        joined[next(said for said in joined if said)] += joined.pop(())
+        joined[next(equations for equations in joined if equations)] += joined.pop(())
     return [_Lost(flat, _together(same)).problem(when) for same in joined.values()]
 
 
-def undecided(flat: Flat, found: Sequence[RankLoss], names: Sequence[str], when: str) -> SimulationError:
+def undecided(flat: Flat, rank_losses: Sequence[RankLoss], names: Sequence[str], when: str) -> SimulationError:
     """The error for a run where (`at t = 2 s`) no equation determines its algebraic unknowns `names` any more, from the
     equations that lost their rank."""
-    return SimulationError(lost(flat, found, when) or [Problem(
+    return SimulationError(lost(flat, rank_losses, when) or [Problem(
         "loop-singular", f"no equation determines {listing(names, 4)} {when}", None,
         "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
 
@@ -161,9 +163,9 @@ class _Lost:
         equations = [flat.equations[i] for i in dict.fromkeys(i for i, _ in loss.rows)]
         self.said = [e for e in equations if not bookkeeping(e)] or equations
         self.owners = [o for o in dict.fromkeys(e.owner for e in self.said) if o in flat.expanded.leaves]
-        given = [name for name in loss.parameters if not assumed(flat, name)]
+        specified = [name for name in loss.parameters if not assumed(flat, name)]
         # of what is zero, what the diagram itself says comes before what a component assumes
-        self.blamed = (given or [name for name, _ in loss.variables] or list(loss.parameters)) if loss.zero else \
+        self.blamed = (specified or [name for name, _ in loss.variables] or list(loss.parameters)) if loss.zero else \
             [name for name, _ in loss.variables] or list(loss.parameters)
         self.blamed = self.blamed[:MOST_BLAMED]
         domains = _domains(flat, self.shared)
@@ -209,8 +211,8 @@ class _Lost:
                 f"Begin away from it, for example `initial: {{{loss.variables[0][0]}: ...}}`, or drive the machine from " \
                 "another part."
         if self.shared and not blamed:
-            what = f"these {len(self.shared)} nodes" if len(self.shared) > 1 else "this node"
-            return f"Nothing ties {what} to a reference: any value fits, as long as all move together.\n" \
+            nodes = f"these {len(self.shared)} nodes" if len(self.shared) > 1 else "this node"
+            return f"Nothing ties {nodes} to a reference: any value fits, as long as all move together.\n" \
                 f"{self.decides[:1].upper()}{self.decides[1:]}."
         agree = f", since {listing(blamed)} agree" if blamed else ""
         if len(self.owners) > 1:
@@ -225,16 +227,16 @@ class _Lost:
             otherwise = f", or take '{owner}' out of the diagram" if owner else ""
             return f"Give {listing(self.blamed)} a value other than 0{otherwise}."
         dormant = f"give {listing(self.loss.parameters, MOST_BLAMED)} a value" if self.loss.parameters else ""
-        ways = [way for way in (f"keep {listing(self.blamed)} away from 0", dormant, self.decides) if way]
-        return f"{ways[0][:1].upper()}{ways[0][1:]}{''.join(f', or {way}' for way in ways[1:])}."
+        remedies = [remedy for remedy in (f"keep {listing(self.blamed)} away from 0", dormant, self.decides) if remedy]
+        return f"{remedies[0][:1].upper()}{remedies[0][1:]}{''.join(f', or {remedy}' for remedy in remedies[1:])}."
 
 
 def short_circuit(flat: Flat, owners: Iterable[str]) -> tuple[str, str] | None:
     """Message and advice for the first of the parts, whose equations contradict, with both ports on one node."""
-    found = next(((owner, node) for owner in owners if (node := joined_ports(flat, owner))), None)
-    if found is None:
+    joined = next(((owner, node) for owner in owners if (node := joined_ports(flat, owner))), None)
+    if joined is None:
         return None
-    owner, node = found
+    owner, node = joined
     return (f"both ports of '{owner}' are on the same node, '{node}', although '{owner}' prescribes their difference",
             f"Put one port of '{owner}' on another node.")
 
@@ -264,8 +266,8 @@ def _sharing(flat: Flat, loose: Sequence[Unknown], owners: Iterable[str]) -> str
     members = {u.name.rpartition(".")[2] for u in through}
     names = " and ".join(u.name for u in through[:2]) if len(through) <= 2 else listing((u.name for u in through), 4)
     mechanical = all(u.unit.text in ("N", "N*m") for u in through)
-    what = _noun(through[0].doc) if len(members) == 1 else "the forces" if mechanical else "what flows"
-    return f"and no equation determines how {names} share {what} at node{'s' * (len(nodes) > 1)} {either(nodes[:3])}."
+    quantity = _noun(through[0].doc) if len(members) == 1 else "the forces" if mechanical else "what flows"
+    return f"and no equation determines how {names} share {quantity} at node{'s' * (len(nodes) > 1)} {either(nodes[:3])}."
 
 
 def _noun(doc: str) -> str:
@@ -291,10 +293,10 @@ def bookkeeping(equation: FlatEquation) -> bool:
 
 
 def _table(equations: Sequence[FlatEquation]) -> list[str]:
-    shown = [(f"{e.owner}:", e.text, e.label, f"{e.place.file}:{e.place.line}") for e in equations[:MOST_LINES]]
-    widths = [max(len(row[k]) for row in shown) for k in range(3)]
+    rows = [(f"{e.owner}:", e.text, e.label, f"{e.place.file}:{e.place.line}") for e in equations[:MOST_LINES]]
+    widths = [max(len(row[k]) for row in rows) for k in range(3)]
     lines = ["  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[3]])
-             for row in shown]
+             for row in rows]
     if len(equations) > MOST_LINES:
         lines.append(f"and {len(equations) - MOST_LINES} more")
     return lines

@@ -117,8 +117,8 @@ class _Loop:
         if len(unknown) == 1 and (row, unknown[0]) in self.cost:
             heappush(self.ready, (self.cost[row, unknown[0]], self.number[row], row, unknown[0]))
         elif len(unknown) == 2:
-            for column, other in (unknown, unknown[::-1]):
-                if (row, other) in self.cost:
+            for column, partner in (unknown, unknown[::-1]):
+                if (row, partner) in self.cost:
                     self._rate(column, 1)
 
     def _rate(self, column: int, change: int) -> None:

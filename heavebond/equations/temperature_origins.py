@@ -148,8 +148,8 @@ def _decided(row: ca.SX, used: Sequence[ca.SX], symbols: Mapping[int, str], numb
     if not usable.any():
         return {}
     changes = changes[:, usable]
-    kept = [choice for choice, c in zip(choices, changes, strict=True) if np.all(c <= ROUNDING * changes.max(axis=0))]
-    return {name: kept[0][name] for name in names if kept and len({choice[name] for choice in kept}) == 1}
+    admissible = [choice for choice, c in zip(choices, changes, strict=True) if np.all(c <= ROUNDING * changes.max(axis=0))]
+    return {name: admissible[0][name] for name in names if admissible and len({choice[name] for choice in admissible}) == 1}
 
 
 class TemperatureOrigins:
@@ -198,7 +198,7 @@ def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
     """
     model = flat.expanded.model
     values = list(_values(flat))
-    if not any(counts_from_origin(shown.unit) or has_origin(shown.expr) for shown in model.show.values()) and \
+    if not any(counts_from_origin(output.unit) or has_origin(output.expr) for output in model.show.values()) and \
             not any(counts_from_origin(v.unit) if isinstance(v, FileInput) else has_origin(v.expr) for _, v, _ in values):
         return model.show
     known, problems, shows = flat.origins, Problems(), dict(model.show)
@@ -218,14 +218,14 @@ def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
         if needed == 0 and isinstance(value.expr, Number) and weight == 1:
             problems.add("unit-offset", f"{name} is a difference of temperatures, and '{value.text}' is a temperature",
                          value.place, hint=f"Write '{interval_text(value.expr.value, value.expr.unit)}'.")
-    for shown in model.show.values():
+    for output in model.show.values():
         try:
-            weight = check_origins(shown.expr, known.lookup(), shown=counts_from_origin(shown.unit))
+            weight = check_origins(output.expr, known.lookup(), shown=counts_from_origin(output.unit))
         except ExpressionProblem as problem:
-            reading.add_expression_problem(problem, shown.place, problems)
+            reading.add_expression_problem(problem, output.place, problems)
             continue
-        if weight == 0 and counts_from_origin(shown.unit):
-            shows[shown.name] = replace(shown, unit=interval_unit(shown.unit))
+        if weight == 0 and counts_from_origin(output.unit):
+            shows[output.name] = replace(output, unit=interval_unit(output.unit))
     problems.raise_as(ModelError)
     return shows
 

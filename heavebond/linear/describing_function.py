@@ -85,18 +85,18 @@ def slopes_over(assembly: Assembly, frictions: Frictions, run: Result) -> tuple[
         if not at or speed is None or path not in losses:
             shares.append(0.0)
             continue
-        told = ca.Function("told", list(assembly.arguments), [assembly.express(losses[path]), speed])
-        shares.append(_share(told, arguments, list(at), run.time))
+        dissipation = ca.Function("told", list(assembly.arguments), [assembly.express(losses[path]), speed])
+        shares.append(_share(dissipation, arguments, list(at), run.time))
     return tuple(shares)
 
 
-def _share(told: ca.Function, arguments: Sequence[Array], at: list[int], time: Array) -> float:
+def _share(dissipation: ca.Function, arguments: Sequence[Array], at: list[int], time: Array) -> float:
     t, x, z, p, u, rate = arguments
 
     def widened(times: float) -> tuple[Array, Array]:
         wide = p.copy()
         wide[at] *= times
-        loss, v = (np.array(column.full()).ravel() for column in told(t, x, z, wide, u, rate))
+        loss, v = (np.array(column.full()).ravel() for column in dissipation(t, x, z, wide, u, rate))
         return loss, v
 
     (one, v), (none, _) = widened(1.0), widened(WIDEST)
@@ -114,5 +114,5 @@ def _speed(assembly: Assembly, path: str) -> ca.SX | None:
     """The sliding speed of a part: its variable in the unit of the width."""
     component = assembly.flat.expanded.leaves[path].component
     units = [q.unit.dimension for q in component.parameters.values() if q.width and q.unit.dimension in SPEEDS]
-    own = [name for name, v in component.variables.items() if v.held is None and v.unit.dimension in units]
-    return assembly.expression(parse_formula(f"{path}.{own[0]}")) if own else None
+    variables = [name for name, v in component.variables.items() if v.held is None and v.unit.dimension in units]
+    return assembly.expression(parse_formula(f"{path}.{variables[0]}")) if variables else None

@@ -74,8 +74,8 @@ def _source(flat: Flat, nodes: Mapping[str, Node], name: str, problems: Problems
     if unknown is None or flat.unknowns[unknown].role != "signal":
         signals = [n for n, k in flat.names.items() if flat.unknowns[k].role == "signal"]
         forces = [f"{n.name}.{n.through}" for n in nodes.values()]
-        what = "nothing here is called" if unknown is None else "nothing can be added to"
-        problems.add("input-unknown", f"{what} '{name}'", hint=suggest(name, [*signals, *forces]) or
+        problem = "nothing here is called" if unknown is None else "nothing can be added to"
+        problems.add("input-unknown", f"{problem} '{name}'", hint=suggest(name, [*signals, *forces]) or
                      f"Signals: {listing(signals or ['none'], 12)}. What enters a node: {listing(forces or ['none'], 6)}.")
         return None
     aliases = {n for n, k in flat.names.items() if k == unknown}

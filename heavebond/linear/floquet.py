@@ -62,10 +62,10 @@ def largest_multiplier(assembly: Assembly, until: float) -> float | None:
     sizes = assembly.x_nominal
     at = range(t.shape[1] - 1 - steps, t.shape[1])
     try:
-        found = [linearisation.at(Point(float(t[0, k]), x[:, k], z[:, k], p[:, k], u[:, k], 1.0)).a for k in at]
+        jacobians = [linearisation.at(Point(float(t[0, k]), x[:, k], z[:, k], p[:, k], u[:, k], 1.0)).a for k in at]
     except HeavebondError:
         return None
-    return _multiplier([a * sizes / sizes[:, None] for a in found], float(t[0, 1] - t[0, 0]))
+    return _multiplier([a * sizes / sizes[:, None] for a in jacobians], float(t[0, 1] - t[0, 0]))
 
 
 def period(x: Array) -> int | None:
@@ -75,11 +75,11 @@ def period(x: Array) -> int | None:
     if not len(moving):
         return None
     moving = moving / np.ptp(moving, axis=1)[:, None]
-    left = False
+    moved_away = False
     for steps in range(1, x.shape[1] // 2):
         off = float(np.abs(moving[:, -steps:] - moving[:, -2 * steps:-steps]).max())
-        left = left or off > FLOQUET.leaves
-        if left and off < FLOQUET.repeats:
+        moved_away = moved_away or off > FLOQUET.leaves
+        if moved_away and off < FLOQUET.repeats:
             return steps
     return None
 

@@ -300,9 +300,9 @@ class HeldStructure:
         groups = connected_components(graph, connection="strong")[1]
         reached = {k: set(breadth_first_order(graph, self.first_input + k, return_predecessors=False).tolist())
                    for k in range(len(self.inputs))}
-        seen = {k: set(breadth_first_order(back, self.first_output + k, return_predecessors=False).tolist())
-                for k in range(len(self.outputs))}
-        return groups, reached, seen
+        shown_by = {k: set(breadth_first_order(back, self.first_output + k, return_predecessors=False).tolist())
+                    for k in range(len(self.outputs))}
+        return groups, reached, shown_by
 
     @cached_property
     def _direct(self) -> list[set[int]]:
@@ -311,13 +311,13 @@ class HeldStructure:
 
     def _closure(self, row: set[int]) -> set[int]:
         """The symbols that a formula contains, through algebraic unknowns but not through states."""
-        seen, waiting = set[int](), list(row)
+        visited, waiting = set[int](), list(row)
         while waiting:
             node = waiting.pop()
-            if node not in seen:
-                seen.add(node)
+            if node not in visited:
+                visited.add(node)
                 waiting += self._by_target.get(node, ())
-        return seen
+        return visited
 
     @cached_property
     def _by_target(self) -> dict[int, set[int]]:
@@ -353,7 +353,7 @@ class HeldStructure:
     def at(self, point: Point) -> tuple[HeldVariable, ...]:
         """The held variables at a point: first those that make the stability undecided, then those in loops."""
         assembly, flat = self.assembly, self.assembly.flat
-        groups, reached, seen = self._graph
+        groups, reached, shown_by = self._graph
         indicators, slopes = (np.array(v.full()) for v in self._values(*point.values()))
         margin = HELD.threshold * (np.abs(slopes) @ assembly.x_nominal)
         threshold = [e.indicator is not None and abs(v) <= m
@@ -363,7 +363,7 @@ class HeldStructure:
                   if target < self.first_held or self.first_output <= target < self.clock}
         looped = set(groups[:self.n_x].tolist()) | self._growing(point, recurring)
         smooth = self._smooth(point)
-        found = list[HeldVariable]()
+        variables = list[HeldVariable]()
         for k, held in enumerate(flat.held):
             node = self.first_held + k
             setters = self._setters.get(node, [])
@@ -371,24 +371,24 @@ class HeldStructure:
                 continue
             path = held.name.rpartition(".")[0]
             leaf, sampled = flat.expanded.leaves.get(path), any(recurring[i] for i in setters)
-            found.append(HeldVariable(
+            variables.append(HeldVariable(
                 held.name, path, leaf.component.name if leaf else "", leaf.place if leaf else held.place,
                 float(point.p[held.index]), held.unit.text, held.doc, sampled,
                 groups[node] in looped, any(threshold[i] for i in setters),
-                node in acting, *self._paths(node, reached, seen), varying=sampled and self._changes(held.index)))
-            found[-1] = self._with_exact(found[-1], setters, recurring, smooth)
+                node in acting, *self._paths(node, reached, shown_by), varying=sampled and self._changes(held.index)))
+            variables[-1] = self._with_exact(variables[-1], setters, recurring, smooth)
         numbers = {column: k for k, column in enumerate(assembly.reduced.states)}
         for k, (i, reset) in enumerate(self.resets):
             if not recurring[i] or reset.unknown is None:
                 continue
             node, path = self.first_reset + k, reset.name.rpartition(".")[0]
             leaf = flat.expanded.leaves.get(path)
-            found.append(HeldVariable(
+            variables.append(HeldVariable(
                 reset.name, path, leaf.component.name if leaf else "", leaf.place if leaf else reset.place,
                 float(point.x[numbers[(reset.unknown, 0)]]), flat.unknowns[reset.unknown].unit.text, "", True,
-                groups[node] in looped, False, True, *self._paths(node, reached, seen), state=True))
-            found[-1] = self._with_exact(found[-1], self._setters[node], recurring, smooth)
-        return tuple(sorted(found, key=lambda h: (not h.undecided, not h.in_loop)))
+                groups[node] in looped, False, True, *self._paths(node, reached, shown_by), state=True))
+            variables[-1] = self._with_exact(variables[-1], self._setters[node], recurring, smooth)
+        return tuple(sorted(variables, key=lambda h: (not h.undecided, not h.in_loop)))
 
     def _with_exact(self, held: HeldVariable, setters: Sequence[int], recurring: Sequence[bool], smooth: Mapping[int, bool]
                     ) -> HeldVariable:
@@ -410,10 +410,10 @@ class HeldStructure:
         by = np.abs(np.array(slopes(*point.values()).full()))
         sign = np.where(np.arange(self.n_x) % 2, -1.0, 1.0)
         jumps = np.zeros(len(stepped), dtype=bool)
-        for way in (np.ones(self.n_x), sign):
-            moved = HELD.threshold * self.assembly.x_nominal * way
-            ends = [np.array(values(*replace(point, x=point.x + end).values())).ravel() for end in (-moved, moved)]
-            jumps |= np.abs(ends[1] - ends[0]) > HELD.jump * (by[:, :self.n_x] @ np.abs(moved)) + \
+        for direction in (np.ones(self.n_x), sign):
+            step = HELD.threshold * self.assembly.x_nominal * direction
+            ends = [np.array(values(*replace(point, x=point.x + end).values())).ravel() for end in (-step, step)]
+            jumps |= np.abs(ends[1] - ends[0]) > HELD.jump * (by[:, :self.n_x] @ np.abs(step)) + \
                 HELD.threshold * np.abs(ends).max(axis=0)
         moves = by.any(axis=1)
         if not moves.all():
@@ -423,16 +423,16 @@ class HeldStructure:
 
     def _constant(self, point: Point, values: ca.Function) -> NDArray[np.bool_]:
         """Whether the values of updates are the same at a point and at others far from it, drawn at random."""
-        random, here = np.random.default_rng(0), np.array(values(*point.values())).ravel()
-        same = np.ones(len(here), dtype=bool)
+        random, reference = np.random.default_rng(0), np.array(values(*point.values())).ravel()
+        same = np.ones(len(reference), dtype=bool)
         n_h, n_x, n_z, n_u = len(self._held_index), self.n_x, len(point.z), len(point.u)
         for size in HELD.distances * HELD.draws:
             p, ends = point.p.copy(), np.cumsum([n_x, n_z, n_u])
             x, z, u, held = np.split(size * random.uniform(-1, 1, n_x + n_z + n_u + n_h), ends)
             p[self._held_index] += held * (1 + np.abs(p[self._held_index]))
-            there = replace(point, x=point.x + x * self.assembly.x_nominal, z=point.z + z * self.assembly.z_nominal,
-                            u=point.u + u, p=p)
-            same &= np.array(values(*there.values())).ravel() == here
+            random_point = replace(point, x=point.x + x * self.assembly.x_nominal, z=point.z + z * self.assembly.z_nominal,
+                                   u=point.u + u, p=p)
+            same &= np.array(values(*random_point.values())).ravel() == reference
         return same
 
     @cached_property
@@ -444,16 +444,17 @@ class HeldStructure:
     def means(self) -> dict[int, ca.SX]:
         """The new values of quantisers by the number of the update, with a gain of 1 in place of the rounding. A quantiser
         rounds signals of other parts; a pseudorandom number, whose generator rounds its own state, is not a quantiser."""
-        held, found = {h.name: self.assembly.arguments[3][h.index] for h in self.assembly.flat.held}, dict[int, ca.SX]()
+        held, mean_values = {h.name: self.assembly.arguments[3][h.index] for h in self.assembly.flat.held}, dict[int,
+                                                                                                                 ca.SX]()
         for row, (i, reset) in enumerate(self.updates):
             if self.events[i].period is None:
                 continue
             arguments = without_rounding(self.assembly.update_order.direct[row])[1]
             part = self.events[i].name.rpartition(".")[0]
-            own = stack(symbol for name, symbol in held.items() if name.rpartition(".")[0] == part)
-            if arguments and not any(ca.depends_on(argument, own) for argument in arguments):
-                found[row] = without_rounding(self.assembly.express(reset.value))[0]
-        return found
+            held_symbols = stack(symbol for name, symbol in held.items() if name.rpartition(".")[0] == part)
+            if arguments and not any(ca.depends_on(argument, held_symbols) for argument in arguments):
+                mean_values[row] = without_rounding(self.assembly.express(reset.value))[0]
+        return mean_values
 
     @cached_property
     def values(self) -> list[ca.SX]:
@@ -478,10 +479,10 @@ class HeldStructure:
                         ca.Function("slopes", list(arguments), [ca.densify(ca.jacobian(values, by))]))
         return self._slopes
 
-    def _paths(self, node: int, reached: Mapping[int, set[int]], seen: Mapping[int, set[int]]
+    def _paths(self, node: int, reached: Mapping[int, set[int]], shown_by: Mapping[int, set[int]]
                ) -> tuple[tuple[str, ...], tuple[str, ...]]:
         return (tuple(name for k, name in enumerate(self.inputs) if node in reached[k]),
-                tuple(name for k, name in enumerate(self.outputs) if node in seen[k]))
+                tuple(name for k, name in enumerate(self.outputs) if node in shown_by[k]))
 
     def _growing(self, point: Point, recurring: Sequence[bool]) -> set[int]:
         """The groups of held variables that grow by samples alone, without a state between."""
@@ -495,13 +496,13 @@ class HeldStructure:
         for row, (event, target) in enumerate(targets):
             if recurring[event]:
                 matrix[target] = slopes[row]
-        found = set()
+        growing = set()
         for group in {int(groups[node]) for node in nodes}:
             members = [k for k in range(len(matrix)) if groups[self.first_held + k] == group]
             part = matrix[np.ix_(members, members)]
             if np.isfinite(part).all() and np.abs(np.linalg.eigvals(part)).max(initial=0.0) > HELD.grows:
-                found.add(group)
-        return found
+                growing.add(group)
+        return growing
 
     @cached_property
     def _recursion(self) -> tuple[ca.Function, list[tuple[int, int]]]:
@@ -544,11 +545,12 @@ class StartEvents:
         events = [i for i, event in enumerate(equations.events) if event.indicator is None
                   and _happens(event, float(first[i]), float(period[i]), point.t, same)]
         true = self._indicators(point) > 0
-        moved = PointSensitivity(np.zeros((len(point.x), 0)), np.zeros((0, 0)), np.zeros((len(point.p), 0)),
-                                 np.zeros((len(point.u), 0)))
+        sensitivity = PointSensitivity(np.zeros((len(point.x), 0)), np.zeros((0, 0)), np.zeros((len(point.p), 0)),
+                                       np.zeros((len(point.u), 0)))
         for _ in range(EVENTS.max_cascades if events else 0):
             point, events = equations.breaking(point, events)
-            point, moved, yielded = equations.fire(point, moved, events, [np.zeros(0)] * len(events), np.zeros(0),
+            point, sensitivity, yielded = equations.fire(point, sensitivity, events, [np.zeros(0)] * len(events),
+                                                         np.zeros(0),
                                                     EVENTS.impact_time)
             fired = np.array([i in (*events, *yielded) for i in equations.conditions], dtype=bool)
             now = self._indicators(point) > 0

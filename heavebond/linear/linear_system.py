@@ -191,9 +191,10 @@ class StateSpace:
         scale = np.array([read_unit(unit).scale for unit in self.shown])[:, None]
         exact = None
         if self.exact is not None:
-            own = self.exact.open
+            open_system = self.exact.open
             more = np.vstack([scale, np.ones((len(self.exact.delays), 1))])
-            exact = replace(self.exact, open=replace(own, c=own.c / more, d=own.d / more, higher=own.higher / more))
+            exact = replace(self.exact, open=replace(open_system, c=open_system.c / more, d=open_system.d / more,
+                                                     higher=open_system.higher / more))
         return replace(self, c=self.c / scale, d=self.d / scale, higher=self.higher / scale, exact=exact,
                        units=(self.units[0], self.units[1], self.shown))
 
@@ -203,11 +204,13 @@ class StateSpace:
         rows, columns = slice(i, i + 1), slice(j, j + 1)
         exact = None
         if self.exact is not None:
-            own, n = self.exact.open, len(self.exact.delays)
+            open_system, n = self.exact.open, len(self.exact.delays)
             to, by = ([first, *range(len(names), len(names) + n)] for first, names in ((i, self.outputs), (j, self.inputs)))
             exact = replace(self.exact, open=replace(
-                own, inputs=tuple(own.inputs[k] for k in by), outputs=tuple(own.outputs[k] for k in to), b=own.b[:, by],
-                c=own.c[to], d=own.d[np.ix_(to, by)], higher=own.higher[np.ix_([0, 1], to, by)]))
+                open_system, inputs=tuple(open_system.inputs[k] for k in by), outputs=tuple(open_system.outputs[k]
+                                                                                            for k in to), b=open_system.b[:,
+                                                                                                                          by],
+                c=open_system.c[to], d=open_system.d[np.ix_(to, by)], higher=open_system.higher[np.ix_([0, 1], to, by)]))
         return replace(self, exact=exact, inputs=(input,), outputs=(output,), b=self.b[:, columns], c=self.c[rows],
                        d=self.d[rows, columns], higher=self.higher[:, rows, columns], shown=self.shown[i:i + 1],
                        units=(self.units[0], (self.units[1][j],), (self.units[2][i],)),
@@ -295,9 +298,9 @@ class StateSpace:
         mass = np.block([[np.eye(len(a)), np.zeros_like(b)], [np.zeros_like(c), -higher]])
         top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
         finite = np.abs(top) < LINEAR_SYSTEM.infinite * np.abs(bottom)
-        found = np.asarray(largest * top[finite] / bottom[finite], dtype=complex)
+        zeros = np.asarray(largest * top[finite] / bottom[finite], dtype=complex)
         power = self._leading(0, 0, len(self.states) + 1).power
-        return self._mapped(found if power is None else with_zeros_at_zero(found, power + int(np.count_nonzero(poles == 0))))
+        return self._mapped(zeros if power is None else with_zeros_at_zero(zeros, power + int(np.count_nonzero(poles == 0))))
 
     def step(self, time: Array) -> Array:
         """The outputs (N, k, m) after a unit step of an input, at equally spaced times (N,) from 0 on, without an impulse at
@@ -315,11 +318,11 @@ class StateSpace:
         a, b, c = self._scaled()
         n, m = b.shape
         whole = expm(np.block([[a, b], [np.zeros((m, n + m))]]) * (time[1] - time[0]))
-        state, found = np.vstack([np.zeros((n, m)), np.eye(m)]), np.zeros((len(time), len(self.outputs), m))
+        state, response = np.vstack([np.zeros((n, m)), np.eye(m)]), np.zeros((len(time), len(self.outputs), m))
         for k in range(len(time)):
-            found[k] = c @ state[:n] + self.d
+            response[k] = c @ state[:n] + self.d
             state = whole @ state
-        return found
+        return response
 
     def visible(self) -> Complex:
         """The poles that the first input moves and the first output shows, by more than `LINEAR_SYSTEM.visible` of the
@@ -337,19 +340,19 @@ class StateSpace:
     def unbounded(self) -> Array:
         """The frequencies in Hz (N,), rising, of the undamped modes that the first input moves and the first output
         shows: the response is infinite there."""
-        shown = np.abs(self.visible())
+        strengths = np.abs(self.visible())
         sizes = np.array([abs(e.value) for e in self.stability().undamped if e.value.imag > 0])
-        return np.array(sorted(size for size in sizes if np.any(np.abs(shown - size) <= LINEAR_SYSTEM.undamped * size))
+        return np.array(sorted(size for size in sizes if np.any(np.abs(strengths - size) <= LINEAR_SYSTEM.undamped * size))
                         ) / (2 * np.pi)
 
     def frequencies(self) -> Array:
         """Frequencies in Hz (N,) from a decade below the slowest visible pole to a decade above the fastest, denser where
         poles are near the axis; of a sampled system up to its Nyquist frequency."""
-        found = spread(self.visible(), self.rates)
+        frequencies = spread(self.visible(), self.rates)
         if self.period is None:
-            return found
-        low = min(float(found[0]), self.highest / 100)
-        every = np.concatenate([np.geomspace(low, self.highest, LINEAR_SYSTEM.points), found])
+            return frequencies
+        low = min(float(frequencies[0]), self.highest / 100)
+        every = np.concatenate([np.geomspace(low, self.highest, LINEAR_SYSTEM.points), frequencies])
         return np.unique(every[every <= self.highest])
 
     def to_control(self) -> Any:
@@ -363,8 +366,8 @@ class StateSpace:
             raise UsageError("this needs python-control", hint="pip install control") from None
         sampled = {} if self.period is None else {"dt": self.period}
         system = control.ss(self.a, self.b, self.c, self.d, **sampled, **{
-            kind: [name.replace(".", "_") for name in own]
-            for kind, own in (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))})
+            kind: [name.replace(".", "_") for name in labels]
+            for kind, labels in (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))})
         system.held = tuple(h.text for h in self.held)
         return system
 
@@ -462,7 +465,7 @@ class StateSpaces:
         point = self.points.at(parameters)
         linear, updates = self._linearisation.continuous(point)
         sampled = 2 * updates.number if updates is not None else 0
-        n, k, given = len(linear.states), len(linear.c), len(self._given)
+        n, k, delayed = len(linear.states), len(linear.c), len(self._given)
         m = len(self.inputs)
         b, d = np.zeros((4, n, m + sampled)), np.zeros((4, k, m + sampled))
         if sampled:
@@ -472,7 +475,7 @@ class StateSpaces:
                 column = self._given.index(name)
                 b[0, :, j], d[0, :, j] = linear.b[:, column], linear.d[:, column]
             else:
-                first = given + 4 * self._added.index(name)
+                first = delayed + 4 * self._added.index(name)
                 b[:, :, j], d[:, :, j] = linear.b[:, first:first + 4].T, linear.d[:, first:first + 4].T
         through = np.asarray(b[1:].any(axis=0))
         b_0, d_all = _without_derivatives(linear, b, d)
@@ -490,12 +493,13 @@ class StateSpaces:
                                       "derivative, an impulse at each sample, reaches an output or a sampled block", None,
                                       "Take another input or output, or put a FirstOrderLag before the input.")])
         system = updates.hybrid(point, linear.states, linear.sizes, linear.rigid, linear.a, b_0, linear.c, d_all[0])
-        found = discretised(system)
+        discrete = discretised(system)
         units = dict(zip(linear.states, self._units[0], strict=True)) | {h.name: h.unit for h in updates.held}
-        return StateSpace(found.names, self.inputs, self.outputs,
-                          (tuple(units[name] for name in found.names), *self._units[1:]), found.a, found.b, found.c, found.d,
-                          np.zeros((2, *found.d.shape)), found.sizes, point, self._shown, found.rigid, linear.held,
-                          period=found.period, delta=found.delta, sampled=linear.sampled, hybrid=system)
+        return StateSpace(discrete.names, self.inputs, self.outputs,
+                          (tuple(units[name] for name in discrete.names), *self._units[1:]), discrete.a, discrete.b,
+                          discrete.c, discrete.d,
+                          np.zeros((2, *discrete.d.shape)), discrete.sizes, point, self._shown, discrete.rigid, linear.held,
+                          period=discrete.period, delta=discrete.delta, sampled=linear.sampled, hybrid=system)
 
 
 def dense_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:
@@ -514,22 +518,22 @@ def _sparse_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
 
-    own = a.diagonal()
+    diagonal = a.diagonal()
     rows, columns = np.nonzero((a != 0) | np.eye(len(a), dtype=bool))
     off = np.where(rows == columns, 0.0, -a[rows, columns])
     order = np.lexsort((rows, columns))  # that of the columns
     rows, columns, off = rows[order], columns[order], off[order]
     on = np.flatnonzero(rows == columns)
     ends = np.searchsorted(columns, np.arange(len(a) + 1))
-    found = np.empty((len(points), len(c), b.shape[1]), complex)
+    response = np.empty((len(points), len(c), b.shape[1]), complex)
     values, sides = off.astype(complex), b.astype(complex)
     for k, s in enumerate(points):
-        values[on] = s - own
+        values[on] = s - diagonal
         try:
-            found[k] = c @ splu(csc_array((values, rows, ends), a.shape)).solve(sides)
+            response[k] = c @ splu(csc_array((values, rows, ends), a.shape)).solve(sides)
         except RuntimeError:
-            found[k] = AT_A_POLE
-    return found
+            response[k] = AT_A_POLE
+    return response
 
 
 def spread(poles: Complex, all_poles: Complex) -> Array:
@@ -570,28 +574,28 @@ def _balanced(b: Array, c: Array, d: Array, higher: Array, largest: float) -> tu
 
 def _named(model: Model, formulas: Sequence[str]) -> set[str]:
     """The names in formulas; formulas with syntax errors are reported later."""
-    found = set()
+    identifiers = set()
     for text in formulas:
         try:
-            found |= {name.text for name in names(model.library.formula(text))}
+            identifiers |= {name.text for name in names(model.library.formula(text))}
         except ExpressionProblem:
             continue
-    return found
+    return identifiers
 
 
 def _units(assembly: Assembly, inputs: Sequence[str], outputs: Sequence[str]
            ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     flat = assembly.flat
     states = tuple(flat.unknowns[j].unit.text + "/s" * order for j, order in assembly.reduced.states)
-    own = {q.name: q.unit.text for q in flat.parameters} | {k.name: k.unit.text for k in flat.inputs}
-    return (states, tuple(own.get(inner_name(name), own.get(name, "")) for name in inputs),
+    units = {q.name: q.unit.text for q in flat.parameters} | {k.name: k.unit.text for k in flat.inputs}
+    return (states, tuple(units.get(inner_name(name), units.get(name, "")) for name in inputs),
             tuple(_unit(assembly, name) for name in outputs))
 
 
 def _unit(assembly: Assembly, name: str) -> str:
-    shown = assembly.model.show.get(name)
+    output = assembly.model.show.get(name)
     try:
-        formula = assembly.model.library.formula(name) if shown is None else shown.expr
+        formula = assembly.model.library.formula(name) if output is None else output.expr
         return dimension_text(assembly.resolver().dimension(formula) or ())
     except ExpressionProblem as problem:
         raise unknown_signal(assembly, name, problem) from None

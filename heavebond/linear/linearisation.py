@@ -109,8 +109,8 @@ class Linear:
 
     def poles(self) -> NDArray[np.complex128]:
         """The eigenvalues (n_x,) in 1/s, zeros exact; of a sampled system log(z)/T."""
-        found = eigenvalues(self.generator * self.sizes / self.sizes[:, None])
-        return found if self.period is None else equivalent(1 + self.period * found, self.period)
+        poles = eigenvalues(self.generator * self.sizes / self.sizes[:, None])
+        return poles if self.period is None else equivalent(1 + self.period * poles, self.period)
 
     def stability(self) -> Stability:
         """The eigenvalues, judged: stable, marginally stable (with the free modes by name) or unstable; not decided with
@@ -131,9 +131,9 @@ class Linear:
         values = with_zeros(real_within_rounding(values, right, left, scaled), scaled)
         poles = None if self.period is None else 1 + self.period * values
         rates = values if self.period is None else equivalent(1 + self.period * values, self.period)
-        found = [Mode(complex(rates[k]), right[:, k], left[:, k], self.states, None if poles is None else complex(poles[k]))
+        modes = [Mode(complex(rates[k]), right[:, k], left[:, k], self.states, None if poles is None else complex(poles[k]))
                  for k in range(len(values)) if values[k].imag >= 0]
-        return sorted(found, key=lambda mode: (abs(mode.value), mode.value.real))
+        return sorted(modes, key=lambda mode: (abs(mode.value), mode.value.real))
 
 
 class Linearisation:
@@ -235,8 +235,8 @@ class Linearisation:
 
 def _in_si(assembly: Assembly, name: str) -> ca.SX:
     """A signal in SI: the formula of an output of the diagram, whatever its unit there, or any other."""
-    shown = assembly.model.show.get(name)
-    return signal_expression(assembly, name) if shown is None else assembly.expression(shown.expr)
+    output = assembly.model.show.get(name)
+    return signal_expression(assembly, name) if output is None else assembly.expression(output.expr)
 
 
 def rigid_states(assembly: Assembly) -> tuple[bool, ...]:
@@ -265,9 +265,9 @@ def without_history(assembly: Assembly) -> Assembly:
     """The diagram with approximations in place of its delayed variables, and the parameters of the assembly."""
     if not assembly.flat.delays:
         return assembly
-    made = assemble(replace(assembly.model, approximate=True))
-    known = set(made.parameter_names)
-    return made.with_parameters({name: value for name, value in assembly.parameter_values.items() if name in known})
+    approximated = assemble(replace(assembly.model, approximate=True))
+    known = set(approximated.parameter_names)
+    return approximated.with_parameters({name: value for name, value in assembly.parameter_values.items() if name in known})
 
 
 def start_point(first: Start, u: Array) -> Point:
@@ -315,19 +315,19 @@ class ModesAtStart:
         directions = np.zeros((len(first.p), len(names)))
         for column, name in enumerate(names):
             directions[assembly.parameter_names.index(name), column] = 1.0
-        moved = tangent(self.equations, first, self.u, directions)
+        start_tangent = tangent(self.equations, first, self.u, directions)
         v, left = mode.right * assembly.x_nominal, (mode.left / np.conj(product)) / assembly.x_nominal
         if len(first.z):  # the vectors of the whole system: f and g by x and z
             f_z, g_x, g_z = (np.array(j.full()) for j in self._loops(*at.values()))
             v, left = np.append(v, -np.linalg.solve(g_z, g_x @ v)), np.append(left, -np.linalg.solve(g_z.T, f_z.T @ left))
         slopes = [np.array(s.full()) for s in self._slopes(*at.values(), v.real, v.imag, left.real, left.imag)]
-        by = np.vstack([moved.x, moved.z, moved.p])
+        by = np.vstack([start_tangent.x, start_tangent.z, start_tangent.p])
         assert by.shape[0] == slopes[0].size and n_x <= slopes[0].size
         return np.asarray((slopes[0] @ by + 1j * (slopes[1] @ by)).ravel())
 
     def _differences(self, first: Start, mode: Mode, names: Sequence[str], at: Point) -> NDArray[np.complex128]:
         """d s / d p (m,) of a sampled system by differences of the eigenvalue nearest in z."""
-        assembly, found = self.assembly, np.zeros(len(names), dtype=complex)
+        assembly, slopes = self.assembly, np.zeros(len(names), dtype=complex)
         begin = self.point(first).p  # what differs from it at the point differs at the points beside it
         for k, name in enumerate(names):
             index = assembly.parameter_names.index(name)
@@ -341,8 +341,8 @@ class ModesAtStart:
                 point = replace(point, p=np.where(changed, at.p, point.p))
                 near = min(self.linearisation.at(point).modes(), key=lambda m: abs((m.z or 0) - (mode.z or 0)))
                 sides.append(near.value)
-            found[k] = (sides[1] - sides[0]) / (2 * step)
-        return found
+            slopes[k] = (sides[1] - sides[0]) / (2 * step)
+        return slopes
 
     @cached_property
     def _loops(self) -> ca.Function:

@@ -129,8 +129,8 @@ def transfer(a: Array, b: Array, c: Array, d: float, dead_time: float = 0.0) -> 
     structure, the others balanced, and time is scaled by the fastest rate."""
     from scipy.linalg import matrix_balance
 
-    kept = states_between(a, b, c)
-    a, b, c = a[np.ix_(kept, kept)], b[kept], c[kept]
+    selected = states_between(a, b, c)
+    a, b, c = a[np.ix_(selected, selected)], b[selected], c[selected]
     if not len(a):
         return Transfer(a, b, c, d, 1.0, dead_time)
     balanced, (scale, _) = matrix_balance(a, permute=False, separate=True)
@@ -143,9 +143,9 @@ def transfer(a: Array, b: Array, c: Array, d: float, dead_time: float = 0.0) -> 
 def zeros(of: Transfer) -> Complex:
     """The zeros in 1/s."""
     n = len(of.a)
-    found = _finite(np.block([[of.a, of.b[:, None]], [of.c[None, :], np.array([[of.d]])]]), n) * of.rate
+    zeros = _finite(np.block([[of.a, of.b[:, None]], [of.c[None, :], np.array([[of.d]])]]), n) * of.rate
     power = leading(of.a, of.b, of.c, np.array([of.d]), n).power
-    return found if power is None else with_zeros_at_zero(found, power + int(np.count_nonzero(of.poles == 0)))
+    return zeros if power is None else with_zeros_at_zero(zeros, power + int(np.count_nonzero(of.poles == 0)))
 
 
 def magnitude_crossings(of: Transfer, level: float = 1.0, shift: float = 0.0) -> list[float]:
@@ -174,12 +174,12 @@ def real_crossings(of: Transfer) -> list[float]:
     turn = 2 * np.pi / of.turning
     span = max(magnitude_crossings(of), default=0.0) + 2 * turn
     while True:
-        found = _refined(of, marks, lambda omega: _sine(of.at(omega)), _steps(of, span, CROSSINGS.points_per_turn))
-        values = of.at(np.array(found))
+        crossings = _refined(of, marks, lambda omega: _sine(of.at(omega)), _steps(of, span, CROSSINGS.points_per_turn))
+        values = of.at(np.array(crossings))
         sizes = np.abs(values[(values.real < 0) & (np.abs(values) < 1)])
         last = max(magnitude_crossings(of, float(sizes.max())), default=0.0) if len(sizes) else 0.0
         if last <= span:
-            return found if not of.lag else [omega for omega in found if omega <= span]
+            return crossings if not of.lag else [omega for omega in crossings if omega <= span]
         span = last + turn
 
 
@@ -238,11 +238,11 @@ def _nearest(of: Transfer, nodes: Array) -> tuple[float, float]:
         more = (nodes[halved] + nodes[halved + 1]) / 2
         nodes, points = np.insert(nodes, halved + 1, more), np.insert(points, halved + 1, 1 + of.at(more))
     k = int(np.argmin(np.abs(points)))
-    found = (float(abs(points[k])), float(nodes[k]))
+    nearest = (float(abs(points[k])), float(nodes[k]))
     low, high = float(nodes[max(k - 1, 0)]), float(nodes[min(k + 1, len(nodes) - 1)])
     near = minimize_scalar(lambda log: abs(1 + of.one(float(np.exp(log)))), bounds=(np.log(low), np.log(high)),
                            method="bounded", options={"xatol": 1e-12})
-    return min(found, (float(near.fun), float(np.exp(near.x))))
+    return min(nearest, (float(near.fun), float(np.exp(near.x))))
 
 
 def _finite(pencil: Array, n: int) -> Complex:
@@ -254,8 +254,8 @@ def _finite(pencil: Array, n: int) -> Complex:
     mass = np.zeros_like(pencil)
     mass[:n, :n] = np.eye(n)
     top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
-    kept = np.abs(top) < CROSSINGS.infinite * np.abs(bottom)
-    return np.asarray(top[kept] / bottom[kept], dtype=complex)
+    is_finite = np.abs(top) < CROSSINGS.infinite * np.abs(bottom)
+    return np.asarray(top[is_finite] / bottom[is_finite], dtype=complex)
 
 
 def critical_frequencies(of: Transfer) -> Array:
@@ -263,8 +263,8 @@ def critical_frequencies(of: Transfer) -> Array:
     sizes = np.abs(np.concatenate([of.poles, zeros(of)]))
     marks = np.abs(_magnitude_marks(of, 1.0, 0.0))
     every = np.concatenate([sizes, marks])
-    kept = every[(every > CROSSINGS.zero * of.rate) & np.isfinite(every)]
-    return np.unique(kept) if len(kept) else np.array([of.rate])
+    rates = every[(every > CROSSINGS.zero * of.rate) & np.isfinite(every)]
+    return np.unique(rates) if len(rates) else np.array([of.rate])
 
 
 def _nodes(of: Transfer, marks: Array, more: Array) -> Array:
@@ -298,11 +298,11 @@ def _refined(of: Transfer, marks: Array, function: Callable[[Array], Array], mor
     values = function(nodes)
     known = np.isfinite(values) & (values != 0)  # a node that is a crossing itself lies between two others
     nodes, values = nodes[known], values[known]
-    walls, found = _on_axis(of), []
+    walls, roots = _on_axis(of), []
     for k in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0).tolist():
         low, high = float(nodes[k]), float(nodes[k + 1])
         if np.any((walls > low) & (walls < high)):
             continue
-        found.append(float(brentq(lambda w: float(np.nan_to_num(function(np.array([w]))[0])), low, high,
+        roots.append(float(brentq(lambda w: float(np.nan_to_num(function(np.array([w]))[0])), low, high,
                                   xtol=1e-15 * low, rtol=1e-14)))
-    return found
+    return roots

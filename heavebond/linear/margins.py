@@ -185,21 +185,22 @@ def transfer_of(loop: StateSpace, dead_time: float = 0.0) -> crossing.Transfer:
     if loop.delta is not None and loop.period is not None:  # in v, the bilinear transform of z
         return crossing.transfer(*bilinear(loop.delta * sizes / sizes[:, None], loop.b[:, 0] / sizes / loop.period,
                                            loop.c[0] * sizes, float(loop.d[0, 0]), loop.period))
-    found = crossing.transfer(loop.a * sizes / sizes[:, None], loop.b[:, 0] / sizes, loop.c[0] * sizes,
-                              float(loop.d[0, 0]), dead_time)
-    return found if exact is None else replace(
-        found, exact=lambda omega: loop.response(1j * omega)[:, 0, 0], lag=float(exact.delays.sum()))
+    transfer = crossing.transfer(loop.a * sizes / sizes[:, None], loop.b[:, 0] / sizes, loop.c[0] * sizes,
+                                 float(loop.d[0, 0]), dead_time)
+    return transfer if exact is None else replace(
+        transfer, exact=lambda omega: loop.response(1j * omega)[:, 0, 0], lag=float(exact.delays.sum()))
 
 
-def loop_frequencies(loop: StateSpace, found: Crossings) -> Array:
+def loop_frequencies(loop: StateSpace, crossings_of_loop: Crossings) -> Array:
     """Frequencies in Hz (N,) that show a loop: around its poles and zeros and all its crossings."""
-    crossed = [m.frequency for m in (*found.gain, *found.phase, found.modulus) if 0 < m.frequency < np.inf]
+    crossed = [m.frequency for m in (*crossings_of_loop.gain, *crossings_of_loop.phase, crossings_of_loop.modulus)
+               if 0 < m.frequency < np.inf]
     if loop.period is not None:
         rates = loop.rates
-        kept = [*crossed, *np.abs(rates[rates != 0]) / (2 * np.pi)]
+        frequencies = [*crossed, *np.abs(rates[rates != 0]) / (2 * np.pi)]
     else:
-        kept = [*crossing.critical_frequencies(transfer_of(loop)) / (2 * np.pi), *crossed]
-    low, high = min(kept) / MARGINS.around, min(max(kept) * MARGINS.around, loop.highest)
+        frequencies = [*crossing.critical_frequencies(transfer_of(loop)) / (2 * np.pi), *crossed]
+    low, high = min(frequencies) / MARGINS.around, min(max(frequencies) * MARGINS.around, loop.highest)
     low = min(low, high / MARGINS.around)
     near = [spread(np.array([2j * np.pi * low * MARGINS.around, 2j * np.pi * high / MARGINS.around]), loop.rates),
             *(f * np.linspace(0.9, 1.1, 41) for f in crossed)]
@@ -256,7 +257,8 @@ def _sampled_crossings(loop: StateSpace, closed: Stability, dead_time: float) ->
     delays = [(angle % 360.0 / 360.0 / at, at) for angle, at in phases if at > 0]
     if verdict != UNSTABLE and (exact := least_delay(loop.cut, phases, dead_time)):
         delays = [exact]
-    gain, phase, delay = (tuple(Margin(*m) for m in sorted(found, key=lambda m: m[1])) for found in (gains, phases, delays))
+    gain, phase, delay = (tuple(Margin(*m) for m in sorted(margins, key=lambda m: m[1])) for margins in (gains, phases,
+                                                                                                         delays))
     return Crossings(verdict, reasons, gain, phase, delay, Margin(*modulus), loop.held)
 
 
@@ -276,16 +278,16 @@ def _delayed(of: crossing.Transfer, closed: Stability) -> tuple[str, tuple[str, 
         angle = float(np.angle(-of.rational(np.array([omega]))[0]))
         first = angle % (2 * np.pi)
         sizes = np.abs(of.rational(omega * np.array([1 - 1e-6, 1 + 1e-6])))
-        way = 1 if sizes[1] < sizes[0] else -1
+        direction = 1 if sizes[1] < sizes[0] else -1
         if abs(angle) < MARGINS.on_axis:  # a pair that is on the axis without dead time leaves it at once
-            pairs += max(way, 0)
+            pairs += max(direction, 0)
             undamped = [e for e in undamped if abs(e.value.imag - omega) > MARGINS.on_axis * omega]
             first = 2 * np.pi
-        pairs += way * max(int(np.floor((omega * of.dead_time - first) / (2 * np.pi))) + 1, 0)
+        pairs += direction * max(int(np.floor((omega * of.dead_time - first) / (2 * np.pi))) + 1, 0)
     if pairs > 0:
         return UNSTABLE, (f"{round(2 * pairs)} roots grow with a dead time of {of.dead_time:g} s",)
-    left = (*undamped, *closed.free)
-    return (MARGINAL, tuple(e.text for e in left)) if left else (STABLE, ())
+    remaining = (*undamped, *closed.free)
+    return (MARGINAL, tuple(e.text for e in remaining)) if remaining else (STABLE, ())
 
 
 def loop_crossings(model: ModelOrFile, signal: str, *, at: Time | None = None,
@@ -312,10 +314,11 @@ def loop_margins(model: ModelOrFile, signal: str, *, at: Time | None = None,
     return checked(loop_crossings(model, signal, at=at, parameters=parameters, dead_time=dead_time), signal)
 
 
-def checked(found: Crossings, signal: str) -> Margins:
+def checked(crossings_of_loop: Crossings, signal: str) -> Margins:
     """The crossings as margins; UsageError where the closed loop is unstable."""
-    if found.unstable:
+    if crossings_of_loop.unstable:
         raise UsageError([Problem("loop-unstable", f"the loop through '{signal}' is unstable when closed, and has no "
-                                  f"margins: {'; '.join(found.reasons)}", None,
+                                  f"margins: {'; '.join(crossings_of_loop.reasons)}", None,
                                   "`loop_crossings` shows where it crosses -1, and by how much.")])
-    return Margins(found.verdict, found.reasons, found.gain, found.phase, found.delay, found.modulus, found.held)
+    return Margins(crossings_of_loop.verdict, crossings_of_loop.reasons, crossings_of_loop.gain, crossings_of_loop.phase,
+                   crossings_of_loop.delay, crossings_of_loop.modulus, crossings_of_loop.held)

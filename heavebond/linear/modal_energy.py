@@ -69,10 +69,10 @@ class ModalEnergies:
         n_x, n_b = len(point.x), len(self._owner)
         v = np.column_stack([mode.right for mode in modes]) * self.assembly.x_nominal[:, None]
         ports, loops = slopes[:2 * n_b], slopes[2 * n_b:]
-        moved = ports[:, :n_x] @ v
+        changes = ports[:, :n_x] @ v
         if len(point.z):
-            moved = moved - ports[:, n_x:] @ solved(loops[:, n_x:], loops[:, :n_x] @ v)
-        products = np.conj(moved[:n_b]) * moved[n_b:]
+            changes = changes - ports[:, n_x:] @ solved(loops[:, n_x:], loops[:, :n_x] @ v)
+        products = np.conj(changes[:n_b]) * changes[n_b:]
         power, sizes = (np.zeros((len(self.owners), len(modes)), kind) for kind in (complex, float))
         np.add.at(power, self._owner, products)
         np.add.at(sizes, self._owner, np.abs(products))
@@ -100,5 +100,5 @@ def energy_shares(assembly: Assembly, point: Point, modes: Sequence[Mode]) -> li
 def _shares(sizes: Mapping[str, float]) -> dict[str, float]:
     """Values over the sum of the positive ones, the largest first, without values at rounding level."""
     total = sum(size for size in sizes.values() if size > 0)
-    kept = [(name, size) for name, size in sizes.items() if abs(size) > ROUNDING * total]
-    return {name: size / total for name, size in sorted(kept, key=lambda item: -abs(item[1]))} if total > 0 else {}
+    relevant = [(name, size) for name, size in sizes.items() if abs(size) > ROUNDING * total]
+    return {name: size / total for name, size in sorted(relevant, key=lambda item: -abs(item[1]))} if total > 0 else {}

@@ -22,14 +22,14 @@ def part_of(states: Sequence[str], component: str) -> list[str]:
     return [name for name in states if name.startswith(component + ".")]
 
 
-def chosen_mode(modes: Sequence[Mode], number: str, which: str) -> Mode | None:
+def chosen_mode(modes: Sequence[Mode], number: str, selection: str) -> Mode | None:
     """The mode with the least damping ratio or the slowest decay; or the slowest oscillatory mode; or the oscillatory mode
     with the largest participation of a component (of all modes, if none oscillates). None if there are no modes."""
     moving = [mode for mode in modes if mode.value]
-    if which not in WHICH:
+    if selection not in WHICH:
         return max([m for m in moving if m.swings] or moving, default=None, key=lambda mode: sum(
-            mode.participation[name] for name in part_of(mode.states, which)))
-    if which == "slowest":
+            mode.participation[name] for name in part_of(mode.states, selection)))
+    if selection == "slowest":
         return next((mode for mode in moving if mode.swings), next(iter(moving), None))
     by = (lambda m: -m.value.real) if number == "decay" else (lambda m: m.damping)
     return min(moving, key=by, default=None)
@@ -66,18 +66,18 @@ class ModalNumbers:
                           "Take a number of the run instead.")
         self._known: tuple[bytes, dict[tuple[str, str], tuple[float, Array]]] = b"", {}
 
-    def at(self, number: str, which: str, p: Array) -> tuple[float, Array]:
+    def at(self, number: str, selection: str, p: Array) -> tuple[float, Array]:
         """The number and its derivatives by all parameters (n_p,), zero for those that are not named."""
         if self._known[0] != p.tobytes():
             self._known = p.tobytes(), {}
-        if (number, which) not in self._known[1]:
-            self._known[1][number, which] = self._computed(number, which, p)
-        return self._known[1][number, which]
+        if (number, selection) not in self._known[1]:
+            self._known[1][number, selection] = self._computed(number, selection, p)
+        return self._known[1][number, selection]
 
-    def _computed(self, number: str, which: str, p: Array) -> tuple[float, Array]:
-        first, found = self.modes.at({**dict(zip(self.names, p.tolist(), strict=True)), **self.settings})
-        mode, slope = chosen_mode(found, number, which), np.zeros(len(p))
+    def _computed(self, number: str, selection: str, p: Array) -> tuple[float, Array]:
+        first, modes = self.modes.at({**dict(zip(self.names, p.tolist(), strict=True)), **self.settings})
+        mode, slope = chosen_mode(modes, number, selection), np.zeros(len(p))
         if mode is not None:
-            moved = modal_slope(number, mode, self.modes.slope(first, mode, self.named))
-            slope[[self.names.index(name) for name in self.named]] = moved
+            slopes = modal_slope(number, mode, self.modes.slope(first, mode, self.named))
+            slope[[self.names.index(name) for name in self.named]] = slopes
         return modal_number(number, mode), slope

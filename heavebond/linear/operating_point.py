@@ -136,10 +136,10 @@ class OperatingPoints:
         first = point = _still(assembly, self.equations, start_point(start(assembly, self.begin, u, self.equations), u))
         held = [h.index for h in assembly.flat.held]
         updates = assembly.once("linearisation", lambda: Linearisation(assembly)).updates(first) if held else None
-        if updates is not None and (rest := updates.at_rest(first, self.equations.bounds)) is not None:
-            others = [index for index in held if index not in updates.indices]
-            if np.allclose(self._events.after(rest).p[others], rest.p[others], EVENT_ROUNDING, 0.0):
-                return rest
+        if updates is not None and (equilibrium := updates.at_rest(first, self.equations.bounds)) is not None:
+            other_held = [index for index in held if index not in updates.indices]
+            if np.allclose(self._events.after(equilibrium).p[other_held], equilibrium.p[other_held], EVENT_ROUNDING, 0.0):
+                return equilibrium
         for _ in range(MOST_STEPS if held else 0):
             after = self._events.after(point)
             if np.allclose(after.p[held], point.p[held], EVENT_ROUNDING, 0.0):
@@ -153,7 +153,7 @@ class OperatingPoints:
 
 def approximations(approximated: Sequence[tuple[str, str, str]]) -> str:
     """A sentence on components with delayed variables that are replaced by approximations."""
-    parts = listing([f"{path} ({kind}) as a {other}" for path, kind, other in approximated], 4)
+    parts = listing([f"{path} ({kind}) as a {replacement}" for path, kind, replacement in approximated], 4)
     return f"States, poles, zeros and steps have an approximation without history: {parts}. Frequency responses and " \
         "margins are exact." if approximated else ""
 

@@ -64,14 +64,14 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
     def linear(value: float) -> Linear:
         return linearisation.at(operating.at({parameter: value}))
 
-    tried, found, judged, periods, failed, held = [], [], [], list[float | None](), "", tuple[HeldVariable, ...]()
+    tried, poles, judged, periods, failed, held = [], [], [], list[float | None](), "", tuple[HeldVariable, ...]()
     for value in np.linspace(span.low, span.high, points).tolist():
         try:
             near = linear(value)
         except HeavebondError as error:
             failed = str(error)
             continue
-        found.append(near.poles())
+        poles.append(near.poles())
         periods.append(near.period)
         judged.append(near.stability())
         tried.append(value)
@@ -85,7 +85,7 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
     index = operating.assembly.parameter_names.index(parameter)
     unit = operating.assembly.flat.parameters[index].unit.text
     sampled = None if None in periods else np.array(periods, dtype=float)
-    return RootLocus(parameter, unit, values, _followed(found, sampled), tuple(limits), tuple(judged), operating.filled,
+    return RootLocus(parameter, unit, values, _followed(poles, sampled), tuple(limits), tuple(judged), operating.filled,
                      held, sampled)
 
 

@@ -82,10 +82,10 @@ def schedule(events: Sequence[FlatEvent], first: Sequence[float], periods: Seque
     number = sum(int(whole / f) for f in shares)
     if not all(exact) or number > SAMPLING.max_instants:
         rates = dict(zip(periods, events, strict=True))
-        told = [f"'{event.name}' every {readable(p, 's')}" for p, event in rates.items()]
+        listed = [f"'{event.name}' every {readable(p, 's')}" for p, event in rates.items()]
         common = f"only after {readable(float(whole) * shortest, 's')}, with {number} instants" if all(exact) else "never"
         raise UsageError([Problem(
-            "hyperperiod", f"the sampled blocks in the loops have periods that meet {common}: {listing(told, 6)}",
+            "hyperperiod", f"the sampled blocks in the loops have periods that meet {common}: {listing(listed, 6)}",
             next(iter(rates.values())).place,
             "Give them periods with a short common multiple, such as 1 ms, 2 ms and 10 ms. "
             "To judge the loop of the fastest blocks alone, give the slower ones a constant input.")])
@@ -247,18 +247,19 @@ def discretised(system: Hybrid, begin: float | None = None, given: Input = Input
         else:
             out[number_of * k:(number_of + 1) * k] = system.c @ whole + system.d @ current
     change = _flown(system, flows, change, start[:n], current, period - time)
-    left = sorted(((when, row) for when, row in queue if when >= period - same), key=lambda item: item[0])
-    rows = np.vstack([current, *(row for _, row in left)]) if stored else np.zeros((0, width))
+    remaining = sorted(((when, row) for when, row in queue if when >= period - same), key=lambda item: item[0])
+    rows = np.vstack([current, *(row for _, row in remaining)]) if stored else np.zeros((0, width))
     less = np.vstack([change, rows - start[n:]])
     names = (*system.names, *(f"input[{j}]" for j in range(stored)))
     sizes, rigid = np.concatenate([system.sizes, np.ones(stored)]), (*system.rigid, *([False] * stored))
     # variables whose value before a hyperperiod nothing reads, those of a hold that is set at its begin, are left out
-    kept, states = np.arange(n + stored), n + stored
-    while unread := [k for k in kept.tolist() if less[k, k] == -1 and np.count_nonzero(less[kept, k]) == 1
+    state_rows, states = np.arange(n + stored), n + stored
+    while unread := [k for k in state_rows.tolist() if less[k, k] == -1 and np.count_nonzero(less[state_rows, k]) == 1
                      and not out[:, k].any()]:
-        kept = np.setdiff1d(kept, unread)
-    return Discrete(period, tuple(names[k] for k in kept), sizes[kept], tuple(rigid[k] for k in kept),
-                    less[np.ix_(kept, kept)] / period, less[kept, states:], out[:, kept], out[:, states:])
+        state_rows = np.setdiff1d(state_rows, unread)
+    return Discrete(period, tuple(names[k] for k in state_rows), sizes[state_rows], tuple(rigid[k] for k in state_rows),
+                    less[np.ix_(state_rows, state_rows)] / period, less[state_rows, states:], out[:, state_rows],
+                    out[:, states:])
 
 
 def _merged(steps: Sequence[tuple[float, int, int]], same: float) -> list[tuple[float, int, int]]:
@@ -339,8 +340,8 @@ class SampledUpdates:
         changes of all updates."""
         t, x, z, p, u, rate = self._assembly.arguments
         inner, n_x = stack([x, z, self.symbols]), x.numel()
-        now = stack([x, self.symbols])
-        changes = ca.substitute(self.values, self.after, self.symbols) - stack([now[k] for k in self.target])
+        variables = stack([x, self.symbols])
+        changes = ca.substitute(self.values, self.after, self.symbols) - stack([variables[k] for k in self.target])
         rates, last = split(self._assembly.ode), split(changes)
         held = [last[self.target.index(n_x + k)] for k in range(self.number)]
         for row, k in enumerate(self.target):
@@ -369,8 +370,8 @@ class SampledUpdates:
 
         low, high = (np.append(end[:n], np.full(len(sizes) - n, free))
                      for end, free in zip(bounds, (-np.inf, np.inf), strict=True))
-        found = newton(system, np.concatenate([point.x, point.z, point.p[self.indices]]), Scaling(sizes, low, high))
-        return at(found.y) if found.good else None
+        result = newton(system, np.concatenate([point.x, point.z, point.p[self.indices]]), Scaling(sizes, low, high))
+        return at(result.y) if result.good else None
 
     def sampled(self, point: Point) -> tuple[HeldVariable, ...]:
         """All variables that samples set, with their shortest periods."""

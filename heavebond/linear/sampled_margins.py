@@ -112,13 +112,14 @@ def _clear(difference: Array, *parts: Array) -> Array:
 
 def opened(closed: StateSpace, loop: SampledLoop, name: str, inside: str, delay: float = 0.0) -> StateSpace:
     """The open loop as a system; UsageError if the signal is in no loop."""
-    found = loop.open(delay)
+    open_loop = loop.open(delay)
     units = dict(zip(closed.states, closed.units[0], strict=True))
     signal = closed.units[1]
-    states = tuple(units.get(n, signal[0] if n.startswith("input[") else "") for n in found.names)
-    system = replace(closed, states=found.names, inputs=(inside,), outputs=(name,), a=found.a, b=found.b, c=found.c,
-                     d=found.d, higher=np.zeros((2, 1, 1)), sizes=found.sizes, rigid=found.rigid,
-                     units=(states, signal, signal), shown=signal, period=found.period, delta=found.delta, cut=loop,
+    states = tuple(units.get(n, signal[0] if n.startswith("input[") else "") for n in open_loop.names)
+    system = replace(closed, states=open_loop.names, inputs=(inside,), outputs=(name,), a=open_loop.a, b=open_loop.b,
+                     c=open_loop.c,
+                     d=open_loop.d, higher=np.zeros((2, 1, 1)), sizes=open_loop.sizes, rigid=open_loop.rigid,
+                     units=(states, signal, signal), shown=signal, period=open_loop.period, delta=open_loop.delta, cut=loop,
                      hybrid=None)
     frequencies = np.linspace(0, system.highest, 200)[1:]
     if not np.any(np.abs(system.lifted(np.asarray(2j * np.pi * frequencies, dtype=complex))) > SAMPLED_MARGINS.direct):
@@ -153,7 +154,7 @@ def crossings_of_several(loop: Discrete) -> tuple[list[tuple[float, float]], lis
     def turned(angle: float) -> complex:
         return complex(np.exp(-1j * angle))
 
-    gain = [found for values in (1 / gains, gains) for found in _boundaries(loop, values, complex)]
+    gain = [crossing for values in (1 / gains, gains) for crossing in _boundaries(loop, values, complex)]
     phase = [(float(np.degrees(angle)), f) for values in (angles, -angles) for angle, f in _boundaries(loop, values, turned)]
     scaled = replace(loop, delta=loop.delta * loop.sizes / loop.sizes[:, None], b=loop.b / loop.sizes[:, None],
                      c=loop.c * loop.sizes)
@@ -204,13 +205,13 @@ def _boundary(eigenvalues: Callable[[float], NDArray[np.complex128]], span: tupl
     z = complex(at[np.argmin(np.abs(np.abs(at) - 1 - SAMPLED_MARGINS.grows))])
     value, before = high, high - 1e-4 * (span[1] - span[0])
     for _ in range(SAMPLED_MARGINS.secants):
-        found = eigenvalues(before)
-        other = complex(found[np.argmin(np.abs(found - z))])
-        if value == before or abs(abs(other) - abs(z)) < SAMPLED_MARGINS.still:
+        eigenvalues_there = eigenvalues(before)
+        nearest = complex(eigenvalues_there[np.argmin(np.abs(eigenvalues_there - z))])
+        if value == before or abs(abs(nearest) - abs(z)) < SAMPLED_MARGINS.still:
             break
-        before, value = value, float(np.clip(value - (abs(z) - 1) * (value - before) / (abs(z) - abs(other)), *span))
-        found = eigenvalues(value)
-        z = complex(found[np.argmin(np.abs(found - z))])
+        before, value = value, float(np.clip(value - (abs(z) - 1) * (value - before) / (abs(z) - abs(nearest)), *span))
+        eigenvalues_there = eigenvalues(value)
+        z = complex(eigenvalues_there[np.argmin(np.abs(eigenvalues_there - z))])
     return value, float(abs(np.angle(z)) / (2 * np.pi * period))
 
 

@@ -121,13 +121,13 @@ def slow_modes(linearisation: Linearisation, point: Point, span: float, count: i
                                   f"Take 1 to {max(pencil.n - 2, 1)}, or all of them.")])
     near = pencil.shifted(SLOW_MODES.near / span)
     inverse, vectors = _largest(near, pencil.n, count)
-    found = [pencil.mode(near.shift + 1 / mu, vectors[:, k], near.shift.real) for k, mu in enumerate(inverse)
+    modes = [pencil.mode(near.shift + 1 / mu, vectors[:, k], near.shift.real) for k, mu in enumerate(inverse)
              if (near.shift + 1 / mu).imag >= 0]
-    slowest = sorted((mode for mode, _ in found), key=lambda mode: (abs(mode.value), mode.value.real))
+    slowest = sorted((mode for mode, _ in modes), key=lambda mode: (abs(mode.value), mode.value.real))
     slow = min((abs(mode.value) for mode in slowest if mode.value), default=1 / span)
     fastest = max(pencil.fastest(), slow)
     growing = _distinct(_growing(pencil, slow, fastest), slowest)
-    slow_unstable = sum(mode.value.real > accuracy for mode, accuracy in found)
+    slow_unstable = sum(mode.value.real > accuracy for mode, accuracy in modes)
     return SlowModes(slowest, growing, (slow, fastest), slow_unstable + len(growing), pencil.n)
 
 
@@ -148,13 +148,13 @@ def _growing(pencil: _Pencil, slow: float, fastest: float) -> Iterator[Mode]:
                 yield mode
 
 
-def _distinct(found: Iterator[Mode], known: list[Mode]) -> list[Mode]:
+def _distinct(candidates: Iterator[Mode], known: list[Mode]) -> list[Mode]:
     """The modes that are not among the known ones, each once."""
-    kept: list[Mode] = []
-    for mode in found:
-        if all(abs(mode.value - other.value) > SLOW_MODES.next * abs(mode.value) for other in (*known, *kept)):
-            kept.append(mode)
-    return sorted(kept, key=lambda mode: -mode.value.real)
+    distinct: list[Mode] = []
+    for mode in candidates:
+        if all(abs(mode.value - known_mode.value) > SLOW_MODES.next * abs(mode.value) for known_mode in (*known, *distinct)):
+            distinct.append(mode)
+    return sorted(distinct, key=lambda mode: -mode.value.real)
 
 
 class _Pencil:
@@ -176,8 +176,8 @@ class _Pencil:
     def shifted(self, shift: complex) -> _Shifted:
         """The solutions with J - shift M; the shift is changed slightly if it is an eigenvalue."""
         for factor in (1.0, 1.0 + SLOW_MODES.near):
-            if (found := _factors(self.jacobian - shift * factor * self.mass)) is not None:
-                return _Shifted(shift * factor, found, self.n)
+            if (factorised := _factors(self.jacobian - shift * factor * self.mass)) is not None:
+                return _Shifted(shift * factor, factorised, self.n)
         raise UsageError([Problem("loop-singular", "an algebraic loop is singular here, so that nothing follows from it",
                                   None, "Linearise at another state.")])
 

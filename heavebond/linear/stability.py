@@ -155,22 +155,22 @@ def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[boo
     """The stability of x' = A x, A (n, n) in SI with the usual sizes (n,) and names of the states; `rigid` marks states that
     are positions and speeds of bodies. With a period T in s A is (Phi - 1)/T of x[k+1] = Phi x[k]."""
     scaled = a * sizes / sizes[:, None]
-    found: list[Eigenvalue] = []
+    eigenvalues_of: list[Eigenvalue] = []
     motion = rigid or [False] * len(states)
     whole = float(np.linalg.norm(balanced(scaled)[0], 2)) if len(a) else 0.0
     free: dict[tuple[bool, frozenset[str]], list[Eigenvalue]] = {}
     for block in strong_blocks(scaled):
         names, body = [states[k] for k in block], all(motion[k] for k in block)
         matrix, scale = balanced(scaled[np.ix_(block, block)])
-        rest, null, zeros = _without_zeros(matrix, STABILITY.rounding * len(a) * whole)
+        regular, null, zeros = _without_zeros(matrix, STABILITY.rounding * len(a) * whole)
         if zeros:
             taking = _largest(np.abs(null * scale[:, None]) / np.abs(null * scale[:, None]).max(axis=0), names)
-            own = Eigenvalue(0j, 0.0, taking, body or all(motion[states.index(n)] for n in taking), zeros)
-            free.setdefault((own.rigid, frozenset(n.rpartition(".")[0] for n in taking)), []).append(own)
-        found += _regular(rest, matrix, names, zeros)
+            eigenvalue = Eigenvalue(0j, 0.0, taking, body or all(motion[states.index(n)] for n in taking), zeros)
+            free.setdefault((eigenvalue.rigid, frozenset(n.rpartition(".")[0] for n in taking)), []).append(eigenvalue)
+        eigenvalues_of += _regular(regular, matrix, names, zeros)
     if period is not None:
-        found = [_continued(e, period) for e in found]
-    return Stability((*(_joined(links) for links in free.values()), *sorted(found, key=lambda e: abs(e.value))))
+        eigenvalues_of = [_continued(e, period) for e in eigenvalues_of]
+    return Stability((*(_joined(links) for links in free.values()), *sorted(eigenvalues_of, key=lambda e: abs(e.value))))
 
 
 def _continued(of: Eigenvalue, period: float) -> Eigenvalue:
@@ -202,27 +202,28 @@ def _regular_parts(a: Array) -> list[tuple[Array, int]]:
     whole = float(np.linalg.norm(balanced(a)[0], 2)) if len(a) else 0.0
     parts = [_without_zeros(balanced(a[np.ix_(block, block)])[0], STABILITY.rounding * len(a) * whole)
              for block in strong_blocks(a)]
-    return [(rest, zeros) for rest, _, zeros in parts]
+    return [(regular, zeros) for regular, _, zeros in parts]
 
 
 def _eigenvalues(parts: Sequence[tuple[Array, int]]) -> Complex:
     """All eigenvalues (n,) of these blocks."""
-    found = []
-    for rest, zeros in parts:
-        values, right = np.linalg.eig(rest)
-        found += [np.zeros(zeros, complex), real_within_rounding(values, right, np.linalg.pinv(right).conj().T, rest)]
-    return np.concatenate(found) if found else np.zeros(0, complex)
+    values_of_blocks = []
+    for regular, zeros in parts:
+        values, right = np.linalg.eig(regular)
+        values_of_blocks += [np.zeros(zeros, complex), real_within_rounding(values, right, np.linalg.pinv(right).conj().T,
+                                                                            regular)]
+    return np.concatenate(values_of_blocks) if values_of_blocks else np.zeros(0, complex)
 
 
 def real_within_rounding(values: Complex | Array, right: Array | Complex, left: Array | Complex, a: Array) -> Complex:
     """Eigenvalues (n,) of a matrix (n, n) with right and left vectors in columns (n, n), in which a pair is real if rounding
     cannot distinguish it from a multiple real eigenvalue. Rounding splits a real one of multiplicity m without as many
     vectors into m numbers on a circle, of a radius that grows as the m-th root of the rounding."""
-    found = values.astype(complex)
-    near = np.abs(found.imag) <= STABILITY.multiple * np.abs(found.real)
-    if np.any(near & (found.imag != 0)):
-        near &= np.abs(found.imag) <= _accuracy(right, left, a)
-    return np.where(near, found.real, found)
+    result = values.astype(complex)
+    near = np.abs(result.imag) <= STABILITY.multiple * np.abs(result.real)
+    if np.any(near & (result.imag != 0)):
+        near &= np.abs(result.imag) <= _accuracy(right, left, a)
+    return np.where(near, result.real, result)
 
 
 def _accuracy(right: Array | Complex, left: Array | Complex, a: Array) -> Array:
@@ -238,9 +239,9 @@ def with_zeros(values: Complex, a: Array) -> Complex:
     if not any(zeros for _, zeros in parts):
         return values
     exact = _eigenvalues(parts)
-    found = values.astype(complex)
-    found[_matched(exact, values)] = exact
-    return found
+    result = values.astype(complex)
+    result[_matched(exact, values)] = exact
+    return result
 
 
 def balanced(a: Array) -> tuple[Array, Array]:
@@ -266,21 +267,21 @@ class ZeroStaircase:
 def zero_staircase(a: Array, least: float, steps: Sequence[int] | None = None) -> ZeroStaircase:
     """Separate the zero eigenvalues of a matrix (n, n) from the others; singular values up to `least` count as 0, or the
     numbers of them in `steps`."""
-    rest, bound, counts, zeros = a, least, list[int](), 0
+    remaining, bound, counts, zeros = a, least, list[int](), 0
     turn = np.eye(len(a))
-    while len(rest) and (steps is None or len(counts) < len(steps)):
-        sizes = np.linalg.svd(rest, compute_uv=False)
+    while len(remaining) and (steps is None or len(counts) < len(steps)):
+        sizes = np.linalg.svd(remaining, compute_uv=False)
         bound = max(bound, STABILITY.coupled * float(sizes[0])) if not zeros else bound
         k = int(np.count_nonzero(sizes <= bound)) if steps is None else steps[len(counts)]
         if not k:
             break
-        turned = np.linalg.svd(rest)[2][::-1].T
+        turned = np.linalg.svd(remaining)[2][::-1].T
         turn[:, zeros:] = turn[:, zeros:] @ turned
-        rest, zeros = (turned.T @ rest @ turned)[k:, k:], zeros + k
+        remaining, zeros = (turned.T @ remaining @ turned)[k:, k:], zeros + k
         counts.append(k)
     whole, step = turn.T @ a @ turn, np.repeat(np.arange(len(counts)), counts)
     nilpotent = np.where(step[:, None] < step[None, :], whole[:zeros, :zeros], 0.0)
-    return ZeroStaircase(turn, nilpotent, whole[:zeros, zeros:], rest, tuple(counts))
+    return ZeroStaircase(turn, nilpotent, whole[:zeros, zeros:], remaining, tuple(counts))
 
 
 def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
@@ -289,29 +290,29 @@ def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
     return stairs.regular, stairs.turn[:, :sum(stairs.steps[:1])], len(stairs.nilpotent)
 
 
-def _regular(rest: Array, whole: Array, names: Sequence[str], zeros: int) -> list[Eigenvalue]:
+def _regular(regular: Array, whole: Array, names: Sequence[str], zeros: int) -> list[Eigenvalue]:
     """The eigenvalues of the regular part of a block, with the participating states and the bounds of their rounding."""
-    if not len(rest):
+    if not len(regular):
         return []
-    values, right = np.linalg.eig(rest if not zeros else whole)
+    values, right = np.linalg.eig(regular if not zeros else whole)
     left = np.linalg.pinv(right).conj().T
-    exact = np.linalg.eigvals(rest).astype(complex) if zeros else values.astype(complex)
+    exact = np.linalg.eigvals(regular).astype(complex) if zeros else values.astype(complex)
     columns = _matched(exact, values.astype(complex)) if zeros else np.arange(len(values))
     accuracy = _accuracy(right, left, whole)
-    found = []
+    eigenvalues_of_block = []
     for value, k in zip(exact.tolist(), columns.tolist(), strict=True):
         if value.imag < 0:
             continue
         shares = np.abs(left[:, k] * right[:, k])
-        found.append(Eigenvalue(complex(value), float(accuracy[k]), _largest(shares[:, None], names)))
-    return found
+        eigenvalues_of_block.append(Eigenvalue(complex(value), float(accuracy[k]), _largest(shares[:, None], names)))
+    return eigenvalues_of_block
 
 
-def _matched(wanted: Complex, found: Complex) -> NDArray[np.int64]:
+def _matched(wanted: Complex, computed: Complex) -> NDArray[np.int64]:
     """For each of the wanted values the index of the nearest computed one, each used once."""
     from scipy.optimize import linear_sum_assignment
 
-    return np.asarray(linear_sum_assignment(np.abs(wanted[:, None] - found[None, :]))[1])
+    return np.asarray(linear_sum_assignment(np.abs(wanted[:, None] - computed[None, :]))[1])
 
 
 def _largest(shares: Array, names: Sequence[str]) -> tuple[str, ...]:

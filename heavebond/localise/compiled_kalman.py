@@ -71,8 +71,8 @@ def responses(maps: Array, inputs: Array, means: Array, channels: int) -> Array:
     library = program()
     assert library is not None
     (count, rows, columns), width = maps.shape, inputs.shape[1]
-    given = [np.ascontiguousarray(array, float) for array in (maps, inputs, means)]
-    found, work = np.empty((count, channels, width)), np.empty((2, columns - 2, width))
-    assert given[1].shape == (count, width) and given[2].shape == (count - 1, width) and rows == channels + columns - 2
-    library.respond(count, channels, columns - 2, width, *(array.ctypes.data for array in (*given, found, work)))
-    return found
+    arrays = [np.ascontiguousarray(array, float) for array in (maps, inputs, means)]
+    response, work = np.empty((count, channels, width)), np.empty((2, columns - 2, width))
+    assert arrays[1].shape == (count, width) and arrays[2].shape == (count - 1, width) and rows == channels + columns - 2
+    library.respond(count, channels, columns - 2, width, *(array.ctypes.data for array in (*arrays, response, work)))
+    return response

@@ -98,9 +98,9 @@ class Regression:
 
     def of(self, index: Index) -> Regression:
         """With some of the coefficients alone."""
-        kept = np.concatenate([np.arange(1 + self.k), 1 + self.k + index])
+        indices = np.concatenate([np.arange(1 + self.k), 1 + self.k + index])
         penalty = self.penalty[np.ix_(index, index)] if isinstance(self.penalty, np.ndarray) else self.penalty
-        return replace(self._transformed(lambda form: form[np.ix_(kept, kept)]), penalty=penalty)
+        return replace(self._transformed(lambda form: form[np.ix_(indices, indices)]), penalty=penalty)
 
     def along(self, T: Array) -> Regression:
         """With coefficients a = T b in place of a."""
@@ -139,14 +139,14 @@ class Regression:
         # a parameter of another record, and a function that does nothing, have no information
         scale = np.sqrt(np.maximum(np.diag(normal) + prior, 1e-100))
         mean = np.concatenate([self.mean, np.zeros(len(scale) - k)])
-        weight, found = 1.0, mean
+        weight, solution = 1.0, mean
         for _ in range(3):
             matrix = (normal + np.diag(weight * prior)) / scale[:, None] / scale + 1e-9 * np.eye(len(scale))
-            found = np.linalg.solve(matrix, (weight * prior * mean - slope) / scale) / scale
-            found[:k] = self.mean + np.clip(found[:k] - self.mean, -2.0, 2.0)
-            left = self._loss(self.learn, found) / max(self.samples[0], 1)
-            weight = 1.0 + CURVES.correlated_samples * max(left - 1.0, 0.0)
-        return found[:k], found[k:]
+            solution = np.linalg.solve(matrix, (weight * prior * mean - slope) / scale) / scale
+            solution[:k] = self.mean + np.clip(solution[:k] - self.mean, -2.0, 2.0)
+            excess = self._loss(self.learn, solution) / max(self.samples[0], 1)
+            weight = 1.0 + CURVES.correlated_samples * max(excess - 1.0, 0.0)
+        return solution[:k], solution[k:]
 
     def tried(self) -> float:
         """The loss on the samples not learnt from."""
@@ -165,18 +165,18 @@ class Regression:
     def _applied(self) -> Array:
         """The learnt (q, a), with separate parameters of a record fitted to the other samples."""
         q, a = self.solved()
-        found = np.concatenate([q, a])
-        own = np.flatnonzero(np.diag(self.learn)[1:1 + self.k] == 0)
-        if len(own):
-            normal = self.other[np.ix_(1 + own, 1 + own)] + np.eye(len(own))
-            rest = np.delete(np.arange(len(found)), own)
-            slope = self.other[1 + own, 0] + self.other[np.ix_(1 + own, 1 + rest)] @ found[rest]
-            found[own] = np.linalg.solve(normal, self.mean[own] - slope)
-        return found
+        solution = np.concatenate([q, a])
+        separate = np.flatnonzero(np.diag(self.learn)[1:1 + self.k] == 0)
+        if len(separate):
+            normal = self.other[np.ix_(1 + separate, 1 + separate)] + np.eye(len(separate))
+            shared = np.delete(np.arange(len(solution)), separate)
+            slope = self.other[1 + separate, 0] + self.other[np.ix_(1 + separate, 1 + shared)] @ solution[shared]
+            solution[separate] = np.linalg.solve(normal, self.mean[separate] - slope)
+        return solution
 
     @staticmethod
-    def _loss(form: Array, found: Array) -> float:
-        full = np.concatenate([[1.0], found])
+    def _loss(form: Array, solution: Array) -> float:
+        full = np.concatenate([[1.0], solution])
         return float(max(full @ form @ full, 0.0))
 
     def learnt(self) -> float:
@@ -226,15 +226,16 @@ class Design:
         self.pairs = list(self._pairs())[:CURVES.max_pairs]
         parts: list[Array] = []
         self._begin: dict[tuple[int, ...], int] = {}
-        own = [hats(v.values, k) for v, k in zip(variables, self.knots, strict=True)]
-        for i, basis in enumerate(own):
+        hats_of_variables = [hats(v.values, k) for v, k in zip(variables, self.knots, strict=True)]
+        for i, basis in enumerate(hats_of_variables):
             self._add(parts, (i,), basis)
         for i, v in enumerate(variables):
             if v.kind in ("position", "across"):
-                self._add(parts, (i, i), own[i] * v.rising[:, None])
+                self._add(parts, (i, i), hats_of_variables[i] * v.rising[:, None])
         for i, j in self.pairs:
-            other = hats(variables[j].values, self.ends(j))
-            self._add(parts, (i, j), (own[i][:, :, None] * other[:, None, :]).reshape(len(other), -1))
+            second_hats = hats(variables[j].values, self.ends(j))
+            self._add(parts, (i, j), (hats_of_variables[i][:, :, None] * second_hats[:, None, :]).reshape(len(second_hats),
+                                                                                                          -1))
         self.columns = np.concatenate(parts, axis=1) if parts else np.zeros((len(learn), 0))
 
     def _add(self, parts: list[Array], key: tuple[int, ...], basis: Array) -> None:
@@ -243,10 +244,10 @@ class Design:
 
     def _pairs(self) -> Iterator[tuple[int, int]]:
         """Pairs of speed, pressure drop or position with other variables at the place, the nearest first."""
-        for j, other in enumerate(self.variables):
+        for j, second in enumerate(self.variables):
             for i, first in enumerate(self.variables):
-                if i != j and first.kind in ("across", "position") and other.kind != "rate" \
-                        and not (first.kind == "position" and other.kind == "across"):
+                if i != j and first.kind in ("across", "position") and second.kind != "rate" \
+                        and not (first.kind == "position" and second.kind == "across"):
                     yield i, j
 
     def ends(self, j: int) -> Array:
@@ -264,26 +265,27 @@ class Design:
         return self._begin[key] + np.arange(size)
 
 
-def best_curve(design: Design, found: Regression, learn: Mask) -> Curve | None:
+def best_curve(design: Design, regression: Regression, learn: Mask) -> Curve | None:
     """The variable whose curve explains most of the misfit (the first of those that do as well); a loop, with a branch for
     each direction, or a law of two variables only if it explains clearly more. None if no variable changes."""
     if not design.variables:
         return None
-    misfit = found.misfit
-    whole = [found.of(design.index(i)) for i in range(len(design.variables))]
+    misfit = regression.misfit
+    whole = [regression.of(design.index(i)) for i in range(len(design.variables))]
     free = [part.along(design.free(i)).smooth(_differences(len(design.inner[i]))) for i, part in enumerate(whole)]
     # of a force that is hardly seen a line tells more than a free curve
     lines = [part.along(_line(k)) for part, k in zip(whole, design.knots, strict=True)]
     losses = [min(part.tried(), line.tried()) for part, line in zip(free, lines, strict=True)]
-    r2 = [found.share(loss, misfit) for loss in losses]
+    r2 = [regression.share(loss, misfit) for loss in losses]
     scores = {v.formula: score for v, score in zip(design.variables, r2, strict=True)}
-    best = next(i for i, loss in enumerate(losses) if loss <= min(losses) + _as_good(min(losses), found.samples[1], misfit))
+    best = next(i for i, loss in enumerate(losses) if loss <= min(losses) + _as_good(min(losses), regression.samples[1],
+                                                                                     misfit))
     q, a = free[best].solved()
     variable, units = design.variables[best], {v.formula: v.unit for v in design.variables}
     curve = Curve(variable, r2[best], "curve", r2[best], design.inner[best], a, q, scores, units=units)
     curve = _named(curve, learn, design.knots[best], whole[best], misfit)
     enough = max(curve.r2, 0.0) + max(0.05, 0.2 * (1 - max(curve.r2, 0.0)))
-    richer = [*_of_two(design, found, misfit), *_loops(design, found, misfit)]
+    richer = [*_of_two(design, regression, misfit), *_loops(design, regression, misfit)]
     # a loop over the position says the same as one over the speed, and more
     more = max(richer, key=lambda f: f[0].r2 - CURVES.loop_margin * (f[0].loop and f[0].variable.kind == "across"),
                default=None)
@@ -328,25 +330,25 @@ def _line(knots: Array) -> Array:
 _Found = tuple[Curve, Regression, Array | None, Regression]
 
 
-def _loops(design: Design, found: Regression, misfit: float) -> Iterator[_Found]:
+def _loops(design: Design, regression: Regression, misfit: float) -> Iterator[_Found]:
     for i, variable in enumerate(design.variables):
         knots, coarse = design.knots[i], design.inner[i][::2]
         if variable.kind not in ("position", "across") or len(coarse) < 2:
             continue
         H = hats(knots, coarse)  # the falling branch is the whole less the rising one
         T = np.block([[np.zeros_like(H), H], [H, -H]])
-        part = found.of(np.concatenate([design.index(i), design.index(i, i)])).along(T)
+        part = regression.of(np.concatenate([design.index(i), design.index(i, i)])).along(T)
         part = part.smooth(np.asarray(np.kron(np.eye(2), _differences(len(coarse)))))
         q, a = part.solved()
         r2 = part.r2(misfit)
         yield Curve(variable, r2, "loop", r2, coarse, a[:len(coarse)], q, {}, a[len(coarse):]), part, None, part
 
 
-def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found]:
+def _of_two(design: Design, regression: Regression, misfit: float) -> Iterator[_Found]:
     """Curves times a second variable, and curves that change in proportion to it."""
     for i, j in design.pairs:
         variable, second, knots, ends = design.variables[i], design.variables[j], design.inner[i], design.ends(j)
-        part, first = found.of(design.index(i, j)), design.free(i)
+        part, first = regression.of(design.index(i, j)), design.free(i)
         affine = np.stack([np.ones(3), ends / max(float(np.abs(ends).max()), 1e-300)], axis=1)
         both, product = (part.along(np.asarray(np.kron(first, functions))).smooth(
             np.asarray(np.kron(_differences(len(knots)), np.eye(functions.shape[1]))))
@@ -362,18 +364,19 @@ def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found
             yield Curve(variable, r2, "curve", r2, knots, drawn[:, 2], q, {}, drawn[:, 0], second=second), part, affine, both
 
 
-def _named(curve: Curve, learn: Mask, knots: Array, found: Regression, misfit: float, second: Array | None = None) -> Curve:
+def _named(curve: Curve, learn: Mask, knots: Array, regression: Regression, misfit: float,
+           second: Array | None = None) -> Curve:
     """The best of the laws that explain as much as the free curve, with a penalty for each number of a law; the curve itself
     if there is none. `second` (3, p) are the functions of a second variable at its knots, by each of which the law is
     multiplied."""
     v, r2 = curve.variable.values[learn], curve.r2
     enough = r2 - max(CURVES.simple_share, (CURVES.simple_factor - 1) * (1 - r2))
     size = float(np.quantile(np.abs(v), 0.98)) or 1.0
-    found = replace(found, folds=(), tests=())  # many are tried, and the sums do
+    regression = replace(regression, folds=(), tests=())  # many are tried, and the sums do
 
     def fitted(form: Form, kinks: Kinks) -> Regression:
         T = form.basis(knots, size, kinks)
-        return found.along(T if second is None else np.asarray(np.kron(T, second)))
+        return regression.along(T if second is None else np.asarray(np.kron(T, second)))
 
     def unlearnt(form: Form, kinks: Kinks) -> float:
         return -fitted(form, kinks).learnt()
@@ -390,7 +393,7 @@ def _named(curve: Curve, learn: Mask, knots: Array, found: Regression, misfit: f
             good.append(((CURVES.exact + 1 - tried) * CURVES.per_number**form.free, tried, form, kinks))
     if not good:
         return curve
-    _, tried, form, kinks = min(good, key=lambda found: found[0])
+    _, tried, form, kinks = min(good, key=lambda regression: regression[0])
     q, b = fitted(form, kinks).solved()
     drawn = form.basis(curve.x, size, kinks) @ b.reshape(len(b) // (1 if second is None else second.shape[1]), -1)
     if second is None:

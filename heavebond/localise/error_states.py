@@ -57,7 +57,7 @@ def stretches(record: str, time: Array, errors: Mapping[str, Array], used: Mappi
 
 def states(channel: str, error: Array, variables: Mapping[str, tuple[str, Array]], learn: Mask) -> list[State]:
     """The variables (name to unit and values (N,)) that predict the error (N,) of a channel beyond chance, best first."""
-    found = []
+    states_of_error = []
     for name, (unit, values) in variables.items():
         if not np.ptp(values[learn]):
             continue
@@ -67,12 +67,12 @@ def states(channel: str, error: Array, variables: Mapping[str, tuple[str, Array]
         inside = ~learn & (values >= knots[0]) & (values <= knots[-1])
         if inside.sum() < 20:
             continue
-        told, wrong = basis[inside] @ a, error[inside]
+        predicted, wrong = basis[inside] @ a, error[inside]
         total = float(np.sum((wrong - wrong.mean())**2))
-        r2 = 1 - float(np.sum((wrong - told)**2)) / total if total > 0 else 0.0
-        chance = min(1.0, len(variables) * _chance(told - told.mean(), wrong - wrong.mean()))
-        found.append(State(channel, name, unit, r2, chance, knots, a))
-    good = [s for s in found if s.r2 > INPUT_ESTIMATION.least_r2 and s.chance < 0.01]
+        r2 = 1 - float(np.sum((wrong - predicted)**2)) / total if total > 0 else 0.0
+        chance = min(1.0, len(variables) * _chance(predicted - predicted.mean(), wrong - wrong.mean()))
+        states_of_error.append(State(channel, name, unit, r2, chance, knots, a))
+    good = [s for s in states_of_error if s.r2 > INPUT_ESTIMATION.least_r2 and s.chance < 0.01]
     return sorted(good, key=lambda s: -s.r2)
 
 

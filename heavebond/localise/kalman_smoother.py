@@ -124,42 +124,43 @@ class Unknown:
 
     def _given(self, intensity: Array) -> dict[str, Array]:
         """The input of the compiled program."""
-        given = {"phi": self.system.phi, "c": self.system.c, "gamma": self.gamma, "d": self.d, "moved": self.moved,
-                 "error": self.error, "growth": intensity * np.diff(self.system.time)[:, None]}
-        return {name: np.ascontiguousarray(values, float) for name, values in given.items()}
+        arguments = {"phi": self.system.phi, "c": self.system.c, "gamma": self.gamma, "d": self.d, "moved": self.moved,
+                     "error": self.error, "growth": intensity * np.diff(self.system.time)[:, None]}
+        return {name: np.ascontiguousarray(values, float) for name, values in arguments.items()}
 
     def smoothed(self, intensity: Array) -> Smoothed:
         """Forward and backward pass: the best estimate of all quantities at every sample from the whole record."""
         count, m, n = len(self.system.time), self.error.shape[1], self.n
-        kept = _FilterPass(count, m, len(self.sizes), n + 1, 1 + self.k)
-        self.filtered(intensity, kept)
-        states, variance = np.empty_like(kept.x), np.empty(kept.x.shape[:2])
+        filtered = _FilterPass(count, m, len(self.sizes), n + 1, 1 + self.k)
+        self.filtered(intensity, filtered)
+        states, variance = np.empty_like(filtered.x), np.empty(filtered.x.shape[:2])
         if compiled_kalman.serves(self.n):
-            compiled_kalman.run("smooth", **self._given(intensity), **kept.arrays, states=states, variance=variance)
+            compiled_kalman.run("smooth", **self._given(intensity), **filtered.arrays, states=states, variance=variance)
         else:
-            self._back(kept, states, variance)
+            self._back(filtered, states, variance)
         w = states[:, :, -1]
-        seen = np.einsum("kmj,kgjq->kgmq", self.system.c[:, :, :n], states[:, :, :n]) + self.d[:, :, :, None] * w[:, :, None]
+        predicted = np.einsum("kmj,kgjq->kgmq", self.system.c[:, :, :n], states[:, :, :n]) + self.d[:, :, :, None] * w[:, :,
+                                                                                                                       None]
         return Smoothed(w * self.sizes[:, None], np.sqrt(np.maximum(variance, 0)) * self.sizes, states[:, :, :n],
-                        self.error[:, None] - seen)
+                        self.error[:, None] - predicted)
 
-    def _back(self, kept: _FilterPass, states: Array, variance: Array) -> None:
+    def _back(self, filtered: _FilterPass, states: Array, variance: Array) -> None:
         """Write the states (N, G, n+1, 1+k) and the variance of w (N, G) from the results of a filter."""
         count, m, n = len(self.system.time), self.error.shape[1], self.n
-        adjoint = np.zeros(kept.x.shape[1:])
-        information = np.zeros(kept.p.shape[1:])
+        adjoint = np.zeros(filtered.x.shape[1:])
+        information = np.zeros(filtered.p.shape[1:])
         step = np.broadcast_to(np.eye(n + 1), information.shape).copy()
         for i in range(count - 1, -1, -1):
-            p = kept.p[i]
-            states[i] = kept.x[i] - p @ adjoint
+            p = filtered.p[i]
+            states[i] = filtered.x[i] - p @ adjoint
             last = p[:, -1, :]
             variance[i] = last[:, -1] - np.einsum("gi,gij,gj->g", last, information, last)
             for c in range(m - 1, -1, -1):
-                row, gain = kept.rows[i, c], kept.gain[i, c]
+                row, gain = filtered.rows[i, c], filtered.gain[i, c]
                 through = (gain[:, None, :] @ adjoint)[:, 0]
-                adjoint = adjoint - row[:, :, None] * (kept.wrong[i, c] + through)[:, None, :]
+                adjoint = adjoint - row[:, :, None] * (filtered.wrong[i, c] + through)[:, None, :]
                 turned = (information @ gain[:, :, None])[:, :, 0]
-                size = (gain * turned).sum(axis=1) + kept.weight[i, c]
+                size = (gain * turned).sum(axis=1) + filtered.weight[i, c]
                 cross = row[:, :, None] * turned[:, None, :]
                 information = information - cross - np.swapaxes(cross, 1, 2) \
                     + size[:, None, None] * (row[:, :, None] * row[:, None, :])

@@ -75,21 +75,21 @@ class PlaceEstimate:
     def as_dict(self) -> dict[str, object]:
         """The figures, for machines."""
         curve = self.curve
-        told = None if curve is None else {
+        curve_figures = None if curve is None else {
             "variable": curve.variable.formula, "kind": curve.variable.kind, "r2": curve.r2, "shape": curve.shape,
             "shape_r2": curve.shape_r2, "times": curve.times, "second": curve.second.formula if curve.second else "",
             "scores": curve.scores, "x": curve.x.tolist(), "y": curve.y.tolist(), "y_down": curve.y_down.tolist()}
         return {"place": self.place.name, "nodes": [n.name for n in self.place.nodes],
                 "components": list(self.place.components), "explained": self.explained, "behind": self.behind,
                 "alike": list(self.alike), "unit": self.place.unit.text, "rms": self.rms, "deviation": self.deviation,
-                "curve": told, "words": self.words}
+                "curve": curve_figures, "words": self.words}
 
 
 def _told(suspect: PlaceEstimate) -> str:
     """A place and the quality with which its best variable predicts its input."""
     curve = suspect.curve
-    told = f" (R2 {max(curve.r2, 0.0):.2f} with {curve.variable.formula})" if curve is not None else ""
-    return suspect.place.words + told
+    curve_text = f" (R2 {max(curve.r2, 0.0):.2f} with {curve.variable.formula})" if curve is not None else ""
+    return suspect.place.words + curve_text
 
 
 @dataclass(frozen=True)
@@ -122,16 +122,16 @@ class Localization:
                     ) if self.chi2 < 1.5 else (
                 "The residual is not a force or flow at any place of this diagram.",)
         best = self.suspects[0]
-        found = [best.words]
+        sentences = [best.words]
         same = [s for s in self.suspects if s.place.name in best.alike]
         if same:
-            found.append("By its effect on these records it could as well act " + "; ".join(map(_told, same)) + ".")
+            sentences.append("By its effect on these records it could as well act " + "; ".join(map(_told, same)) + ".")
         rivals = [s for s in self.suspects[1:] if s.behind < INPUT_ESTIMATION.distinct and s.place.name not in best.alike]
         if rivals:
-            found.append("As likely: " + "; ".join(map(_told, rivals)) + ".")
+            sentences.append("As likely: " + "; ".join(map(_told, rivals)) + ".")
         if not self.foreseen:
-            found.append("The machine is far from linear in the input there: its size and shape are approximate.")
-        return tuple(found)
+            sentences.append("The machine is far from linear in the input there: its size and shape are approximate.")
+        return tuple(sentences)
 
     def implied(self, place: str) -> dict[str, ImpliedInput]:
         """Estimated unknown input at a place for each record, on its time grid (N,), in SI.
@@ -171,12 +171,13 @@ def localize(experiment: ExperimentOrFile, *, values: Fit | Mapping[str, float |
     say = progress or (lambda text: None)
     experiment = beginning(with_noise(load_experiment(experiment)), values)
     with tempfile.TemporaryDirectory() as folder:
-        search, found = estimated_inputs(experiment, Path(folder), values, say, besides)
+        search, estimate = estimated_inputs(experiment, Path(folder), values, say, besides)
     say("searching for the variables of the input")
-    missing = found.chance < INPUT_ESTIMATION.level
-    suspects = [s for k, ranked in enumerate(found.full) for s in _group(search, found, k, ranked)] if missing else []
-    return Localization(experiment, missing, found.chance, misfit(found.base, search.fitted), tuple(suspects),
-                        tuple(p.name for p in found.unseen), *_when(experiment, search, found), found.values, found.foreseen)
+    missing = estimate.chance < INPUT_ESTIMATION.level
+    suspects = [s for k, ranked in enumerate(estimate.full) for s in _group(search, estimate, k, ranked)] if missing else []
+    return Localization(experiment, missing, estimate.chance, misfit(estimate.base, search.fitted), tuple(suspects),
+                        tuple(p.name for p in estimate.unseen), *_when(experiment, search, estimate), estimate.values,
+                        estimate.foreseen)
 
 
 def estimated_inputs(experiment: Experiment, folder: Path, values: Fit | Mapping[str, float | str] | None, say: Progress,
@@ -224,54 +225,55 @@ def _learn(search: Search) -> list[Mask]:
 
 
 # -- where in the diagram ------------------------------------------------------------------------------------------------
-def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[PlaceEstimate]:
+def _group(search: Search, estimate: Estimate, k: int, ranked: Ranked) -> list[PlaceEstimate]:
     """The places of one group, first the one whose variables best predict the input."""
-    w, deviation, moved, around = input_at(search, found, k, ranked)
-    suspects = [_suspect(search, found, ranked, k, w, deviation, moved, around)
+    w, deviation, by_parameters, around = input_at(search, estimate, k, ranked)
+    suspects = [_suspect(search, estimate, ranked, k, w, deviation, by_parameters, around)
                 for k in range(len(ranked.group.places))]
     # a pair of nodes says more than a node; it stands first and keeps its place unless another is clearly better
     return sorted(suspects, key=lambda s: -round(s.curve.r2 if s.curve else 0.0, 2))
 
 
-def input_at(search: Search, found: Estimate, k: int, ranked: Ranked) -> tuple[Array, Array, Array, Regressors]:
+def input_at(search: Search, estimate: Estimate, k: int, ranked: Ranked) -> tuple[Array, Array, Array, Regressors]:
     """The input estimated at the first place of the k-th group: w (N,) with the parameters at their known values, its
     standard deviation (N,), its derivatives by the parameters (N, q), and the signals around it, over all records one after
     another."""
-    mean = -search.centre(found.systems)
+    mean = -search.centre(estimate.systems)
     side, first = search.sides[0], ranked.group.places[0]
     vector = np.array([first.weights.get(node, 0.0) for node in side.nodes])
-    parts, moved, signals = [], [], []
+    parts, by_parameters, signals = [], [], []
     for s in search.sides:
         name = s.record.name
-        columns, smoothed = search.columns(name), found.smoothed[name]
+        columns, smoothed = search.columns(name), estimate.smoothed[name]
         w, states_, _ = smoothed.at(k, mean[columns])
         both = np.concatenate([states_, np.tile(mean[columns], (len(w), 1))], axis=1)
-        signals.append(estimated(found.systems[name], s.locals, both, w[:, None] * vector))
+        signals.append(estimated(estimate.systems[name], s.locals, both, w[:, None] * vector))
         wide = np.zeros((len(w), search.width))
         wide[:, columns] = smoothed.w[:, k, 1:]
         parts.append((w, smoothed.deviation[:, k]))
-        moved.append(wide)
+        by_parameters.append(wide)
     around = Regressors(side.assembly.flat, side.nodes, {n: np.concatenate([s[n] for s in signals]) for n in signals[0]},
                         [s.time for s in search.sides])
     w, deviation = (np.concatenate(both) for both in zip(*parts, strict=True))
-    return w, deviation, np.concatenate(moved), around
+    return w, deviation, np.concatenate(by_parameters), around
 
 
-def _suspect(search: Search, found: Estimate, ranked: Ranked, k: int, w: Array, deviation: Array, moved: Array,
+def _suspect(search: Search, estimate: Estimate, ranked: Ranked, k: int, w: Array, deviation: Array, by_parameters: Array,
              around: Regressors) -> PlaceEstimate:
     """The k-th place of a group: w (N,) is the input at its first place with the parameters at their known values, and
-    `moved` (N, k) its derivatives by them."""
+    `by_parameters` (N, k) its derivatives by them."""
     place, ratio = ranked.group.places[k], ranked.group.ratios[k]
     alike = tuple(p.name for p in ranked.group.places if p is not place)
     variables, learn = around.variables(place), np.concatenate(_learn(search))
     design = Design(variables, learn)
-    mean = -search.centre(found.systems)
-    curve = best_curve(design, _regression(search, found.systems, place, design, learn, mean), learn)
-    value = (w + moved @ (curve.q - mean) if curve is not None else w) * ratio
+    mean = -search.centre(estimate.systems)
+    curve = best_curve(design, _regression(search, estimate.systems, place, design, learn, mean), learn)
+    value = (w + by_parameters @ (curve.q - mean) if curve is not None else w) * ratio
     implied = implied_inputs(search, place, value, deviation * abs(ratio), variables)
-    made = PlaceEstimate(place, found.explained(ranked), found.ranked[0].likelihood - ranked.likelihood, alike, curve,
-                         implied, "")
-    return replace(made, words=words_of(made))
+    place_estimate = PlaceEstimate(place, estimate.explained(ranked), estimate.ranked[0].likelihood - ranked.likelihood,
+                                   alike, curve,
+                                   implied, "")
+    return replace(place_estimate, words=words_of(place_estimate))
 
 
 def implied_inputs(search: Search, place: Place, value: Array, deviation: Array, variables: Sequence[Variable]
@@ -291,10 +293,10 @@ def _regression(search: Search, systems: Mapping[str, LtvModel], place: Place, d
     begin = 0
     for s in search.sides:
         system, end = systems[s.record.name], begin + len(s.time)
-        own = Unknown(system, list(s.nodes), [place], np.ones(1)).innovations(design.columns[begin:end])
-        wide = np.zeros((*own.shape[:2], 1 + search.width + design.columns.shape[1]))
-        wide[:, :, [0, *(1 + search.columns(s.record.name))]] = own[:, :, :1 + len(search.known)]
-        wide[:, :, 1 + search.width:] = own[:, :, 1 + len(search.known):]
+        innovations = Unknown(system, list(s.nodes), [place], np.ones(1)).innovations(design.columns[begin:end])
+        wide = np.zeros((*innovations.shape[:2], 1 + search.width + design.columns.shape[1]))
+        wide[:, :, [0, *(1 + search.columns(s.record.name))]] = innovations[:, :, :1 + len(search.known)]
+        wide[:, :, 1 + search.width:] = innovations[:, :, 1 + len(search.known):]
         parts.append(wide)
         counts.append(s.used.sum(axis=1))
         begin = end
@@ -302,12 +304,12 @@ def _regression(search: Search, systems: Mapping[str, LtvModel], place: Place, d
 
 
 # -- when, and in what state of motion -----------------------------------------------------------------------------------
-def _when(experiment: Experiment, search: Search, found: Estimate) -> tuple[tuple[RecordSection, ...], tuple[State, ...]]:
+def _when(experiment: Experiment, search: Search, estimate: Estimate) -> tuple[tuple[RecordSection, ...], tuple[State, ...]]:
     parts: list[RecordSection] = []
-    told: list[State] = []
+    states_of_errors: list[State] = []
     learn = np.concatenate(_learn(search))
     locals_ = search.sides[0].locals
-    systems = [found.base[s.record.name] for s in search.sides]
+    systems = [estimate.base[s.record.name] for s in search.sides]
     for s, system in zip(search.sides, systems, strict=True):
         parts += stretches(s.record.name, s.time, dict(zip(experiment.outputs, system.error.T, strict=True)),
                            dict(zip(experiment.outputs, s.used.T, strict=True)))
@@ -319,12 +321,12 @@ def _when(experiment: Experiment, search: Search, found: Estimate) -> tuple[tupl
         error = np.concatenate([system.error[u, c] * s.noise[c]
                                 for s, u, system in zip(search.sides, used, systems, strict=True)])
         both = [envelope(s.measured[u, c], s.time[u]) for s, u in zip(search.sides, used, strict=True)]
-        own = {f"amplitude of {name}": (_base_unit(output.shown.unit), np.concatenate([a for a, _ in both])),
-               f"frequency of {name}": ("Hz", np.concatenate([f for _, f in both]))}
+        amplitudes = {f"amplitude of {name}": (_base_unit(output.shown.unit), np.concatenate([a for a, _ in both])),
+                      f"frequency of {name}": ("Hz", np.concatenate([f for _, f in both]))}
         every = np.concatenate(used)
-        here = {n: (text, values[every]) for n, (text, values) in signals.items()}
-        told += states(name, error / unit.scale, {**here, **own}, learn[every])[:3]
-    return tuple(parts), tuple(told)
+        signals_here = {n: (text, values[every]) for n, (text, values) in signals.items()}
+        states_of_errors += states(name, error / unit.scale, {**signals_here, **amplitudes}, learn[every])[:3]
+    return tuple(parts), tuple(states_of_errors)
 
 
 def _base_unit(text: str) -> str:
@@ -385,9 +387,9 @@ def shape_words(curve: Curve) -> str:
 def words_of(suspect: PlaceEstimate) -> str:
     """Sentences on one place."""
     place, curve = suspect.place, suspect.curve
-    what = noun(suspect)
+    quantity = noun(suspect)
     size = readable(suspect.rms, place.unit.text, 2)
-    first = f"{place.words[:1].upper()}{place.words[1:]} a {what} is missing (rms {size}); "
+    first = f"{place.words[:1].upper()}{place.words[1:]} a {quantity} is missing (rms {size}); "
     if curve is None or curve.r2 < INPUT_ESTIMATION.explains:
         best = f" (at best {curve.variable.phrase}, R2 {max(curve.r2, 0):.2f})" if curve is not None else ""
         rest = "it is hardly larger than its uncertainty." if suspect.rms < 2 * suspect.deviation else \
@@ -401,27 +403,28 @@ def words_of(suspect: PlaceEstimate) -> str:
     return first + f"it follows the {curve.variable.phrase} (R2 {number(curve.r2, 2)} on data not used), {shape}{end}"
 
 
-def summary(found: Localization) -> list[str]:
+def summary(localization: Localization) -> list[str]:
     """When and in what state of motion the model fails, in sentences."""
     lines = []
-    if found.stretches:
-        part = worst(found.stretches)
+    if localization.stretches:
+        part = worst(localization.stretches)
         channel = max(part.chi2, key=lambda n: part.chi2[n])
         lines.append(f"The model misses most in {part.record} from {part.begin:.4g} s to {part.end:.4g} s, in {channel} "
                      f"(reduced chi-square {number(part.chi2[channel], 3)}).")
-    for channel in dict.fromkeys(s.channel for s in found.states):
-        own = [s for s in found.states if s.channel == channel]
-        lines.append(f"The error of {channel} follows " + ", ".join(f"{s.variable} (R2 {s.r2:.2f})" for s in own) + ".")
+    for channel in dict.fromkeys(s.channel for s in localization.states):
+        states_of_channel = [s for s in localization.states if s.channel == channel]
+        lines.append(f"The error of {channel} follows " + ", ".join(f"{s.variable} (R2 {s.r2:.2f})"
+                                                                    for s in states_of_channel) + ".")
     return lines
 
 
-def best_of_each_group(found: Localization) -> Sequence[PlaceEstimate]:
+def best_of_each_group(localization: Localization) -> Sequence[PlaceEstimate]:
     """The best place of each group."""
     groups: set[frozenset[str]] = set()
-    kept = []
-    for suspect in found.suspects:
+    places = []
+    for suspect in localization.suspects:
         key = frozenset((suspect.place.name, *suspect.alike))
         if key not in groups:
             groups.add(key)
-            kept.append(suspect)
-    return kept
+            places.append(suspect)
+    return places

@@ -58,10 +58,10 @@ class Whitening:
 
     def innovations(self, error: Array, first: Array, driven: Array) -> Array:
         """v (N, m, K) of errors (N, m, K), from the states first (n, K), with driven (N-1, n, K) = u."""
-        moved = self.gain @ error[:-1] + driven
+        driven_states = self.gain @ error[:-1] + driven
         states = np.empty((len(error), *first.shape))
         states[0] = x = first
-        for i, (step, more) in enumerate(zip(self.step, moved, strict=True), 1):
+        for i, (step, more) in enumerate(zip(self.step, driven_states, strict=True), 1):
             states[i] = x = step @ x + more
         return np.asarray(self.by_error @ error + self.by_state @ states)
 
@@ -77,9 +77,9 @@ class Whitening:
         maps[:-1, m:, n] = -(self.gain @ d[:-1, :, None])[:, :, 0]
         if compiled_kalman.program() is not None:
             return compiled_kalman.responses(maps, inputs, means, m)
-        given, made, found = np.zeros((n + 2, width)), np.empty((m + n, width)), np.empty((count, m, width))
+        arguments, products, response = np.zeros((n + 2, width)), np.empty((m + n, width)), np.empty((count, m, width))
         for i in range(count):
-            given[n], given[n + 1] = inputs[i], means[min(i, count - 2)]
-            np.matmul(maps[i], given, out=made)
-            found[i], given[:n] = made[:m], made[m:]
-        return found
+            arguments[n], arguments[n + 1] = inputs[i], means[min(i, count - 2)]
+            np.matmul(maps[i], arguments, out=products)
+            response[i], arguments[:n] = products[:m], products[m:]
+        return response

@@ -69,10 +69,10 @@ class Partners:
     def __init__(self, assembly: Assembly, rows: Sequence[Sequence[int]]):
         self.parts: dict[int, _Partner] = {}
         parts = foreign_parts(assembly.flat)
-        for event, (flat_event, own) in enumerate(zip(assembly.flat.events, rows, strict=True)):
+        for event, (flat_event, reset_rows) in enumerate(zip(assembly.flat.events, rows, strict=True)):
             path = flat_event.name.rpartition(".")[0]
             if path in parts:
-                self.parts[event] = _Partner(path, parts[path], own, _given(assembly, path, parts[path]))
+                self.parts[event] = _Partner(path, parts[path], reset_rows, _given(assembly, path, parts[path]))
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -92,11 +92,11 @@ class Partners:
     def outputs(self, point: Point, fired: Sequence[int]) -> dict[int, float]:
         """The outputs of the FMUs whose events happen at a point, by the rows of the resets; each FMU has reached the
         point."""
-        found: dict[int, float] = {}
+        outputs: dict[int, float] = {}
         for part in (self.parts[event] for event in fired if event in self.parts):
             with _failing(part, point.t):
-                found.update(zip(part.rows, _reached(part, point), strict=True))
-        return found
+                outputs.update(zip(part.rows, _reached(part, point), strict=True))
+        return outputs
 
     def give_inputs(self, point: Point, fired: Sequence[int]) -> None:
         """Set the inputs, for their next steps, of the FMUs whose events have happened, at the point after these."""
@@ -127,22 +127,22 @@ def _open(part: _Partner, folder: str) -> None:
         part.version, part.said, part.reached = description.fmiVersion, [], np.nan
         part.instance = _instance(part, folder, description)
     except Exception as error:  # wrong platform, missing libraries, refused instance: all are the FMU's own
-        said = (str(error).splitlines() or [""])[0]
+        first_line = (str(error).splitlines() or [""])[0]
         raise SimulationError([Problem("fmu-not-loaded", f"{name} cannot be loaded on this machine", None,
                                        "It needs a binary for this platform among its `binaries/`.",
-                                       (*part.said, said.replace(folder, name)))]) from error
+                                       (*part.said, first_line.replace(folder, name)))]) from error
 
 
 def _instance(part: _Partner, folder: str, description: Any) -> Any:
     from fmpy import fmi2, fmi3
 
-    given = {"guid": description.guid, "unzipDirectory": folder, "modelIdentifier": part.foreign.identifier,
-             "instanceName": part.path}
+    arguments = {"guid": description.guid, "unzipDirectory": folder, "modelIdentifier": part.foreign.identifier,
+                         "instanceName": part.path}
     if part.version.startswith("2"):
         def heard2(_: object, __: object, status: int, ___: object, message: bytes) -> None:
             part.said.append(message.decode(errors="replace"))
 
-        instance = fmi2.FMU2Slave(**given)
+        instance = fmi2.FMU2Slave(**arguments)
         part.callbacks = callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(heard2)
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
@@ -153,7 +153,7 @@ def _instance(part: _Partner, folder: str, description: Any) -> Any:
     def heard3(_: object, status: int, __: object, message: bytes) -> None:
         part.said.append(message.decode(errors="replace"))
 
-    instance = fmi3.FMU3Slave(**given)
+    instance = fmi3.FMU3Slave(**arguments)
     instance.instantiate(logMessage=heard3)
     return instance
 
@@ -208,11 +208,11 @@ def _begin(part: _Partner, time: float, inputs: Array, parameters: Array) -> Non
 
 
 def _set(instance: Any, variable: ForeignVariable, value: float) -> None:
-    own = float((value - variable.offset) / variable.scale)
-    plain = own if variable.type in REALS else own > 0.5 if variable.type == "Boolean" else round(own)
+    raw = float((value - variable.offset) / variable.scale)
+    plain = raw if variable.type in REALS else raw > 0.5 if variable.type == "Boolean" else round(raw)
     getattr(instance, f"set{variable.type}")([variable.reference], [plain])
 
 
 def _get(instance: Any, variable: ForeignVariable) -> float:
-    own = float(getattr(instance, f"get{variable.type}")([variable.reference])[0])
-    return own * variable.scale + variable.offset
+    raw = float(getattr(instance, f"get{variable.type}")([variable.reference])[0])
+    return raw * variable.scale + variable.offset

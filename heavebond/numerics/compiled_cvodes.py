@@ -145,7 +145,7 @@ class Equations:
 
     def structures(self, slots: Sequence[Array]) -> tuple[_Tape, ...]:
         """The functions as C sees them, with `slots` of each to work in (see `slots`)."""
-        return tuple(function.structure(own) for function, own in zip(self.functions, slots, strict=True))
+        return tuple(function.structure(slot) for function, slot in zip(self.functions, slots, strict=True))
 
     def jacobians(self) -> tuple[_Pattern, ...]:
         """The patterns of the Jacobians as C sees them."""
@@ -164,8 +164,8 @@ class Equations:
             if self.compilation is None:
                 if worthwhile(self.seconds, sum(function.length for function in self.functions)):
                     self.compilation = _Compilation(*self.expressions)
-            elif made := self.compilation.functions():
-                self.functions = made
+            elif compiled_functions := self.compilation.functions():
+                self.functions = compiled_functions
 
 
 class NotCompiled(Exception):
@@ -184,8 +184,8 @@ def scaled_equations(assembly: Assembly, signals: ca.SX, moving: Sequence[int], 
     rates = assembly.ode / x_nominal
     if quadratures is not None:
         rates = stack([rates, quadratures])
-    given = [rates, assembly.alg, signals, ca.SX(0, 1) if looked is None else looked]
-    ode, alg, signals, looked = ca.substitute(from_begin(given, t, begin), [x, z, rate],
+    expressions = [rates, assembly.alg, signals, ca.SX(0, 1) if looked is None else looked]
+    ode, alg, signals, looked = ca.substitute(from_begin(expressions, t, begin), [x, z, rate],
                                               [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
     integrals = ca.SX.sym("integral", ode.numel() - x_s.numel())
     parameters = stack([p, *(more for more in (factors, flags) if more is not None)])
@@ -244,7 +244,7 @@ class CompiledCvodes:
         self._counts = np.zeros(3, np.int64)
         # what C points to must live as long as this does
         self._functions, slots = equations.functions, equations.slots()
-        self._kept = kept = [*columns, *work, stages, *slots, self._directions, equations, self._functions]
+        self._kept = references = [*columns, *work, stages, *slots, self._directions, equations, self._functions]
         n_u = driving.pieces.shape[0]
         assert n_u == 0 or len(columns[2]) == len(stops)  # C reads so many
         self._problem = _Problem(
@@ -255,7 +255,7 @@ class CompiledCvodes:
         answer = compiled.library.prepare(
             ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
         # before what it points to is collected
-        weakref.finalize(self, _finish, compiled.library, self._problem, kept)
+        weakref.finalize(self, _finish, compiled.library, self._problem, references)
         if answer:
             raise RuntimeError(f"CVODES could not be prepared ({answer})")
 
@@ -269,22 +269,22 @@ class CompiledCvodes:
         near z0 (n_z,); RuntimeError where CVODES fails. Without `states` only the signals are kept. `watch` is called after
         at least `CHUNK` stops with the signals at these, from the first stop again if another method starts over; an
         exception that it raises ends the run."""
-        given, intervals = (x0, z0, p, directions, states, watch), len(self._stops) - 1
+        arguments, intervals = (x0, z0, p, directions, states, watch), len(self._stops) - 1
         if self.method is not None and self.method.one_step:
             try:
-                return self._run(*given, most=int(self.method.evaluations * intervals))
+                return self._run(*arguments, most=int(self.method.evaluations * intervals))
             except RuntimeError:
                 check()
                 self.method = CVODES
-        found = self._run(*given)
+        integrated = self._run(*arguments)
         if self.method is None:
-            self.method, taken = CVODES, int(self._counts[1])
-            if (most := int(CHEAPER * taken)) > (STAGES - 1) * intervals:
+            self.method, evaluations = CVODES, int(self._counts[1])
+            if (most := int(CHEAPER * evaluations)) > (STAGES - 1) * intervals:
                 with contextlib.suppress(RuntimeError):
-                    found = self._run(*given, most=most)
+                    integrated = self._run(*arguments, most=most)
                     self.method = Method(True, WORSE * int(self._counts[1]) / intervals)
                 check()
-        return found
+        return integrated
 
     def _run(self, x0: Array, z0: Array, p: Array, directions: Array, states: bool, watch: Watch | None, most: int = 0
              ) -> Integrated:
@@ -299,25 +299,26 @@ class CompiledCvodes:
         x = np.empty((N, self._total)) if states else np.zeros((0, 0))
         z = np.empty((N, equations.n_z * (1 + m))) if states else np.zeros((0, 0))
         signals = np.empty((N, equations.n_signals * (1 + m)))
-        found = [_address(k) for k in (x, z, signals)]
+        outputs = [_address(k) for k in (x, z, signals)]
         self._counts[:] = 0
         problem.one_step, problem.most_evaluations = most > 0, most
         self._renew()
         library, at = self._program.library, ctypes.byref(problem)
-        answer = library.begin(at, stops[0], _address(x0), _address(z0), _address(hoisted), *found)
+        answer = library.begin(at, stops[0], _address(x0), _address(z0), _address(hoisted), *outputs)
         chunk = min(max(CHUNK, N // LOOKS), LARGEST_CHUNK)
-        reached, first, seen = ctypes.c_double(float(stops[0])), 0, 0
-        here, counts = _address(stops) or 0, _address(self._counts)
+        reached, first, reported = ctypes.c_double(float(stops[0])), 0, 0
+        stops_address, counts = _address(stops) or 0, _address(self._counts)
         try:
             while not answer and first < N - 1:
                 number = min(chunk, N - 1 - first)
-                answer = library.advance(at, number, here + first * stops.itemsize, first, *found, ctypes.byref(reached),
+                answer = library.advance(at, number, stops_address + first * stops.itemsize, first, *outputs,
+                                         ctypes.byref(reached),
                                          counts)
                 first += number
                 check()
                 if watch is not None and not answer:
-                    watch(seen, signals[seen:first + 1, :equations.n_signals])
-                    seen = first + 1
+                    watch(reported, signals[reported:first + 1, :equations.n_signals])
+                    reported = first + 1
         finally:
             equations.spent(int(self._counts[1]), bool(m or equations.n_z))
         if answer:
@@ -384,11 +385,11 @@ class _Compilation:
     """A compiler at work on functions of one column, with the same operations in the same floating-point arithmetic. It ends
     with this object, at the latest with the process."""
 
-    def __init__(self, given: ca.SX, wanted: Sequence[ca.SX]):
+    def __init__(self, arguments: ca.SX, wanted: Sequence[ca.SX]):
         generator = ca.CodeGenerator("equations.c")
         for k, expression in enumerate(wanted):
-            generator.add(ca.Function(f"equations_{k}", [given], [ca.densify(expression)]))
-        self._sizes, self._until = [(given.numel(), of.numel()) for of in wanted], clock.monotonic() + COMPILING.timeout
+            generator.add(ca.Function(f"equations_{k}", [arguments], [ca.densify(expression)]))
+        self._sizes, self._until = [(arguments.numel(), of.numel()) for of in wanted], clock.monotonic() + COMPILING.timeout
         self._process: subprocess.Popen[bytes] | None = None
         if (command := compiler()) is None:
             return
@@ -427,10 +428,10 @@ def _end_compiler(process: subprocess.Popen[bytes], folder: str) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def _tape(given: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
+def _tape(arguments: Sequence[ca.SX], wanted: ca.SX) -> _Listed:
     """The operations of an expression, each with a separate slot for its result."""
-    function = ca.Function("f", list(given), [ca.densify(wanted)])
-    begins = np.cumsum([0, *(g.numel() for g in given)]).tolist()
+    function = ca.Function("f", list(arguments), [ca.densify(wanted)])
+    begins = np.cumsum([0, *(g.numel() for g in arguments)]).tolist()
     constant: dict[str, int] = {}
     code: list[tuple[int, int, int, int]] = []  # operands below 0 are constants, from 0 on inputs, then results
     at: dict[int, int] = {}  # where the value of each of CasADi's registers stands
@@ -468,7 +469,7 @@ def _address(values: Any) -> int | None:
     return int(values.ctypes.data) if values.size else None
 
 
-def _finish(library: ctypes.CDLL, problem: _Problem, kept: object) -> None:
+def _finish(library: ctypes.CDLL, problem: _Problem, references: object) -> None:
     library.finish(ctypes.byref(problem))
 
 

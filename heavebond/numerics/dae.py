@@ -132,16 +132,17 @@ class Assembly:
         or if a parameter of `zeros` becomes nonzero (see `at_zero`). Raises UsageError if a name is not an independent
         parameter, ModelError for a value that its component does not allow."""
         p = self.p.copy()
-        for (name, given), k in zip(values.items(), self.parameter_indices(values), strict=True):
-            p[k] = self._number(name, given, k)
+        for (name, new_value), k in zip(values.items(), self.parameter_indices(values), strict=True):
+            p[k] = self._number(name, new_value, k)
         self.flat.limits.check(p, values)
         if self.flat.other_delays(p) or any(p[k] != 0 for k in self.parameter_indices(self.flat.zeros)):
             # a variable that equals its source has other equations than one that is delayed
             known = dict(zip(self.parameter_names, p.tolist(), strict=True))
             changed: dict[str, float | str] = {name: value for name, value in known.items() if name in values}
             positions = [u.name for u in self.flat.unknowns if u.role == "position"]
-            made = assemble(self.model.with_parameters(changed), positions)
-            return replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
+            assembly = assemble(self.model.with_parameters(changed), positions)
+            return replace(assembly, p=np.array([known.get(name, value) for name,
+                                                 value in assembly.parameter_values.items()]))
         return replace(self, p=p)
 
     def parameter_indices(self, names: Iterable[str]) -> list[int]:
@@ -166,17 +167,17 @@ class Assembly:
                 for columns in (reduced.states, reduced.algebraic))
         return replace(self, x_nominal=x, z_nominal=z, sizes=dict(sizes), memo={})
 
-    def _number(self, name: str, given: float | str, index: int) -> float:
-        if not isinstance(given, str):
-            if not isfinite(given):
-                raise UsageError([Problem("value-not-finite", f"{name} = {given} has no finite value", None,
+    def _number(self, name: str, value: float | str, index: int) -> float:
+        if not isinstance(value, str):
+            if not isfinite(value):
+                raise UsageError([Problem("value-not-finite", f"{name} = {value} has no finite value", None,
                                           "Give a finite number.")])
-            return float(given)
+            return float(value)
         try:
-            number, unit = parse_quantity(given)
-            check_unit(unit, self.flat.parameters[index].unit, number, given)
+            number, unit = parse_quantity(value)
+            check_unit(unit, self.flat.parameters[index].unit, number, value)
             if unit is not None and unit.offset and self.flat.origins.of_name(name.removeprefix("initial.")) == 0:
-                raise UnitProblem("unit-offset", f"'{given}' is a temperature, and this is a difference",
+                raise UnitProblem("unit-offset", f"'{value}' is a temperature, and this is a difference",
                                   f"Write '{interval_text(number, unit)}'.")
         except UnitProblem as problem:
             raise UsageError([Problem(problem.code, f"{name}: {problem.message}", None, problem.hint)]) from None
@@ -190,11 +191,11 @@ class Assembly:
     def point(self, t: float, x: Array, z: Array, p: Array, u: Array, rate: float = 1.0) -> dict[int, float]:
         """The values of all raw symbols of the flat model by their hashes, at values of the arguments."""
         reduced = self.reduced
-        found = {self.arguments[0].element_hash(): t, self.arguments[5].element_hash(): rate}
+        values_by_hash = {self.arguments[0].element_hash(): t, self.arguments[5].element_hash(): rate}
         for symbols, values in ((reduced.symbols, np.array(self._raw(t, x, z, p, u, rate)).ravel()), (reduced.x, x),
                                 (reduced.z, z), (self.flat.p, p)):
-            found |= {s.element_hash(): float(v) for s, v in zip(split(symbols), values, strict=True)}
-        return found
+            values_by_hash |= {s.element_hash(): float(v) for s, v in zip(split(symbols), values, strict=True)}
+        return values_by_hash
 
     def resolver(self) -> Resolver:
         """Names of the diagram to raw symbols and units."""
@@ -209,27 +210,27 @@ class Assembly:
     def express(self, raw: ca.SX) -> ca.SX:
         """Substitute (t, x, z, p, u, rate) for raw symbols; a derivative that no equation contains follows by the chain
         rule."""
-        found = self.reduced.express(raw)
+        expression = self.reduced.express(raw)
         if self.flat.zeros:  # the power of a volume of 0 needs no rate of its pressure
             left_out = stack([self.flat.constants[name] for name in self.flat.zeros])
-            found = ca.densify(ca.sparsify(ca.substitute(found, left_out, ca.SX.zeros(left_out.shape))))
-        missing = [s for s in ca.symvar(found) if s.element_hash() not in self._available]
+            expression = ca.densify(ca.sparsify(ca.substitute(expression, left_out, ca.SX.zeros(left_out.shape))))
+        missing = [s for s in ca.symvar(expression) if s.element_hash() not in self._available]
         if missing:
-            found = ca.substitute(found, stack(missing), stack([self._rate_of(s) for s in missing]))
-        return substitute_inputs(found, self.flat, self.arguments[0], self.arguments[4])
+            expression = ca.substitute(expression, stack(missing), stack([self._rate_of(s) for s in missing]))
+        return substitute_inputs(expression, self.flat, self.arguments[0], self.arguments[4])
 
     @cached_property
     def _available(self) -> set[int]:
         """The hashes of the symbols that an expression may have in the end: the arguments and the measured inputs."""
         t, x, z, _, u, rate = self.arguments
-        others = (t, x, z, u, rate, *(k.symbols for k in self.flat.driving))
-        return {*self.flat.places, *(s.element_hash() for a in others for s in ca.symvar(a))}
+        known = (t, x, z, u, rate, *(k.symbols for k in self.flat.driving))
+        return {*self.flat.places, *(s.element_hash() for a in known for s in ca.symvar(a))}
 
     def _derivative_name(self, symbol: ca.SX) -> str:
         """`dddcrown.x` of the symbol of a derivative."""
-        flat, own = self.flat, symbol.element_hash()
+        flat, key = self.flat, symbol.element_hash()
         return next(("d" * k + flat.unknowns[j].name for k, level in enumerate(flat.levels) for j, s in enumerate(level)
-                     if s.element_hash() == own), "a derivative")
+                     if s.element_hash() == key), "a derivative")
 
     def _rate_of(self, symbol: ca.SX) -> ca.SX:
         """d/dt of an unknown whose derivative does not occur in the equations, by the chain rule."""
@@ -261,9 +262,9 @@ def assemble(model: ModelOrFile | Assembly, also: Iterable[str] = (), widths: fl
         diagram, wanted = loaded(model), sorted(set(also))
         reduced = reduce_flattened(lambda corners: _checked(flatten(diagram, wanted, widths, corners)))
         check()
-        made = build(reduced)
+        assembly = build(reduced)
         check()
-        return made
+        return assembly
 
 
 def at_zero(assembly: Assembly, free: Iterable[str] = (), flattened: Callable[[Mapping[int, int]], Flat] | None = None
@@ -282,20 +283,20 @@ def at_zero(assembly: Assembly, free: Iterable[str] = (), flattened: Callable[[M
         if assembly.flat.options is None:  # equations that the diagram does not have
             return assembly
         flattened = partial(_flattened, assembly.model, assembly.flat.options)
-    kept, zeros, known = set(free), list[str](), assembly.parameter_values
-    made = assembly
-    while found := _vanishing(made):
-        zeros += found
-        if not kept.isdisjoint(found):
+    nonzero, zeros, known = set(free), list[str](), assembly.parameter_values
+    result = assembly
+    while vanishing := _vanishing(result):
+        zeros += vanishing
+        if not nonzero.isdisjoint(vanishing):
             return assembly
         try:
             with put_off():
-                made = build(reduce_flattened(partial(_left_out, flattened, tuple(zeros))))
+                result = build(reduce_flattened(partial(_left_out, flattened, tuple(zeros))))
         except ModelError:
             check()
             return assembly
-        made = replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
-    return made
+        result = replace(result, p=np.array([known.get(name, value) for name, value in result.parameter_values.items()]))
+    return result
 
 
 def other_states(assembly: Assembly) -> UsageError:
@@ -334,10 +335,10 @@ def _vanishing(assembly: Assembly) -> list[str]:
     def without(expression: ca.SX, symbols: Sequence[ca.SX]) -> ca.SX:
         return ca.sparsify(ca.substitute(expression, stack(symbols), ca.SX.zeros(len(symbols))))
 
-    found = dict[int, None]()
+    vanishing = dict[int, None]()
     for pivot in assembly.reduced.pivots:
         if not pivot.derived and (symbols := own(pivot.coefficient)) and without(pivot.coefficient, symbols).nnz() == 0:
-            found |= dict.fromkeys(zero[s.element_hash()] for s in symbols)
+            vanishing |= dict.fromkeys(zero[s.element_hash()] for s in symbols)
     slopes = assembly.once("algebraic slopes", lambda: ca.jacobian(assembly.alg, z))
     if symbols := own(slopes):
         def rank(left_out: Sequence[ca.SX]) -> int:
@@ -348,8 +349,8 @@ def _vanishing(assembly: Assembly) -> list[str]:
             for symbol in symbols:  # those that make no difference remain
                 fewer = [s for s in needed if s is not symbol]
                 needed = fewer if fewer and rank(fewer) == lost else needed
-            found |= dict.fromkeys(zero[s.element_hash()] for s in needed)
-    return [assembly.parameter_names[k] for k in found]
+            vanishing |= dict.fromkeys(zero[s.element_hash()] for s in needed)
+    return [assembly.parameter_names[k] for k in vanishing]
 
 
 def _assembled_again(model: Model, options: tuple[tuple[str, ...], float, tuple[str, ...]],
@@ -385,15 +386,15 @@ def build(reduced: Reduced) -> Assembly:
     _check_smoothness(reduced, [reduced.ode, reduced.alg, values])
     ode, alg, values = (with_inputs(e) for e in (reduced.ode, reduced.alg, values))
     pivots = with_inputs(stack([q.coefficient for q in reduced.pivots]))
-    made = Assembly(
+    assembly = Assembly(
         reduced, np.array([q.value for q in flat.parameters]),
         np.array([flat.unknowns[j].nominal for j, _ in reduced.states]),
         np.array([flat.unknowns[j].nominal for j, _ in reduced.algebraic]),
         arguments, ode, alg, ca.Function("rates", list(arguments), [ode, alg]),
         ca.Function("values", list(arguments), [values]), ca.Function("pivots", list(arguments), [pivots]))
     if flat.events:
-        made.update_order.at(made.p)  # ModelError for a loop of sampled parts
-    return made
+        assembly.update_order.at(assembly.p)  # ModelError for a loop of sampled parts
+    return assembly
 
 
 def _check_events(reduced: Reduced) -> None:
@@ -456,12 +457,12 @@ def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.S
         symbols.append(known.symbols)
         pieces += [c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2 * c2 + s * 3 * c3), 2 * c2 + 6 * s * c3, 6 * c3]
     for k, delayed in enumerate(flat.delays):
-        own = u[measured_rows(flat) + DELAY_ROWS * k:measured_rows(flat) + DELAY_ROWS * (k + 1)]
-        s, scale, terms = own[2] * (t - own[1]), ca.SX(1), split(own[DELAY_ROWS - DELAY_TERMS:])
+        rows = u[measured_rows(flat) + DELAY_ROWS * k:measured_rows(flat) + DELAY_ROWS * (k + 1)]
+        s, scale, terms = rows[2] * (t - rows[1]), ca.SX(1), split(rows[DELAY_ROWS - DELAY_TERMS:])
         symbols.append(delayed.symbols)
         for order in range(delayed.symbols.numel()):
-            pieces.append(scale * _horner(terms, s) + ((1 - own[0]) * flat.p[delayed.index] if order == 0 else 0))
-            terms, scale = [i * c for i, c in enumerate(terms)][1:], scale * own[2]
+            pieces.append(scale * _horner(terms, s) + ((1 - rows[0]) * flat.p[delayed.index] if order == 0 else 0))
+            terms, scale = [i * c for i, c in enumerate(terms)][1:], scale * rows[2]
     return ca.substitute(expression, stack(symbols), stack(pieces))
 
 
@@ -527,8 +528,8 @@ def _row_sizes(assembly: Assembly, share: float = 0.0) -> Array:
     slopes = assembly.once("slopes of loops", lambda: ca.Function(
         "slopes", list(assembly.arguments), [ca.jacobian(assembly.alg, assembly.arguments[2])]))
     u = np.zeros(assembly.arguments[4].shape)
-    found = slopes(assembly.begin, share * assembly.x_nominal, share * assembly.z_nominal, assembly.p, u, 1.0)
-    return np.asarray(np.abs(np.array(found) * assembly.z_nominal).max(axis=1))
+    gradients = slopes(assembly.begin, share * assembly.x_nominal, share * assembly.z_nominal, assembly.p, u, 1.0)
+    return np.asarray(np.abs(np.array(gradients) * assembly.z_nominal).max(axis=1))
 
 
 def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float) -> list[ca.SX]:
@@ -612,12 +613,12 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
     x_s, z_s, replaced = _augmented(x_s, z_s, p[rows], dp, replaced, u[coefficients], du)
     sizes = [r.numel() for r in replaced]
     stacked, = ca.cse([stack(replaced)])
-    given, parametric = stack([p, ca.vec(dp)]), ca.SX(0, 1)
-    constants = given
+    parameters, parametric = stack([p, ca.vec(dp)]), ca.SX(0, 1)
+    constants = parameters
     if p.numel():
-        stacked, symbols, expressions = ca.extract_parametric(stacked, given)
-        constants, parametric = stack([given, *symbols]), stack(expressions)
-    hoisted, = ca.substitute([stack([given, parametric])], [ca.vec(dp)], [ca.vec(whole[rows, :])])
+        stacked, symbols, expressions = ca.extract_parametric(stacked, parameters)
+        constants, parametric = stack([parameters, *symbols]), stack(expressions)
+    hoisted, = ca.substitute([stack([parameters, parametric])], [ca.vec(dp)], [ca.vec(whole[rows, :])])
     hoist = ca.Function("hoist", [p, whole], [hoisted])
     parts = ca.vertsplit(stacked, [0, *np.cumsum(sizes).tolist()])
     if not x_s.numel():  # an integrator needs a state: one that stays zero
@@ -638,43 +639,44 @@ def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX], u: c
         return x, z, right
     x_along, z_along = ca.SX.sym("X", x.numel(), columns), ca.SX.sym("Z", z.numel(), columns)
     # one Jacobian serves all columns, so that each partial derivative is written once
-    moved = ca.jacobian(stack(right), stack([x, z, p, u])) @ ca.vertcat(x_along, z_along, dp, du)
+    derivatives = ca.jacobian(stack(right), stack([x, z, p, u])) @ ca.vertcat(x_along, z_along, dp, du)
     ends = np.cumsum([0, *(side.numel() for side in right)]).tolist()
-    both = [stack([side, ca.vec(moved[begin:end, :])]) for side, begin, end in zip(right, ends[:-1], ends[1:], strict=True)]
+    both = [stack([side, ca.vec(derivatives[begin:end, :])]) for side, begin, end in zip(right, ends[:-1], ends[1:],
+                                                                                         strict=True)]
     return stack([x, ca.vec(x_along)]), stack([z, ca.vec(z_along)]), both
 
 
-def summed(made: Integrand, factors: Factors | None) -> Integrand:
+def summed(original: Integrand, factors: Factors | None) -> Integrand:
     """Append the quadratures to the states: IDAS excludes quadratures from its choice of order, so that a run whose states
     are straight lines would integrate its quadratures by first-order steps."""
-    dae = dict(made.dae)
+    dae = dict(original.dae)
     if "quad" not in dae:
-        return made
+        return original
     if factors is not None:
         dae["u"] = stack([dae["u"], factors.symbols])
     rates = dae.pop("quad")
     dae["x"], dae["ode"] = stack([dae["x"], ca.SX.sym("integral", rates.numel())]), stack([dae["ode"], rates])
-    return replace(made, dae=dae)
+    return replace(original, dae=dae)
 
 
-def newton_loops(made: Integrand) -> ca.Function | None:
+def newton_loops(loops_dae: Integrand) -> ca.Function | None:
     """Newton's method for the algebraic unknowns, given (t, x, p, u); None where there are none."""
-    dae = made.dae
+    dae = loops_dae.dae
     if not dae["z"].numel():
         return None
     return solved_loops(dae["z"], stack([dae["t"], dae["x"], dae["p"], dae["u"]]), dae["alg"], MOST_NEWTON)
 
 
-def solved_loops(z: ca.SX, given: ca.SX, residuals: ca.SX, most: int) -> ca.Function:
+def solved_loops(z: ca.SX, arguments: ca.SX, residuals: ca.SX, most: int) -> ca.Function:
     """(z, given) to the z near by with residuals (n_z,) = 0, by at most so many steps of Newton's method.
 
     CasADi's method leaves out the last step, one of less than 1e-12: it is taken here, because an acceleration of 1e-12
     times a very large mass is a considerable force.
     """
-    newton = ca.rootfinder("newton", "newton", {"x": z, "p": given, "g": residuals},
+    newton = ca.rootfinder("newton", "newton", {"x": z, "p": arguments, "g": residuals},
                            {"error_on_fail": False, "abstol": 1e-14, "max_iter": most})
-    linear = ca.Function("linear", [z, given], [residuals, ca.jacobian(residuals, z)])
-    first, fixed = ca.MX.sym("z", z.numel()), ca.MX.sym("given", given.numel())
+    linear = ca.Function("linear", [z, arguments], [residuals, ca.jacobian(residuals, z)])
+    first, fixed = ca.MX.sym("z", z.numel()), ca.MX.sym("given", arguments.numel())
     near = newton(first, fixed)
-    rest, slopes = linear(near, fixed)
-    return ca.Function("loops", [first, fixed], [near - ca.solve(slopes, rest)])
+    residual, slopes = linear(near, fixed)
+    return ca.Function("loops", [first, fixed], [near - ca.solve(slopes, residual)])

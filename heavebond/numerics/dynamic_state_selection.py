@@ -94,9 +94,9 @@ class StateChoice:
     def strain(self, columns: Sequence[Array]) -> ChoiceCondition:
         """The strain of this chart at points given by columns; zero for a chart without parts."""
         numbers = self.numbers(columns)
-        found = [strain(part, numbers) for part in self.parts]
-        worst = np.array([worst for worst, _ in found]).reshape(len(found), numbers.shape[1])
-        return ChoiceCondition(worst.max(axis=0, initial=0.0), np.array([sign for _, sign in found]).reshape(worst.shape))
+        strains = [strain(part, numbers) for part in self.parts]
+        worst = np.array([worst for worst, _ in strains]).reshape(len(strains), numbers.shape[1])
+        return ChoiceCondition(worst.max(axis=0, initial=0.0), np.array([sign for _, sign in strains]).reshape(worst.shape))
 
     def folded(self, point: Point) -> bool:
         """True if the constraints are nearly dependent at a point, for every choice of states."""
@@ -112,30 +112,31 @@ class StateChoice:
         mine = {j for j, order in self.assembly.reduced.states if order == 0}
         if set(states) == set(self.assembly.reduced.states) or (self.constraints.settable & mine) - free:
             return None
-        other = _worst(parts_of(self.constraints, states), numbers)
-        return states if other * STATE_SELECTION.improvement < _worst(self.parts, numbers) else None
+        worst = _worst(parts_of(self.constraints, states), numbers)
+        return states if worst * STATE_SELECTION.improvement < _worst(self.parts, numbers) else None
 
-    def values_in(self, other: StateChoice, columns: Sequence[Array]) -> Array:
+    def values_in(self, target: StateChoice, columns: Sequence[Array]) -> Array:
         """The other chart's states and algebraic unknowns (n_x + n_z, N) at points of this one given by columns."""
-        return self._to(other).values(columns)
+        return self._to(target).values(columns)
 
-    def along_in(self, other: StateChoice, columns: Sequence[Array], dx: Array, dz: Array, dp: Array) -> Array:
+    def along_in(self, target: StateChoice, columns: Sequence[Array], dx: Array, dz: Array, dp: Array) -> Array:
         """The derivatives of `values_in` (n_x + n_z, N) along directions dx (n_x, N), dz (n_z, N) and dp (n_p, N) of this
         chart's states, algebraic unknowns and parameters."""
-        return self._to(other).along(columns, dx, dz, dp)
+        return self._to(target).along(columns, dx, dz, dp)
 
-    def _to(self, other: StateChoice) -> _StateTransform:
-        if id(other) not in self._passages:
-            self._passages[id(other)] = _StateTransform(self.assembly, other.assembly)
-        return self._passages[id(other)]
+    def _to(self, target: StateChoice) -> _StateTransform:
+        if id(target) not in self._passages:
+            self._passages[id(target)] = _StateTransform(self.assembly, target.assembly)
+        return self._passages[id(target)]
 
     def why(self, other: StateChoice, point: Point) -> str:
         """The reason why another chart has less strain at a point, in words."""
-        own, others = self.assembly.reduced.states, other.assembly.reduced.states
+        before, others = self.assembly.reduced.states, other.assembly.reduced.states
         worst, name = self.strain(point.columns()).worst[0], self.assembly.reduced.name
-        gone, new = (listing(name(c) for c in mine if c not in theirs) for mine, theirs in ((own, others), (others, own)))
+        removed, new = (listing(name(c) for c in mine if c not in theirs) for mine, theirs in ((before, others), (others,
+                                                                                                                  before)))
         grade = f"{worst:.3g} times" if np.isfinite(worst) else "infinitely"
-        return f"{new} moves {grade} as much as {gone}, from which it would follow"
+        return f"{new} moves {grade} as much as {removed}, from which it would follow"
 
 
 class StateChoices:
@@ -166,11 +167,11 @@ class _StateTransform:
     def __init__(self, begin: Assembly, end: Assembly):
         arguments = list(begin.arguments)
         _, x, z, p, _, _ = arguments
-        there = begin.express(stack([end.reduced.x, end.reduced.z]))
-        self._values = ca.Function("there", arguments, [there])
+        target = begin.express(stack([end.reduced.x, end.reduced.z]))
+        self._values = ca.Function("there", arguments, [target])
         directions = [ca.SX.sym("d", a.numel()) for a in (x, z, p)]
         self._along = ca.Function("along", [*arguments, *directions],
-                                  [ca.jtimes(there, stack([x, z, p]), stack(directions))])
+                                  [ca.jtimes(target, stack([x, z, p]), stack(directions))])
 
     def values(self, columns: Sequence[Array]) -> Array:
         return np.array(self._values(*columns)).reshape(-1, columns[0].shape[1])
@@ -181,15 +182,15 @@ class _StateTransform:
 
 def _moving(assembly: Assembly) -> set[tuple[int, int]]:
     """The entries of the constraints that change in a run."""
-    flat, found = assembly.flat, assembly.reduced.choices.constraints
-    if not found.entries:
+    flat, constraints = assembly.flat, assembly.reduced.choices.constraints
+    if not constraints.entries:
         return set()
     still = flat.constant_hashes | {flat.rate.element_hash()}
-    moving = stack(s for s in ca.symvar(found.values) if s.element_hash() not in still)
+    moving = stack(s for s in ca.symvar(constraints.values) if s.element_hash() not in still)
     if not moving.numel():
         return set()
-    depends = ca.which_depends(found.values, moving, 1, True)
-    return {entry for entry, does in zip(found.entries, depends, strict=True) if does}
+    depends = ca.which_depends(constraints.values, moving, 1, True)
+    return {entry for entry, does in zip(constraints.entries, depends, strict=True) if does}
 
 
 def _worst(parts: Sequence[Part], numbers: Array) -> float:

@@ -115,9 +115,9 @@ class Extreme:
         """The sum for values (n,)."""
         return float(values[self.at] @ self.weights)
 
-    def along(self, moved: Array) -> Array:
+    def along(self, derivatives: Array) -> Array:
         """The sums for values (m, n)."""
-        return np.asarray(moved[:, self.at] @ self.weights)
+        return np.asarray(derivatives[:, self.at] @ self.weights)
 
 
 def lowest(time: Array, values: Array) -> Extreme:
@@ -144,9 +144,9 @@ def _candidates(values: Array, most: float) -> list[int]:
     difference to the neighbouring values."""
     left, right = np.append(values[:1], values[:-1]), np.append(values[1:], values[-1:])
     drop = values - np.minimum(left, right)
-    found = np.flatnonzero((values >= left) & (values >= right) & (values + drop > most) & (drop > 0))
-    order = np.argsort(-values[found], kind="stable")[:EXTREMES.candidates]
-    return [int(k) for k in found[order]]
+    candidates = np.flatnonzero((values >= left) & (values >= right) & (values + drop > most) & (drop > 0))
+    order = np.argsort(-values[candidates], kind="stable")[:EXTREMES.candidates]
+    return [int(k) for k in candidates[order]]
 
 
 def _refined(time: Array, values: Array, k: int, begin: int, end: int) -> Extreme | None:
@@ -171,6 +171,6 @@ def _lagrange(nodes: Array, t: Array) -> Array:
     """The values (k, n) of the Lagrange polynomials of nodes (k,) at times (n,)."""
     weights = np.ones((len(nodes), len(t)))
     for j, node in enumerate(nodes):
-        others = np.delete(nodes, j)
-        weights[j] = np.prod((t[None, :] - others[:, None]) / (node - others)[:, None], axis=0)
+        other_nodes = np.delete(nodes, j)
+        weights[j] = np.prod((t[None, :] - other_nodes[:, None]) / (node - other_nodes)[:, None], axis=0)
     return weights

@@ -52,13 +52,13 @@ class Stop:
     folded: bool = False
 
 
-def stop_times(said: str) -> list[float]:
+def stop_times(message: str) -> list[float]:
     """The times (s) in the message of an integrator on a failure."""
-    return [float(t) for t in _TIME.findall(said)]
+    return [float(t) for t in _TIME.findall(message)]
 
 
-def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> SimulationError:
-    """The error for a run from `first` that failed; `said` is the message of the integrator, `rtol` its relative
+def explain_failure(stop: Stop, first: Start, message: str, rtol: float) -> SimulationError:
+    """The error for a run from `first` that failed; `message` is the message of the integrator, `rtol` its relative
     tolerance."""
     notes: list[str] = []
     loosen, stopped = _loosen(rtol), stop.t
@@ -70,8 +70,8 @@ def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> Simulat
         if lawless := [path for path, leaf in stop.assembly.flat.expanded.leaves.items() if leaf.component.placeholder]:
             have = f"{listing(lawless, 4)} {'have' if len(lawless) > 1 else 'has'}"
             hint = f"{have} no law, and what placeholders give is constant: write the laws first. {hint}"
-    words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
-    solver = re.findall(r"\b(?:IDA|CV)_[A-Z_]+", said)
+    words = [line for line in message.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
+    solver = re.findall(r"\b(?:IDA|CV)_[A-Z_]+", message)
     integrator = "CVODES" if solver and solver[0].startswith("CV") else "IDAS"
     notes.append(f"{integrator} said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
     return SimulationError([Problem("integration-failed", stop_message(stopped), None, hint, tuple(notes))])
@@ -89,8 +89,8 @@ def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> 
     """
     assembly, n_z = result.assembly, len(result.assembly.z_nominal)
     chosen = at[np.unique(np.linspace(0, len(at) - 1, LOOKED_AT).astype(int))]
-    given = [a[:, chosen] for a in columns(result)]
-    matrices = np.array(slopes(*given)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
+    arguments = [a[:, chosen] for a in columns(result)]
+    matrices = np.array(slopes(*arguments)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
     largest = np.abs(matrices).max(axis=2, keepdims=True)
     sound = np.isfinite(matrices).all(axis=(1, 2)) & (largest > 0).all(axis=(1, 2))
     for k, matrix in enumerate(matrices / np.where(largest > 0, largest, 1.0)):
@@ -98,11 +98,11 @@ def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> 
             continue
         values = np.linalg.svd(matrix, compute_uv=False)
         if not sound[k] or values[-1] <= SINGULAR * values[0]:
-            here = [a[:, k] for a in given]
-            t = float(here[0][0])
-            point = assembly.point(t, here[1], here[2], here[3], here[4])
-            found = losses(assembly.reduced.system, point)
-            raise structural_messages.undecided(assembly.flat, found, assembly.algebraic_names, f"at t = {t:.6g} s")
+            point_arguments = [a[:, k] for a in arguments]
+            t = float(point_arguments[0][0])
+            point = assembly.point(t, point_arguments[1], point_arguments[2], point_arguments[3], point_arguments[4])
+            losses_there = losses(assembly.reduced.system, point)
+            raise structural_messages.undecided(assembly.flat, losses_there, assembly.algebraic_names, f"at t = {t:.6g} s")
 
 
 def _without_mass(assembly: Assembly, last: Point) -> str:
@@ -150,10 +150,10 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
         return grown, notes
     if same and (limit := _at_limit(assembly, assembly.point(first.t, *begun, p, u), at)):
         return limit, notes
-    if said := _out_of_range(assembly, last):
-        return said, notes
-    if found := _lost(assembly, at, t):
-        return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
+    if cause := _out_of_range(assembly, last):
+        return cause, notes
+    if problem := _lost(assembly, at, t):
+        return f"{problem.message[:1].upper()}{problem.message[1:]}.\n{problem.hint}", [*notes, *problem.notes]
     # one that has turned its sign was zero a moment before: a run may go on a little with a volume below zero
     small = [k for k, value in enumerate(pivots) if abs(value) < 1e-9 * max(abs(begin[k]), 1e-300) or value * begin[k] < 0]
     if small:
@@ -162,10 +162,10 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
                 "through zero there: a volume, an area or a lever arm vanishes.", notes)
     wild = _not_finite(assembly, t, x, z, p, u)
     if wild or not np.all(np.isfinite(ode)) or not np.all(np.isfinite(alg)):
-        which = listing(wild, 4) or "an equation"
+        equations = listing(wild, 4) or "an equation"
         has = "have" if len(wild) > 1 else "has"
-        return (f"From there on {which} {has} no finite value: a root or logarithm of a negative number, a division by 0.",
-                notes)
+        return (f"From there on {equations} {has} no finite value: a root or logarithm of a negative number, a "
+                "division by 0.", notes)
     if jumping := _jumping(assembly, at):
         return (f"{jumping}. Smooth it (smooth_sign(v, v_t) for sign(v)), or let it happen as an event (a DryFriction for "
                 f"friction, `when:` in a component){loosen}.", notes)
@@ -176,15 +176,15 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
     fastest = names or assembly.algebraic_names
     verb = "changes" if len(fastest) == 1 else "change"
-    said = f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solvers cannot step over. "
+    cause = f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solvers cannot step over. "
     parts = list(dict.fromkeys(part for name in fastest for part in _leaves(assembly, name)))
-    own = [part for part in parts if _of_the_user(assembly, part)]
-    if parts and not own:
-        return (f"{said}The parts there are {listing(parts, 4)}, all of the library: look for one whose size or rating does "
-                "not fit its neighbours, or for a volume, a mass or a time constant far below theirs"
+    user_parts = [part for part in parts if _of_the_user(assembly, part)]
+    if parts and not user_parts:
+        return (f"{cause}The parts there are {listing(parts, 4)}, all of the library: look for one whose size or rating "
+                "does not fit its neighbours, or for a volume, a mass or a time constant far below theirs"
                 f"{loosen}. If they are right, this is a fault of the library: please report it with the diagram.", notes)
-    return (f"{said}Smooth it{' in ' + listing(own, 4) if own else ''} (smooth_sign(v, v_t) for sign(v), signed_sqrt for a "
-            "root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, `when:` in a component)"
+    return (f"{cause}Smooth it{' in ' + listing(user_parts, 4) if user_parts else ''} (smooth_sign(v, v_t) for sign(v), "
+            "signed_sqrt for a root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, `when:` in a component)"
             f"{loosen}.", notes)
 
 
@@ -228,21 +228,21 @@ def _at_limit(assembly: Assembly, start: dict[int, float], at: dict[int, float])
         paths = [path for path in accumulate(u.name.split(".")[:-1], "{}.{}".format) if path in leaves]
         lacks = ((path, leaves[path].component.name, " ".join(re.findall(
             r"\bNo [^.]*\.", leaves[path].component.restrictions))) for path in paths)
-        told = next((f" {path} is a {kind}. {words}" for path, kind, words in lacks if words), "")
+        restriction = next((f" {path} is a {kind}. {words}" for path, kind, words in lacks if words), "")
         beyond = u.plausible.beyond
         advice = f" Beyond it {beyond}." if beyond and limit == u.low else ""
         return (f"{u.name}{f' ({u.doc})' if u.doc else ''} reaches its limit {readable(limit, u.unit.text)} there, from "
-                f"{readable(begin, u.unit.text)} at the start.{told}{advice}")
+                f"{readable(begin, u.unit.text)} at the start.{restriction}{advice}")
     return ""
 
 
 def _out_of_range(assembly: Assembly, last: Point) -> str:
     """The message on a variable outside the range of its laws: oil below vacuum, or at an unusual pressure."""
-    found = next((f for f in at_point(assembly, last).findings if f.kind in ("physical", "range", "larger")), None)
-    if found is None or found.limit is None:
+    finding = next((f for f in at_point(assembly, last).findings if f.kind in ("physical", "range", "larger")), None)
+    if finding is None or finding.limit is None:
         return ""
-    value, limit = (readable(number, found.unit) for number in (found.value, found.limit))
-    return f"{found.name} is {value} there, beyond {limit}: {found.advice}."
+    value, limit = (readable(number, finding.unit) for number in (finding.value, finding.limit))
+    return f"{finding.name} is {value} there, beyond {limit}: {finding.advice}."
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
@@ -250,8 +250,8 @@ def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
     it."""
     system = assembly.reduced.system
     vanishing = [loss for loss in losses(system, at, NEAR) if loss.zero]
-    found = structural_messages.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
-    return found[0] if found else None
+    problems = structural_messages.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
+    return problems[0] if problems else None
 
 
 def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:
@@ -272,29 +272,29 @@ def _jumping(assembly: Assembly, at: dict[int, float]) -> str:
     """Laws that are discontinuous where the run stopped, such as `if_else(v > 0, F, -F)` at v = 0. Their change over a short
     distance of a variable through the point is as large as over a tenth of that distance, and a considerable part of the
     change over the size of the variable."""
-    flat, found = assembly.flat, []
+    flat, jumps = assembly.flat, []
     known = {s.element_hash(): unknown for s, unknown in zip(flat.levels[0], flat.unknowns, strict=True)}
     for equation, residual in zip(flat.equations, flat.residuals, strict=True):
         if equation.kink is None:
             continue
         symbols = ca.symvar(residual)
         law = ca.Function("law", [stack(symbols)], [residual])
-        here = np.array([at.get(s.element_hash(), 0.0) for s in symbols])
+        center = np.array([at.get(s.element_hash(), 0.0) for s in symbols])
         for k, symbol in enumerate(symbols):
             if (unknown := known.get(symbol.element_hash())) is None:
                 continue
-            steps = np.eye(len(here))[k] * float(unknown.nominal)
-            wide, way, short = (abs(float(law(here + share * steps)) - float(law(here - share * steps)))
-                                for share in (1.0, PASSING, PASSING / 10))
-            if short > way / 2 and way > JUMP * wide:
-                found.append((equation, unknown, float(here[k])))
+            steps = np.eye(len(center))[k] * float(unknown.nominal)
+            wide, mean, short = (abs(float(law(center + share * steps)) - float(law(center - share * steps)))
+                                   for share in (1.0, PASSING, PASSING / 10))
+            if short > mean / 2 and mean > JUMP * wide:
+                jumps.append((equation, unknown, float(center[k])))
                 break
-    if not found:
+    if not jumps:
         return ""
-    equation, unknown, value = found[0]
-    others = listing(dict.fromkeys(e.owner for e, *_ in found[1:] if e.owner != equation.owner), 3)
+    equation, unknown, value = jumps[0]
+    other_owners = listing(dict.fromkeys(e.owner for e, *_ in jumps[1:] if e.owner != equation.owner), 3)
     return (f"{equation.owner} jumps in '{equation.text}' at {unknown.name} = {readable(value, unknown.unit.text)}, which "
-            f"the solvers cannot step over{f'; so do {others}' if others else ''}")
+            f"the solvers cannot step over{f'; so do {other_owners}' if other_owners else ''}")
 
 
 def _singular(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> bool:
@@ -307,10 +307,10 @@ def _singular(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Arr
 
 def _owners(assembly: Assembly) -> dict[str, str]:
     flat = assembly.flat
-    found = {}
+    owners = {}
     n = len(flat.unknowns)
     for name, (j, _) in zip(assembly.state_names, assembly.reduced.states, strict=True):
         using = [flat.equations[i].owner for i, row in enumerate(flat.entries)
                  if any(c % n == j for c, _ in row) and flat.equations[i].role is not EquationRole.RATE]
-        found[name] = listing(dict.fromkeys(using), 4)
-    return found
+        owners[name] = listing(dict.fromkeys(using), 4)
+    return owners

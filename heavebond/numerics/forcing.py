@@ -199,7 +199,7 @@ def switch_arguments(parts: list[ca.SX], time: ca.SX) -> tuple[list[ca.SX], list
             steep += args[-1] if op == ca.OP_DIV else args[0]
         written[outputs[0]] = whole
         work[outputs[0]] = moving, branches if moving and len(branches) <= MOST_BRANCHES else [whole]
-    first, second, third = ([s for s in found if ca.depends_on(s, time)] for found in (whole_switches, switches, steep))
+    first, second, third = ([s for s in group if ca.depends_on(s, time)] for group in (whole_switches, switches, steep))
     return first, second, third
 
 
@@ -209,11 +209,11 @@ def _curved(terms: list[ca.SX], time: ca.SX) -> list[bool]:
     symbols = ca.symvar(together)
     function = ca.Function("f", [stack(symbols)], [together])
     degrees: dict[int, int] = {}  # 2 stands for all above 1
-    found = [False] * len(terms)
+    curved = [False] * len(terms)
     for k in range(function.n_instructions()):
         op, inputs, outputs = (function.instruction_id(k), function.instruction_input(k), function.instruction_output(k))
         if op == ca.OP_OUTPUT:
-            found[outputs[1]] = degrees[inputs[0]] > 1
+            curved[outputs[1]] = degrees[inputs[0]] > 1
         elif op in (ca.OP_INPUT, ca.OP_CONST):
             degrees[outputs[0]] = int(op == ca.OP_INPUT and symbols[inputs[1]].element_hash() == time.element_hash())
         elif op in STEPS:
@@ -223,7 +223,7 @@ def _curved(terms: list[ca.SX], time: ca.SX) -> list[bool]:
             degrees[outputs[0]] = max(each) if op in STRAIGHT or not any(each) else \
                 each[1] if op == ca.OP_IF_ELSE_ZERO else each[0] if op == ca.OP_DIV and not each[1] else \
                 min(sum(each), 2) if op == ca.OP_MUL else 2
-    return found
+    return curved
 
 
 def _terms(part: ca.SX, time: ca.SX) -> list[ca.SX]:

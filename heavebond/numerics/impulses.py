@@ -65,15 +65,15 @@ def _written_out(event: FlatEvent, impulse: Impulse, reduced: Reduced, loops: _L
 
 def yielding(reduced: Reduced) -> list[str]:
     """The events of other parts whose conditions an impulse may make true: sticking friction, bodies at rest."""
-    loops, found = _Loops.of(reduced), []
+    loops, names = _Loops.of(reduced), []
     conditions = [(e, reduced.express(e.indicator)) for e in reduced.flat.events if e.indicator is not None]
     for event in (e for e in reduced.flat.events if e.impulse is not None):
         force = reduced.flat.p[event.impulse.force] if event.impulse else ca.SX(0)
-        moved = stack([force, *(reduced.z[j] for j in loops.reached_by(force))])
-        own = event.name.rpartition(".")[0]
-        found += [e.name for e, condition in conditions if e.name.rpartition(".")[0] != own
-                  and any(ca.which_depends(condition, moved, 1, False))]
-    return list(dict.fromkeys(found))
+        affected = stack([force, *(reduced.z[j] for j in loops.reached_by(force))])
+        part = event.name.rpartition(".")[0]
+        names += [e.name for e, condition in conditions if e.name.rpartition(".")[0] != part
+                  and any(ca.which_depends(condition, affected, 1, False))]
+    return list(dict.fromkeys(names))
 
 
 @dataclass(frozen=True)
@@ -97,26 +97,26 @@ class _Loops:
     def reached_by(self, symbol: ca.SX) -> set[int]:
         """The unknowns that change with a symbol."""
         touched = ca.which_depends(self.reduced.alg, symbol, 1, True) if self.row else []
-        found = {j for j, row in enumerate(self.row) if touched[row]}
-        while more := {j for j, needs in enumerate(self.needs) if needs & found} - found:
-            found |= more
-        return found
+        reached = {j for j, row in enumerate(self.row) if touched[row]}
+        while more := {j for j, needs in enumerate(self.needs) if needs & reached} - reached:
+            reached |= more
+        return reached
 
     def needed_for(self, expression: ca.SX) -> set[int]:
         """The unknowns from which an expression follows."""
         inside = {s.element_hash() for s in ca.symvar(expression)}
-        found = {j for j, s in enumerate(split(self.reduced.z)) if s.element_hash() in inside}
-        while more := set().union(*(self.needs[j] for j in found)) - found:
-            found |= more
-        return found
+        needed = {j for j, s in enumerate(split(self.reduced.z)) if s.element_hash() in inside}
+        while more := set().union(*(self.needs[j] for j in needed)) - needed:
+            needed |= more
+        return needed
 
-    def response(self, unknowns: set[int], moved: ca.SX) -> ca.SX:
+    def response(self, unknowns: set[int], changes: ca.SX) -> ca.SX:
         """The change of z (n_z, 1) for a change of the residuals (n_z, 1): -g_z^-1 moved, restricted to some unknowns."""
-        found = ca.SX(len(self.row), 1)
+        response = ca.SX(len(self.row), 1)
         if not unknowns:
-            return found
+            return response
         columns = sorted(unknowns)
         rows = [self.row[j] for j in columns]
         matrix = ca.jacobian(self.reduced.alg[rows], self.reduced.z[columns])
-        found[columns] = -ca.solve(matrix, ca.densify(moved[rows]))
-        return ca.sparsify(found)
+        response[columns] = -ca.solve(matrix, ca.densify(changes[rows]))
+        return ca.sparsify(response)

@@ -74,10 +74,10 @@ def held_still(u: Array, t: float) -> Array:
     """The pieces of the measured inputs (see `dae.substitute_inputs`) with their values at t, and no derivatives: a spline
     through samples has a slope at its end even if the machine was at rest, and a small slope fills or empties a chamber with
     little leakage."""
-    found = u.copy()
+    pieces = u.copy()
     for k in range(1, len(u) - 3, 4):
-        found[k:k + 4] = np.polyval(u[k:k + 4][::-1], t - u[0]), 0.0, 0.0, 0.0
-    return found
+        pieces[k:k + 4] = np.polyval(u[k:k + 4][::-1], t - u[0]), 0.0, 0.0, 0.0
+    return pieces
 
 
 @dataclass(frozen=True)
@@ -122,13 +122,13 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     return Tangent(dx, dz, dp)
 
 
-def _least_change(at: tuple[Array, Matrix], moved: Array, sizes: Array) -> Array:
+def _least_change(at: tuple[Array, Matrix], changes: Array, sizes: Array) -> Array:
     """The change of the unknowns (n, m) that keeps the residuals while they are moved by (rows, m)."""
     residual, jacobian = at[0], scaled(at[1], None, sizes)
     if not jacobian.size:
-        return np.zeros((len(sizes), moved.shape[1]))
+        return np.zeros((len(sizes), changes.shape[1]))
     row = weights(residual, jacobian)
-    return least_change(scaled(jacobian, row), -moved * row[:, None]) * sizes[:, None]
+    return least_change(scaled(jacobian, row), -changes * row[:, None]) * sizes[:, None]
 
 
 class StartSearch:
@@ -184,23 +184,23 @@ class StartSearch:
             residual, jacobian = system.at(self._point(y))
             return residual, scaled(jacobian, None, sizes)
 
-        found = newton(at, y, Scaling(sizes, *self.equations.bounds))
-        if not found.good:
+        result = newton(at, y, Scaling(sizes, *self.equations.bounds))
+        if not result.good:
             return y
         try:
-            whole = self._settle(found.y)
+            whole = self._settle(result.y)
         except StartError:
             check()
             return y
-        self.of_components, self.steps = True, self.steps + found.steps
+        self.of_components, self.steps = True, self.steps + result.steps
         return whole
 
     def _without_components(self) -> Array:
         y, equations = self.y0, self.equations
         self._check_constants()
-        if equations.separate and (found := self._in_turn()) is not None:
+        if equations.separate and (result := self._in_turn()) is not None:
             self.in_turn = True
-            return found
+            return result
         if equations.guesses:
             y = newton(self._scaled(equations.approach), y, self.frame).y
         y = self._search(y)
@@ -213,13 +213,13 @@ class StartSearch:
         a mechanism whose links do not meet at the guess."""
         y = self.y0
         for system in (self.equations.aims, self.equations.conditions):
-            found = newton(self._scaled(system), y, self.frame)
-            if self.fine and found.good:
-                found = sharpened(self._scaled(system), found, self.frame)
-            y = found.y
-            self.steps += found.steps
+            result = newton(self._scaled(system), y, self.frame)
+            if self.fine and result.good:
+                result = sharpened(self._scaled(system), result, self.frame)
+            y = result.y
+            self.steps += result.steps
         try:
-            return self._settle(y) if found.good else None
+            return self._settle(y) if result.good else None
         except StartError:
             return None
 
@@ -231,14 +231,14 @@ class StartSearch:
         system = self._scaled(self.equations.all)
         best: NewtonResult | None = None
         for attempt in range(6 + INITIALISATION.max_shifts):
-            found = self._attempt(system, first, attempt)
-            if self.fine and found.good:
-                found = sharpened(system, found, self.frame)
-            self.steps += found.steps
-            if found.good:
-                return self._nearest(system, first, found.y) if self.equations.steady else found.y
-            best = found if best is None or found.missed < best.missed else best
-            if self.equations.all.affine and self.frame.inside(found.y):
+            result = self._attempt(system, first, attempt)
+            if self.fine and result.good:
+                result = sharpened(system, result, self.frame)
+            self.steps += result.steps
+            if result.good:
+                return self._nearest(system, first, result.y) if self.equations.steady else result.y
+            best = result if best is None or result.missed < best.missed else best
+            if self.equations.all.affine and self.frame.inside(result.y):
                 break  # straight lines that meet nowhere
         assert best is not None
         raise start_messages.failure(self.equations, self._point(best.y), best.residual, self.equations.all, self.nominal)
@@ -250,29 +250,29 @@ class StartSearch:
         not changed."""
         if self.equations.all.affine:
             return y
-        found = continued(lambda done: system, first, self.frame)
-        if not found.good or self._apart(found.y, y) < SAME_EQUILIBRIUM:
+        result = continued(lambda share: system, first, self.frame)
+        if not result.good or self._apart(result.y, y) < SAME_EQUILIBRIUM:
             return y
         residual, jacobian = system(y)
         if null_space(scaled(jacobian, weights(residual, jacobian)), INITIALISATION.undetermined).size:
             return y
-        candidates = [found, settled(system, self._slowed, first, self.frame, SETTLED)]
+        candidates = [result, settled(system, self._slowed, first, self.frame, SETTLED)]
         return min((y, *(c.y for c in candidates if c.good)), key=lambda end: round(self._apart(end, first), 6))
 
-    def _apart(self, y: Array, other: Array) -> float:
+    def _apart(self, y: Array, point: Array) -> float:
         """The distance of two points in usual sizes of the states."""
-        return float(np.linalg.norm(((y - other) / self.nominal)[: self.n_x]))
+        return float(np.linalg.norm(((y - point) / self.nominal)[: self.n_x]))
 
     def at_rest_from(self, y: Array) -> Array | None:
         """The equilibrium to which the machine settles from y (x, z and solved parameters), if it does."""
-        found = settled(self._scaled(self.equations.all), self._slowed, y, self.frame, SETTLED)
-        return found.y if found.good else None
+        result = settled(self._scaled(self.equations.all), self._slowed, y, self.frame, SETTLED)
+        return result.y if result.good else None
 
     def _attempt(self, system: System, first: Array, attempt: int) -> NewtonResult:
         if attempt == 1:
             return self._narrowed(system, first)
         if attempt == 2:
-            return continued(lambda done: system, first, self.frame)
+            return continued(lambda share: system, first, self.frame)
         if attempt == 3 and self.equations.steady:
             return settled(system, self._slowed, first, self.frame)
         if attempt == 4:
@@ -285,19 +285,19 @@ class StartSearch:
         """The state of rest to which the machine settles by integration from a consistent point at the guess: valves that
         are shut at the guess open when pressures rise, even if they have no gradient there. Newton's method is tried from
         later points."""
-        y, found = first.copy(), NewtonResult(first, np.full(1, np.inf), 0)
+        y, result = first.copy(), NewtonResult(first, np.full(1, np.inf), 0)
         inner = slice(self.n_x, self.n_x + self.n_z)
         try:
             y = self._settle(y)
         except StartError:
-            return found
+            return result
         point = self._point(y)
         for x, z in at_rest(self.assembly, self.t, y[: self.n_x], y[inner], point.p, point.u):
             y[: self.n_x], y[inner] = x, z
-            found = newton(system, y, self.frame)
-            if found.good:
+            result = newton(system, y, self.frame)
+            if result.good:
                 break
-        return found
+        return result
 
     def _slowed(self, before: Array, step: float) -> System:
         """The equations of a steady start with (x - before)/step for each rate that is to vanish."""
@@ -312,13 +312,13 @@ class StartSearch:
 
     def _narrowed(self, system: System, y: Array) -> NewtonResult:
         """Newton's method with widened transitions, which are narrowed step by step to their width."""
-        found = NewtonResult(y, np.full(1, np.inf), 0)
+        result = NewtonResult(y, np.full(1, np.inf), 0)
         if not self.equations.widths:
-            return found
+            return result
         for self.widening in WIDENINGS:
-            found = newton(system, found.y, self.frame)
+            result = newton(system, result.y, self.frame)
         self.widening = 1.0
-        return found
+        return result
 
     def _sharpened(self, system: System, y: Array) -> NewtonResult:
         """Newton's method with rounded corners, which become sharp step by step."""
@@ -327,11 +327,11 @@ class StartSearch:
         if not len(widths) or not np.all(np.isfinite(widths)):
             return NewtonResult(y, np.full(1, np.inf), 0)
 
-        def family(done: float) -> System:
+        def family(share: float) -> System:
             def at(y: Array) -> tuple[Array, Matrix]:
-                residual, jacobian = whole.rounded_at(self._point(y), (1 - done) * widths)
+                residual, jacobian = whole.rounded_at(self._point(y), (1 - share) * widths)
                 return residual, scaled(jacobian, None, self.nominal)
-            return at if done < 1 else system
+            return at if share < 1 else system
 
         return continued(family, y, self.frame)
 
@@ -354,12 +354,12 @@ class StartSearch:
             return residual, scaled(jacobian, None, self.assembly.z_nominal)
 
         frame = Scaling(self.assembly.z_nominal, self.frame.low[inner], self.frame.high[inner])
-        found = newton(at, y[inner], frame)
-        if found.good and (found.steps or self.fine):
-            found = sharpened(at, found, frame)
-        raw, jacobian = at(found.y)
-        if not found.good:
-            raise start_messages.failure(self.equations, self._point(whole, 1.0), found.residual, self.equations.algebraic,
+        result = newton(at, y[inner], frame)
+        if result.good and (result.steps or self.fine):
+            result = sharpened(at, result, frame)
+        raw, jacobian = at(result.y)
+        if not result.good:
+            raise start_messages.failure(self.equations, self._point(whole, 1.0), result.residual, self.equations.algebraic,
                                         self.assembly.z_nominal)
         if finite(jacobian):
             undecided = null_space(scaled(jacobian, weights(raw, jacobian)), INITIALISATION.singular)
@@ -375,16 +375,16 @@ class StartSearch:
         self._check(point)
         table = []
         conditions = {assembly.flat.names.get(c.name, -1): c for c in self.equations.initial.conditions.values()}
-        own = {assembly.flat.names[row.name] for row in self.equations.component_rows if self.of_components}
+        component_unknowns = {assembly.flat.names[row.name] for row in self.equations.component_rows if self.of_components}
         for k, (j, order) in enumerate(assembly.reduced.states):
-            asked = conditions.get(j) if order == 0 else None
-            moved = abs(y[k] - self.y0[k]) > 1e-9 * self.nominal[k]
-            why = "asked for" if asked and not asked.guess else "solved from a guess" if asked else \
-                "initial value of the component" if j in own and order == 0 else \
+            condition = conditions.get(j) if order == 0 else None
+            changed = abs(y[k] - self.y0[k]) > 1e-9 * self.nominal[k]
+            why = "asked for" if condition and not condition.guess else "solved from a guess" if condition else \
+                "initial value of the component" if j in component_unknowns and order == 0 else \
                 "shut in: kept" if assembly.state_names[k] in self.shut_in else \
-                f"solved ({self.equations.initial.mode or 'conditions'})" if moved or self.equations.steady else \
+                f"solved ({self.equations.initial.mode or 'conditions'})" if changed or self.equations.steady else \
                 "declared start" if assembly.flat.unknowns[j].start else "default"
-            table.append(StartLine(assembly.state_names[k], asked.value.text if asked else "", float(point.x[k]),
+            table.append(StartLine(assembly.state_names[k], condition.value.text if condition else "", float(point.x[k]),
                                    assembly.flat.unknowns[j].unit.text + ("/s" * order), why))
         table += self._others(point, {line.name for line in table})
         for k in self.equations.solved_for:
@@ -393,16 +393,17 @@ class StartSearch:
         free = tuple(line.name for line in table if line.why == "default")
         return Start(self.t, point.x, point.z, point.p, tuple(table), free, self.steps, self.in_turn, self.of_components)
 
-    def _others(self, point: Point, told: set[str]) -> list[StartLine]:
+    def _others(self, point: Point, listed: set[str]) -> list[StartLine]:
         """The lines of the table on conditions for variables that are not states."""
         flat = self.assembly.flat
-        found = [(j, c) for name, c in self.equations.initial.conditions.items()
-                 if (j := flat.names.get(name)) is not None and flat.unknowns[j].name not in told and name not in told]
-        if not found:
+        remaining = [(j, c) for name, c in self.equations.initial.conditions.items()
+                     if (j := flat.names.get(name)) is not None and flat.unknowns[j].name not in listed
+                     and name not in listed]
+        if not remaining:
             return []
         values = self.assembly.values(*point.values()).full().ravel()
         return [StartLine(c.name, c.value.text, float(values[j]), flat.unknowns[j].unit.text,
-                          "solved from a guess" if c.guess else "asked for") for j, c in found]
+                          "solved from a guess" if c.guess else "asked for") for j, c in remaining]
 
     def _check_constants(self) -> None:
         """Raise an error for coefficients of parameters alone that are zero: a mass or stiffness of 0 is reported before the

@@ -62,11 +62,11 @@ class LookAhead:
         span = float(stops[-1] - stops[0]) or 1.0
         self.base, self.shortest = stops, max(span * EVENTS.shortest_interval, same / FIRST[0])
         if needed:
-            found = [stops[:1]]
+            times = [stops[:1]]
             for begin, end in pairwise(stops.tolist()):
                 parts = max(int(np.ceil((end - begin) / span * EVENTS.min_checks * (1 - 1e-9))), 1)
-                found.append(np.append(begin + (end - begin) / parts * np.arange(1, parts), end))
-            self.base = np.concatenate(found)
+                times.append(np.append(begin + (end - begin) / parts * np.arange(1, parts), end))
+            self.base = np.concatenate(times)
         self.longest = np.inf  # interval between two points in any case
         self.interval, self.widest = np.inf, float(np.diff(self.base).max(initial=0.0))  # between two points
         self.points = self.spent = 0  # steps since the last point of the base

@@ -118,13 +118,13 @@ def with_compiled_equations(make: Made) -> ca.Function:
 def _in_thread(build: Callable[[], ca.Function]) -> ca.Function:
     """The result of `build` in a thread; RuntimeError if it fails. CasADi calls the compiler by system(3), during which the
     whole process ignores interrupts. So that Ctrl-C is not lost, the main thread restores the handler periodically."""
-    found: list[ca.Function | Exception] = []
+    results: list[ca.Function | Exception] = []
 
     def run() -> None:
         try:
-            found.append(build())
+            results.append(build())
         except Exception as error:
-            found.append(error)
+            results.append(error)
 
     thread, handler = Thread(target=run, daemon=True), signal.getsignal(signal.SIGINT)
     thread.start()
@@ -132,9 +132,9 @@ def _in_thread(build: Callable[[], ca.Function]) -> ca.Function:
         thread.join(AGAIN)
         if handler is not None and current_thread() is main_thread():
             signal.signal(signal.SIGINT, handler)
-    if isinstance(made := found[0], Exception):
-        raise RuntimeError(str(made)) from made
-    return made
+    if isinstance(result := results[0], Exception):
+        raise RuntimeError(str(result)) from result
+    return result
 
 
 def _folder() -> tempfile.TemporaryDirectory[str]:
@@ -158,13 +158,13 @@ class Evaluated:
         self._operations = sum(_operations(function.get_function(name)) for name in function.get_function())
         self._seconds, self._tried, self.how = 0.0, False, LISTED
 
-    def __call__(self, **given: Any) -> dict[str, Array]:
+    def __call__(self, **arguments: Any) -> dict[str, Array]:
         """One integration; RuntimeError where it fails."""
         if not self._tried and worthwhile(self._seconds, self._operations):
             self._compile()
         began = clock.thread_time()
         try:
-            return self._function(**given)
+            return self._function(**arguments)
         finally:
             self._seconds += clock.thread_time() - began
 

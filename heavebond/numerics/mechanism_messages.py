@@ -35,12 +35,12 @@ def unassembled(assembly: Assembly) -> Problem | None:
     if equations is None:
         return None
     guess = InitialGuess(assembly.flat)(assembly.p)
-    given = [j for j, fixed in equations.fixed().items() if fixed]
-    residual = _closest(equations, guess, assembly.p, given)[1]
+    fixed_unknowns = [j for j, fixed in equations.fixed().items() if fixed]
+    residual = _closest(equations, guess, assembly.p, fixed_unknowns)[1]
     if not np.abs(residual).max() >= CLOSED:  # kept, or without a value
         return None
-    if given and np.abs(_closest(equations, guess, assembly.p, [])[1]).max() < CLOSED:
-        return _contradiction(equations, given)
+    if fixed_unknowns and np.abs(_closest(equations, guess, assembly.p, [])[1]).max() < CLOSED:
+        return _contradiction(equations, fixed_unknowns)
     return _open(equations, residual)
 
 
@@ -76,8 +76,8 @@ def redundant_loop(assembly: Assembly) -> Problem | None:
         return None
     for trial in range(MOVED):
         direction = motions.T @ np.array([uniform(trial, k) - 0.5 for k in range(len(motions))])
-        moved = y + WAY * equations.nominal * direction / np.abs(direction).max()
-        near = _least(equations, moved, p, range(len(y)))
+        begin = y + WAY * equations.nominal * direction / np.abs(direction).max()
+        near = _least(equations, begin, p, range(len(y)))
         if not np.abs(equations.at(near, p)[0]).max() < CLOSED or dependent(near)[0].shape[1] < relations.shape[1]:
             return None
     return _redundant(equations, relations)
@@ -103,29 +103,29 @@ def _redundant(equations: ConstraintEquations, relations: Array) -> Problem:
 
 
 def _equations(assembly: Assembly) -> ConstraintEquations | None:
-    found = assembly.reduced.choices.constraints
+    constraints = assembly.reduced.choices.constraints
     unknown = {s.element_hash() for level in assembly.flat.levels for s in level}
-    changing = any(s.element_hash() in unknown for s in ca.symvar(found.values))
-    return constraint_equations(assembly.flat, found.order) if changing else None
+    changing = any(s.element_hash() in unknown for s in ca.symvar(constraints.values))
+    return constraint_equations(assembly.flat, constraints.order) if changing else None
 
 
-def _closest(equations: ConstraintEquations, guess: Array, p: Array, given: Sequence[int]) -> tuple[Array, Array]:
+def _closest(equations: ConstraintEquations, guess: Array, p: Array, fixed: Sequence[int]) -> tuple[Array, Array]:
     """The unknowns, those given kept, at the least sum of squares of the constraints, and the residuals there; the best of
     several searches from turned links."""
     columns = list(equations.columns)
     begin = guess[columns]
-    free = [k for k, j in enumerate(columns) if j not in given]
+    free = [k for k, j in enumerate(columns) if j not in fixed]
     if not free:
         return begin, equations.at(begin, p)[0]
     turning = np.array([k in free and equations.flat.unknowns[j].unit.text == "rad" for k, j in enumerate(columns)])
-    found: list[tuple[Array, Array]] = []
+    solutions: list[tuple[Array, Array]] = []
     for trial in range(TRIALS):
         turned = turning * [2 * np.pi * (uniform(trial, k) - 0.5) * (trial > 0) for k in range(len(columns))]
         y = _least(equations, begin + turned, p, free)
-        found.append((y, equations.at(y, p)[0]))
-        if np.abs(found[-1][1]).max() < CLOSED:
+        solutions.append((y, equations.at(y, p)[0]))
+        if np.abs(solutions[-1][1]).max() < CLOSED:
             break
-    return min(found, key=lambda pair: float(np.nan_to_num(np.abs(pair[1]), nan=np.inf).max()))
+    return min(solutions, key=lambda pair: float(np.nan_to_num(np.abs(pair[1]), nan=np.inf).max()))
 
 
 def _least(equations: ConstraintEquations, begin: Array, p: Array, free: Sequence[int]) -> Array:
@@ -171,10 +171,10 @@ def _dead_centre(equations: ConstraintEquations, y: Array, p: Array) -> Problem 
                    "this position, change a length slightly, or add an element that decides the direction (a spring).")
 
 
-def _contradiction(equations: ConstraintEquations, given: Sequence[int]) -> Problem:
-    names = [equations.flat.unknowns[j].name for j in given]
+def _contradiction(equations: ConstraintEquations, fixed: Sequence[int]) -> Problem:
+    names = [equations.flat.unknowns[j].name for j in fixed]
     conditions = equations.flat.expanded.model.initial.conditions
-    places = [c.value.place for name, c in conditions.items() if equations.flat.names.get(name) in given]
+    places = [c.value.place for name, c in conditions.items() if equations.flat.names.get(name) in fixed]
     return Problem("start-failed", f"the links of the mechanism do not meet where {listing(names, MOST_NAMED)} "
                    f"{'has the value' if len(names) == 1 else 'have the values'} given under `initial:`",
                    places[-1] if places else None,

@@ -129,20 +129,20 @@ def newton(system: System, y: Array, frame: Scaling, most: int = NEWTON.max_iter
             break
         y, residual, jacobian = trial, new, new_jacobian
         steps += 1
-    left = residual * weights(residual, jacobian) if residual.size and finite(jacobian) else residual
-    return NewtonResult(y, left, steps)
+    scaled_residual = residual * weights(residual, jacobian) if residual.size and finite(jacobian) else residual
+    return NewtonResult(y, scaled_residual, steps)
 
 
-def sharpened(system: System, found: NewtonResult, frame: Scaling) -> NewtonResult:
+def sharpened(system: System, solution: NewtonResult, frame: Scaling) -> NewtonResult:
     """A solution after one further step, to the rounding of its equations, if this reduces the residual."""
-    residual, jacobian = system(found.y)
+    residual, jacobian = system(solution.y)
     if not residual.size:
-        return found
+        return solution
     row = weights(residual, jacobian)
-    y = frame.within(found.y + least_change(scaled(jacobian, row), -residual * row) * frame.sizes)
-    left = system(y)[0] * row
-    better = np.all(np.isfinite(left)) and np.abs(left).max() < np.abs(residual * row).max()
-    return NewtonResult(y, left, found.steps + 1) if better else found
+    y = frame.within(solution.y + least_change(scaled(jacobian, row), -residual * row) * frame.sizes)
+    weighted = system(y)[0] * row
+    better = np.all(np.isfinite(weighted)) and np.abs(weighted).max() < np.abs(residual * row).max()
+    return NewtonResult(y, weighted, solution.steps + 1) if better else solution
 
 
 def settled(system: System, slowed: Callable[[Array, float], System], y: Array, frame: Scaling, least: float = 0.0
@@ -155,7 +155,7 @@ def settled(system: System, slowed: Callable[[Array, float], System], y: Array, 
     Numer. Anal. 35 (1998) 508-523, doi:10.1137/S0036142996304796.
     """
     y, step, steps = frame.within(y), NEWTON.first_pseudo_step, 0
-    found = NewtonResult(y, np.full(1, np.inf), 0)
+    result = NewtonResult(y, np.full(1, np.inf), 0)
     for k in range(NEWTON.max_pseudo_steps):
         trial = newton(slowed(y, step), y, frame, NEWTON.path_iterations)
         steps += trial.steps
@@ -164,11 +164,11 @@ def settled(system: System, slowed: Callable[[Array, float], System], y: Array, 
         else:
             step /= 4
         if k % 8 == 7 and step >= least:
-            found = newton(system, y, frame, NEWTON.path_iterations)
-            steps += found.steps
-        if found.good or step < NEWTON.first_pseudo_step * 1e-4 or not np.all(np.isfinite(y)):
+            result = newton(system, y, frame, NEWTON.path_iterations)
+            steps += result.steps
+        if result.good or step < NEWTON.first_pseudo_step * 1e-4 or not np.all(np.isfinite(y)):
             break
-    return NewtonResult(found.y, found.residual, steps)
+    return NewtonResult(result.y, result.residual, steps)
 
 
 def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> NewtonResult:
@@ -180,7 +180,7 @@ def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> Ne
     """
     y = frame.within(y)
     first, _ = family(0.0)(y)
-    found, steps, s, stride = NewtonResult(y, first, 0), 0, 0.0, 0.25
+    result, steps, s, stride = NewtonResult(y, first, 0), 0, 0.0, 0.25
     while s < 1 and stride >= NEWTON.min_continuation_step and np.all(np.isfinite(first)):
         to = min(1.0, s + stride)
         member = family(to)
@@ -189,12 +189,12 @@ def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> Ne
             residual, jacobian = system(at)
             return residual - left * first, jacobian
 
-        trial = newton(balanced, found.y, frame, NEWTON.path_iterations)
+        trial = newton(balanced, result.y, frame, NEWTON.path_iterations)
         steps += trial.steps
         if trial.good:
-            found, s, stride = trial, to, 2 * stride
+            result, s, stride = trial, to, 2 * stride
         else:
             stride /= 4
-    last, jacobian = family(1.0)(found.y)
+    last, jacobian = family(1.0)(result.y)
     weighted = last * weights(last, jacobian) if last.size and finite(jacobian) else last
-    return NewtonResult(found.y, weighted, steps)
+    return NewtonResult(result.y, weighted, steps)

@@ -117,9 +117,9 @@ def _drawing_part(points: Result, n: int, u: Unknown) -> str:
     if not most or not flows[most] > sum(max(q, 0.0) for q in flows.values()) / 2:
         return ""
     part, unit = ends[most].leaf, flat.unknowns[flat.names[most]].unit.text
-    others = [other for path, other in flat.expanded.junctions.items() if flat.domains.get(path) != domain
-              and any(end.leaf == part for end in other.ends)]
-    drives = listing(dict.fromkeys(end.leaf for other in others for end in other.ends if end.leaf != part), 3)
+    junctions = [other for path, other in flat.expanded.junctions.items() if flat.domains.get(path) != domain
+                       and any(end.leaf == part for end in other.ends)]
+    drives = listing(dict.fromkeys(end.leaf for other in junctions for end in other.ends if end.leaf != part), 3)
     return f". {part} draws {readable(flows[most], unit)} from node '{node}' at that time: if it should deliver there, " \
         f"exchange its ports{f' or reverse its drive ({drives})' if drives else ''}"
 

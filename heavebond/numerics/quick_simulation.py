@@ -175,21 +175,22 @@ class Unexplained(Simulator):
         check()
         with self._turn:
             began = clock.perf_counter()
-            assembly, first, moved = self._started(parameters)
-            found = self._signals(first, moved, watch)
+            assembly, first, start_tangent = self._started(parameters)
+            measured = self._signals(first, start_tangent, watch)
             if (whole := self._whole) is not None and not self.assembly.sizes:
                 self._whole = None
-                sizes = self._fitting_sizes(assembly, first, moved, self._states(whole))
+                sizes = self._fitting_sizes(assembly, first, start_tangent, self._states(whole))
                 # a search keeps them for its other runs, where a single state may not stay as small
                 if sizes.keys() >= {*assembly.state_names}:
                     self._take_sizes(sizes)
-                    assembly, first, moved = self._started(parameters)
-                    found = self._signals(first, moved, watch)
-            if found is None:
-                result = self._result(assembly, first, moved, began, lambda: self._started(parameters))
-                sensitivities = self.probe.sensitivities(result) if moved is not None else np.zeros((0, 0, 0))
+                    assembly, first, start_tangent = self._started(parameters)
+                    measured = self._signals(first, start_tangent, watch)
+            if measured is None:
+                result = self._result(assembly, first, start_tangent, began, lambda: self._started(parameters))
+                sensitivities = self.probe.sensitivities(result) if start_tangent is not None else np.zeros((0, 0, 0))
                 return self.probe.values(result), sensitivities
-            return found[:, 0].T, np.ascontiguousarray(np.moveaxis(found[:, 1:] / self._sizes(moved)[:, None], 0, -1))
+            return measured[:, 0].T, np.ascontiguousarray(np.moveaxis(measured[:, 1:] / self._sizes(start_tangent)[:, None],
+                                                                      0, -1))
 
     def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
         """As `Simulator`, but the start is solved again only if a parameter on which it depends has changed."""
@@ -198,57 +199,57 @@ class Unexplained(Simulator):
         p = clocks_at(assembly, float(self.time[0]), assembly.p)
         felt = np.concatenate([p[equations.felt], self.pieces.at(self.time[:1]).ravel()])
         if self._last is not None and np.array_equal(felt, self._last[0]):
-            _, first, moved = self._last
+            _, first, start_tangent = self._last
             p = clocks_at(assembly, first.t, assembly.p.copy())
             p[equations.solved_for] = first.p[equations.solved_for]
-            return assembly, replace(first, p=p), moved
-        _, first, moved = super()._started(parameters)
-        self._last = felt, first, moved
-        return assembly, first, moved
+            return assembly, replace(first, p=p), start_tangent
+        _, first, start_tangent = super()._started(parameters)
+        self._last = felt, first, start_tangent
+        return assembly, first, start_tangent
 
-    def _signals(self, first: Start, moved: Tangent | None, watch: Watch | None = None) -> Array | None:
+    def _signals(self, first: Start, start_tangent: Tangent | None, watch: Watch | None = None) -> Array | None:
         """The signals of the probe at the output times, with their moves along the directions (N, 1 + m, k), by the
         compiled program; None where that does not serve."""
         if self.driver is None:
             return None
-        def at_outputs(seen: int, signals: Array) -> None:
+        def at_outputs(first_new: int, signals: Array) -> None:
             assert watch is not None
-            begin, end = np.searchsorted(self._keep, (seen, seen + len(signals)))
-            watch(int(begin), signals[self._keep[begin:end] - seen].T)
+            begin, end = np.searchsorted(self._keep, (first_new, first_new + len(signals)))
+            watch(int(begin), signals[self._keep[begin:end] - first_new].T)
 
         try:
             limits = bool(limited(self.assembly).unknowns)
-            whole = self._compiled(self.driver, first, moved, limits or not self._measured, watch and at_outputs)
+            whole = self._compiled(self.driver, first, start_tangent, limits or not self._measured, watch and at_outputs)
             self._whole, self._measured = None if self._measured else whole, True
         except RuntimeError as error:
             check()
             if self.driver.equations.n_z:
                 return None
             raise self._failure(self.assembly, first, str(error)) from None
-        found = whole.signals[self._keep]
-        if not np.all(np.isfinite(found)):
+        signals_at_outputs = whole.signals[self._keep]
+        if not np.all(np.isfinite(signals_at_outputs)):
             raise self._failure(self.assembly, first, "a value became infinite or not a number")
         if limits:
             n_x, n_z = len(first.x), len(first.z)
             check_limits(Result(self.assembly, self.stops, whole.x[:n_x] * self.assembly.x_nominal[:, None],
                                 whole.z[:n_z] * self.assembly.z_nominal[:, None], self.pieces.at(self.stops),
                                 first.p, first))
-        return found
+        return signals_at_outputs
 
-    def _compiled(self, driver: CompiledCvodes, first: Start, moved: Tangent | None, states: bool,
+    def _compiled(self, driver: CompiledCvodes, first: Start, start_tangent: Tangent | None, states: bool,
                   watch: Watch | None = None) -> Integrated:
         """A run by the compiled program; RuntimeError if it fails."""
         x0, nominal = first.x / self.assembly.x_nominal, self.assembly.x_nominal[:, None]
-        directions = self.along if moved is None else moved.p
-        if moved is not None:
-            x0 = np.concatenate([x0, (moved.x / nominal).T.ravel()])
+        directions = self.along if start_tangent is None else start_tangent.p
+        if start_tangent is not None:
+            x0 = np.concatenate([x0, (start_tangent.x / nominal).T.ravel()])
         return driver.run(x0, first.z / self.assembly.z_nominal, first.p, directions, states, watch)
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         if self.driver is None:
             return super().attempt(first, moved)
         try:
-            found = self._compiled(self.driver, first, moved, True)
+            integrated = self._compiled(self.driver, first, moved, True)
         except RuntimeError:
             if not self.driver.equations.n_z:
                 raise
@@ -258,14 +259,14 @@ class Unexplained(Simulator):
             if not hasattr(self, "integrator"):
                 super().prepare()
             return super().attempt(first, moved)
-        return self._states(found)
+        return self._states(integrated)
 
-    def _states(self, found: Integrated) -> Trace:
+    def _states(self, integrated: Integrated) -> Trace:
         """A run of the compiled program without integrals."""
         assert self.driver is not None
         blocks = 1 + len(self.sensitivities)
         x_size, z_size = np.tile(self.assembly.x_nominal, blocks), np.tile(self.assembly.z_nominal, blocks)
-        return self._trace(found.x * x_size[:, None], found.z * z_size[:, None], np.zeros((0, len(self.stops))),
+        return self._trace(integrated.x * x_size[:, None], integrated.z * z_size[:, None], np.zeros((0, len(self.stops))),
                            dict(self.driver.stats()))
 
     def _take_sizes(self, sizes: Mapping[str, float]) -> None:
@@ -331,9 +332,10 @@ class CaseSimulator(Unexplained):
         n = len(first.x)
         x0 = np.append(first.x / self.assembly.x_nominal, np.zeros(self.integrals))
         p = first.p if self.factors is None else np.concatenate([first.p, self.factors.values])
-        found = self.driver.run(x0, first.z / self.assembly.z_nominal, p, np.zeros((len(p), 0)))
-        trace = self._trace(found.x[:n] * self.assembly.x_nominal[:, None], found.z * self.assembly.z_nominal[:, None],
-                            found.x[n:], dict(self.driver.stats()))
+        integrated = self.driver.run(x0, first.z / self.assembly.z_nominal, p, np.zeros((len(p), 0)))
+        trace = self._trace(integrated.x[:n] * self.assembly.x_nominal[:, None], integrated.z * self.assembly.z_nominal[:,
+                                                                                                                        None],
+                            integrated.x[n:], dict(self.driver.stats()))
         return replace(trace, between=(lambda: (self.stops, trace, None)) if self.dense else None)
 
 
@@ -368,19 +370,19 @@ class QuickSimulator(Unexplained):
                    "max_num_steps": self.most_steps}
         stops = self.stops - self.begin
         unit = time_unit(stops)
-        given = in_unit_of_time(self._with_table() if self.looks_up else dae, unit)
+        scaled_dae = in_unit_of_time(self._with_table() if self.looks_up else dae, unit)
         # the one-step method ends its steps at the samples of the inputs
         if longest := self.longest if self.one_step else self._longest():
             options["max_step_size"] = longest / unit
         if not dae["z"].numel():
-            del given["z"], given["alg"]
+            del scaled_dae["z"], scaled_dae["alg"]
         outputs = [float(t) for t in stops[1:] / unit] or [1.0]
-        return Buffered(ca.integrator("run", solver, given, 0.0, outputs, options), ("xf", "zf"))
+        return Buffered(ca.integrator("run", solver, scaled_dae, 0.0, outputs, options), ("xf", "zf"))
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         stopped = bool(self.assembly.flat.inputs) and not self.looks_up and not self.compiled
         try:
-            found = super().attempt(first, moved)
+            trace = super().attempt(first, moved)
         except RuntimeError:
             # behind a jump of what is held CVODES may go on with the slope before it, and give up where something is quick
             if self.one_step or not stopped or self.switching is not None:
@@ -392,7 +394,7 @@ class QuickSimulator(Unexplained):
                 self.integrator.stats()["nfevals"] > SEARCH_RUNS.one_step_from * (len(self.stops) - 1):
             self.one_step = True
             self.integrator = self._integrator()
-        return found
+        return trace
 
     def _with_table(self) -> dict[str, ca.MX]:
         """The equations with the pieces of the inputs as a table over time."""
@@ -412,11 +414,11 @@ def _sides(dae: Mapping[str, ca.SX]) -> ca.Function:
     that an integrator needs. By default CasADi differentiates the function once for each colour of columns, with its
     parameters and inputs: five times the operations, in a run with sensitivities half of its time."""
     inputs, outputs = ("t", "x", "z", "p", "u"), ("ode", "alg")
-    given, sides = [dae[k] for k in inputs], [dae[k] for k in outputs]
+    arguments, sides = [dae[k] for k in inputs], [dae[k] for k in outputs]
     before = [ca.SX.sym(f"out_{k}", dae[k].numel()) for k in outputs]
     slopes = [ca.jacobian(side, dae[k]) if k in ("x", "z") else ca.SX(side.numel(), dae[k].numel())
               for side in sides for k in inputs]
-    jacobian = ca.Function("jac_right", [*given, *before], slopes, [*inputs, *(f"out_{k}" for k in outputs)],
+    jacobian = ca.Function("jac_right", [*arguments, *before], slopes, [*inputs, *(f"out_{k}" for k in outputs)],
                            [f"jac_{side}_{k}" for side in outputs for k in inputs])
-    return ca.Function("right", given, sides, inputs, outputs, {
+    return ca.Function("right", arguments, sides, inputs, outputs, {
         "custom_jacobian": jacobian, "jac_penalty": 0, "enable_forward": False, "enable_reverse": False})

@@ -128,12 +128,12 @@ class Verdict:
         if not self.findings:
             return "clean"
         first = self.findings[0]
-        others = list(dict.fromkeys(f.name for f in self.findings if f.name != first.name))
+        other_names = list(dict.fromkeys(f.name for f in self.findings if f.name != first.name))
         same = [f.name for f in self.findings[1:] if f.kind == first.kind and f.advice == first.advice]
         also = f" ({listing(same, MOST_NAMED)} too)" if same else ""
-        rest = [name for name in others if name not in same]
+        unrelated = [name for name in other_names if name not in same]
         begin = first.text.removeprefix(first.name) if first.text.startswith(first.name) else f": {first.text}"
-        more = f" Also outside: {listing(rest, MOST_NAMED)}." if rest else ""
+        more = f" Also outside: {listing(unrelated, MOST_NAMED)}." if unrelated else ""
         before = self._before(first)
         return f"{first.name}{also}{begin}: {before}{first.advice}.{more}"
 
@@ -193,13 +193,13 @@ def listening() -> Iterator[list[tuple[str, Verdict]]]:
         _HEARD.reset(token)
 
 
-def report_verdict(name: str, found: Verdict) -> None:
+def report_verdict(name: str, verdict_of_run: Verdict) -> None:
     """Report the verdict on a run of that name: to `listening` if active, else as a warning unless it is clean."""
     heard = _HEARD.get()
     if heard is not None:
-        heard.append((name, found))
-    elif found.findings:
-        warnings.warn(f"{name}: {found.text}", RunWarning, stacklevel=_depth_of_caller())
+        heard.append((name, verdict_of_run))
+    elif verdict_of_run.findings:
+        warnings.warn(f"{name}: {verdict_of_run.text}", RunWarning, stacklevel=_depth_of_caller())
 
 
 def _depth_of_caller() -> int:
@@ -213,10 +213,10 @@ def _depth_of_caller() -> int:
 def verdicts_as_dict(heard: Sequence[tuple[str, Verdict]]) -> dict[str, object]:
     """The verdicts of all runs of a command for machines: the worst status, and the findings of each run."""
     whole = verdict_of_all(heard)
-    findings = [{"run": name, **f.as_dict()} for name, found in dict(heard).items() for f in found.findings]
+    findings = [{"run": name, **f.as_dict()} for name, run_verdict in dict(heard).items() for f in run_verdict.findings]
     return {**whole.as_dict(), "findings": findings}
 
 
 def verdict_of_all(heard: Sequence[tuple[str, Verdict]]) -> Verdict:
     """One verdict on several runs."""
-    return Verdict(tuple(f for _, found in heard for f in found.findings))
+    return Verdict(tuple(f for _, run_verdict in heard for f in run_verdict.findings))

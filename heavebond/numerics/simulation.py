@@ -75,12 +75,13 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     sensitivities = tuple(sensitivities)
     assembly, parameters = with_equations_at_zero(assembly, parameters, sensitivities)
     written = assembly.model.solver
-    asked = solver or (written.text if written else "auto")
+    solver_name = solver or (written.text if written else "auto")
     simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
-                          solver=asked, allow_fmu=allow_fmu, dense=True)
+                          solver=solver_name, allow_fmu=allow_fmu, dense=True)
     simulator.expect(parameters)
     try:
-        result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else _run_as_asked(simulator, parameters)
+        result = run_by_auto(simulator, parameters, allow_fmu) if solver_name == "auto" else _run_as_asked(simulator,
+                                                                                                           parameters)
     except LimitPassed as error:
         result = resolved(error, simulator.time, lambda times, dense: Simulator(
             assembly, times=times, tolerances=simulator.tolerances, sensitivities=simulator.parameters, allow_fmu=allow_fmu,
@@ -130,9 +131,9 @@ def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | No
 
 def _changed_where_it_stops(simulator: Simulator, parameters: Mapping[str, float | str] | None, allow_fmu: bool) -> Result:
     if simulator.solver.provisional:
-        found, why = _provisional(simulator, parameters)
-        if found is not None:
-            return found
+        result, why = _provisional(simulator, parameters)
+        if result is not None:
+            return result
         simulator.change_to_default(why)
     try:
         return simulator.run(parameters)
@@ -182,21 +183,21 @@ def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | N
 
 def changes_of(result: Result, states: bool = True) -> list[str]:
     """Sentences on the changes during a run: its tolerances, solver and `states`; filled nodes are part of its verdict."""
-    said = []
+    sentences = []
     sizes = result.statistics.get("sizes")
     if isinstance(sizes, dict):
         units = {u.name: u.unit.text for u in result.assembly.flat.unknowns}
         listed = [f"{name} {size:g} {units.get(name, '')}".strip() for name, size in sizes.items()]
-        said.append(f"repeated with absolute tolerances for the sizes that the run reached: {listing(listed, 4)}")
-    for key, what in (("solver_changes", "solver"), *((("state_changes", "states"),) if states else ())):
+        sentences.append(f"repeated with absolute tolerances for the sizes that the run reached: {listing(listed, 4)}")
+    for key, noun in (("solver_changes", "solver"), *((("state_changes", "states"),) if states else ())):
         changes = result.statistics.get(key, [])
         assert isinstance(changes, list)
         if changes:
             first = changes[0]
             before, after = (", ".join([first[k]] if isinstance(first[k], str) else first[k]) for k in ("before", "after"))
-            said.append(f"{count(len(changes), 'change')} of {what}, the first at {first['time']:.4g} s: "
-                        f"{before} -> {after}")
-    return said
+            sentences.append(f"{count(len(changes), 'change')} of {noun}, the first at {first['time']:.4g} s: "
+                             f"{before} -> {after}")
+    return sentences
 
 
 def with_filled_nodes(make: Callable[[Assembly], T], assembly: Assembly, run_of: Callable[[T], Result | None],
@@ -212,12 +213,12 @@ def with_filled_nodes(make: Callable[[Assembly], T], assembly: Assembly, run_of:
         if not nodes or not _may_help(error.problems[0]):
             raise
         try:
-            made = make(filled(assembly, nodes))
-            if (run := run_of(made)) is not None:
+            result = make(filled(assembly, nodes))
+            if (run := run_of(result)) is not None:
                 _accepted(run, nodes, error)
         except HeavebondError:
             raise error from None
-        return made, fills_told(list(nodes), error.problems[0].message)
+        return result, fills_told(list(nodes), error.problems[0].message)
 
 
 def fills_told(nodes: Sequence[str], why: str) -> str:
@@ -246,12 +247,12 @@ def _accepted(result: Result, fills: Mapping[str, str], why: HeavebondError) -> 
 
 def _passes_zero(result: Result) -> bool:
     """True if a divisor changes its sign along the run, in the default states of the diagram."""
-    own = np.ones(len(result.time), bool)
-    own[[k for at, _ in result.stays for k in at]] = False
+    in_default_states = np.ones(len(result.time), bool)
+    in_default_states[[k for at, _ in result.stays for k in at]] = False
     varying = result.assembly.once("varying pivots", lambda: _varying_pivots(result.assembly))
-    if varying is None or not own.any():
+    if varying is None or not in_default_states.any():
         return False
-    values, = evaluated(result.assembly, varying, columns(result, np.flatnonzero(own)))
+    values, = evaluated(result.assembly, varying, columns(result, np.flatnonzero(in_default_states)))
     return bool(((values.min(axis=1) < 0) & (values.max(axis=1) > 0)).any())
 
 
@@ -278,14 +279,14 @@ def unfilled(assembly: Assembly) -> dict[str, str]:
     flat, domains = assembly.flat, assembly.model.library.domains
     states = set(assembly.state_names)
     free = {s.element_hash() for s in split(assembly.arguments[2])}
-    found = {}
+    nodes = {}
     for group in connect(flat.expanded, formula_order(flat.expanded)).groups if free else ():
         domain = domains.get(group.domain)
         if domain is None or domain.fills is None or (name := f"{group.name}.{domain.across[0]}") in states:
             continue
         if free & {s.element_hash() for s in ca.symvar(assembly.reduced.express(flat.levels[0][flat.names[name]]))}:
-            found[group.name] = domain.name
-    return found
+            nodes[group.name] = domain.name
+    return nodes
 
 
 def filled(assembly: Assembly, nodes: Mapping[str, str], begun: Start | None = None) -> Assembly:
@@ -297,9 +298,10 @@ def filled(assembly: Assembly, nodes: Mapping[str, str], begun: Start | None = N
         fills = model.library.domains[domain].fills
         assert fills is not None
         model = model.with_component(f"fill_{k}", fills[0], {"a": node}, dict(fills[1]))
-    made = assemble(model, [u.name for u in flat.unknowns if u.role == "position"])
+    filled_assembly = assemble(model, [u.name for u in flat.unknowns if u.role == "position"])
     known = assembly.parameter_values
-    return replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
+    return replace(filled_assembly, p=np.array([known.get(name, value) for name,
+                                                value in filled_assembly.parameter_values.items()]))
 
 
 def _with_guesses(assembly: Assembly, nodes: Mapping[str, str], begun: Start | None) -> Model:
@@ -315,6 +317,6 @@ def _with_guesses(assembly: Assembly, nodes: Mapping[str, str], begun: Start | N
     for name in (f"{node}.{member}" for node, domain in nodes.items() for member in model.library.domains[domain].across):
         value, unknown = float(values[flat.names[name]]), flat.unknowns[flat.names[name]]
         if np.isfinite(value) and name not in conditions and unknown.place is not None:
-            given = Value(Number(value, unknown.unit, 0), f"{value:.6g}", unknown.place, si=True)
-            conditions[name] = Condition(name, given, True, unknown.place)
+            guess = Value(Number(value, unknown.unit, 0), f"{value:.6g}", unknown.place, si=True)
+            conditions[name] = Condition(name, guess, True, unknown.place)
     return replace(model, initial=replace(model.initial, conditions=conditions))

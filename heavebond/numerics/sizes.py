@@ -73,12 +73,12 @@ def fitting_sizes(assembly: Assembly, names: Sequence[str], reached: Mapping[str
     whole, in_step = (dict(zip(every, _rounding(assembly, columns, time), strict=True))
                       for time in (span, span / max(steps, 1)))
     nominal = dict(zip(every, [*assembly.x_nominal, *assembly.z_nominal], strict=True))
-    found = {}
+    sizes = {}
     for name in names:
         size = 10.0 ** np.ceil(np.log10(max(reached[name], in_step.get(name, 0.0) / atol)))
         if reached[name] > SIZES.rounding * whole.get(name, 0.0) and size < nominal.get(name, np.inf):
-            found[name] = float(size)
-    return found
+            sizes[name] = float(size)
+    return sizes
 
 
 def _rounding(assembly: Assembly, columns: Sequence[Array], time: float) -> Array:
@@ -95,9 +95,9 @@ def _rounding(assembly: Assembly, columns: Sequence[Array], time: float) -> Arra
         rounded = EPS * np.abs(slope) @ np.abs(np.concatenate([x_k, z_k, t_k, p_k]))
         loops = np.abs(np.linalg.pinv(slope[n_x:, n_x:n_x + n_z])) @ rounded[n_x:]
         rates = rounded[:n_x] + np.abs(slope[:n_x, n_x:n_x + n_z]) @ loops
-        by_x, own = np.abs(slope[:n_x, :n_x]), np.abs(np.diagonal(slope[:n_x, :n_x]))
-        times = np.minimum(time, 1 / np.maximum(own, 1e-300))
+        by_x, diagonal = np.abs(slope[:n_x, :n_x]), np.abs(np.diagonal(slope[:n_x, :n_x]))
+        times = np.minimum(time, 1 / np.maximum(diagonal, 1e-300))
         first = rates * times
-        passed = (by_x @ first - own * first) * times
+        passed = (by_x @ first - diagonal * first) * times
         largest = np.maximum(largest, np.concatenate([first + passed, loops]))
     return largest

@@ -26,8 +26,8 @@ def jacobian(residuals: ca.SX, unknowns: ca.SX) -> ca.SX:
     if not len(backwards):
         return ca.jacobian(residuals, unknowns)
     forwards = np.setdiff1d(np.arange(residuals.numel()), backwards)
-    parts = [ca.jacobian(residuals[rows.tolist()], unknowns, {other: False})
-             for rows, other in ((backwards, "allow_forward"), (forwards, "allow_reverse"))]
+    parts = [ca.jacobian(residuals[rows.tolist()], unknowns, {direction: False})
+             for rows, direction in ((backwards, "allow_forward"), (forwards, "allow_reverse"))]
     return ca.vertcat(*parts)[np.argsort(np.concatenate([backwards, forwards])).tolist(), :]
 
 
@@ -53,5 +53,5 @@ def given_jacobian(dae: Mapping[str, ca.SX]) -> dict[str, Any]:
         return {}
     whole = jacobian(rates, unknowns)
     blocks = [whole[:n_x, :n_x], whole[n_x:, :n_x], whole[:n_x, n_x:], whole[n_x:, n_x:]]
-    given = [dae.get(name, ca.SX.sym("t") if name == "t" else ca.SX(0, 1)) for name in INPUTS]
-    return {"cache": {"jacF": ca.Function("jacF", given, blocks, INPUTS, OUTPUTS)}}
+    arguments = [dae.get(name, ca.SX.sym("t") if name == "t" else ca.SX(0, 1)) for name in INPUTS]
+    return {"cache": {"jacF": ca.Function("jacF", arguments, blocks, INPUTS, OUTPUTS)}}

@@ -83,8 +83,8 @@ class StartRow:
 
 def _words(equation: FlatEquation) -> str:
     """An equation in messages; the laws of a component with its name, as several have the same ones."""
-    said = equation.label or equation.text
-    return f"{equation.owner}: {said}" if equation.role is EquationRole.LAW and equation.owner else said
+    text = equation.label or equation.text
+    return f"{equation.owner}: {text}" if equation.role is EquationRole.LAW and equation.owner else text
 
 
 @dataclass(frozen=True)
@@ -141,16 +141,16 @@ class StartSystem:
     def _rounded(self) -> tuple[SmoothedColumn, ca.Function, ca.Function]:
         """The residuals with rounded corners: their values and Jacobian, and the Jacobian of the arguments that are zero at
         the corners."""
-        found = rounded(self.residuals, self._arguments)
-        arguments = [*self._arguments, found.widths]
-        return (found, ca.Function("rounded", arguments, [found.column, ca.jacobian(found.column, self._unknowns)]),
-                ca.Function("corners", arguments, [ca.jacobian(found.at, self._unknowns)]))
+        smoothed = rounded(self.residuals, self._arguments)
+        arguments = [*self._arguments, smoothed.widths]
+        return (smoothed, ca.Function("rounded", arguments, [smoothed.column, ca.jacobian(smoothed.column, self._unknowns)]),
+                ca.Function("corners", arguments, [ca.jacobian(smoothed.at, self._unknowns)]))
 
     def corner_widths(self, point: Point, sizes: Array) -> Array:
         """The change of each corner argument (n,) while every unknown changes by its size. Corners inside an inactive branch
         count as if that branch were rounded, too."""
-        found, _, slopes = self._rounded
-        widths = np.full(found.widths.numel(), INITIALISATION.sharp)
+        values, _, slopes = self._rounded
+        widths = np.full(values.widths.numel(), INITIALISATION.sharp)
         for _ in range(INITIALISATION.max_nesting if len(widths) else 0):
             widths = np.maximum(abs(self._matrix(slopes(*point.values(), widths))) @ sizes, INITIALISATION.sharp)
         return np.asarray(widths)
@@ -205,20 +205,20 @@ class StartEquations:
     def following(self, sizes: Array) -> Array:
         """The scales of the unknowns for the initial values of the components: these change the states of their component
         and the algebraic unknowns only."""
-        own = {self.assembly.flat.names[row.name] for row in self.component_rows}
-        found = sizes.copy()
+        component_unknowns = {self.assembly.flat.names[row.name] for row in self.component_rows}
+        scales = sizes.copy()
         for k, (j, order) in enumerate(self.assembly.reduced.states):
-            if j not in own or order:
-                found[k] *= INITIALISATION.fixed
+            if j not in component_unknowns or order:
+                scales[k] *= INITIALISATION.fixed
         begin = len(self.assembly.x_nominal) + len(self.assembly.z_nominal)
-        found[begin:begin + len(self.initial.solve)] *= INITIALISATION.fixed  # values before the start follow
-        return found
+        scales[begin:begin + len(self.initial.solve)] *= INITIALISATION.fixed  # values before the start follow
+        return scales
 
     def _of_components(self, conditions: list[Condition]) -> list[StartRow]:
         """The initial values of the components (`initial:` in their files) of states that the conditions of the diagram
         leave open. A condition on another variable of the component, such as the output of a filter, takes the place of one
         of them if it depends on no other state of the component."""
-        assembly, found = self.assembly, list[StartRow]()
+        assembly, rows = self.assembly, list[StartRow]()
         names, formula = assembly.flat.names, assembly.model.library.formula
         symbols = {j: s.element_hash() for s, (j, order) in zip(split(assembly.arguments[1]), assembly.reduced.states,
                                                                 strict=True) if order == 0}
@@ -226,15 +226,16 @@ class StartEquations:
         for path, leaf in assembly.flat.expanded.leaves.items():
             if not leaf.component.initial:
                 continue
-            component, own = leaf.component, {j for name, j in names.items() if name.rpartition(".")[0] == path}
+            component, component_unknowns = leaf.component, {j for name, j in names.items()
+                                                             if name.rpartition(".")[0] == path}
             open_states = {names[name]: (name, reset) for reset in component.initial for name in names
                            if f"{path}.{reset.target.text}" in (name, name.partition("[")[0]) and names[name] in symbols}
-            others = {symbols[j] for j in own & symbols.keys() - open_states.keys() - decided}
+            determined = {symbols[j] for j in component_unknowns & symbols.keys() - open_states.keys() - decided}
             replaced = set[int]()
             for c in conditions:
                 if c.name.rpartition(".")[0] == path and names.get(c.name) not in symbols and not c.guess:
                     inside = {s.element_hash() for s in ca.symvar(self._condition(c).residual)}
-                    replaced |= set() if inside & others else inside
+                    replaced |= set() if inside & determined else inside
             for j, (name, reset) in open_states.items():
                 if j not in decided and symbols[j] not in replaced:
                     text = component.in_diagram(reset.value, path)
@@ -242,9 +243,9 @@ class StartEquations:
                         text = re.sub(rf"{re.escape(f'{path}.{integer}')}\b", str(number), text)
                     value = assembly.expression(formula(text))
                     residual = assembly.expression(formula(name)) - value
-                    found.append(StartRow(residual, f"{path}: {name.rpartition('.')[2]} = {reset.value.text} at the start",
-                                          reset.value.place, name=name))
-        return found
+                    rows.append(StartRow(residual, f"{path}: {name.rpartition('.')[2]} = {reset.value.text} at the start",
+                                         reset.value.place, name=name))
+        return rows
 
     def _decides(self, guess: Condition) -> bool:
         """True if a guess is used: a guess of a rate, `der(joint.v): ~ 0`, is used only if the variable consists of speeds
@@ -314,9 +315,9 @@ class StartEquations:
     def separate(self) -> bool:
         """Whether the conditions, if any, are about states alone, so that these are known before the loops are solved."""
         inner = {s.element_hash() for s in split(self.assembly.arguments[2])}
-        asked = self.rows[len(self.loops):]
+        conditions = self.rows[len(self.loops):]
         return not self.steady and not self.solved_for and not any(
-            s.element_hash() in inner for row in asked for s in ca.symvar(row.residual))
+            s.element_hash() in inner for row in conditions for s in ca.symvar(row.residual))
 
     @cached_property
     def algebraic(self) -> StartSystem:
@@ -328,23 +329,24 @@ class StartEquations:
         """The declared bounds of (x, z, solved parameters)."""
         assembly, everything = self.assembly, (-np.inf, np.inf)
         symbols = [*split(assembly.reduced.x), *split(assembly.reduced.z), *(assembly.flat.p[k] for k in self.solved_for)]
-        found = np.array([assembly.flat.bounds.get(s.element_hash(), everything) for s in symbols]).reshape(len(symbols), 2)
-        return found[:, 0], found[:, 1]
+        intervals = np.array([assembly.flat.bounds.get(s.element_hash(), everything)
+                              for s in symbols]).reshape(len(symbols), 2)
+        return intervals[:, 0], intervals[:, 1]
 
     @cached_property
     def felt(self) -> NDArray[np.int64]:
         """The parameters (indices) on which the start depends; others may change without another solution."""
         stand = stack([*(row.residual for row in (*self.rows, *self.guesses, *self.component_rows)), self.guess.expressions])
-        there = {s.element_hash() for s in ca.symvar(stand)}
-        return np.array([k for s, k in self.assembly.flat.places.items() if s in there], np.int64)
+        present = {s.element_hash() for s in ca.symvar(stand)}
+        return np.array([k for s, k in self.assembly.flat.places.items() if s in present], np.int64)
 
     @cached_property
     def widths(self) -> list[int]:
         """The parameters that are widths of regularised laws, the second arguments of `smooth_sign` and `signed_sqrt`."""
         names = {name: k for k, name in enumerate(self.assembly.parameter_names)}
         leaves = self.assembly.flat.expanded.leaves
-        found = (names.get(f"{path}.{width}") for path, leaf in leaves.items() for width in leaf.component.widths)
-        return sorted({k for k in found if k is not None})
+        names_of_widths = (names.get(f"{path}.{width}") for path, leaf in leaves.items() for width in leaf.component.widths)
+        return sorted({k for k in names_of_widths if k is not None})
 
     @cached_property
     def _told(self) -> Buffered:
@@ -356,8 +358,8 @@ class StartEquations:
 
     def sound(self, point: Point) -> bool:
         """True if every variable and rate is finite at a point, and no divisor is zero."""
-        found = list(self._told(*point.values()).values())
-        return all(np.isfinite(values).all() for values in found) and bool(np.all(found[0] != 0))
+        numbers = list(self._told(*point.values()).values())
+        return all(np.isfinite(values).all() for values in numbers) and bool(np.all(numbers[0] != 0))
 
     def asks_tiny_values(self, p: Array) -> bool:
         """True if a condition asks for a value other than 0 that is far below the nominal size of its variable."""
@@ -371,10 +373,10 @@ class StartEquations:
         """The divisors that depend on parameters alone, and their values."""
         flat, pivots = self.assembly.flat, self.assembly.reduced.pivots
         coefficients = stack([q.coefficient for q in pivots])
-        others = [s for s in ca.symvar(coefficients) if s.element_hash() not in flat.places]
-        varying = ca.which_depends(coefficients, stack(others), 1, True) if others else [False] * len(pivots)
-        found = [q for q, varies in zip(pivots, varying, strict=True) if not varies]
-        return found, Buffered(ca.Function("constants", [flat.p], [stack([q.coefficient for q in found])]))
+        variables = [s for s in ca.symvar(coefficients) if s.element_hash() not in flat.places]
+        varying = ca.which_depends(coefficients, stack(variables), 1, True) if variables else [False] * len(pivots)
+        constant = [q for q, varies in zip(pivots, varying, strict=True) if not varies]
+        return constant, Buffered(ca.Function("constants", [flat.p], [stack([q.coefficient for q in constant])]))
 
     @cached_property
     def _usual(self) -> list[float]:
@@ -388,7 +390,7 @@ class StartEquations:
     def sizes(self, p: Array) -> Array:
         """The usual sizes of (x, z, solved parameters)."""
         assembly = self.assembly
-        own = [max(abs(p[k]), usual) for k, usual in zip(self.solved_for, self._usual, strict=True)]
+        solved_sizes = [max(abs(p[k]), usual) for k, usual in zip(self.solved_for, self._usual, strict=True)]
         n = len(self.initial.solve)
-        own[n:] = [INITIALISATION.follows * size for size in own[n:]]
-        return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(own)])
+        solved_sizes[n:] = [INITIALISATION.follows * size for size in solved_sizes[n:]]
+        return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(solved_sizes)])

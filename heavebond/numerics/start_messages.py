@@ -35,12 +35,13 @@ def lost(assembly: Assembly, point: Point) -> list[Problem]:
     values = point.values()
     if not all(np.all(np.isfinite(v)) for v in values):
         return []
-    found = losses(assembly.reduced.system, assembly.point(*values))
-    if found and (problem := redundant_loop(assembly)):
+    rank_losses = losses(assembly.reduced.system, assembly.point(*values))
+    if rank_losses and (problem := redundant_loop(assembly)):
         return [problem]
-    if found and not any(loss.parameters or loss.variables for loss in found) and (problem := dead_centre(assembly)):
+    if rank_losses and not any(loss.parameters or loss.variables
+                               for loss in rank_losses) and (problem := dead_centre(assembly)):
         return [problem]
-    return structural_messages.lost(assembly.flat, found, AT)
+    return structural_messages.lost(assembly.flat, rank_losses, AT)
 
 
 def failure(equations: StartEquations, point: Point, residual: Array, system: StartSystem, sizes: Array) -> StartError:
@@ -62,8 +63,8 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
     if len(numbers) == 1 and (problem := _unmoved(equations, system, point, numbers[0])):
         return StartError([problem])
     conflict = [rows[k] for k in numbers]
-    own = {id(row) for row in equations.loops}
-    if any(id(row) not in own for row in conflict):  # the diagram's own equations are no values to be removed
+    loop_rows = {id(row) for row in equations.loops}
+    if any(id(row) not in loop_rows for row in conflict):  # the diagram's own equations are no values to be removed
         settled = _settling(equations, system, point, sizes)
         follow = f"\nOr let a parameter follow: `solve: [{settled[0]}]`" if settled else ""
         more = f", or {listing(settled[1:], MOST_NAMED)}" if len(settled) > 1 else ""
@@ -153,14 +154,14 @@ def _at_bounds(equations: StartEquations, point: Point) -> list[str]:
 def _unmoved(equations: StartEquations, system: StartSystem, point: Point, row: int) -> Problem | None:
     """A condition without a gradient at the point, though it depends on unknowns that have one elsewhere: the force of an
     open contact, the flow through a shut valve. None if it has a gradient, or if other conditions determine it."""
-    assembly, asked = equations.assembly, system.rows[row]
+    assembly, row_asked = equations.assembly, system.rows[row]
     standing = system.standing(row)
-    if asked.name not in assembly.flat.names or not standing or np.any(dense(system.at(point)[1][[row]])):
+    if row_asked.name not in assembly.flat.names or not standing or np.any(dense(system.at(point)[1][[row]])):
         return None
     solved = [assembly.parameter_names[k] for k in equations.solved_for]
     names = [*assembly.state_names, *assembly.algebraic_names, *solved]
     units = {p.name: p.unit.text for p in assembly.flat.parameters}
-    j = assembly.flat.names[asked.name]
+    j = assembly.flat.names[row_asked.name]
     value = float(np.array(assembly.values(*point.values())).ravel()[j])
     known = {name: v for name, v in zip(assembly.parameter_names, point.p, strict=True) if name in solved}
     first = [f"{name} (tried from {readable(float(known[name]), units[name], 4)}: `set: {{{name}: ...}}`)"
@@ -174,9 +175,9 @@ def _unmoved(equations: StartEquations, system: StartSystem, point: Point, row: 
     guesses = [n for n in guesses if unknowns.get(n) not in speeds]
     begin = [*([f"a guess (`~`) for {listing(guesses, 3)}"] if guesses else []),
              *([f"another first value for {listing(first, 3)}"] if first else [])]
-    return Problem("start-unmoved", f"{asked.label} was not reached: at the end of the search it is "
+    return Problem("start-unmoved", f"{row_asked.label} was not reached: at the end of the search it is "
                    f"{readable(value, assembly.flat.unknowns[j].unit.text, 6)}, and small changes have no effect on it",
-                   asked.place, "So it is with a contact that is open, or a valve that is shut. Begin where it acts: give "
+                   row_asked.place, "An open contact and a shut valve behave like this. Begin where it acts: give "
                    f"{', or '.join(begin)}.")
 
 
@@ -237,31 +238,33 @@ def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
     # equal shares, which differ by rounding, in the order of the file
     order = np.argsort(-np.round(share / share.max(), 6), kind="stable")
     # what the user asked for is told whatever its share, as it can be taken back
-    asked = [bool(system.rows[k].name) for k in range(len(share))]
-    return [int(k) for k in order if share[k] > (1e-4 if asked[k] else 0.1) * share.max()][:8]
+    is_condition = [bool(system.rows[k].name) for k in range(len(share))]
+    return [int(k) for k in order if share[k] > (1e-4 if is_condition[k] else 0.1) * share.max()][:8]
 
 
 def _settling(equations: StartEquations, system: StartSystem, point: Point, sizes: Array) -> list[str]:
     """Parameters of components that would settle a contradiction if they were solved for, those that matter most first."""
     null, _ = _dependent(system, point, sizes)
     assembly, flat = equations.assembly, equations.assembly.flat
-    own = [k for k, name in enumerate(assembly.parameter_names) if not name.startswith(("initial.", "scale.", "history."))
-           and "." in name and k not in equations.solved_for]
-    if not own or not null.size:
+    adjustable = [k for k, name in enumerate(assembly.parameter_names) if not name.startswith(("initial.", "scale.",
+                                                                                               "history."))
+                  and "." in name and k not in equations.solved_for]
+    if not adjustable or not null.size:
         return []
     usual = {u.unit.dimension: u.nominal for u in flat.unknowns}
-    directions = np.zeros((len(point.p), len(own)))
-    directions[own, range(len(own))] = [abs(point.p[k]) or usual.get(flat.parameters[k].unit.dimension, 0.0) for k in own]
+    directions = np.zeros((len(point.p), len(adjustable)))
+    directions[adjustable, range(len(adjustable))] = [abs(point.p[k]) or usual.get(flat.parameters[k].unit.dimension,
+                                                                                   0.0) for k in adjustable]
     effect = np.abs(null.T @ system.moved(point, directions)).max(axis=0)
-    asked = {flat.unknowns[flat.names[row.name]].unit.dimension for row in system.rows if row.name in flat.names}
+    dimensions = {flat.unknowns[flat.names[row.name]].unit.dimension for row in system.rows if row.name in flat.names}
 
     def rank(k: int) -> tuple[bool, bool, float]:  # a length for a position, what the diagram itself gives, what does most
-        name = assembly.parameter_names[own[k]]
-        unlike = flat.parameters[own[k]].unit.dimension not in asked
+        name = assembly.parameter_names[adjustable[k]]
+        unlike = flat.parameters[adjustable[k]].unit.dimension not in dimensions
         return unlike, assumed(flat, name), -float(effect[k])
 
-    chosen = sorted((k for k in range(len(own)) if effect[k] > 1e-6 * max(effect.max(), 1e-300)), key=rank)
-    return [assembly.parameter_names[own[k]] for k in chosen[:MOST_NAMED // 2]]
+    chosen = sorted((k for k in range(len(adjustable)) if effect[k] > 1e-6 * max(effect.max(), 1e-300)), key=rank)
+    return [assembly.parameter_names[adjustable[k]] for k in chosen[:MOST_NAMED // 2]]
 
 
 def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple[str, ...]:
@@ -277,8 +280,8 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
     names = [*assembly.state_names, *assembly.algebraic_names, *(assembly.parameter_names[k] for k in equations.solved_for)]
     begin = len(assembly.state_names) + len(assembly.algebraic_names)
     if not equations.steady:
-        asked = np.abs(null[:, begin:begin + len(solved)]).max(axis=1, initial=0.0) > 1e-6
-        null = null[asked] if len(null) else null
+        solved_for = np.abs(null[:, begin:begin + len(solved)]).max(axis=1, initial=0.0) > 1e-6
+        null = null[solved_for] if len(null) else null
     if not len(null):
         return ()
     shut_in = [name for name, share in zip(names, np.abs(null).max(axis=0), strict=True) if share > INITIALISATION.share]
@@ -302,19 +305,19 @@ def _pressures(assembly: Assembly) -> set[str]:
             if assembly.flat.unknowns[j].role == "across" and name.rpartition(".")[2] in members}
 
 
-def _solve_open(equations: StartEquations, names: list[str], moved: list[str]) -> Problem:
+def _solve_open(equations: StartEquations, names: list[str], followers: list[str]) -> Problem:
     """The parameters under `solve:` without an equation that determines them, and the variables that would follow them
-    (`moved`)."""
+    (`followers`)."""
     place = equations.assembly.model.initial.solve[names[0]]
     steady = "" if equations.steady else "`start: steady`, or "
     return Problem("solve-undetermined", f"no equation determines {listing(names)} under `solve:`", place,
                    f"Each parameter that is solved for needs one condition more under `initial:`: {steady}a value of "
-                   f"{_one_of(moved) if moved else 'a variable that it brings about'}.\nOr take it out of `solve:`.")
+                   f"{_one_of(followers) if followers else 'a variable that it brings about'}.\nOr take it out of `solve:`.")
 
 
 def _one_of(names: list[str]) -> str:
-    shown = names[:MOST_NAMED]
-    return " or ".join(filter(None, [", ".join(shown[:-1]), shown[-1]]))
+    named = names[:MOST_NAMED]
+    return " or ".join(filter(None, [", ".join(named[:-1]), named[-1]]))
 
 
 def _open(equations: StartEquations, point: Point, notes: list[str], suggestions: list[str]) -> Problem:
@@ -342,9 +345,9 @@ def singular_loop(assembly: Assembly, point: Point, direction: Array) -> StartEr
         tuple(f"{e.owner}: {e.text}" for e in assembly.reduced.alg_equations[:6]))])
 
 
-def check_pivots(assembly: Assembly, found: Sequence[tuple[Pivot, float]], point: Point) -> None:
+def check_pivots(assembly: Assembly, pivots: Sequence[tuple[Pivot, float]], point: Point) -> None:
     """Raise StartError for divisors that are zero or not finite."""
-    zero = [(pivot, value) for pivot, value in found if (value == 0 and not pivot.derived) or not np.isfinite(value)]
+    zero = [(pivot, value) for pivot, value in pivots if (value == 0 and not pivot.derived) or not np.isfinite(value)]
     if not zero:
         return
     problems = Problems()
@@ -387,7 +390,7 @@ def check_values(assembly: Assembly, point: Point) -> None:
     names = [*(u.name for u in unknowns), *(f"der({name})" for name in assembly.state_names)]
     places = [*(u.place for u in unknowns), *(unknowns[j].place for j, _ in assembly.reduced.states)]
     wrong = [k for k in range(len(names)) if bad[k]]
-    shown = listing((names[k] for k in wrong), MOST_NAMED)
+    listed = listing((names[k] for k in wrong), MOST_NAMED)
     hint, place = _cure(assembly, point, lambda p: bool(np.isfinite(values(p)).sum() > (~bad).sum()))
-    raise StartError([Problem("value-not-finite", f"{shown} {'has' if len(wrong) == 1 else 'have'} no finite value {AT}",
+    raise StartError([Problem("value-not-finite", f"{listed} {'has' if len(wrong) == 1 else 'have'} no finite value {AT}",
                               place or places[wrong[0]], hint)])

@@ -125,11 +125,11 @@ def judged(stretches: Sequence[RunSection], also: Sequence[Finding] = (), dense:
                                                                               default=0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # what has run away may overflow
         longest = max((len(s.time) for s in stretches), default=0)
-        found = [f for s in dense for f in _between(s, duration)]
-        found += [f for s in stretches for f in _of_stretch(s, duration, len(s.time) == longest, not dense)]
+        findings = [f for s in dense for f in _between(s, duration)]
+        findings += [f for s in stretches for f in _of_stretch(s, duration, len(s.time) == longest, not dense)]
         if len(stretches) == 1:
-            found += _growing(stretches[0])
-    return verdict([*found, *also])
+            findings += _growing(stretches[0])
+    return verdict([*findings, *also])
 
 
 def at_point(assembly: Assembly, point: Point) -> Verdict:
@@ -166,8 +166,8 @@ def _between(s: RunSection, duration: float) -> Iterator[Finding]:
 def _moves(values: Array) -> Array:
     """The largest difference of values (k, n) between neighbouring points, in each interval (k, n - 1) and the adjacent
     ones."""
-    moved = np.pad(np.abs(np.diff(values, axis=1)), ((0, 0), (1, 1)))
-    return np.asarray(np.maximum(moved[:, 1:-1], np.maximum(moved[:, :-2], moved[:, 2:])))
+    changes = np.pad(np.abs(np.diff(values, axis=1)), ((0, 0), (1, 1)))
+    return np.asarray(np.maximum(changes[:, 1:-1], np.maximum(changes[:, :-2], changes[:, 2:])))
 
 
 def _excursions(x: Array, at: Points) -> NDArray[np.bool_]:
@@ -185,9 +185,9 @@ def _excursions(x: Array, at: Points) -> NDArray[np.bool_]:
 def _values_of(s: RunSection, unknowns: Sequence[int], at: Points) -> Array:
     """Some of the unknowns (k, n) at points of a run."""
     arguments = list(s.assembly.arguments)
-    made = s.assembly.once(("some", *unknowns), lambda: ca.Function("some", arguments, [
+    function = s.assembly.once(("some", *unknowns), lambda: ca.Function("some", arguments, [
         ca.densify(s.assembly.values(*arguments)[list(unknowns)])]))
-    return evaluated(s.assembly, made, s.columns(at))[0]
+    return evaluated(s.assembly, function, s.columns(at))[0]
 
 
 def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) -> Iterator[Finding]:
@@ -209,13 +209,13 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) ->
         yield from _closely(s, looked_at, _spread(n, n if wrong else VALIDITY.watched), duration)
     if not balanced or not (np.isfinite(values) | undecided).all():
         return
-    shown = s.assembly.once("formulas", lambda: _formulas(s.assembly))
-    imbalance, outputs = balance(s.assembly, columns, values, list(shown.values()))
+    formulas = s.assembly.once("formulas", lambda: _formulas(s.assembly))
+    imbalance, outputs = balance(s.assembly, columns, values, list(formulas.values()))
     for part in imbalance:
         advice = MAKES if part.made else OPEN
         yield Finding("energy", part.owner, part.owner, part.time, part.missing, part.limit, "W", advice)
-    yield from without_value(dict(zip(shown, outputs, strict=False)), s.time[chosen], lambda name, course: undetermined(
-        s.assembly, s.assembly.express(shown[name]), columns, course)).findings
+    yield from without_value(dict(zip(formulas, outputs, strict=False)), s.time[chosen], lambda name, course: undetermined(
+        s.assembly, s.assembly.express(formulas[name]), columns, course)).findings
     if len(s.time) > 1:
         yield from _fronts(s)
 
@@ -224,13 +224,13 @@ def _closely(s: RunSection, looked_at: Sequence[int], at: Points, duration: floa
     """The findings on some of the unknowns at further points of a run."""
     flat = s.assembly.flat
     values = _values_of(s, looked_at, at)
-    for found in _outside([flat.unknowns[j] for j in looked_at], values, s.time[at], duration,
-                          missing(s.assembly, looked_at, s.columns(at), values)):
-        if found.kind == "not-finite":
-            k = int(np.argmin(np.abs(s.time - found.time)))
-            there = evaluated(s.assembly, s.assembly.values, s.columns(np.array([k])))[0][:, 0]
-            found = replace(found, advice=_culprit(flat, there))
-        yield found
+    for finding in _outside([flat.unknowns[j] for j in looked_at], values, s.time[at], duration,
+                                missing(s.assembly, looked_at, s.columns(at), values)):
+        if finding.kind == "not-finite":
+            k = int(np.argmin(np.abs(s.time - finding.time)))
+            point_values = evaluated(s.assembly, s.assembly.values, s.columns(np.array([k])))[0][:, 0]
+            finding = replace(finding, advice=_culprit(flat, point_values))
+        yield finding
 
 
 def _fronts(s: RunSection) -> Iterator[Finding]:
@@ -248,14 +248,14 @@ def _fronts(s: RunSection) -> Iterator[Finding]:
         name = block if block in leaves else series
         if len(segments) == 1 and name != block:
             continue  # a lumped line
-        own = {j: path for path in segments for port in leaves[path].component.ports
-               for member in flat.domains[f"{path}.{port}"].across
-               if (j := flat.names[f"{path}.{port}.{member}"]) in states}
-        if not own:
+        path_of = {j: path for path in segments for port in leaves[path].component.ports
+                           for member in flat.domains[f"{path}.{port}"].across
+                           if (j := flat.names[f"{path}.{port}.{member}"]) in states}
+        if not path_of:
             continue
-        rows = [states[j] for j in own]
-        made = s.assembly.once(("fronts", series), partial(_rates_and_travel, s.assembly, rows, list(own.values())))
-        values, = evaluated(s.assembly, made, s.columns(chosen))
+        rows = [states[j] for j in path_of]
+        function = s.assembly.once(("fronts", series), partial(_rates_and_travel, s.assembly, rows, list(path_of.values())))
+        values, = evaluated(s.assembly, function, s.columns(chosen))
         rates, times = values[:len(rows)], values[len(rows):]
         x = s.x[rows]
         steepest = np.maximum(np.abs(rates).max(axis=1), np.abs(np.diff(x) / np.diff(s.time)).max(axis=1, initial=0.0))
@@ -264,7 +264,7 @@ def _fronts(s: RunSection) -> Iterator[Finding]:
         reach = np.where(near, x, -np.inf).max(axis=1) - np.where(near, x, np.inf).min(axis=1)
         # where a wave is reflected to nothing, only its ripples remain: the larger half of the changes counts
         least = np.maximum(reach.max() / 2, VALIDITY.front_size * np.maximum(
-            np.abs(x).max(initial=0.0), [flat.unknowns[j].nominal * VALIDITY.grace for j in own]))
+            np.abs(x).max(initial=0.0), [flat.unknowns[j].nominal * VALIDITY.grace for j in path_of]))
         with np.errstate(divide="ignore", invalid="ignore"):
             inside = np.where(reach >= least, reach / (steepest * travel), np.inf)
         k = int(np.argmin(inside))
@@ -291,28 +291,28 @@ def _spread(n: int, most: int) -> Points:
 
 def _formulas(assembly: Assembly) -> dict[str, ca.SX]:
     """The outputs that are more than a name, in raw symbols."""
-    found, resolver = {}, assembly.resolver()
-    for name, shown in assembly.model.show.items():
-        if not isinstance(shown.expr, Name):
+    formulas, resolver = {}, assembly.resolver()
+    for name, output in assembly.model.show.items():
+        if not isinstance(output.expr, Name):
             with suppress(ExpressionProblem):  # said when it is asked for
-                found[name] = resolver.evaluate(shown.expr)
-    return found
+                formulas[name] = resolver.evaluate(output.expr)
+    return formulas
 
 
 def without_value(signals: Mapping[str, Array], time: Array, lost: Callable[[str, Array], NDArray[np.bool_]]) -> Verdict:
     """The verdict on signals by name or formula (N,) at times: that each has a value, whatever the variables have. `lost`
     gives the points at which a signal with these values is undetermined."""
-    found = []
+    findings = []
     for name, course in signals.items():
         undecided = lost(name, course)
         if undecided.any():
             first = float(time[np.argmax(undecided)])
-            found.append(Finding("undetermined", name, "", first, math.nan, None, "1", UNDETERMINED))
+            findings.append(Finding("undetermined", name, "", first, math.nan, None, "1", UNDETERMINED))
         if not (np.isfinite(course) | undecided).all():
             at = int(np.argmin(np.isfinite(course) | undecided))
-            found.append(Finding("not-finite", name, "", float(time[at]), float(course[at]), None, "1",
-                                 NO_VALUE.format(f"the formula of {name}")))
-    return verdict(found)
+            findings.append(Finding("not-finite", name, "", float(time[at]), float(course[at]), None, "1",
+                                          NO_VALUE.format(f"the formula of {name}")))
+    return verdict(findings)
 
 
 def _culprit(flat: Flat, values: Array) -> str:
@@ -355,17 +355,17 @@ def _outside(unknowns: Sequence[Unknown], values: Array, time: Array, duration: 
     with np.errstate(invalid="ignore"):
         fine = (low >= bounds[:, 0]) & (high <= bounds[:, 1])
     for k in np.flatnonzero(~fine).tolist():
-        there = slice(None) if lost is None else ~lost[k]
-        if values[k, there].size:
-            yield from _wrong(unknowns[k], values[k, there], time[there], duration)
+        determined = slice(None) if lost is None else ~lost[k]
+        if values[k, determined].size:
+            yield from _wrong(unknowns[k], values[k, determined], time[determined], duration)
 
 
 def _bounds(u: Unknown, duration: float) -> tuple[float, float]:
     """The range of a variable without a finding."""
     most = min(RUNAWAY * typical_size(u, duration), VALIDITY.worthless, _largest(u, duration))
-    own = u.role == "own"
-    least = max(u.plausible.least - physical_grace(u), u.low - _grace(u, u.low) if own else -np.inf)
-    return max(-most, least), min(most, u.high + _grace(u, u.high) if own else np.inf)
+    internal = u.role == "own"
+    least = max(u.plausible.least - physical_grace(u), u.low - _grace(u, u.low) if internal else -np.inf)
+    return max(-most, least), min(most, u.high + _grace(u, u.high) if internal else np.inf)
 
 
 def _grace(u: Unknown, limit: float) -> float:
