@@ -184,8 +184,8 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
                 "does not fit its neighbours, or for a volume, a mass or a time constant far below theirs"
                 f"{loosen}. If they are right, this is a fault of the library: please report it with the diagram.", notes)
     return (f"{cause}Smooth it{' in ' + listing(user_parts, 4) if user_parts else ''} (smooth_sign(v, v_t) for sign(v), "
-            "signed_sqrt for a root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, `when:` in a component)"
-            f"{loosen}.", notes)
+            "signed_sqrt for a root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, `when:` in "
+            f"a component){loosen}.", notes)
 
 
 def _of_the_user(assembly: Assembly, part: str) -> bool:
