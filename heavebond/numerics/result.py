@@ -388,7 +388,8 @@ class Result:
         return self.saved(names).to_xarray()
 
     def save(self, path: str | Path, names: Iterable[str] | None = None) -> None:
-        """Write the signals as .csv, .parquet, .mat or .nc; UsageError for another suffix. `read_run` reads them back."""
+        """Write the signals in the format of the suffix, such as `run.csv` (see `saved_runs.SUFFIXES`); UsageError for an
+        unknown suffix. `read_run` reads them back."""
         write_run(self.saved(names), path)
 
 
