@@ -14,18 +14,22 @@ Records with few samples in a cycle of the motion ask for many steps between two
 back to its low orders at each. Where CVODES takes more evaluations than the explicit one-step method of order 5 by Dormand
 and Prince, at the same tolerances, that method may take over (see `Method`).
 
-The program is used on Linux if a C compiler is present and CasADi contains a suitable SUNDIALS; otherwise searches
-integrate through CasADi, by the same method with the same tolerances.
+The program is used on Linux if a C compiler is present and CasADi's SUNDIALS passes a self-test, with a direct linear solver
+or else with GMRES; otherwise searches integrate through CasADi, by the same method with the same tolerances.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import faulthandler
+import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import time as clock
+import warnings
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -49,7 +53,6 @@ from heavebond.numerics.machine_code import COMPILING, LISTED, MACHINE_CODE, com
 SOURCE = Path(__file__).parents[1] / "c" / "cvodes.c"
 FLAGS = ("-O2", "-ffp-contract=off")
 EQUATION_FLAGS = ("-shared", "-fPIC", *machine_code.FLAGS)
-VERSIONS = ("3.7", "3.8")  # of CasADi, whose CVODES is that of SUNDIALS 2 with double precision
 MOST_STATES = 60  # of the model: its Jacobian is dense here
 # Stages of the one-step method, with the first of the next step; how many times as many evaluations it may take as CVODES,
 # whose own work in a step is at least half of that of an evaluation; and as it took itself at first.
@@ -58,6 +61,11 @@ STAGES, CHEAPER, WORSE = 7, 1.5, 3.0
 # many looks. One takes as long as thirty stops of a small machine.
 CHUNK, LARGEST_CHUNK, LOOKS = 50, 200, 16
 Watch = Callable[[int, Array], None]  # of the number of stops seen before, and the signals (k, n_signals) at those since
+
+
+# The self-test of the program: largest error (it is some 5e-7), most steps (it takes some 520), and seconds until it is
+# ended.
+SELF_TEST_ERROR, SELF_TEST_STEPS, SELF_TEST_SECONDS = 1e-5, 1100, 20.0
 
 
 # What the program knows, in C, of the operands A and B.
@@ -226,9 +234,11 @@ class CompiledCvodes:
     """An integration of x' = f, 0 = g with m forward sensitivities from the first to the other stops."""
 
     def __init__(self, equations: Equations, m: int, stops: Array, tolerances: Tolerances, most_steps: int,
-                 driving: Driving | None = None, longest: float = 0.0, method: Method | None = CVODES):
-        """Steps are no longer than `longest` (s) where it is above 0. Without a `method` the first run decides."""
-        compiled = program()
+                 driving: Driving | None = None, longest: float = 0.0, method: Method | None = CVODES,
+                 compiled: _Program | None = None):
+        """Steps are no longer than `longest` (s) where it is above 0. Without a `method` the first run decides. `compiled`
+        is the program, by default the one that passed the self-test (see `program`)."""
+        compiled = compiled or program()
         assert compiled is not None
         self._program, self._stops, self.equations = compiled, np.ascontiguousarray(stops, float), equations
         n, n_z, self.m, self._total = equations.n, equations.n_z, m, equations.n * (1 + m)
@@ -253,7 +263,8 @@ class CompiledCvodes:
             len(driving.kinks), *map(_address, columns), _address(self._directions), 0, 0, (0, 0, 0),
             *map(_address, work), None, None, None, 0.0, _address(stages), 0, 0, 0, 0.0, 0.0, 0.0, 0.0, None)
         answer = compiled.library.prepare(
-            ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest)
+            ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest,
+            compiled.direct)
         # before what it points to is collected
         weakref.finalize(self, _finish, compiled.library, self._problem, references)
         if answer:
@@ -474,12 +485,12 @@ def _finish(library: ctypes.CDLL, problem: _Problem, references: object) -> None
 
 
 class _Program:
-    """The compiled program and the addresses of CVODES that it is given."""
+    """The compiled program and the addresses of CVODES that it is given; `direct` permits the direct solver."""
 
-    def __init__(self, library: ctypes.CDLL, sundials: Any):
-        self.library, self.sundials = library, sundials
+    def __init__(self, library: ctypes.CDLL, sundials: Any, direct: bool):
+        self.library, self.sundials, self.direct = library, sundials, direct
         number, real, whole = ctypes.c_double, ctypes.c_double, ctypes.c_long
-        library.prepare.argtypes = [_Pointer, number, real, real, whole, real]
+        library.prepare.argtypes = [_Pointer, number, real, real, whole, real, ctypes.c_int]
         library.begin.argtypes = [_Pointer, number, *[_Pointer] * 6]
         library.advance.argtypes = [_Pointer, whole, _Pointer, whole, *[_Pointer] * 5]
         library.limit.argtypes = [_Pointer, number]
@@ -491,9 +502,8 @@ class _Program:
 
 @lru_cache(maxsize=1)
 def program() -> _Program | None:
-    """The program, compiled at its first use; None if this computer has no compiler or another SUNDIALS."""
-    if not ca.CasadiMeta.version().startswith(VERSIONS):
-        return None
+    """The program, compiled at its first use. It has the direct solver if the self-test passes with it, else GMRES; None
+    if this computer has no compiler, if its SUNDIALS has other functions, or if no self-test passes."""
     labels = ", ".join([*(f"&&{name}_" for name in OPERATIONS), "&&END"])
     operations = " ".join(f"OPERATION({name}_, {text})" for name, text in OPERATIONS.items())
     try:
@@ -501,7 +511,55 @@ def program() -> _Program | None:
     except (OSError, AttributeError):
         return None
     library = loaded(SOURCE, (*FLAGS, f"-DLABELS={labels}", f"-DOPERATIONS={operations}"))
-    return None if library is None else _Program(library, sundials)
+    if library is None:
+        return None
+    return next((p for p in (_Program(library, sundials, direct) for direct in (True, False)) if _passes(p)), None)
+
+
+def _passes(candidate: _Program) -> bool:
+    """Run the self-test in a child process, so that a crash or an endless loop ends the child alone."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of Python 3.12 in a process with several threads
+        child = os.fork()
+    if child == 0:
+        faulthandler.disable()  # a crash is an answer here
+        passed = False
+        try:
+            passed = _self_test(candidate)
+        finally:
+            os._exit(0 if passed else 1)
+    end = clock.monotonic() + SELF_TEST_SECONDS
+    while clock.monotonic() < end:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return status == 0
+        clock.sleep(0.001)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return False
+
+
+def _self_test(candidate: _Program) -> bool:
+    """Compare a run with the closed solution of a damped oscillator, x = exp(-d t) (cos W t + d/W sin W t) with
+    W^2 = w^2 - d^2, and its sensitivity to w; the spring force is an algebraic unknown.
+
+    The errors of CVODES add up to some 50 times the tolerance over three periods. SELF_TEST_ERROR leaves twenty times that;
+    a wrong linear solver or a wrong entry of its memory errs by far more, takes more steps, or fails.
+    """
+    t, x, z, w, u = (ca.SX.sym(name, k) for name, k in (("t", 1), ("x", 2), ("z", 1), ("w", 1), ("u", 0)))
+    damping, frequency, tolerances = 0.2, 1.3, Tolerances(1e-8, 1e-10)
+    equations = Equations([t, x, z, w, u], ca.vertcat(x[1], z - 2 * damping * x[1]), z + w**2 * x[0], x[0], [0])
+    stops = np.linspace(0.0, 15.0, 31)
+    run = CompiledCvodes(equations, 1, stops, tolerances, 1000, compiled=candidate)
+    integrated = run.run(np.array([1.0, 0.0, 0.0, 0.0]), np.array([-frequency**2]), np.array([frequency]), np.eye(1))
+
+    def closed(w: complex) -> NDArray[np.complex128]:
+        turn = np.sqrt(w**2 - damping**2 + 0j)
+        return np.exp(-damping * stops) * (np.cos(turn * stops) + damping / turn * np.sin(turn * stops))
+
+    exact = closed(frequency + 1e-30j)  # its imaginary part is the derivative times the step
+    error = np.abs(integrated.signals[:, :, 0] - np.stack([exact.real, exact.imag / 1e-30], axis=1)).max()
+    return bool(error < SELF_TEST_ERROR and run.stats()["nsteps"] < SELF_TEST_STEPS)
 
 
 def _sundials() -> Any:
