@@ -17,22 +17,18 @@ def by_elements(settings: Mapping[str, Value | FileInput], component: Component)
     expanded = dict(settings)
     for name in matrices:
         flat = [key for key in settings if key.startswith(f"{name}[") and "][" not in key]
-        columns = _columns(name, settings, component, len(flat))
+        # the number of columns of a matrix given in one list: the specified number, else that of a square matrix
+        parameter = component.parameters[name]
+        known = {n: whole for n, p in component.parameters.items() if p.integer
+                 and isinstance(value := settings.get(n, p.default), Value)
+                 and (whole := whole_number(value.expr, {})) is not None}
+        assert parameter.columns is not None
+        specified = whole_number(parameter.columns, known)
+        columns = specified if specified else round(len(flat)**0.5)
         if columns and len(flat) % columns == 0:
             for k, key in enumerate(flat):
                 expanded[f"{name}[{k // columns + 1}][{k % columns + 1}]"] = expanded.pop(key)
     return expanded
-
-
-def _columns(name: str, settings: Mapping[str, Value | FileInput], component: Component, number: int) -> int:
-    """The number of columns of a matrix given in one list: the specified number, else that of a square matrix."""
-    parameter = component.parameters[name]
-    known = {n: whole for n, p in component.parameters.items() if p.integer
-             and isinstance(value := settings.get(n, p.default), Value)
-             and (whole := whole_number(value.expr, {})) is not None}
-    assert parameter.columns is not None
-    specified = whole_number(parameter.columns, known)
-    return specified if specified else round(number**0.5)
 
 
 def array_text(found: Mapping[str, str]) -> str:

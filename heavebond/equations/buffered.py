@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from threading import Lock
 from typing import Any
 
@@ -39,24 +39,21 @@ class Buffered:
     def __call__(self, *given: Any, **named: Any) -> dict[str, Any]:
         """Each output (m, n), given the inputs in their order or by name; RuntimeError where it fails."""
         with self._lock:
-            return self._called(given, named)
-
-    def _called(self, given: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
-        for k, (name, values) in enumerate(self._given.items()):
-            value = given[k] if k < len(given) else named.get(name, 0.0)
-            plain = type(value) is float or (type(value) is np.ndarray and value.ndim == 1)
-            values[:] = value if plain else np.asarray(value, float).ravel(order="F")
-        for output in self._outputs:
-            if output.size > KEPT:
-                output.values = np.empty(output.size)
-                _bind(self._buffer.set_res, output.number, output.values)
-        try:
-            self._run()
-        finally:
-            check()  # a signal that came meanwhile: CasADi may have dropped it, or made a failure of it
-        if self._buffer.ret():  # compiled code cannot raise what CasADi's own does
-            raise RuntimeError("the function could not be evaluated")
-        return {output.name: output.matrix() for output in self._outputs}
+            for k, (name, values) in enumerate(self._given.items()):
+                value = given[k] if k < len(given) else named.get(name, 0.0)
+                plain = type(value) is float or (type(value) is np.ndarray and value.ndim == 1)
+                values[:] = value if plain else np.asarray(value, float).ravel(order="F")
+            for output in self._outputs:
+                if output.size > KEPT:
+                    output.values = np.empty(output.size)
+                    _bind(self._buffer.set_res, output.number, output.values)
+            try:
+                self._run()
+            finally:
+                check()  # a signal that came meanwhile: CasADi may have dropped it, or made a failure of it
+            if self._buffer.ret():  # compiled code cannot raise what CasADi's own does
+                raise RuntimeError("the function could not be evaluated")
+            return {output.name: output.matrix() for output in self._outputs}
 
     def size1_in(self, name: str) -> int:
         """The number of numbers in an input."""

@@ -72,7 +72,22 @@ def connect(expanded: Expanded, order: Sequence[str] = ()) -> Network:
     """
     network, problems = connect_as_far(expanded)
     problems.raise_as(ModelError)
-    _signal_sources(expanded, network, problems)
+    for group in network.groups:
+        if group.domain != "signal":
+            continue
+        outputs, inputs = drivers(expanded, group)
+        if len(outputs) > 1:
+            problems.add("signal-driven-twice", f"signal '{group.name}' has {len(outputs)} outputs, {either(outputs)}",
+                         group.place, hint="A signal has exactly one; add them with a Sum.")
+        for path, bound in inputs if outputs else inputs[1:]:
+            leaf, _, name = path.rpartition(".")
+            second = outputs[0] if outputs else inputs[0][0]
+            problems.add("input-twice", f"'{path}' has a value in place, and '{second}' sets it too (node "
+                         f"'{group.name}')", bound.place,
+                         hint=f"Remove `{name}:` from '{leaf}', or take '{path}' off the node.")
+        if not outputs and not inputs:
+            problems.add("signal-undriven", f"nothing sets the signal '{group.name}'", group.place,
+                         hint="Join it to an output, or give the input a value in place.")
     problems.raise_as(ModelError)
     units = _units(expanded, network, _Dimensions(expanded, order), problems)
     problems.raise_as(ModelError)
@@ -105,7 +120,9 @@ def _groups(expanded: Expanded) -> list[Members]:
     for junction in expanded.junctions.values():
         node = root(Terminal("node", junction.path))
         for end in junction.ends:
-            if not _overridden(expanded, end.leaf, end.port):
+            # an input set to a record from outside (an experiment) leaves the node that drives it in the diagram
+            bound = expanded.leaves[end.leaf].inputs.get(end.port) if end.leaf in expanded.leaves else None
+            if not (bound is not None and isinstance(bound.value, FileInput)):
                 parent[root(Terminal("port", end.name))] = node
     for path in (*expanded.ports, *expanded.signals):
         if expanded.ports.get(path) is None or expanded.ports[path].count is None:
@@ -115,12 +132,6 @@ def _groups(expanded: Expanded) -> list[Members]:
         members.setdefault(root(item), []).append(item)
     return [Members(tuple(m.path for m in group if m.kind == "node"), tuple(m.path for m in group if m.kind == "port"))
             for group in members.values()]
-
-
-def _overridden(expanded: Expanded, leaf: str, port: str) -> bool:
-    """An input set to a record from outside (an experiment) leaves the node that drives it in the diagram."""
-    bound = expanded.leaves[leaf].inputs.get(port) if leaf in expanded.leaves else None
-    return bound is not None and isinstance(bound.value, FileInput)
 
 
 def port_definition(expanded: Expanded, path: str) -> str:
@@ -223,25 +234,6 @@ def drivers(expanded: Expanded, group: Group) -> tuple[list[str], list[tuple[str
         if port in expanded.leaves[leaf].inputs:
             inputs.append((path, expanded.leaves[leaf].inputs[port]))
     return outputs, inputs
-
-
-def _signal_sources(expanded: Expanded, network: Network, problems: Problems) -> None:
-    for group in network.groups:
-        if group.domain != "signal":
-            continue
-        outputs, inputs = drivers(expanded, group)
-        if len(outputs) > 1:
-            problems.add("signal-driven-twice", f"signal '{group.name}' has {len(outputs)} outputs, {either(outputs)}",
-                         group.place, hint="A signal has exactly one; add them with a Sum.")
-        for path, bound in inputs if outputs else inputs[1:]:
-            leaf, _, name = path.rpartition(".")
-            second = outputs[0] if outputs else inputs[0][0]
-            problems.add("input-twice", f"'{path}' has a value in place, and '{second}' sets it too (node "
-                         f"'{group.name}')", bound.place,
-                         hint=f"Remove `{name}:` from '{leaf}', or take '{path}' off the node.")
-        if not outputs and not inputs:
-            problems.add("signal-undriven", f"nothing sets the signal '{group.name}'", group.place,
-                         hint="Join it to an output, or give the input a value in place.")
 
 
 def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, problems: Problems

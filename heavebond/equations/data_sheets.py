@@ -87,7 +87,10 @@ def taken(sheets: tuple[DataSheet, ...], name: str, path: str, place: Place) -> 
     for sheet in sheets:
         if sheet.has(name):
             sheet.takers.append(path)
-            return _formula(sheet.path, name, place)
+            base, _, index = name.partition("[")
+            inner: tuple[Expr, ...] = tuple(Number(float(k), None, 0) for k in index[:-1].split("][")) if index else ()
+            text = f"{sheet.path}.{name}"
+            return Value(Name((*sheet.path.split("."), base, *inner), 0, len(text)), f"= {text}", place, formula=True)
     return None
 
 
@@ -98,10 +101,3 @@ def whole(sheets: tuple[DataSheet, ...], name: str, path: str) -> Value | None:
             sheet.takers.append(path)
             return value
     return None
-
-
-def _formula(sheet: str, name: str, place: Place) -> Value:
-    base, _, index = name.partition("[")
-    inner: tuple[Expr, ...] = tuple(Number(float(k), None, 0) for k in index[:-1].split("][")) if index else ()
-    text = f"{sheet}.{name}"
-    return Value(Name((*sheet.split("."), base, *inner), 0, len(text)), f"= {text}", place, formula=True)

@@ -12,7 +12,6 @@ from heavebond.core.errors import Place, Problems
 from heavebond.core.units import Unit
 from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import FlatParameter, Parameters
-from heavebond.language.definition import Value, Variable
 from heavebond.language.incidence import Interval
 from heavebond.language.sections import Clock, Condition
 from heavebond.language.state_chart import STATE
@@ -103,7 +102,11 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
             condition = expanded.model.initial.conditions.get(name)
             if condition is not None:
                 place, number = condition.value.place, _asked(condition, problems)
-                _check_bounds(name, number, condition.value, variable, problems)
+                below = -inf if variable.low is None else variable.low
+                above = inf if variable.high is None else variable.high
+                if number is not None and not below <= number <= above:
+                    problems.add("held-bound", f"{name} = {condition.value.text} is not allowed; it is between {below:g} "
+                                 f"and {above:g}", condition.value.place, hint="Give a value in that range.")
                 if leaf.component.states and variable.name == STATE and number is not None and number % 1:
                     names = ", ".join(f"{k} {state.name}" for k, state in enumerate(leaf.component.states, 1))
                     problems.add("held-initial", f"'{name}' is the number of a state", place, hint=f"States: {names}.")
@@ -125,14 +128,6 @@ def _asked(condition: Condition, problems: Problems) -> float | None:
         problems.add("held-initial", f"'{condition.name}' is held; its initial value is a plain quantity",
                      condition.value.place, hint=f"Write `{condition.name}: 1`, or leave it out.")
     return number
-
-
-def _check_bounds(name: str, number: float | None, value: Value, variable: Variable, problems: Problems) -> None:
-    below = -inf if variable.low is None else variable.low
-    above = inf if variable.high is None else variable.high
-    if number is not None and not below <= number <= above:
-        problems.add("held-bound", f"{name} = {value.text} is not allowed; it is between {below:g} and {above:g}",
-                     value.place, hint="Give a value in that range.")
 
 
 def held_bounds(expanded: Expanded, symbols: Mapping[str, ca.SX]) -> dict[int, Interval]:

@@ -337,7 +337,17 @@ class _Builder:
         self._end()
         self._irregular_clocks()
         self.problems.raise_as(ModelError)
-        self._clocks()
+        # replace comparisons of the time in the equations by held variables
+        provenance = [(e.owner, e.text, e.place) for e in self.equations]
+        self.residuals = ca.densify(ca.vertcat(*self.pieces)[self.order]) if self.order else ca.SX(0, 1)
+        check_steps(self.residuals, provenance, self.time, self.parameters, self.problems)
+        self.problems.raise_as(ModelError)
+        clocked = timed(self.residuals, provenance, self.time, self.parameters, self.held, self.corners)
+        claim_clocks(self.claimed, clocked.held[len(self.held):])
+        self.residuals, self.parameters = clocked.residuals, clocked.parameters
+        self.constants = clocked.parameters.expressions
+        self.held, self.events = clocked.held, [*self.events, *clocked.events]
+        self.equations = [replace(e, kink=None) if k in clocked.smooth else e for k, e in enumerate(self.equations)]
         self.problems.raise_as(ModelError)
         bounds = self._bounds()
         bounds.update(held_bounds(self.expanded, self.constants))
@@ -359,19 +369,6 @@ class _Builder:
         bounds = {s.element_hash(): (u.low, u.high) for s, u in zip(split(self.columns[0]), self.unknowns, strict=True)
                   if (u.low, u.high) != EVERYTHING}
         return bounds | parameter_bounds(self.expanded, self.parameters)
-
-    def _clocks(self) -> None:
-        """Replace comparisons of the time in the equations by held variables."""
-        provenance = [(e.owner, e.text, e.place) for e in self.equations]
-        self.residuals = ca.densify(ca.vertcat(*self.pieces)[self.order]) if self.order else ca.SX(0, 1)
-        check_steps(self.residuals, provenance, self.time, self.parameters, self.problems)
-        self.problems.raise_as(ModelError)
-        clocked = timed(self.residuals, provenance, self.time, self.parameters, self.held, self.corners)
-        claim_clocks(self.claimed, clocked.held[len(self.held):])
-        self.residuals, self.parameters = clocked.residuals, clocked.parameters
-        self.constants = clocked.parameters.expressions
-        self.held, self.events = clocked.held, [*self.events, *clocked.events]
-        self.equations = [replace(e, kink=None) if k in clocked.smooth else e for k, e in enumerate(self.equations)]
 
     def _numbers_of_a_run(self) -> None:
         """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so that
@@ -486,7 +483,12 @@ class _Builder:
             if path in varied:
                 rows = self._varied_rows(varied[path], unknowns, residuals)
             for line, residual, entries in zip(template.lines, residuals, rows, strict=True):
-                self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, _merged(entries))
+                # one entry per column (two ports of a component may be on one node), the harder kind kept
+                kinds: dict[int, int] = {}
+                for column, kind in entries:
+                    # two unit coefficients may cancel or add up; what they give is found when the equation is solved
+                    kinds[column] = kind if column not in kinds else max(kinds[column], kind, 4)
+                self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, list(kinds.items()))
 
     def _varied_rows(self, varied: list[Factor], own: list[int], residuals: range) -> list[Entries]:
         """The incidence of the equations of a part with varying parameters, which contain the unknowns of the factors."""
@@ -639,12 +641,3 @@ def _columns(matrix: ca.SX, number: int) -> list[list[ca.SX]]:
     """The elements of each of so many columns."""
     elements, height = split(matrix), matrix.shape[0]
     return [elements[k * height:(k + 1) * height] for k in range(number)]
-
-
-def _merged(entries: Entries) -> Entries:
-    """One entry per column (two ports of a component may be on one node), the harder kind kept."""
-    kinds: dict[int, int] = {}
-    for column, kind in entries:
-        # two unit coefficients may cancel or add up; what they give is found when the equation is solved
-        kinds[column] = kind if column not in kinds else max(kinds[column], kind, 4)
-    return list(kinds.items())

@@ -135,19 +135,9 @@ class _Matrix:
     def __init__(self, system: Simultaneous, at: Array, tolerance: float):
         self.system, self.at, self.tolerance = system, at, tolerance
         self.row, self.column = (np.array(k, dtype=int) for k in system.entries)
-        self.sizes = self._sizes()
-        raw = np.array(system.values(at)).ravel()
-        raw = np.where(np.isfinite(raw), raw, 1.0) * self.sizes[self.column]
-        largest = np.zeros(len(system.rows))
-        np.maximum.at(largest, self.row, np.abs(raw))
-        self.largest = np.where(largest > 0, largest, 1.0)
-        self.entries = raw / self.largest[self.row]
-        self.entries[np.abs(self.entries) < NEGLIGIBLE] = 0.0
-
-    def _sizes(self) -> Array:
-        """The usual sizes of the unknowns. If no domain declares the unit (a compressibility), the size is the value; if the
-        value is zero (an absent leakage) or rounding (a lever arm in the middle of its stroke), it follows from the other
-        terms of the equations."""
+        # the usual sizes of the unknowns. If no domain declares the unit (a compressibility), the size is the value; if the
+        # value is zero (an absent leakage) or rounding (a lever arm in the middle of its stroke), it follows from the other
+        # terms of the equations
         flat, sizes = self.system.flat, self.system.sizes.copy()
         known = {m.unit.dimension for d in flat.expanded.model.library.domains.values() for m in d.members.values()}
         values = {s.element_hash(): abs(v) for s, v in zip(self.system.symbols, self.at, strict=True)}
@@ -156,7 +146,14 @@ class _Matrix:
                 value = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0)
                 beside = self._beside(k, sizes) if value < SMALL else 0.0
                 sizes[k] = (beside if value < SMALL * beside else value) or sizes[k]
-        return sizes
+        self.sizes = sizes
+        raw = np.array(system.values(at)).ravel()
+        raw = np.where(np.isfinite(raw), raw, 1.0) * self.sizes[self.column]
+        largest = np.zeros(len(system.rows))
+        np.maximum.at(largest, self.row, np.abs(raw))
+        self.largest = np.where(largest > 0, largest, 1.0)
+        self.entries = raw / self.largest[self.row]
+        self.entries[np.abs(self.entries) < NEGLIGIBLE] = 0.0
 
     def _beside(self, column: int, sizes: Array) -> float:
         """The least size of an unknown at which it has the same weight as the other terms in one of its equations."""

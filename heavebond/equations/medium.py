@@ -112,11 +112,7 @@ def _circuits(expanded: Expanded, domain: Domain) -> dict[Terminal, int]:
     # the ports of a block are joined, or not, by what is inside
     links += [link for path, leaf in expanded.leaves.items() if not leaf.component.composite
               for link in _passages(path, leaf.component, domain)]
-    return _numbered(links)
-
-
-def _numbered(links: Iterable[list[Terminal]]) -> dict[Terminal, int]:
-    """Items that share a link, directly or over others, have the same number."""
+    # items that share a link, directly or over others, have the same number
     number: dict[Terminal, int] = {}
     members: list[list[Terminal]] = []
     for link in links:

@@ -76,7 +76,7 @@ def _condition(condition: Condition, resolver: Resolver, held: Container[str], p
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, condition.place, problems)
         return
-    if condition.name not in held and not any(_varies(name, resolver) for name in names(tree)):
+    if condition.name not in held and not any(name.text in resolver.names for name in names(tree)):
         problems.add("initial-constant", f"'{condition.name}' is constant; an initial value belongs to a variable",
                      condition.place, hint="Set a parameter at its component, or under `set:`.")
         return
@@ -115,7 +115,3 @@ def with_nominal_sizes(model: Model, unknowns: Sequence[Unknown], names: Mapping
 
 def _no_name(name: Name) -> Dimension:
     raise ExpressionProblem("not-a-quantity", f"'{name.text}' is not a number", name.column, name.length)
-
-
-def _varies(name: Name, resolver: Resolver) -> bool:
-    return name.text in resolver.names

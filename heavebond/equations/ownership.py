@@ -89,7 +89,11 @@ def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Nam
         claimed.claim_all(names_of_group, partial(_of_group, expanded, group, number))
     alike: dict[tuple[Hashable, ...], list[str]] = {}
     for path, leaf in expanded.leaves.items():
-        _check_prefix(path, leaf, problems)
+        first = path.partition(".")[0]
+        if first in OF_A_RUN and leaf.component.parameters:
+            problems.add("name-bad", f"'{path}' cannot name a component with parameters; '{first}.' begins the "
+                         "names of parameters of a run (`initial.x`, `scale.u`)", leaf.place,
+                         hint="Take another name.")
         owners_of_leaf = partial(_of_leaf, expanded, network, path, leaf)
         kind = (id(leaf.component), *network.domains[path].items(), path if _has_arrays(leaf) else "")
         if (inside := alike.get(kind)) is None:
@@ -156,14 +160,6 @@ def _across(domain: Domain) -> tuple[str, ...]:
 def _word(domain: Domain, member: str) -> str:
     doc = domain.members[member].doc
     return f"{member} ({doc})" if doc else member
-
-
-def _check_prefix(path: str, leaf: Leaf, problems: Problems) -> None:
-    first = path.partition(".")[0]
-    if first in OF_A_RUN and leaf.component.parameters:
-        problems.add("name-bad", f"'{path}' cannot name a component with parameters; '{first}.' begins the "
-                     "names of parameters of a run (`initial.x`, `scale.u`)", leaf.place,
-                     hint="Take another name.")
 
 
 def _has_arrays(leaf: Leaf) -> bool:

@@ -91,7 +91,16 @@ def reduce(flat: Flat) -> Reduced:
     flat = _with_identities(flat)
     columns, rows, derivative = _columns(flat)
     result, derived = _check_and_differentiate(flat, rows, derivative)
-    chain = _chains(columns, result)
+    all_columns: list[Column | None] = [*columns, *[None] * (result.n_columns - len(columns))]
+    for k, successor in enumerate(result.derivative):
+        if successor >= 0:
+            j, order = all_columns[k] or (0, 0)
+            all_columns[successor] = (j, order + 1)
+    done = [c for c in all_columns if c is not None]
+    highest = [0] * (1 + max((j for j, _ in done), default=0))
+    for j, order in done:
+        highest[j] = max(highest[j], order)
+    chain = Chain(done, highest)
     system = _system(flat, chain, result, derived)
     return system.solve(select_states(system.constraints, system.p_values))
 
@@ -168,14 +177,9 @@ def _check_and_differentiate(flat: Flat, rows: list[list[int]], derivative: list
         raise structural_messages.kinked(flat, kinked)
     moving = [j for j in range(len(flat.unknowns)) if derivative[j] >= 0]
     moving += [j for i, order in enumerate(result.order) if order for j in collapsed[i]]
-    return result, _derived(flat, collapsed, matching, moving)
-
-
-def _derived(flat: Flat, rows: list[list[int]], matching: Sequence[int], moving: Sequence[int]
-             ) -> frozenset[int]:
-    """The signals and variables of components on which no motion depends, such as an efficiency. Motion depends on the
-    unknowns that are differentiated (`moving`), on those of nodes, events and foreign components, and on all unknowns in
-    their equations; `matching` assigns an unknown to each equation (row)."""
+    # the signals and variables of components on which no motion depends, such as an efficiency. Motion depends on the
+    # unknowns that are differentiated (`moving`), on those of nodes, events and foreign components, and on all unknowns in
+    # their equations; `matching` assigns an unknown to each equation (row)
     row_of = {j: i for i, j in enumerate(matching)}
     number = {s.element_hash(): j for level in flat.levels for j, s in enumerate(level)}
     waiting = {*moving, *(j for j, u in enumerate(flat.unknowns) if u.role not in ("own", "signal"))}
@@ -191,21 +195,8 @@ def _derived(flat: Flat, rows: list[list[int]], matching: Sequence[int], moving:
     needed: set[int] = set()
     while waiting:
         needed |= waiting
-        waiting = {k for j in waiting for k in rows[row_of[j]]} - needed
-    return frozenset(range(len(flat.unknowns))) - needed
-
-
-def _chains(columns: list[Column], result: Pantelides) -> Chain:
-    all_columns: list[Column | None] = [*columns, *[None] * (result.n_columns - len(columns))]
-    for k, successor in enumerate(result.derivative):
-        if successor >= 0:
-            j, order = all_columns[k] or (0, 0)
-            all_columns[successor] = (j, order + 1)
-    done = [c for c in all_columns if c is not None]
-    highest = [0] * (1 + max((j for j, _ in done), default=0))
-    for j, order in done:
-        highest[j] = max(highest[j], order)
-    return Chain(done, highest)
+        waiting = {k for j in waiting for k in collapsed[row_of[j]]} - needed
+    return result, (frozenset(range(len(flat.unknowns))) - needed)
 
 
 @dataclass(frozen=True)

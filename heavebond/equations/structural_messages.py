@@ -200,7 +200,13 @@ class _Lost:
         """The kind of mistake, and the lines to type."""
         loss, blamed = self.loss, self.blamed
         if loss.zero:
-            return self._other_value()
+            if self.blamed[0] in self.loss.parameters:
+                owner = self.blamed[0].rpartition(".")[0]
+                otherwise = f", or take '{owner}' out of the diagram" if owner else ""
+                return f"Give {listing(self.blamed)} a value other than 0{otherwise}."
+            dormant = f"give {listing(self.loss.parameters, MOST_BLAMED)} a value" if self.loss.parameters else ""
+            remedies = [remedy for remedy in (f"keep {listing(self.blamed)} away from 0", dormant, self.decides) if remedy]
+            return f"{remedies[0][:1].upper()}{remedies[0][1:]}{''.join(f', or {remedy}' for remedy in remedies[1:])}."
         if self.shown and all(u.role == "signal" for u in self.shown):
             agree = f"With these values of {listing(blamed)} the loop has no solution, or any value is one.\n" * bool(blamed)
             return f"{agree}A loop of signals without memory: each follows from the others at the same instant.\n" \
@@ -220,15 +226,6 @@ class _Lost:
                 f"put {self.elastic} in line with one of them."
         return f"Remove or change {either(self.owners[:1]) or 'a part there'}" + (f", or {self.decides}." if self.decides
                                                                                  else ".")
-
-    def _other_value(self) -> str:
-        if self.blamed[0] in self.loss.parameters:
-            owner = self.blamed[0].rpartition(".")[0]
-            otherwise = f", or take '{owner}' out of the diagram" if owner else ""
-            return f"Give {listing(self.blamed)} a value other than 0{otherwise}."
-        dormant = f"give {listing(self.loss.parameters, MOST_BLAMED)} a value" if self.loss.parameters else ""
-        remedies = [remedy for remedy in (f"keep {listing(self.blamed)} away from 0", dormant, self.decides) if remedy]
-        return f"{remedies[0][:1].upper()}{remedies[0][1:]}{''.join(f', or {remedy}' for remedy in remedies[1:])}."
 
 
 def short_circuit(flat: Flat, owners: Iterable[str]) -> tuple[str, str] | None:

@@ -81,7 +81,11 @@ def slopes_over(assembly: Assembly, frictions: Frictions, run: Result) -> tuple[
     arguments = columns(run)
     shares = []
     for path, at in zip(frictions.names, frictions.widths, strict=True):
-        speed = _speed(assembly, path)
+        # the sliding speed of a part: its variable in the unit of the width
+        component = assembly.flat.expanded.leaves[path].component
+        units = [q.unit.dimension for q in component.parameters.values() if q.width and q.unit.dimension in SPEEDS]
+        variables = [name for name, v in component.variables.items() if v.held is None and v.unit.dimension in units]
+        speed = assembly.expression(parse_formula(f"{path}.{variables[0]}")) if variables else None
         if not at or speed is None or path not in losses:
             shares.append(0.0)
             continue
@@ -108,11 +112,3 @@ def _share(dissipation: ca.Function, arguments: Sequence[Array], at: list[int], 
     at_rest = k * float((widened(k)[0] - none)[least]) / float(v[least]) ** 2
     mean = float(np.trapezoid(one - none, time) / np.trapezoid(v**2, time))
     return float(np.clip(mean / at_rest, 0.0, 1.0)) if at_rest > 0 else 0.0
-
-
-def _speed(assembly: Assembly, path: str) -> ca.SX | None:
-    """The sliding speed of a part: its variable in the unit of the width."""
-    component = assembly.flat.expanded.leaves[path].component
-    units = [q.unit.dimension for q in component.parameters.values() if q.width and q.unit.dimension in SPEEDS]
-    variables = [name for name, v in component.variables.items() if v.held is None and v.unit.dimension in units]
-    return assembly.expression(parse_formula(f"{path}.{variables[0]}")) if variables else None

@@ -232,7 +232,12 @@ class StateSpace:
         if self.exact is not None:
             return self.exact.response(points)
         if self.cut is not None and len(self.cut.times) > 1:
-            return self._locus(points, np.array(self.cut.times))
+            # the eigenvalue of the lifted loop whose vector is nearest to exp(s t) at the instants t: the response itself if
+            # the loop is the same at all instants
+            values, vectors = np.linalg.eig(self.lifted(points))
+            signal = np.exp(points[:, None] * np.array(self.cut.times))
+            near = np.argmax(np.abs(np.einsum("Ni,Nij->Nj", signal.conj(), vectors)), axis=1)
+            return np.asarray(values[np.arange(len(points)), near][:, None, None])
         if self.period is not None:
             points = np.expm1(points * self.period) / self.period
         a, b, c = self._scaled()
@@ -251,14 +256,6 @@ class StateSpace:
         a, b, c = self._scaled()
         period = self.period or 1.0
         return dense_response(a, b, c, np.asarray(np.expm1(s * period) / period, dtype=complex)) + self.d
-
-    def _locus(self, s: Complex, times: Array) -> Complex:
-        """The eigenvalue of the lifted loop whose vector is nearest to exp(s t) at the instants t: the response itself if
-        the loop is the same at all instants."""
-        values, vectors = np.linalg.eig(self.lifted(s))
-        signal = np.exp(s[:, None] * times)
-        near = np.argmax(np.abs(np.einsum("Ni,Nij->Nj", signal.conj(), vectors)), axis=1)
-        return np.asarray(values[np.arange(len(s)), near][:, None, None])
 
     def dc_gain(self) -> Array:
         """The gains (k, m) at zero frequency in SI, infinite if poles at 0 remain, by the poles and zeros at s = 0 (see
@@ -293,7 +290,10 @@ class StateSpace:
         a, b, c = self._scaled()
         poles = eigenvalues(a)
         largest = max(float(np.abs(poles).max(initial=0.0)), 1.0)
-        b, c, d, higher = _balanced(b, c, self.d, self.higher[0], largest)
+        # the borders of the pencil in s / largest with sizes near one; its finite eigenvalues stay
+        left = float(np.abs(b).max(initial=0.0)) / largest or 1.0
+        right = float(np.abs(c).max(initial=0.0)) or 1.0
+        b, c, d, higher = b / largest / left, c / right, self.d / (left * right), self.higher[0] * largest / (left * right)
         pencil = np.block([[a / largest, b], [c, d]])
         mass = np.block([[np.eye(len(a)), np.zeros_like(b)], [np.zeros_like(c), -higher]])
         top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
@@ -435,7 +435,14 @@ class StateSpaces:
         self.approximated = plain.assembly.flat.expanded.approximated
         self._exact: StateSpaces | None = None
         if self.approximated:
-            self._with_delays(model, at)
+            # the same system with the delayed variables among its inputs and their sources among its outputs
+            flat = flatten(replace(model, ends=None))
+            sources = []
+            for d in flat.delays:
+                path, _, name = d.name.rpartition(".")
+                sources.append(f"({path}.{flat.expanded.leaves[path].component.delayed[name].of})")
+            self._exact = StateSpaces(model, [*self.inputs, *(f"history.{d.name}" for d in flat.delays)],
+                                      [*self.outputs, *sources], at, approximate=False)
         known = plain.assembly.parameter_names
         self._added = [name for name in self.inputs if name not in known]
         self._given = [name for name in self.inputs if name in known]
@@ -449,16 +456,6 @@ class StateSpaces:
         show = model.show
         self._shown = tuple(show[name].unit if name in show else unit
                             for name, unit in zip(self.outputs, self._units[2], strict=True))
-
-    def _with_delays(self, model: Model, at: Time | None) -> None:
-        """The same system with the delayed variables among its inputs and their sources among its outputs."""
-        flat = flatten(replace(model, ends=None))
-        sources = []
-        for d in flat.delays:
-            path, _, name = d.name.rpartition(".")
-            sources.append(f"({path}.{flat.expanded.leaves[path].component.delayed[name].of})")
-        self._exact = StateSpaces(model, [*self.inputs, *(f"history.{d.name}" for d in flat.delays)],
-                                  [*self.outputs, *sources], at, approximate=False)
 
     def at(self, parameters: Mapping[str, float | str] | None = None) -> StateSpace:
         """The linear system with these parameters set."""
@@ -563,13 +560,6 @@ def _without_derivatives(linear: Linear, b: Array, d: Array) -> tuple[Array, Arr
         size_d[k - 1] += np.abs(linear.c) @ size_b[k]
     return np.where(np.abs(b[0]) > LINEAR_SYSTEM.rounding * size_b[0], b[0], 0.0), \
         np.where(np.abs(d) > LINEAR_SYSTEM.rounding * size_d, d, 0.0)
-
-
-def _balanced(b: Array, c: Array, d: Array, higher: Array, largest: float) -> tuple[Array, Array, Array, Array]:
-    """The borders of the pencil in s / largest with sizes near one; its finite eigenvalues stay."""
-    left = float(np.abs(b).max(initial=0.0)) / largest or 1.0
-    right = float(np.abs(c).max(initial=0.0)) or 1.0
-    return b / largest / left, c / right, d / (left * right), higher * largest / (left * right)
 
 
 def _named(model: Model, formulas: Sequence[str]) -> set[str]:

@@ -71,13 +71,10 @@ class ModalNumbers:
         if self._known[0] != p.tobytes():
             self._known = p.tobytes(), {}
         if (number, selection) not in self._known[1]:
-            self._known[1][number, selection] = self._computed(number, selection, p)
+            first, modes = self.modes.at({**dict(zip(self.names, p.tolist(), strict=True)), **self.settings})
+            mode, slope = chosen_mode(modes, number, selection), np.zeros(len(p))
+            if mode is not None:
+                slopes = modal_slope(number, mode, self.modes.slope(first, mode, self.named))
+                slope[[self.names.index(name) for name in self.named]] = slopes
+            self._known[1][number, selection] = modal_number(number, mode), slope
         return self._known[1][number, selection]
-
-    def _computed(self, number: str, selection: str, p: Array) -> tuple[float, Array]:
-        first, modes = self.modes.at({**dict(zip(self.names, p.tolist(), strict=True)), **self.settings})
-        mode, slope = chosen_mode(modes, number, selection), np.zeros(len(p))
-        if mode is not None:
-            slopes = modal_slope(number, mode, self.modes.slope(first, mode, self.named))
-            slope[[self.names.index(name) for name in self.named]] = slopes
-        return modal_number(number, mode), slope

@@ -174,7 +174,12 @@ class RestStability:
             for mode in variant.modes:
                 r = variant.score(mode, self.base) if mode.value else -np.inf
                 if (weight := float(np.exp(REST_STABILITY.sharpness * (r - value)))) > REST_STABILITY.min_weight:
-                    slope += weight * self._slope(operating.first, variant, mode, named)
+                    assert operating.first is not None
+                    ds = self.modes.slope(operating.first, mode, named, variant.point)
+                    s, size = mode.value, float(np.hypot(abs(mode.value), self.base))
+                    excess = variant.score(mode, self.base) * size
+                    score_slope = ds.real / size - excess * (s.real * ds.real + s.imag * ds.imag) / size**3
+                    slope += weight * np.where(np.isfinite(score_slope), score_slope, 0.0)
         return value + REST_STABILITY.min_damping, slope
 
     def _differences(self, values: Mapping[str, float | str], named: Sequence[str]) -> Array:
@@ -193,14 +198,6 @@ class RestStability:
         point = replace(point, p=self.frictions.sliding(point.p, shares))
         linear = self.modes.linearisation.at(point)
         return Variant(tuple(shares), point, linear, tuple(linear.modes()))
-
-    def _slope(self, first: Start | None, variant: Variant, mode: Mode, named: Sequence[str]) -> Array:
-        assert first is not None
-        ds = self.modes.slope(first, mode, named, variant.point)
-        s, size = mode.value, float(np.hypot(abs(mode.value), self.base))
-        excess = variant.score(mode, self.base) * size
-        score_slope = ds.real / size - excess * (s.real * ds.real + s.imag * ds.imag) / size**3
-        return np.where(np.isfinite(score_slope), score_slope, 0.0)
 
     @cached_property
     def _rates(self) -> Buffered:
@@ -423,7 +420,10 @@ def stability_sentences(stability: Stability, *, asked: bool = True) -> Iterator
     else:
         yield f"NOT STABLE: {_dampings(stability)}"
     if stability.shares is not None:
-        yield _between(stability.shares)
+        low, high = stability.shares
+        slopes = f"below {high:.2g}" if low == 0 else f"from {low:.2g} to {high:.2g}"
+        yield f"over the amplitude: unstable where the slope of its dry friction is {slopes} of that at rest; motions " \
+            "grow there until their amplitude gives it another slope"
     if not asked:
         yield "stability was not asked for (`stable: off`)"
     yield from stability.held
@@ -450,13 +450,6 @@ def _dampings(stability: Stability) -> str:
         return text
     in_case = f", {stability.in_case:.3g} with its slope over the motion of the run" if stability.in_case is not None else ""
     return f"{text} as modelled{in_case}, {stability.sliding:.3g} while its dry friction slides"
-
-
-def _between(shares: tuple[float, float]) -> str:
-    low, high = shares
-    slopes = f"below {high:.2g}" if low == 0 else f"from {low:.2g} to {high:.2g}"
-    return f"over the amplitude: unstable where the slope of its dry friction is {slopes} of that at rest; motions grow " \
-        "there until their amplitude gives it another slope"
 
 
 def _loop_words(loop: Loop) -> str:

@@ -126,7 +126,14 @@ def slow_modes(linearisation: Linearisation, point: Point, span: float, count: i
     slowest = sorted((mode for mode, _ in modes), key=lambda mode: (abs(mode.value), mode.value.real))
     slow = min((abs(mode.value) for mode in slowest if mode.value), default=1 / span)
     fastest = max(pencil.fastest(), slow)
-    growing = _distinct(_growing(pencil, slow, fastest), slowest)
+    # the modes that are not among the known ones, each once
+    candidates = _growing(pencil, slow, fastest)
+    distinct: list[Mode] = []
+    for mode in candidates:
+        if all(abs(mode.value - known_mode.value) > SLOW_MODES.next * abs(mode.value) for known_mode in (*slowest,
+                                                                                                         *distinct)):
+            distinct.append(mode)
+    growing = sorted(distinct, key=lambda mode: -mode.value.real)
     slow_unstable = sum(mode.value.real > accuracy for mode, accuracy in modes)
     return SlowModes(slowest, growing, (slow, fastest), slow_unstable + len(growing), pencil.n)
 
@@ -146,15 +153,6 @@ def _growing(pencil: _Pencil, slow: float, fastest: float) -> Iterator[Mode]:
             mode, accuracy = pencil.mode(a * (theta + 1) / (theta - 1), vector, SLOW_MODES.next * a)
             if mode.value.real > accuracy:
                 yield mode
-
-
-def _distinct(candidates: Iterator[Mode], known: list[Mode]) -> list[Mode]:
-    """The modes that are not among the known ones, each once."""
-    distinct: list[Mode] = []
-    for mode in candidates:
-        if all(abs(mode.value - known_mode.value) > SLOW_MODES.next * abs(mode.value) for known_mode in (*known, *distinct)):
-            distinct.append(mode)
-    return sorted(distinct, key=lambda mode: -mode.value.real)
 
 
 class _Pencil:

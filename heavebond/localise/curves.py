@@ -274,7 +274,7 @@ def best_curve(design: Design, regression: Regression, learn: Mask) -> Curve | N
     whole = [regression.of(design.index(i)) for i in range(len(design.variables))]
     free = [part.along(design.free(i)).smooth(_differences(len(design.inner[i]))) for i, part in enumerate(whole)]
     # of a force that is hardly seen a line tells more than a free curve
-    lines = [part.along(_line(k)) for part, k in zip(whole, design.knots, strict=True)]
+    lines = [part.along(np.stack([np.ones_like(k), k], axis=1)) for part, k in zip(whole, design.knots, strict=True)]
     losses = [min(part.tried(), line.tried()) for part, line in zip(free, lines, strict=True)]
     r2 = [regression.share(loss, misfit) for loss in losses]
     scores = {v.formula: score for v, score in zip(design.variables, r2, strict=True)}
@@ -320,10 +320,6 @@ def _tested(curve: Curve, law: Regression, design: Design, learn: Mask) -> Curve
 def _differences(knots: int) -> Array:
     """The differences of neighbouring coefficients (knots - 1, knots)."""
     return np.asarray(np.diff(np.eye(knots), axis=0))
-
-
-def _line(knots: Array) -> Array:
-    return np.stack([np.ones_like(knots), knots], axis=1)
 
 
 # A law, the regression in the functions at its knots, the functions of a second variable, and the regression of the law.

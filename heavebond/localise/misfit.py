@@ -23,11 +23,11 @@ from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_e
 from heavebond.estimation.fitting import Fit
 from heavebond.estimation.records import measure
 from heavebond.localise.constants import INPUT_ESTIMATION
-from heavebond.localise.curves import Curve, Design, Mask, Regression, Variable, best_curve, regression
+from heavebond.localise.curves import Curve, Design, Mask, Variable, best_curve, regression
 from heavebond.localise.error_states import RecordSection, State, envelope, states, stretches, worst
 from heavebond.localise.input_estimation import Estimate, Ranked, Search, misfit
 from heavebond.localise.kalman_smoother import Unknown
-from heavebond.localise.ltv_model import LtvModel, SourcedRecord, known_of
+from heavebond.localise.ltv_model import SourcedRecord, known_of
 from heavebond.localise.regressors import Regressors, estimated
 from heavebond.numerics.dae import Array, Assembly
 
@@ -267,7 +267,19 @@ def _suspect(search: Search, estimate: Estimate, ranked: Ranked, k: int, w: Arra
     variables, learn = around.variables(place), np.concatenate(_learn(search))
     design = Design(variables, learn)
     mean = -search.centre(estimate.systems)
-    curve = best_curve(design, _regression(search, estimate.systems, place, design, learn, mean), learn)
+    # the responses of the outputs of all records to the functions of a design at a place
+    parts, counts = [], []
+    begin = 0
+    for s in search.sides:
+        system, end = estimate.systems[s.record.name], begin + len(s.time)
+        innovations = Unknown(system, list(s.nodes), [place], np.ones(1)).innovations(design.columns[begin:end])
+        wide = np.zeros((*innovations.shape[:2], 1 + search.width + design.columns.shape[1]))
+        wide[:, :, [0, *(1 + search.columns(s.record.name))]] = innovations[:, :, :1 + len(search.known)]
+        wide[:, :, 1 + search.width:] = innovations[:, :, 1 + len(search.known):]
+        parts.append(wide)
+        counts.append(s.used.sum(axis=1))
+        begin = end
+    curve = best_curve(design, regression(np.concatenate(parts), learn, np.concatenate(counts), mean), learn)
     value = (w + by_parameters @ (curve.q - mean) if curve is not None else w) * ratio
     implied = implied_inputs(search, place, value, deviation * abs(ratio), variables)
     place_estimate = PlaceEstimate(place, estimate.explained(ranked), estimate.ranked[0].likelihood - ranked.likelihood,
@@ -284,23 +296,6 @@ def implied_inputs(search: Search, place: Place, value: Array, deviation: Array,
     return {s.record.name: ImpliedInput(s.record.name, s.time, value[a:b], deviation[a:b], place.unit.text,
                                         {v.formula: v.values[a:b] for v in variables})
             for s, a, b in zip(search.sides, ends[:-1], ends[1:], strict=True)}
-
-
-def _regression(search: Search, systems: Mapping[str, LtvModel], place: Place, design: Design, learn: Mask, mean: Array
-                ) -> Regression:
-    """The responses of the outputs of all records to the functions of a design at a place."""
-    parts, counts = [], []
-    begin = 0
-    for s in search.sides:
-        system, end = systems[s.record.name], begin + len(s.time)
-        innovations = Unknown(system, list(s.nodes), [place], np.ones(1)).innovations(design.columns[begin:end])
-        wide = np.zeros((*innovations.shape[:2], 1 + search.width + design.columns.shape[1]))
-        wide[:, :, [0, *(1 + search.columns(s.record.name))]] = innovations[:, :, :1 + len(search.known)]
-        wide[:, :, 1 + search.width:] = innovations[:, :, 1 + len(search.known):]
-        parts.append(wide)
-        counts.append(s.used.sum(axis=1))
-        begin = end
-    return regression(np.concatenate(parts), learn, np.concatenate(counts), mean)
 
 
 # -- when, and in what state of motion -----------------------------------------------------------------------------------

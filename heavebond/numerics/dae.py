@@ -461,17 +461,13 @@ def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.S
         s, scale, terms = rows[2] * (t - rows[1]), ca.SX(1), split(rows[DELAY_ROWS - DELAY_TERMS:])
         symbols.append(delayed.symbols)
         for order in range(delayed.symbols.numel()):
-            pieces.append(scale * _horner(terms, s) + ((1 - rows[0]) * flat.p[delayed.index] if order == 0 else 0))
+            # sum(terms[i] s**i)
+            value = terms[-1]
+            for term in reversed(terms[:-1]):
+                value = term + s * value
+            pieces.append(scale * value + ((1 - rows[0]) * flat.p[delayed.index] if order == 0 else 0))
             terms, scale = [i * c for i, c in enumerate(terms)][1:], scale * rows[2]
     return ca.substitute(expression, stack(symbols), stack(pieces))
-
-
-def _horner(terms: Sequence[ca.SX], s: ca.SX) -> ca.SX:
-    """sum(terms[i] s**i)."""
-    value = terms[-1]
-    for term in reversed(terms[:-1]):
-        value = term + s * value
-    return value
 
 
 @dataclass(frozen=True)

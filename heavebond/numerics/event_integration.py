@@ -112,24 +112,21 @@ class EventIntegration:
     def run(self, first: Start, start_tangent: Tangent | None) -> Trace:
         """One run; RuntimeError where the integrator fails (see `last`), SimulationError where events do."""
         with self.home.equations.partners.running():
-            return self._run(first, start_tangent)
-
-    def _run(self, first: Start, start_tangent: Tangent | None) -> Trace:
-        if self.delays is not None:
-            dp = np.zeros((len(first.p), 0)) if start_tangent is None else start_tangent.p
-            self.delays.begin_run(first.t, float(self.stops[-1]), first.p, dp)
-        state = self._begin(first, start_tangent)
-        self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
-        record = Record(state, self.stops, self.same, self.dense)
-        self._write(state, record)
-        if self.delays is not None:
-            state = self._cut(state, np.zeros(state.blocks - 1))
-        try:
-            self._to_the_end(state, record)
-        except RunEnded as ended:
-            record.end(ended.now)
-        trace = record.trace(self.integrals, self._driven(record.stops))
-        return replace(trace, between=partial(record.between, self.integrals, self._driven)) if self.dense else trace
+            if self.delays is not None:
+                dp = np.zeros((len(first.p), 0)) if start_tangent is None else start_tangent.p
+                self.delays.begin_run(first.t, float(self.stops[-1]), first.p, dp)
+            state = self._begin(first, start_tangent)
+            self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
+            record = Record(state, self.stops, self.same, self.dense)
+            self._write(state, record)
+            if self.delays is not None:
+                state = self._cut(state, np.zeros(state.blocks - 1))
+            try:
+                self._to_the_end(state, record)
+            except RunEnded as ended:
+                record.end(ended.now)
+            trace = record.trace(self.integrals, self._driven(record.stops))
+            return replace(trace, between=partial(record.between, self.integrals, self._driven)) if self.dense else trace
 
     def _to_the_end(self, state: EventState, record: Record) -> None:
         equations, begin, end = self.home.equations, state.t, float(self.stops[-1])
@@ -410,7 +407,31 @@ class EventIntegration:
         """As `_failed`; if that finds neither an event nor another chart, the alternative solver continues from this point,
         once."""
         try:
-            return self._failed(state, looks, halvings, error, record)
+            # the state and the number of halvings with which to continue after a failure of the integrator: an unknown event
+            # or the end of a chart may lie within the stretch, and the equations may have no solution beyond it
+            ahead, one = self.ahead, self.ahead.points == 1
+            interrupted, crawls = _says(error, INTERRUPTED), _says(error, CRAWLS)
+            if crawls and looks.limited and not ahead.crawling:
+                ahead.refine(state.t, looks, self.reached)
+                return state, halvings
+            if interrupted or not (self.charts.needed or self.conditions) or ahead.crawling \
+                    or self._hopeless(crawls and one, record):
+                raise error
+            if self.charts.needed and self._strain(state) >= STATE_SELECTION.enough_strain and \
+                    (changed := self._changed(state, record)) is not None:
+                ahead.restart(True)
+                return changed, 0
+            if looks.times[0] - state.t <= EVENTS.approach * self.same:
+                ahead.restart(True)
+                # the event just before which the integrator fails; the RuntimeError of the integrator if none is near
+                values, rates = self._indicators(state)
+                near = (values + rates * EVENTS.approach**2 * self.same > 0) & ~state.true
+                if not near.any():
+                    raise RuntimeError("the equations have no solution behind this point")
+                condition = int(np.flatnonzero(near)[0])
+                return self._happen(state, *self._met(state, condition), record, condition=True), 0
+            ahead.points = 1
+            return state, halvings + one
         except RuntimeError as final:
             message = str(final)
             if not self.changes or _says(final, INTERRUPTED) or state.t <= self.failed_at \
@@ -422,28 +443,6 @@ class EventIntegration:
         self.ahead.points, self.ahead.spent = 1, 0
         return state, 0
 
-    def _failed(self, state: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
-                ) -> tuple[EventState, int]:
-        """The state and the number of halvings with which to continue after a failure of the integrator: an unknown event or
-        the end of a chart may lie within the stretch, and the equations may have no solution beyond it."""
-        ahead, one = self.ahead, self.ahead.points == 1
-        interrupted, crawls = _says(error, INTERRUPTED), _says(error, CRAWLS)
-        if crawls and looks.limited and not ahead.crawling:
-            ahead.refine(state.t, looks, self.reached)
-            return state, halvings
-        if interrupted or not (self.charts.needed or self.conditions) or ahead.crawling \
-                or self._hopeless(crawls and one, record):
-            raise error
-        if self.charts.needed and self._strain(state) >= STATE_SELECTION.enough_strain and \
-                (changed := self._changed(state, record)) is not None:
-            ahead.restart(True)
-            return changed, 0
-        if looks.times[0] - state.t <= EVENTS.approach * self.same:
-            ahead.restart(True)
-            return self._forced(state, record), 0
-        ahead.points = 1
-        return state, halvings + one
-
     def _hopeless(self, crawled: bool, record: Record) -> bool:
         """True if the integrator has failed or halved its stretch too often since the last change."""
         changes = len(record.instants) + len(record.changes) + len(record.solver_changes)
@@ -452,15 +451,6 @@ class EventIntegration:
         self.failures = replace(self.failures, number=self.failures.number + 1, crawls=self.failures.crawls + crawled)
         return self.failures.number > EVENTS.max_failures or \
             (self.failures.crawls > EVENTS.max_crawls and not self.charts.needed)
-
-    def _forced(self, state: EventState, record: Record) -> EventState:
-        """The event just before which the integrator fails; the RuntimeError of the integrator if none is near."""
-        values, rates = self._indicators(state)
-        near = (values + rates * EVENTS.approach**2 * self.same > 0) & ~state.true
-        if not near.any():
-            raise RuntimeError("the equations have no solution behind this point")
-        condition = int(np.flatnonzero(near)[0])
-        return self._happen(state, *self._met(state, condition), record, condition=True)
 
     # -- charts ----------------------------------------------------------------------------------------------------
     def _strain(self, state: EventState) -> float:

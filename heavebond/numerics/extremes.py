@@ -60,7 +60,15 @@ def signal_figures(time: Array, values: Array) -> SignalFigures:
     """The figures of a signal (n,) at times (n,), n > 0, over the times at which it is determined (not NaN); NaN if it
     becomes infinite or is never determined."""
     if (missing := np.isnan(values)).any() and not missing.all():
-        return _with_gaps(time, values, missing)
+        # the figures of a signal without its values that are missing (n,)
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], missing, [True]]).astype(int)))
+        stretches = [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
+        parts = [signal_figures(time[at], values[at]) for at in stretches]
+        weights = np.array([time[at][-1] - time[at][0] for at in stretches])
+        weights = weights / weights.sum() if weights.any() else np.full(len(parts), 1 / len(parts))
+        return SignalFigures(min(p.least for p in parts), max(p.most for p in parts),
+                             float(weights @ [p.mean for p in parts]),
+                             float(np.sqrt(weights @ [p.rms**2 for p in parts])), float(values[-1]))
     if not np.all(np.isfinite(values)):
         rms = float(np.sqrt(np.mean(values**2)))
         return SignalFigures(float(values.min()), float(values.max()), float(values.mean()), rms, float(values[-1]))
@@ -68,17 +76,6 @@ def signal_figures(time: Array, values: Array) -> SignalFigures:
     rms = size * max(mean(time, (values / size)**2), 0.0)**0.5
     return SignalFigures(lowest(time, values).of(values), highest(time, values).of(values), mean(time, values), rms,
                          float(values[-1]))
-
-
-def _with_gaps(time: Array, values: Array, missing: NDArray[np.bool_]) -> SignalFigures:
-    """The figures of a signal without its values that are missing (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], missing, [True]]).astype(int)))
-    stretches = [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
-    parts = [signal_figures(time[at], values[at]) for at in stretches]
-    weights = np.array([time[at][-1] - time[at][0] for at in stretches])
-    weights = weights / weights.sum() if weights.any() else np.full(len(parts), 1 / len(parts))
-    return SignalFigures(min(p.least for p in parts), max(p.most for p in parts), float(weights @ [p.mean for p in parts]),
-                         float(np.sqrt(weights @ [p.rms**2 for p in parts])), float(values[-1]))
 
 
 def mean(time: Array, values: Array) -> float:

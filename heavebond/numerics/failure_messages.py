@@ -61,7 +61,7 @@ def explain_failure(stop: Stop, first: Start, message: str, rtol: float) -> Simu
     """The error for a run from `first` that failed; `message` is the message of the integrator, `rtol` its relative
     tolerance."""
     notes: list[str] = []
-    loosen, stopped = _loosen(rtol), stop.t
+    loosen, stopped = (", or loosen the tolerances (--rtol 1e-6)" if rtol < TIGHT else ""), stop.t
     hint = f"Check the parameters of these components{loosen}."
     if stop.last is not None:
         cause, notes = _cause(stop.assembly, first, stop.last, loosen)
@@ -128,11 +128,6 @@ def _without_mass(assembly: Assembly, last: Point) -> str:
             f"play opens. Add one: `{part}: {{is: {name}, {value}}}`, with its port `{part}.a` on the node.")
 
 
-def _loosen(rtol: float) -> str:
-    """The advice to loosen the tolerances, if they are tight."""
-    return ", or loosen the tolerances (--rtol 1e-6)" if rtol < TIGHT else ""
-
-
 def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[str, list[str]]:
     t, x, z, p, u = last.values()[:5]
     ode, alg = (np.array(v).ravel() for v in assembly.rates(t, x, z, p, u, 1.0))
@@ -184,8 +179,8 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
                 "does not fit its neighbours, or for a volume, a mass or a time constant far below theirs"
                 f"{loosen}. If they are right, this is a fault of the library: please report it with the diagram.", notes)
     return (f"{cause}Smooth it{' in ' + listing(user_parts, 4) if user_parts else ''} (smooth_sign(v, v_t) for sign(v), "
-            "signed_sqrt for a root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, `when:` in "
-            f"a component){loosen}.", notes)
+            "signed_sqrt for a root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, "
+            f"`when:` in a component){loosen}.", notes)
 
 
 def _of_the_user(assembly: Assembly, part: str) -> bool:

@@ -81,7 +81,11 @@ class Idas:
         """`strict` includes the algebraic unknowns in the error control: the steps are shorter, and the predictor gives
         Newton's method a closer initial guess."""
         self._orders, unit = _orders(integrand.dae), time_unit(stops)
-        self._dae, self._begin = _ordered(in_unit_of_time(integrand.dae, unit), self._orders), float(stops[0] / unit)
+        # the equations with their unknowns permuted by `orders`
+        dae = in_unit_of_time(integrand.dae, unit)
+        rows = (("x", "x"), ("ode", "x"), ("z", "z"), ("alg", "z")) if self._orders else ()
+        permuted = {name: dae[name][self._orders[unknown]] for name, unknown in rows}
+        self._dae, self._begin = {**dae, **permuted}, float(stops[0] / unit)
         self._outputs = [float(t) for t in stops[1:] / unit] or [self._begin + 1.0]
         self._options = {**integrator_options(self._dae, tolerances, integrand.smallest_pivot), "max_num_steps": most_steps,
                          **({"max_step_size": integrand.longest / unit} if integrand.longest else {})}
@@ -136,13 +140,6 @@ def _orders(dae: Mapping[str, ca.SX]) -> dict[str, list[int]]:
     pattern = ca.jacobian_sparsity(ca.vertcat(dae["ode"], dae["alg"]), ca.vertcat(dae["x"], dae["z"]))
     order = (pattern + pattern.T + ca.Sparsity.diag(n_x + n_z)).amd()
     return {"x": [k for k in order if k < n_x], "z": [k - n_x for k in order if k >= n_x]}
-
-
-def _ordered(dae: Mapping[str, ca.SX], orders: Mapping[str, list[int]]) -> dict[str, ca.SX]:
-    """The equations with their unknowns permuted by `orders`."""
-    permuted = {name: dae[name][orders[unknown]] for name, unknown in (("x", "x"), ("ode", "x"), ("z", "z"), ("alg", "z"))
-                      } if orders else {}
-    return {**dae, **permuted}
 
 
 def at_rest(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> Iterator[tuple[Array, Array]]:

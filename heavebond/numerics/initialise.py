@@ -139,7 +139,10 @@ class StartSearch:
         self.n_x, self.n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         self.nominal = equations.sizes(assembly.p)
         self.frame = Scaling(self.nominal, *equations.bounds)
-        self.y0 = self._guess()
+        values = self.equations.guess(self.assembly.p)
+        columns = (*self.assembly.reduced.states, *self.assembly.reduced.algebraic)
+        self.y0 = np.array([*(values[j] if order == 0 else 0.0 for j, order in columns),
+                            *self.assembly.p[self.equations.solved_for]])
         self.widening = 1.0
         self.shut_in: tuple[str, ...] = ()
         self.steps = 0
@@ -147,12 +150,6 @@ class StartSearch:
         # the residual of a condition such as x = 1 nm is below that of a solution at x = 0
         self.fine = bool(assembly.sizes) or equations.asks_tiny_values(assembly.p)
         self.of_components = False
-
-    def _guess(self) -> Array:
-        values = self.equations.guess(self.assembly.p)
-        columns = (*self.assembly.reduced.states, *self.assembly.reduced.algebraic)
-        return np.array([*(values[j] if order == 0 else 0.0 for j, order in columns),
-                         *self.assembly.p[self.equations.solved_for]])
 
     def _point(self, y: Array, rate: float | None = None) -> Point:
         p = self.assembly.p.copy()
@@ -197,7 +194,11 @@ class StartSearch:
 
     def _without_components(self) -> Array:
         y, equations = self.y0, self.equations
-        self._check_constants()
+        # raise an error for coefficients of parameters alone that are zero: a mass or stiffness of 0 is reported before the
+        # equations are solved
+        constant, function = self.equations.constants
+        values = function(self.assembly.p)["o0"].ravel()
+        start_messages.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))
         if equations.separate and (result := self._in_turn()) is not None:
             self.in_turn = True
             return result
@@ -276,28 +277,37 @@ class StartSearch:
         if attempt == 3 and self.equations.steady:
             return settled(system, self._slowed, first, self.frame)
         if attempt == 4:
-            return self._sharpened(system, first)
-        if attempt == 5 and self.equations.steady:
-            return self._come_to_rest(system, first)
-        return newton(system, first + self.nominal * self._shift(attempt - 5), self.frame)
+            # newton's method with rounded corners, which become sharp step by step
+            whole = self.equations.all
+            widths = whole.corner_widths(self._point(first), self.nominal)
+            if not len(widths) or not np.all(np.isfinite(widths)):
+                return NewtonResult(first, np.full(1, np.inf), 0)
 
-    def _come_to_rest(self, system: System, first: Array) -> NewtonResult:
-        """The state of rest to which the machine settles by integration from a consistent point at the guess: valves that
-        are shut at the guess open when pressures rise, even if they have no gradient there. Newton's method is tried from
-        later points."""
-        y, result = first.copy(), NewtonResult(first, np.full(1, np.inf), 0)
-        inner = slice(self.n_x, self.n_x + self.n_z)
-        try:
-            y = self._settle(y)
-        except StartError:
+            def family(share: float) -> System:
+                def at(y: Array) -> tuple[Array, Matrix]:
+                    residual, jacobian = whole.rounded_at(self._point(first), (1 - share) * widths)
+                    return residual, scaled(jacobian, None, self.nominal)
+                return at if share < 1 else system
+
+            return continued(family, first, self.frame)
+        if attempt == 5 and self.equations.steady:
+            # the state of rest to which the machine settles by integration from a consistent point at the guess: valves that
+            # are shut at the guess open when pressures rise, even if they have no gradient there. Newton's method is tried
+            # from later points
+            y, result = first.copy(), NewtonResult(first, np.full(1, np.inf), 0)
+            inner = slice(self.n_x, self.n_x + self.n_z)
+            try:
+                y = self._settle(y)
+            except StartError:
+                return result
+            point = self._point(y)
+            for x, z in at_rest(self.assembly, self.t, y[: self.n_x], y[inner], point.p, point.u):
+                y[: self.n_x], y[inner] = x, z
+                result = newton(system, y, self.frame)
+                if result.good:
+                    break
             return result
-        point = self._point(y)
-        for x, z in at_rest(self.assembly, self.t, y[: self.n_x], y[inner], point.p, point.u):
-            y[: self.n_x], y[inner] = x, z
-            result = newton(system, y, self.frame)
-            if result.good:
-                break
-        return result
+        return newton(system, first + self.nominal * self._shift(attempt - 5), self.frame)
 
     def _slowed(self, before: Array, step: float) -> System:
         """The equations of a steady start with (x - before)/step for each rate that is to vanish."""
@@ -319,21 +329,6 @@ class StartSearch:
             result = newton(system, result.y, self.frame)
         self.widening = 1.0
         return result
-
-    def _sharpened(self, system: System, y: Array) -> NewtonResult:
-        """Newton's method with rounded corners, which become sharp step by step."""
-        whole = self.equations.all
-        widths = whole.corner_widths(self._point(y), self.nominal)
-        if not len(widths) or not np.all(np.isfinite(widths)):
-            return NewtonResult(y, np.full(1, np.inf), 0)
-
-        def family(share: float) -> System:
-            def at(y: Array) -> tuple[Array, Matrix]:
-                residual, jacobian = whole.rounded_at(self._point(y), (1 - share) * widths)
-                return residual, scaled(jacobian, None, self.nominal)
-            return at if share < 1 else system
-
-        return continued(family, y, self.frame)
 
     def _shift(self, number: int) -> Array:
         """Deterministic shifts of growing size, the first of none."""
@@ -404,13 +399,6 @@ class StartSearch:
         values = self.assembly.values(*point.values()).full().ravel()
         return [StartLine(c.name, c.value.text, float(values[j]), flat.unknowns[j].unit.text,
                           "solved from a guess" if c.guess else "asked for") for j, c in remaining]
-
-    def _check_constants(self) -> None:
-        """Raise an error for coefficients of parameters alone that are zero: a mass or stiffness of 0 is reported before the
-        equations are solved."""
-        constant, function = self.equations.constants
-        values = function(self.assembly.p)["o0"].ravel()
-        start_messages.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))
 
     def _check(self, point: Point) -> None:
         if self.equations.sound(point):

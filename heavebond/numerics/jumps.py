@@ -140,10 +140,6 @@ class EventEquations:
         rank_losses = losses(self.assembly.reduced.system, self.assembly.point(float(t[0]), x, z, p, u))
         return undecided(self.assembly.flat, rank_losses, self.assembly.algebraic_names, f"{when} t = {t[0]:.6g} s")
 
-    def _at_one(self, point: Point, dt: Array, dx: Array, dp: Array, du: Array) -> tuple[Array, Array]:
-        """As `_directed`, for m directions (dt (m,), dx (n_x, m), dp (n_p, m), du (n_u, m)) at one point."""
-        return self._directed(point.columns(dx.shape[1]), dt[None, :], dx, dp, du)
-
     def _updates_at(self, p: Array) -> _CompiledUpdates:
         """The updates with parameters p (n_p,)."""
         key = (p[self.order.zeros] == 0).tobytes()
@@ -197,7 +193,8 @@ class EventEquations:
         m = sensitivity.x.shape[1]
         if not m or not slope:
             return np.zeros(m)
-        indicators, _ = self._at_one(point, np.zeros(m), sensitivity.x, sensitivity.p, sensitivity.u)
+        indicators, _ = self._directed(point.columns(sensitivity.x.shape[1]), np.zeros(m)[None, :], sensitivity.x,
+                                       sensitivity.p, sensitivity.u)
         return np.asarray(-indicators[condition] / slope)
 
     def check_continuous(self, before: Point, after: Point, happened: Sequence[int]) -> None:
@@ -228,7 +225,10 @@ class EventEquations:
         solved = replace(point, z=np.array(self._loops(point.z, arguments)).ravel())
         cause = " and ".join(f"'{self.events[i].name}'" for i in fired) or "the jump of a delayed variable"
         if not np.isfinite(solved.z).all():
-            self._check_solvable(point, f"after {cause} at")
+            # raise SimulationError with the undetermined unknowns if the equations lose their rank at a point
+            by_z = np.array(self._by_z(*point.values()))
+            if np.linalg.slogdet(by_z)[0] == 0:
+                raise self._undecided(point.columns(), by_z[None], (f"after {cause} at"))
         residual = np.abs(np.array(self._alg(*solved.values())).ravel())
         gradient = np.abs(np.array(self._by_z(*solved.values()))).max(axis=1) * self.assembly.z_nominal.max()
         if not np.all(residual <= 1e-6 * gradient):
@@ -237,12 +237,6 @@ class EventEquations:
                 "satisfies the equations", self.events[fired[0]].place if fired else None, "A valve that shuts a "
                 "volume-free line does this, or a state that was set to a value that a constraint forbids.")])
         return solved
-
-    def _check_solvable(self, point: Point, when: str) -> None:
-        """Raise SimulationError with the undetermined unknowns if the equations lose their rank at a point."""
-        by_z = np.array(self._by_z(*point.values()))
-        if np.linalg.slogdet(by_z)[0] == 0:
-            raise self._undecided(point.columns(), by_z[None], when)
 
     def rates(self, point: Point, factors: Array) -> tuple[Array, Array]:
         """x' (n_x,) and the rates of the integrals (n_q,)."""

@@ -40,8 +40,20 @@ def unassembled(assembly: Assembly) -> Problem | None:
     if not np.abs(residual).max() >= CLOSED:  # kept, or without a value
         return None
     if fixed_unknowns and np.abs(_closest(equations, guess, assembly.p, [])[1]).max() < CLOSED:
-        return _contradiction(equations, fixed_unknowns)
-    return _open(equations, residual)
+        names = [equations.flat.unknowns[j].name for j in fixed_unknowns]
+        conditions = equations.flat.expanded.model.initial.conditions
+        places = [c.value.place for name, c in conditions.items() if equations.flat.names.get(name) in fixed_unknowns]
+        return Problem("start-failed", f"the links of the mechanism do not meet where {listing(names, MOST_NAMED)} "
+                       f"{'has the value' if len(names) == 1 else 'have the values'} given under `initial:`",
+                       places[-1] if places else None,
+                       "Each degree of freedom has one initial position. Make the others guesses: "
+                       f"`{names[-1]}: ~ ...`.")
+    worst = [k for k in np.argsort(-np.abs(residual))[:5] if abs(residual[k]) > SHARE * np.abs(residual).max()]
+    notes = [f"{e.owner}: {e.text}" for e in (equations.flat.equations[equations.rows[k]] for k in worst)]
+    leaf = equations.flat.expanded.leaves.get(equations.flat.equations[equations.rows[worst[0]]].owner)
+    return Problem("start-failed", f"the mechanism cannot be assembled: {_parts(equations, residual)} do not meet in any "
+                   "position that was tried", leaf.place if leaf else None, "Check the lengths of the links and the "
+                   "positions of the fixed points; these equations are then left over.", tuple(notes))
 
 
 def dead_centre(assembly: Assembly) -> Problem | None:
@@ -80,10 +92,6 @@ def redundant_loop(assembly: Assembly) -> Problem | None:
         near = _least(equations, begin, p, range(len(y)))
         if not np.abs(equations.at(near, p)[0]).max() < CLOSED or dependent(near)[0].shape[1] < relations.shape[1]:
             return None
-    return _redundant(equations, relations)
-
-
-def _redundant(equations: ConstraintEquations, relations: Array) -> Problem:
     flat, leaves = equations.flat, equations.flat.expanded.leaves
     share = np.abs(relations).max(axis=1)
     owners = [flat.equations[i].owner for i, s in zip(equations.rows, share, strict=True) if s > SHARE * share.max()]
@@ -169,23 +177,3 @@ def _dead_centre(equations: ConstraintEquations, y: Array, p: Array) -> Problem 
     return Problem("rank-lost", f"the mechanism begins at a dead centre: the constraints of {_parts(equations, direction)} "
                    "depend on each other at the start", None, "From there it could move in two directions. Begin near "
                    "this position, change a length slightly, or add an element that decides the direction (a spring).")
-
-
-def _contradiction(equations: ConstraintEquations, fixed: Sequence[int]) -> Problem:
-    names = [equations.flat.unknowns[j].name for j in fixed]
-    conditions = equations.flat.expanded.model.initial.conditions
-    places = [c.value.place for name, c in conditions.items() if equations.flat.names.get(name) in fixed]
-    return Problem("start-failed", f"the links of the mechanism do not meet where {listing(names, MOST_NAMED)} "
-                   f"{'has the value' if len(names) == 1 else 'have the values'} given under `initial:`",
-                   places[-1] if places else None,
-                   "Each degree of freedom has one initial position. Make the others guesses: "
-                   f"`{names[-1]}: ~ ...`.")
-
-
-def _open(equations: ConstraintEquations, residual: Array) -> Problem:
-    worst = [k for k in np.argsort(-np.abs(residual))[:5] if abs(residual[k]) > SHARE * np.abs(residual).max()]
-    notes = [f"{e.owner}: {e.text}" for e in (equations.flat.equations[equations.rows[k]] for k in worst)]
-    leaf = equations.flat.expanded.leaves.get(equations.flat.equations[equations.rows[worst[0]]].owner)
-    return Problem("start-failed", f"the mechanism cannot be assembled: {_parts(equations, residual)} do not meet in any "
-                   "position that was tried", leaf.place if leaf else None, "Check the lengths of the links and the "
-                   "positions of the fixed points; these equations are then left over.", tuple(notes))

@@ -399,7 +399,18 @@ class QuickSimulator(Unexplained):
     def _with_table(self) -> dict[str, ca.MX]:
         """The equations with the pieces of the inputs as a table over time."""
         dae = self.integrand.dae
-        right = _sides(dae)
+        # the right sides (ode, alg) as a function of (t, x, z, p, u) that knows its Jacobian by x and z, the only derivative
+        # that an integrator needs. By default CasADi differentiates the function once for each colour of columns, with its
+        # parameters and inputs: five times the operations, in a run with sensitivities half of its time
+        inputs, outputs = ("t", "x", "z", "p", "u"), ("ode", "alg")
+        arguments, sides = [dae[k] for k in inputs], [dae[k] for k in outputs]
+        before = [ca.SX.sym(f"out_{k}", dae[k].numel()) for k in outputs]
+        slopes = [ca.jacobian(side, dae[k]) if k in ("x", "z") else ca.SX(side.numel(), dae[k].numel())
+                  for side in sides for k in inputs]
+        jacobian = ca.Function("jac_right", [*arguments, *before], slopes, [*inputs, *(f"out_{k}" for k in outputs)],
+                               [f"jac_{side}_{k}" for side in outputs for k in inputs])
+        right = ca.Function("right", arguments, sides, inputs, outputs, {
+             "custom_jacobian": jacobian, "jac_penalty": 0, "enable_forward": False, "enable_reverse": False})
         t, x, z, p = (ca.MX.sym(k, dae[k].numel()) for k in ("t", "x", "z", "p"))
         # a spline of degree 0, because what it holds is not copied at every step
         columns, breaks = self.pieces.columns, self.pieces.breaks - self.begin
@@ -407,18 +418,3 @@ class QuickSimulator(Unexplained):
                                 {"lookup_mode": ["binary"]})(t)
         ode, alg = right(t, x, z, p, u)
         return {"t": t, "x": x, "z": z, "p": p, "ode": ode, "alg": alg}
-
-
-def _sides(dae: Mapping[str, ca.SX]) -> ca.Function:
-    """The right sides (ode, alg) as a function of (t, x, z, p, u) that knows its Jacobian by x and z, the only derivative
-    that an integrator needs. By default CasADi differentiates the function once for each colour of columns, with its
-    parameters and inputs: five times the operations, in a run with sensitivities half of its time."""
-    inputs, outputs = ("t", "x", "z", "p", "u"), ("ode", "alg")
-    arguments, sides = [dae[k] for k in inputs], [dae[k] for k in outputs]
-    before = [ca.SX.sym(f"out_{k}", dae[k].numel()) for k in outputs]
-    slopes = [ca.jacobian(side, dae[k]) if k in ("x", "z") else ca.SX(side.numel(), dae[k].numel())
-              for side in sides for k in inputs]
-    jacobian = ca.Function("jac_right", [*arguments, *before], slopes, [*inputs, *(f"out_{k}" for k in outputs)],
-                           [f"jac_{side}_{k}" for side in outputs for k in inputs])
-    return ca.Function("right", arguments, sides, inputs, outputs, {
-        "custom_jacobian": jacobian, "jac_penalty": 0, "enable_forward": False, "enable_reverse": False})

@@ -89,7 +89,14 @@ class Simulator:
         self.tolerances = tolerances or Tolerances()
         self.parameters = sensitivities
         self.sensitivities = (*self.parameters, *(assembly.state_names if free_start else ()))
-        self.along = _directions(assembly, self.parameters, self.tolerances.along)
+        # one column per name: its parameter changes by its size (1 if it is zero) times the weight, so that the error
+        # control sees sensitivities of the size of the states; UsageError for a name that is not a parameter
+        index = {name: k for k, name in enumerate(assembly.parameter_names)}
+        along = np.zeros((len(assembly.p), len(self.parameters)))
+        for column, name in enumerate(self.parameters):
+            assembly.parameter_indices([name])  # UsageError for a name that cannot be set
+            along[index[name], column] = self.tolerances.along * (abs(assembly.p[index[name]]) or 1.0)
+        self.along = along
         self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
         _check_delays(assembly, self.along, self.parameters)
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
@@ -485,13 +492,11 @@ class Simulator:
         for part, at in ((result, np.flatnonzero(in_default_states)), *((stay, np.arange(len(stay.time))) for _,
                                                                         stay in result.stays)):
             if len(part.z) and len(at):
-                check_decided(part, at, self._slopes(part.assembly))
-
-    def _slopes(self, assembly: Assembly) -> ca.Function:
-        if id(assembly.reduced) not in self._known_slopes:
-            jacobian = ca.densify(ca.jacobian(assembly.alg, assembly.arguments[2]))
-            self._known_slopes[id(assembly.reduced)] = ca.Function("slopes", list(assembly.arguments), [jacobian])
-        return self._known_slopes[id(assembly.reduced)]
+                assembly = part.assembly
+                if id(assembly.reduced) not in self._known_slopes:
+                    jacobian = ca.densify(ca.jacobian(assembly.alg, assembly.arguments[2]))
+                    self._known_slopes[id(assembly.reduced)] = ca.Function("slopes", list(assembly.arguments), [jacobian])
+                check_decided(part, at, self._known_slopes[id(assembly.reduced)])
 
     def _sizes(self, start_tangent: Tangent | None) -> Array:
         """The length of each direction, in units of its parameter (or of the state at the first time)."""
@@ -713,14 +718,3 @@ def _by_direction(values: Array, sizes: Array) -> Array:
     """Blocks of sensitivities one below the other (m n, N) as (m, n, N), per unit of each parameter."""
     m = len(sizes)
     return values.reshape(m, len(values) // m if m else 0, values.shape[1]) / sizes[:, None, None]
-
-
-def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Array:
-    """One column per name: its parameter changes by its size (1 if it is zero) times the weight, so that the error control
-    sees sensitivities of the size of the states; UsageError for a name that is not a parameter."""
-    index = {name: k for k, name in enumerate(assembly.parameter_names)}
-    along = np.zeros((len(assembly.p), len(names)))
-    for column, name in enumerate(names):
-        assembly.parameter_indices([name])  # UsageError for a name that cannot be set
-        along[index[name], column] = weight * (abs(assembly.p[index[name]]) or 1.0)
-    return along

@@ -285,7 +285,10 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
     if not len(null):
         return ()
     shut_in = [name for name, share in zip(names, np.abs(null).max(axis=0), strict=True) if share > INITIALISATION.share]
-    if set(shut_in) <= _pressures(assembly):
+    # the states that are pressures of oil or gas: in the domains with `fills:`
+    members = {domain.across[0] for domain in assembly.model.library.domains.values() if domain.fills}
+    if set(shut_in) <= {name for (j, _), name in zip(assembly.reduced.states, assembly.state_names, strict=True)
+                        if assembly.flat.unknowns[j].role == "across" and name.rpartition(".")[2] in members}:
         return tuple(shut_in)
     notes, suggestions = [], list[str]()
     for direction in null:
@@ -296,13 +299,6 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
         notes.append(f"one of: {listing(involved, MOST_NAMED)}")
         suggestions.append(next((i for i in involved if i not in suggestions), involved[0]))
     raise StartError([_open(equations, point, notes, suggestions)])
-
-
-def _pressures(assembly: Assembly) -> set[str]:
-    """The states that are pressures of oil or gas: in the domains with `fills:`."""
-    members = {domain.across[0] for domain in assembly.model.library.domains.values() if domain.fills}
-    return {name for (j, _), name in zip(assembly.reduced.states, assembly.state_names, strict=True)
-            if assembly.flat.unknowns[j].role == "across" and name.rpartition(".")[2] in members}
 
 
 def _solve_open(equations: StartEquations, names: list[str], followers: list[str]) -> Problem:
