@@ -37,7 +37,7 @@ class Buffered:
                 _bind(self._buffer.set_res, output.number, output.values)
 
     def __call__(self, *given: Any, **named: Any) -> dict[str, Any]:
-        """Each output (m, n), given the inputs in their order or by name; RuntimeError where it fails."""
+        """Each output (m, n), given the inputs in their order or by name; RuntimeError if it fails."""
         with self._lock:
             for k, (name, values) in enumerate(self._given.items()):
                 value = given[k] if k < len(given) else named.get(name, 0.0)
@@ -75,7 +75,7 @@ class _Output:
         self.values = np.empty(self.size if self.size <= KEPT else 0)
 
     def matrix(self) -> Any:
-        """The values of the last call; the matrix is the caller's own."""
+        """The values of the last call; a new matrix."""
         if self.size <= KEPT:
             values = self.values.copy()
         else:

@@ -48,7 +48,7 @@ class ConstraintEquations:
         return {names[name]: not c.guess for name, c in conditions.items() if names.get(name) in self.columns}
 
     def projected(self, guess: Array, p: Array) -> Array | None:
-        """The guess of all unknowns, changed by as little as the constraints allow; None where no solution is found.
+        """The guess of all unknowns, changed by as little as the constraints allow; None if no solution is found.
 
         Gauss-Newton steps of least norm in usual sizes, dy = W (J W)^+ (-r); an unknown with an initial value has a small
         weight in W and so keeps it."""

@@ -27,7 +27,7 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
     port: `kind` ("port"), `domain` ("signal" for a signal), `direction` ("in" or "out" for a signal, else "power"), `file`,
     `line` (of the connection; of the part for a port without one);
     node: `kind` ("node"), `domain`, `across`, `through` (names of its variables), `effort`, `flow` (the two whose product is
-    the power; empty where the domain has none), `units` (unit by variable, SI; of a signal under the node's name), `file`,
+    the power; empty if the domain has none), `units` (unit by variable, SI; of a signal under the node's name), `file`,
     `line`, `aliases` (nodes inside blocks that are the same);
     edge: `domain`, and for a signal `source` and `target`, the vertices in the direction of the signal.
 

@@ -242,7 +242,7 @@ class _Opener:
     def _approximated(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
                       kinds: tuple[str, ...], sheets: tuple[DataSheet, ...]) -> None:
         """The component without history in the place of one with delayed variables, with what both have in common; the
-        order of the approximation is its default where none is given."""
+        order of the approximation is its default if none is given."""
         approximation = component.approximation
         assert approximation is not None
         path = prefix + instance.name

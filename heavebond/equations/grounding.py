@@ -75,7 +75,7 @@ class _Finder:
         return circuits
 
     def _across(self, domain: Domain, path: str) -> int | None:
-        """The unknown that is the (first) across variable of a node or port; None where it is of another domain."""
+        """The unknown that is the (first) across variable of a node or port; None if it is of another domain."""
         return self.flat.names[f"{path}.{domain.across[0]}"] if self.flat.domains.get(path) is domain else None
 
     def _levels(self, domain: Domain, nodes: Sequence[int]) -> list[ca.SX]:

@@ -46,7 +46,7 @@ class RankLoss:
 
     `parameters` and `variables` (with their values in SI) are those of which each, with another value, would restore the
     rank; if some of these are zero, only they are listed. If both are empty, the cause is the form of the equations, for all
-    values. With neither it is the equations' own form, whatever the numbers.
+    values.
     """
 
     rows: tuple[Row, ...]

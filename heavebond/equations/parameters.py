@@ -216,7 +216,7 @@ class _Maker:
     named: dict[int, tuple[str, ...]] = field(default_factory=dict)  # the names in a value, by its identity
 
     def make(self, name: str, bound: Bound, leaf: Leaf | None) -> None:
-        """A symbol where the value is a number, an expression where it is a formula in other parameters."""
+        """A symbol if the value is a number, an expression if it is a formula in other parameters."""
         assert isinstance(bound.value, Value)
         needed = self.named.get(id(bound.value))
         if needed is None:
@@ -310,7 +310,7 @@ def _no_rate(expression: ca.SX) -> ca.SX:
 
 
 def make_parameters(expanded: Expanded, network: Network, order: list[str]) -> Parameters:
-    """Every parameter as a symbol or an expression; ModelError where units disagree. `order`: see `formula_order`."""
+    """Every parameter as a symbol or an expression; ModelError if units disagree. `order`: see `formula_order`."""
     maker = _Maker(expanded, network, Problems())
     known = {name: (bound, leaf) for name, bound, leaf in declared(expanded)}
     formulas = set(order)
@@ -476,7 +476,7 @@ def check_range(name: str, wanted: Range, limits: Limits, origin: Origin, place:
 
 
 def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range], limits: Limits, origin: Origin) -> None:
-    """UsageError where a name is none of the parameters, whose units are given, or its range is in another unit or reaches
+    """Raise UsageError if a name is not among `units`, or if its range is in another unit or reaches
     beyond the values that are allowed."""
     for name, wanted in ranges.items():
         if name not in units:

@@ -76,7 +76,8 @@ def _source(flat: Flat, nodes: Mapping[str, Node], name: str, problems: Problems
         forces = [f"{n.name}.{n.through}" for n in nodes.values()]
         problem = "nothing here is called" if unknown is None else "nothing can be added to"
         problems.add("input-unknown", f"{problem} '{name}'", hint=suggest(name, [*signals, *forces]) or
-                     f"Signals: {listing(signals or ['none'], 12)}. What enters a node: {listing(forces or ['none'], 6)}.")
+                     f"Signals: {listing(signals or ['none'], 12)}. Through variables of nodes: "
+                     f"{listing(forces or ['none'], 6)}.")
         return None
     aliases = {n for n, k in flat.names.items() if k == unknown}
     rows = tuple(k for k, e in enumerate(flat.equations)

@@ -249,7 +249,8 @@ def _solved(g_z: Array, right: Array) -> Array:
     try:
         return np.asarray(np.linalg.solve(g_z, right), dtype=float)
     except np.linalg.LinAlgError:
-        raise UsageError([Problem("loop-singular", "an algebraic loop is singular here, so that nothing follows from it",
+        raise UsageError([Problem("loop-singular", "an algebraic loop is singular here, so that its unknowns are "
+                                  "undetermined",
                                   None, "Linearise at another state.")]) from None
 
 
@@ -299,7 +300,7 @@ class ModesAtStart:
         return tuple(h for h in self.linearisation.held(self.point(first)) if not h.exact)
 
     def start(self, settings: Mapping[str, float | str]) -> Start:
-        """The start with these parameters set; StartError where there is none."""
+        """The start with these parameters set; StartError if there is none."""
         return start(self.assembly.with_parameters(settings) if settings else self.assembly, None, self.u, self.equations)
 
     def slope(self, first: Start, mode: Mode, names: Sequence[str], at: Point | None = None) -> NDArray[np.complex128]:

@@ -315,7 +315,7 @@ def loop_margins(model: ModelOrFile, signal: str, *, at: Time | None = None,
 
 
 def checked(crossings_of_loop: Crossings, signal: str) -> Margins:
-    """The crossings as margins; UsageError where the closed loop is unstable."""
+    """The crossings as margins; UsageError if the closed loop is unstable."""
     if crossings_of_loop.unstable:
         raise UsageError([Problem("loop-unstable", f"the loop through '{signal}' is unstable when closed, and has no "
                                   f"margins: {'; '.join(crossings_of_loop.reasons)}", None,

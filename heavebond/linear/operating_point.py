@@ -97,7 +97,7 @@ class OperatingPoints:
         return "in its steady state" if self.steady else f"at {self.time:g} s" if self.time != self.begin else "at its start"
 
     def at(self, parameters: Mapping[str, float | str] | None = None) -> Point:
-        """The point with these parameters set; StartError or SimulationError where there is none, UsageError
+        """The point with these parameters set; StartError or SimulationError if there is none, UsageError
         where other states are integrated at that time."""
         if self._simulator is not None:
             result = run_by_auto(self._simulator, parameters)

@@ -4,7 +4,7 @@ An eigenvalue s of the machine linearised at its operating point is scored by
 
     r = (Re s + eps w) / sqrt(|s|**2 + 1/T**2),
 
-minus its damping ratio where it is fast against the time T of the run; w is the fastest rate, eps = 1e-6. Eigenvalues of
+minus its damping ratio if it is fast against the time T of the run; w is the fastest rate, eps = 1e-6. Eigenvalues of
 zero (bodies that nothing holds, integrators outside of every loop) have no score. The limit is a smooth maximum over all
 scores, log(sum exp(rho r))/rho, which is differentiable when another mode becomes the largest; G. Kreisselmeier, R.
 Steinhauser, Systematic control design by optimizing a vector performance index, IFAC Symposium, Zurich 1979, 113-117.
@@ -104,8 +104,8 @@ class Variant:
 
 @dataclass(frozen=True)
 class OperatingPointStability:
-    """A machine at its operating point: as modelled, and where it has dry friction, with the slopes of the case and while
-    that slides; `first` is the start that was linearised, None where the point was found from it."""
+    """A machine at its operating point: as modelled, and if it has dry friction, with the slopes of the case and while
+    that slides; `first` is the start that was linearised, None if the point was found from it."""
 
     first: Start | None
     variants: tuple[Variant, ...]
@@ -380,7 +380,7 @@ def _of_signals(assembly: Assembly, name: str) -> bool:
 
 
 def crossing(score: Callable[[float], float], up: bool) -> float | None:
-    """The factor, above or below 1, at which a score changes its sign; None where it does not within a factor of 100."""
+    """The factor, above or below 1, at which a score changes its sign; None if it does not within a factor of 100."""
     from scipy.optimize import brentq
 
     near, first = 1.0, score(1.0)

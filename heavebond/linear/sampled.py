@@ -156,7 +156,7 @@ class Hybrid:
 
 @dataclass(frozen=True)
 class Discrete:
-    """z[k+1] = a z[k] + b w[k], y[k] = c z[k] + d w[k] in the states that are left, with delta = (a - 1)/period; z is taken
+    """z[k+1] = a z[k] + b w[k], y[k] = c z[k] + d w[k] in the remaining states, with delta = (a - 1)/period; z is taken
     right before the instants k, y right after them."""
 
     period: float

@@ -176,7 +176,8 @@ class _Pencil:
         for factor in (1.0, 1.0 + SLOW_MODES.near):
             if (factorised := _factors(self.jacobian - shift * factor * self.mass)) is not None:
                 return _Shifted(shift * factor, factorised, self.n)
-        raise UsageError([Problem("loop-singular", "an algebraic loop is singular here, so that nothing follows from it",
+        raise UsageError([Problem("loop-singular", "an algebraic loop is singular here, so that its unknowns are "
+                                  "undetermined",
                                   None, "Linearise at another state.")])
 
     def fastest(self) -> float:

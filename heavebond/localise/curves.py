@@ -266,7 +266,7 @@ class Design:
 
 
 def best_curve(design: Design, regression: Regression, learn: Mask) -> Curve | None:
-    """The variable whose curve explains most of the misfit (the first of those that do as well); a loop, with a branch for
+    """The variable whose curve explains most of the misfit (the first of equal ones); a loop, with a branch for
     each direction, or a law of two variables only if it explains clearly more. None if no variable changes."""
     if not design.variables:
         return None

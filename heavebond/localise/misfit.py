@@ -404,7 +404,7 @@ def summary(localization: Localization) -> list[str]:
     if localization.stretches:
         part = worst(localization.stretches)
         channel = max(part.chi2, key=lambda n: part.chi2[n])
-        lines.append(f"The model misses most in {part.record} from {part.begin:.4g} s to {part.end:.4g} s, in {channel} "
+        lines.append(f"The error is largest in {part.record} from {part.begin:.4g} s to {part.end:.4g} s, in {channel} "
                      f"(reduced chi-square {number(part.chi2[channel], 3)}).")
     for channel in dict.fromkeys(s.channel for s in localization.states):
         states_of_channel = [s for s in localization.states if s.channel == channel]

@@ -31,7 +31,8 @@ class Whitening:
 
     @classmethod
     def of(cls, phi: Array, c: Array, deviation: Array) -> Whitening:
-        """Of transitions phi (N-1, n, n), rows c (N, m, n) and independent states of this `deviation` (n,) at the start."""
+        """The maps for transitions phi (N-1, n, n), rows c (N, m, n) and independent states of this `deviation` (n,) at
+        the start."""
         (count, m, n), p = c.shape, np.diag(deviation**2)
         by_state, by_error = np.zeros((count, m, n)), np.zeros((count, m, m))
         steps, gains = np.empty((count - 1, n, n)), np.empty((count - 1, n, m))

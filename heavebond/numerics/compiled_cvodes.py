@@ -184,7 +184,7 @@ def scaled_equations(assembly: Assembly, signals: ca.SX, moving: Sequence[int], 
                      quadratures: ca.SX | None = None, factors: ca.SX | None = None, looked: ca.SX | None = None,
                      flags: ca.SX | None = None) -> Equations | None:
     """The equations of an assembly in scaled unknowns, with integrals behind the states, and factors in these and then the
-    `flags` of events behind the parameters, all with the time counted from `begin`; None where the program in C cannot
+    `flags` of events behind the parameters, all with the time counted from `begin`; None if the program in C cannot
     evaluate them. Held variables and flags may change in a run."""
     t, x, z, p, u, rate = assembly.arguments
     x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
@@ -236,7 +236,7 @@ class CompiledCvodes:
     def __init__(self, equations: Equations, m: int, stops: Array, tolerances: Tolerances, most_steps: int,
                  driving: Driving | None = None, longest: float = 0.0, method: Method | None = CVODES,
                  compiled: _Program | None = None):
-        """Steps are no longer than `longest` (s) where it is above 0. Without a `method` the first run decides. `compiled`
+        """Steps are no longer than `longest` (s) if it is above 0. Without a `method` the first run decides. `compiled`
         is the program, by default the one that passed the self-test (see `program`)."""
         compiled = compiled or program()
         assert compiled is not None
@@ -277,7 +277,7 @@ class CompiledCvodes:
     def run(self, x0: Array, z0: Array, p: Array, directions: Array, states: bool = True, watch: Watch | None = None
             ) -> Integrated:
         """From x0 (n (1 + m),), the states and then their sensitivities along each column of `directions` (n_p, m), with z
-        near z0 (n_z,); RuntimeError where CVODES fails. Without `states` only the signals are kept. `watch` is called after
+        near z0 (n_z,); RuntimeError if CVODES fails. Without `states` only the signals are kept. `watch` is called after
         at least `CHUNK` stops with the signals at these, from the first stop again if another method starts over; an
         exception that it raises ends the run."""
         arguments, intervals = (x0, z0, p, directions, states, watch), len(self._stops) - 1
@@ -563,6 +563,6 @@ def _self_test(candidate: _Program) -> bool:
 
 
 def _sundials() -> Any:
-    """The addresses of CVODES in CasADi's library; OSError or AttributeError where they are not found."""
+    """The addresses of CVODES in CasADi's library; OSError or AttributeError if they are not found."""
     library = ctypes.CDLL(str(Path(ca.__file__).parent / "libcasadi_integrator_cvodes.so"))
     return (_Pointer * len(FUNCTIONS))(*(ctypes.cast(getattr(library, name), _Pointer) for name in FUNCTIONS))

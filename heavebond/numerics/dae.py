@@ -656,7 +656,7 @@ def summed(original: Integrand, factors: Factors | None) -> Integrand:
 
 
 def newton_loops(loops_dae: Integrand) -> ca.Function | None:
-    """Newton's method for the algebraic unknowns, given (t, x, p, u); None where there are none."""
+    """Newton's method for the algebraic unknowns, given (t, x, p, u); None if there are none."""
     dae = loops_dae.dae
     if not dae["z"].numel():
         return None

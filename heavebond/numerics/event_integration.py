@@ -110,7 +110,7 @@ class EventIntegration:
 
     # -- the run ---------------------------------------------------------------------------------------------------
     def run(self, first: Start, start_tangent: Tangent | None) -> Trace:
-        """One run; RuntimeError where the integrator fails (see `last`), SimulationError where events do."""
+        """One run; RuntimeError if the integrator fails (see `last`), SimulationError if events do."""
         with self.home.equations.partners.running():
             if self.delays is not None:
                 dp = np.zeros((len(first.p), 0)) if start_tangent is None else start_tangent.p

@@ -35,7 +35,7 @@ class ForcingConstants:
 
     share: excursion of a function within a step, over its range along the run, that limits the step. Origin: a step may
         contain a smaller one unnoticed; a sine allows steps of a seventh of its period, longer than any solver takes
-        at usual tolerances. Doubled: steps longer by two fifths where they are limited, and smaller motions unseen.
+        at usual tolerances. Doubled: steps longer by two fifths if they are limited, and smaller motions unseen.
     renewed_below: share of the present limit below which another set of parameters renews it. Origin: an integrator is
         not built again for a change that hardly matters. Doubled (one): it is built again at every smaller limit.
     """
@@ -227,7 +227,7 @@ def _curved(terms: list[ca.SX], time: ca.SX) -> list[bool]:
 
 
 def _terms(part: ca.SX, time: ca.SX) -> list[ca.SX]:
-    """The terms of a sum that depend on the time; the sum itself where they are many."""
+    """The terms of a sum that depend on the time; the sum itself if they are many."""
     waiting, terms = [part], list[ca.SX]()
     while waiting:
         node = waiting.pop()

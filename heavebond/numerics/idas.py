@@ -69,7 +69,7 @@ def in_unit_of_time(dae: Mapping[str, Any], unit: float) -> dict[str, Any]:
 
 
 class Idas:
-    """Integrator of a system from the first stop to the others; RuntimeError where IDAS fails.
+    """Integrator of a system from the first stop to the others; RuntimeError if IDAS fails.
 
     The initial values are consistent, so that IDACalcIC only has to find x'. Its line search changes the algebraic unknowns
     together with the states predicted by x', and fails where they depend on the states steeply, as in mechanisms. The

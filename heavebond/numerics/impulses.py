@@ -24,7 +24,7 @@ from heavebond.language.symbols import split, stack
 
 
 def with_impulses(reduced: Reduced) -> Reduced:
-    """The same equations, the events with an impulse written as events that set states; ModelError where an impulse changes
+    """The same equations, the events with an impulse written as events that set states; ModelError if an impulse changes
     no state, or where the speed that it is to change follows from forces."""
     flat = reduced.flat
     if not any(event.impulse for event in flat.events):

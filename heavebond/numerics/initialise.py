@@ -277,7 +277,7 @@ class StartSearch:
         if attempt == 3 and self.equations.steady:
             return settled(system, self._slowed, first, self.frame)
         if attempt == 4:
-            # newton's method with rounded corners, which become sharp step by step
+            # Newton's method with rounded corners, which become sharp step by step
             whole = self.equations.all
             widths = whole.corner_widths(self._point(first), self.nominal)
             if not len(widths) or not np.all(np.isfinite(widths)):
@@ -285,7 +285,7 @@ class StartSearch:
 
             def family(share: float) -> System:
                 def at(y: Array) -> tuple[Array, Matrix]:
-                    residual, jacobian = whole.rounded_at(self._point(first), (1 - share) * widths)
+                    residual, jacobian = whole.rounded_at(self._point(y), (1 - share) * widths)
                     return residual, scaled(jacobian, None, self.nominal)
                 return at if share < 1 else system
 
@@ -364,7 +364,7 @@ class StartSearch:
 
     # -- the answer ------------------------------------------------------------------------------------------------
     def finished(self, y: Array) -> Start:
-        """The start with its table asked / used / why; StartError where a coefficient is zero there."""
+        """The start with its table asked / used / why; StartError if a coefficient is zero there."""
         assembly = self.assembly
         point = self._point(y, 1.0)
         self._check(point)

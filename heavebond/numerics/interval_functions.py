@@ -23,7 +23,7 @@ UNBOUNDED = (ca.SX(-ca.inf), ca.SX(ca.inf))
 
 @dataclass(frozen=True)
 class _Range:
-    """Bounds of an intermediate result; a point where it does not depend on time. It is `finite` where it cannot
+    """Bounds of an intermediate result; a point if it does not depend on time. It is `finite` if it cannot
     overflow."""
 
     low: ca.SX

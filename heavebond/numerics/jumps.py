@@ -218,7 +218,7 @@ class EventEquations:
 
     # -- resets ----------------------------------------------------------------------------------------------------
     def settled(self, point: Point, fired: Sequence[int]) -> Point:
-        """The point after events with its algebraic unknowns consistent; SimulationError where there are none."""
+        """The point after events with its algebraic unknowns consistent; SimulationError if there are none."""
         if self._loops is None:
             return point
         arguments = np.concatenate([[point.t], point.x, point.p, point.u, [point.rate]])
@@ -391,7 +391,7 @@ class _CompiledUpdates:
 
 
 def _looked(assembly: Assembly, indicators: ca.SX) -> ca.Function:
-    """Indicators (n_c,) and their rates along the motion at a consistent point, not finite where g_z is singular."""
+    """Indicators (n_c,) and their rates along the motion at a consistent point, not finite if g_z is singular."""
     t, x, z = assembly.arguments[:3]
     along = ca.jtimes(stack([indicators, assembly.alg]), stack([t, x]), stack([ca.SX(1), assembly.ode]))
     rising, z_rates = along[:indicators.numel()], along[indicators.numel():]

@@ -159,7 +159,7 @@ class Evaluated:
         self._seconds, self._tried, self.how = 0.0, False, LISTED
 
     def __call__(self, **arguments: Any) -> dict[str, Array]:
-        """One integration; RuntimeError where it fails."""
+        """One integration; RuntimeError if it fails."""
         if not self._tried and worthwhile(self._seconds, self._operations):
             self._compile()
         began = clock.thread_time()

@@ -63,7 +63,7 @@ def with_begin(model: Model, begin: Time) -> Model:
 
 
 def grid(model: Model, until: Time | None, every: Time | None) -> Array:
-    """Output times from the begin to the end, both included; UsageError where they make no sense."""
+    """Output times from the begin to the end, both included; UsageError if they make no sense."""
     begin = begin_of(model)
     end = seconds(until, "until") if until is not None else _from_model(model.until)
     if end is None:

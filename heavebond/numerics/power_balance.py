@@ -27,7 +27,7 @@ LEAST_POINTS = 3
 
 @dataclass(frozen=True)
 class Imbalance:
-    """A component whose power does not balance: the power in W that is missing (below zero: made from nothing) where it is
+    """A component whose power does not balance: the power in W that is missing (below zero: created) where it is
     largest over the points, the time of the first, how much may be missing, and whether its dissipation is negative."""
 
     owner: str

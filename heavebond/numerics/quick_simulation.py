@@ -209,7 +209,7 @@ class Unexplained(Simulator):
 
     def _signals(self, first: Start, start_tangent: Tangent | None, watch: Watch | None = None) -> Array | None:
         """The signals of the probe at the output times, with their moves along the directions (N, 1 + m, k), by the
-        compiled program; None where that does not serve."""
+        compiled program; None if that does not serve."""
         if self.driver is None:
             return None
         def at_outputs(first_new: int, signals: Array) -> None:

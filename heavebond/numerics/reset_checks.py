@@ -93,7 +93,7 @@ def _is_speed(flat: Flat, reduced: Reduced, state: int) -> bool:
 
 
 def _response(flat: Flat, rows: list[int], reduced: Reduced) -> Array | None:
-    """The rates of the states (n_x, m) by forces in balances, in nominal sizes, at a point without symmetry; None where the
+    """The rates of the states (n_x, m) by forces in balances, in nominal sizes, at a point without symmetry; None if the
     equations are singular there."""
     forces = ca.SX.sym("force", len(rows))
     residuals = list(flat.residuals)

@@ -49,7 +49,7 @@ _PRESSURE = re.compile(r"\b[A-Za-z_]\w*\.\w+\b")
 class ForwardSensitivities:
     """Forward sensitivities in SI: d x / d p_k (m, n_x, N), d z / d p_k (m, n_z, N), how all parameters move with the
     k-th (m, n_p): itself by 1, those under `solve:` as the start requires; d quadratures / d p_k (m, n_q, N); and how the
-    held variables do (m, n_h, N), and the pieces of delayed variables (m, n_u, N; None where there are none)."""
+    held variables do (m, n_h, N), and the pieces of delayed variables (m, n_u, N; None if there are none)."""
 
     names: tuple[str, ...]
     x: Array
@@ -265,7 +265,7 @@ class Result:
                         "Make `every:` shorter than its shortest motion") for text in shortened]
 
     def plot(self, *names: str) -> Figure:
-        """A matplotlib figure of signals over time, of the outputs under `show:` where none is named: one axes per unit."""
+        """A matplotlib figure of signals over time, of the outputs under `show:` if none is named: one axes per unit."""
         chosen = names or tuple(self.assembly.model.show) or tuple(self.assembly.state_names)
         figure: Figure = facade.call("Result.plot", self, chosen)
         return figure
@@ -384,7 +384,7 @@ class Result:
         return self.saved(names).to_pandas()
 
     def to_xarray(self, names: Iterable[str] | None = None) -> xr.Dataset:
-        """A dataset over `time` with `attrs["units"]` at each variable; UsageError where xarray is missing."""
+        """A dataset over `time` with `attrs["units"]` at each variable; UsageError if xarray is missing."""
         return self.saved(names).to_xarray()
 
     def save(self, path: str | Path, names: Iterable[str] | None = None) -> None:

@@ -108,7 +108,7 @@ FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a run: its findings, the worst kind first, then by time. Clean where there are none."""
+    """The verdict on a run: its findings, the worst kind first, then by time. Clean if there are none."""
 
     findings: tuple[Finding, ...] = ()
 
@@ -157,7 +157,7 @@ class Verdict:
         return Problem(f"run-{first.kind}", first.text, None, f"{self._before(first)}{first.advice}.", notes)
 
     def raise_if_failed(self) -> Verdict:
-        """The verdict itself; SimulationError where the run is worthless."""
+        """The verdict itself; SimulationError if the run is worthless."""
         if self.failed:
             raise SimulationError([self.problem])
         return self

@@ -178,7 +178,7 @@ def _address(values: Any) -> int | None:
 def sampled_integration(assembly: Assembly, m: int, moving: Sequence[int], quadratures: ca.SX | None,
                         factors: Factors | None, begin: float, tolerances: Tolerances, most_steps: int, longest: float,
                         dense: bool, same: float) -> SampledIntegration | None:
-    """The compiled program for an assembly; None where it does not serve."""
+    """The compiled program for an assembly; None if it does not serve."""
     flat, order = assembly.flat, assembly.update_order
     timed = [event for event in flat.events if event.indicator is None]
     if flat.delays or any(event.impulse is not None or event.ends for event in timed) \
@@ -225,7 +225,7 @@ Make = Callable[[], SampledIntegration | None]
 
 
 class Schedule:
-    """The targets of a run: its stops, and its instants, which are stops where they are close to one."""
+    """The targets of a run: its stops, and its instants, which are stops if they are close to one."""
 
     def __init__(self, timetable: Timetable, stops: Array, kinks: Array, same: float):
         self.timetable, self.same = timetable, same

@@ -65,8 +65,8 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     or bundled name of one, or an Assembly, which is used without assembling it again.
 
     Warns (RunWarning) unless the verdict of the run (`result.verdict`) is clean. Raises ModelError for an invalid
-    diagram, UsageError for wrong arguments or an unsuitable solver, StartError where no consistent initial values exist
-    and SimulationError where the integration fails. Source: A. C. Hindmarsh et al., SUNDIALS, 2005,
+    diagram, UsageError for wrong arguments or an unsuitable solver, StartError if no consistent initial values exist
+    and SimulationError if the integration fails. Source: A. C. Hindmarsh et al., SUNDIALS, 2005,
     doi:10.1145/1089014.1089020.
     """
     if begin is not None:

@@ -228,7 +228,7 @@ class Simulator:
 
     @cached_property
     def loops(self) -> ca.Function | None:
-        """Newton's method for the algebraic unknowns; None where there are none."""
+        """Newton's method for the algebraic unknowns; None if there are none."""
         return newton_loops(self.integrand)
 
     @cached_property
@@ -291,8 +291,8 @@ class Simulator:
     def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
         """Simulate from the diagram's initial conditions.
 
-        `parameters` overrides values by name, in SI or as text with a unit. Raises StartError where no consistent initial
-        values exist and SimulationError where the integration fails.
+        `parameters` overrides values by name, in SI or as text with a unit. Raises StartError if no consistent initial
+        values exist and SimulationError if the integration fails.
         """
         check()
         began = clock.perf_counter()
@@ -527,7 +527,7 @@ class Simulator:
         return trace
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
-        """SimulationError where a state near the start changes faster than solvers can count."""
+        """SimulationError if a state near the start changes faster than solvers can count."""
         u = self.pieces.at(np.array([first.t]))[:, 0]
         near = first.x + ASIDE * assembly.x_nominal
         rates = np.abs(np.array(assembly.rates(first.t, near, first.z, first.p, u, 1.0)[0]).ravel()) / assembly.x_nominal
@@ -606,7 +606,7 @@ class Simulator:
         return Trace(x, z, quadratures, np.zeros((0, n)), np.zeros((m, 0, n)), (), statistics)
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
-        """Integrate from `first` over the stops; raises the integrator's RuntimeError where it fails."""
+        """Integrate from `first` over the stops; raises the integrator's RuntimeError if it fails."""
         x0, z0, p = self._scaled_start(first, moved)
         assembly, n_all, n = self.assembly, len(x0), len(self.stops) - 1
         blocks = 1 if moved is None else 1 + len(self.sensitivities)

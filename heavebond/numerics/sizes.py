@@ -38,7 +38,8 @@ class SizeConstants:
         passes through several states. Doubled: smaller motions beside large cancelling forces are not followed.
     noise: share of the largest unknown, in nominal sizes, below which a value is no motion. Origin: starts are solved to
         about 1e-12, and this error decays. Doubled: smaller motions with large ones are not followed.
-    max_repeats: repetitions of a run. Origin: the first one may have sizes that were errors. Doubled: nothing measurable.
+    max_repeats: repetitions of a run. Origin: the sizes of the first repetition may follow from errors. Doubled:
+        nothing measurable.
     points: points of a run at which rounding is estimated. Origin: extremes of most motions. Doubled: nothing measurable.
     least_stops: stops of a run from which on they show how large its unknowns become. Origin: an oscillation of a few
         cycles. Doubled: more runs are made once more with these stops where an unknown seems small.

@@ -53,7 +53,7 @@ class Choice:
 
 class Integrator(Protocol):
     """An integration from the first to the other stops, called with x0, z0, p and u as `ca.integrator` names them;
-    RuntimeError where it fails."""
+    RuntimeError if it fails."""
 
     def __call__(self, **arguments: Any) -> dict[str, Any]:
         """One integration."""
@@ -168,7 +168,7 @@ def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances
 
 
 def _compiled(make: Made) -> ca.Function:
-    """The integrator as machine code; UsageError where the compiler fails."""
+    """The integrator as machine code; UsageError if the compiler fails."""
     try:
         return compiled(make, FLAGS)
     except RuntimeError as error:

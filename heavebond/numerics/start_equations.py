@@ -112,7 +112,7 @@ class StartSystem:
     """Residuals (m,) of some rows and their Jacobian with respect to the unknowns (x, z, solved parameters), or z."""
 
     def __init__(self, assembly: Assembly, rows: list[StartRow], unknowns: ca.SX, slopes: ca.SX | None = None):
-        """`slopes` are the Jacobian where it is known."""
+        """`slopes` are the Jacobian if it is known."""
         self.rows = rows
         self._arguments = list(assembly.arguments)
         self.residuals, self._unknowns = stack([r.residual for r in rows]), unknowns

@@ -55,7 +55,8 @@ class ValidityConstants:
         named.
     grown: typical sizes below which growth does not matter. Origin: machines exceed their typical sizes by less. Doubled:
         named later.
-    grown_unknown: the same in its unit for what has no typical size. Origin: no better measure. Doubled: named later.
+    grown_unknown: the same in the unit of a variable without a typical size. Origin: no better measure. Doubled: named
+        later.
     front: segments of a line in a front (its height over the largest rate and the travel time of a segment) below which it
         is reported. Origin: the overshoot of a lumped line at a ramp of x segments is up to 0.45/x; 12 % at this front.
         Doubled: reported from 6 % on.
@@ -407,7 +408,7 @@ def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[
 
 
 def typical_size(unknown: Unknown, duration: float) -> float:
-    """The typical size of a variable in a run of so many seconds; inf where none is known."""
+    """The typical size of a variable in a run of so many seconds; inf if none is known."""
     return max(unknown.plausible.typical, unknown.plausible.per_second * duration)
 
 

@@ -32,7 +32,7 @@ class CrossingIntervals:
 
     @property
     def intervals(self) -> list[int]:
-        """The intervals with a suspect, in order."""
+        """The intervals in which some condition may become true, in order."""
         return np.flatnonzero((self.certain | self.possible).any(axis=0)).tolist()
 
 
@@ -72,7 +72,7 @@ def crossing(indicator: Indicator, begin: float, end: float, first: float, extre
 
     `first` is its value at the begin (if above zero, it falls below zero first), `extremes` the shares of the interval at
     which the cubic is highest and lowest; `certain` is true if it is above zero at the end. Newton's method, kept in a
-    bracket that is halved where it does not converge.
+    bracket that is halved if it does not converge.
     """
     low, high = begin, end
     if first >= 0:
