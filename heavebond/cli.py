@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 # the commands, each the function of that name in its module of `heavebond.commands`, where not named otherwise
 NAMES = ("check", "draw", "run", "plot", "animate", "compare", "fit", "localize", "candidates", "try", "diagnose", "laws",
-         "errors", "tune", "study", "sweep", "signal", "modes", "linear", "energy", "sensitivity", "check-gradient",
-         "library", "demo", "export", "import", "schema", "new", "studio")
-FUNCTIONS = {"try": "try_effect", "check-gradient": "check_gradient", "import": "import_model"}
+         "errors", "tune", "study", "sweep", "signal", "modes", "linear", "energy", "sensitivity",
+         "library", "demo", "export", "import", "new", "studio")
+FUNCTIONS = {"try": "try_effect", "import": "import_model"}
 SERVING = ("studio",)  # commands that go on until they are ended: no lines of progress
 FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
+import os
+import signal
 import time
 import weakref
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -333,3 +337,52 @@ def test_without_a_compiler_the_list_of_operations_remains(monkeypatch: pytest.M
     equations.spent(10**12, False)
     run(own, [1.0, 0.0], [0.2, 0.3], [0.4])
     assert own.stats()["equations"] == "list of operations"
+
+
+# -- the self-test ---------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def library() -> ctypes.CDLL:
+    program = compiled_cvodes.program()
+    assert program is not None
+    return program.library
+
+
+@pytest.fixture
+def anew(library: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The program is chosen again from the compiled library, during the test and after it."""
+    monkeypatch.setattr(compiled_cvodes, "loaded", lambda *_: library)
+    compiled_cvodes.program.cache_clear()
+    yield
+    compiled_cvodes.program.cache_clear()
+
+
+@pytest.mark.parametrize(("refused", "solver"), [((), "direct"), ((True,), "gmres")])
+def test_the_program_has_the_solver_that_passes(refused: tuple[bool, ...], solver: str, anew: None,
+                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    test = compiled_cvodes._self_test
+    monkeypatch.setattr(compiled_cvodes, "_self_test", lambda program: program.direct not in refused and test(program))
+    own = CompiledCvodes(pendulum().equations(), 0, STOPS, TOLERANCES, 1000, Driving(STOPS, U, AT_STOPS, True))
+    run(own, [1.0, 0.0], [0.2])
+    assert own.stats()["linear_solver"] == solver
+
+
+def test_a_crash_of_the_self_test_leaves_casadis_integrator(anew: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    def crash(program: object) -> bool:
+        os.kill(os.getpid(), signal.SIGKILL)
+        return True
+
+    monkeypatch.setattr(compiled_cvodes, "_self_test", crash)
+    assert compiled_cvodes.program() is None
+
+
+@pytest.mark.parametrize(("one", "other"), [("CVode", "CVodeGetNumSteps"), ("CVSpilsSetPreconditioner", "CVodeSetMaxStep"),
+                                            ("N_VGetArrayPointer", "CVodeGetNumErrTestFails")])
+def test_other_functions_than_those_expected_are_found_out(one: str, other: str, anew: None) -> None:
+    """Entries of the table of addresses exchanged, as in a library with other functions of these names."""
+    program = compiled_cvodes.program()
+    assert program is not None
+    k, j = (compiled_cvodes.FUNCTIONS.index(name) for name in (one, other))
+    addresses = type(program.sundials)(*program.sundials)
+    addresses[k], addresses[j] = addresses[j], addresses[k]
+    assert not compiled_cvodes._passes(compiled_cvodes._Program(program.library, addresses, True))
+    assert compiled_cvodes._passes(compiled_cvodes._Program(program.library, program.sundials, True))

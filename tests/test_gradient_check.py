@@ -270,7 +270,7 @@ def test_a_smooth_machine_has_none(tmp_path: Path) -> None:
 # -- command ---------------------------------------------------------------------------------------------------------
 def _call(folder: Path, *words: str) -> tuple[int, str]:
     (folder / "slider.yaml").write_text(SLIDER)
-    answer = CliRunner().invoke(cli.main, ["check-gradient", *words])
+    answer = CliRunner().invoke(cli.main, ["sensitivity", "--check", *words])
     return answer.exit_code, answer.output
 
 

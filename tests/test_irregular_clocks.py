@@ -88,7 +88,7 @@ def test_reports_analysis_and_exports_name_an_irregular_clock(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("clocks", "words"), [
-    ("clocks: {c: {parts: [plant], jitter: 1 ms}}", "'plant' is no sampled part"),
+    ("clocks: {c: {parts: [plant], jitter: 1 ms}}", "'plant' is not a sampled part"),
     ("clocks: {c: {parts: [holt], jitter: 1 ms}}", "Did you mean 'hold'"),
     ("clocks: {c: {parts: [hold]}}", "has neither jitter nor lost samples"),
     ("clocks: {c: {parts: [hold], jitter: 1 mm}}", "'1 mm' is in mm; s is needed"),

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import heavebond as hb
 from heavebond.records import metrics
+from heavebond.reports.result_tables import ResultTable, comparison_items
 
 HIDDEN = Path(__file__).resolve().parents[2] / "shared" / "data" / "hidden"
 KNOWN_NOISE = {
@@ -26,6 +28,22 @@ def test_figures_by_hand() -> None:
     assert metrics.relative_rms(Y, MODEL) == pytest.approx(1 / math.sqrt(7.5))
     assert metrics.bias(Y, MODEL) == 0.5
     assert metrics.chi2_per_sample(Y, MODEL, 0.5) == 4.0
+
+
+def test_a_further_statistic_needs_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
+    def value(y: metrics.Array, ym: metrics.Array, weight: metrics.Array, noise: float) -> float:
+        return float(np.max(np.abs(y - ym)))
+
+    largest = metrics.Statistic("largest", value, "largest error", "unit")
+    monkeypatch.setattr(metrics, "STATISTICS", (*metrics.STATISTICS, largest))
+    comparison = hb.compare("passive_rig/nothing")
+    channel = next(iter(next(iter(comparison.records.values())).channels.values()))
+    expected = float(np.max(np.abs(channel.measured - channel.model)[channel.counts]))
+    assert channel.figures()["largest"] == expected > 0
+    table = comparison_items(comparison)[0]
+    assert isinstance(table, ResultTable)
+    assert table.head[2:6] == ("rms error", "fit", "bias", "largest error")
+    assert all(len(row) == len(table.head) for row in table.rows)
 
 
 def test_perfect_and_mean_models() -> None:

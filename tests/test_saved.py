@@ -40,6 +40,11 @@ def run() -> hb.Result:
     return hb.simulate(hb.loads(MODEL))
 
 
+def test_the_page_lists_the_formats() -> None:
+    page = (Path(__file__).parent.parent / "docs" / "exchange.md").read_text(encoding="utf-8")
+    assert [suffix for suffix in SUFFIXES if f"| `{suffix}` |" not in page] == []
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_run_is_read_back_as_it_was(run: hb.Result, suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"pair{suffix}"

@@ -165,7 +165,7 @@ def test_the_command_writes_schema_and_settings(tmp_path: Path, monkeypatch: pyt
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.yaml").write_text(
         "component: Own\nsummary: Mine.\nports: {a: translational}\nparameters: {k: {unit: N}}\nequations: |\n  a.f = k\n")
-    answer = CliRunner().invoke(main, ["schema"])
+    answer = CliRunner().invoke(main, ["export", "--schema"])
     assert answer.exit_code == 0, answer.output
     settings = json.loads((tmp_path / ".vscode" / "settings.json").read_text())
     path, = settings["yaml.schemas"]
@@ -176,17 +176,17 @@ def test_the_command_writes_schema_and_settings(tmp_path: Path, monkeypatch: pyt
     assert complaints(found, part.replace("k:", "q:"))
     # what is there is left alone
     (tmp_path / ".vscode" / "settings.json").write_text("{}")
-    answer = CliRunner().invoke(main, ["schema"])
+    answer = CliRunner().invoke(main, ["export", "--schema"])
     assert "yaml.schemas" in answer.stdout
     assert (tmp_path / ".vscode" / "settings.json").read_text() == "{}"
-    elsewhere = CliRunner().invoke(main, ["schema", "-o", "s.json"])
+    elsewhere = CliRunner().invoke(main, ["export", "--schema", "-o", "s.json"])
     assert elsewhere.exit_code == 0 and '"s.json"' in elsewhere.stdout
 
 
 @pytest.mark.parametrize(("words", "code"), [
-    (("--for", "nowhere"), "folder-missing"), (("-o", "s.yaml"), "file-suffix"), (("-o", "x/s.json"), "file-unwritable")])
+    (("nowhere",), "folder-missing"), (("-o", "s.yaml"), "file-suffix"), (("-o", "x/s.json"), "file-unwritable")])
 def test_messages(words: tuple[str, ...], code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    answer = CliRunner().invoke(main, ["schema", *words])
+    answer = CliRunner().invoke(main, ["export", "--schema", *words])
     assert answer.exit_code == 2
     assert f"[{code}]" in answer.stderr

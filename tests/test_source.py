@@ -117,6 +117,7 @@ def test_place_in_a_text_of_several_lines(text: str) -> None:
     ("a: &x !!int 3\n", [("yaml-anchor", 1, 4), ("yaml-tag", 1, 7)]),
     ("a:\nb: 1\n", [("key-without-value", 1, 1)]),
     ("{m: =max(a, b)}\n", [("key-without-value", 1, 5)]),
+    ("{unit: 1, doc: the inner, outer, and mean diameter, min: 0}\n", [("key-without-value", 1, 16)]),
     ("{c: 1,2 kN/m}\n", [("decimal-comma", 1, 5)]),
     ("{is: Spring, c:1 kN/m}\n", [("key-without-value", 1, 14)]),
     ("a: 1\n---\nb: 2\n", [("two-documents", 2, 1)]),

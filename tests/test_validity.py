@@ -159,7 +159,7 @@ def test_what_is_outside_its_range_is_one_line_on_standard_error_and_no_failure(
         said, told = command(tmp_path, SUCKING.replace("10 bar", "30000 bar"), name=name)
         assert said.exit_code == 0, said.output
         assert "warning" not in said.stdout
-        assert said.stderr.startswith("warning: oil.p goes to") and said.stderr.count("\n") == 1
+        assert said.stderr.startswith("warning: oil.p reaches") and said.stderr.count("\n") == 1
         verdict = told["validity"]
         assert isinstance(verdict, dict) and (verdict["status"], verdict["exit"]) == ("outside", 0)
         found, = findings(told)
@@ -201,7 +201,7 @@ def test_a_crown_hundreds_of_kilometres_behind_its_end_stop_does_not_end_as_fine
     assert "chamber.p falls below -1.0132 bar at 0.002881 s [run-physical]" in said.stderr  # 36.013 bar at 12500 bar/s
     said, told = command(tmp_path, CROWN.replace("-100 L/min", "0 L/min"))
     assert said.exit_code == 0
-    assert said.stderr.startswith("warning: crown.x (crown.v too) goes to") and said.stderr.count("\n") == 1
+    assert said.stderr.startswith("warning: crown.x (crown.v too) reaches") and said.stderr.count("\n") == 1
     crown = next(f for f in findings(told) if f["name"] == "crown.x")
     assert crown["kind"] == "larger" and crown["value"] == pytest.approx(4.29e5, rel=0.01)
     shut = CROWN.replace("c: 5 N/m, d: 50", "c: 50 MN/m, d: 500").replace("-100 L/min", "0 L/min")
@@ -266,7 +266,7 @@ def test_a_dissipation_below_zero_is_told(tmp_path: Path) -> None:
     said, told = command(tmp_path, SPRUNG, parts={"turned_spring": law})
     assert said.exit_code == 1
     assert [f["part"] for f in findings(told) if f["kind"] == "energy"] == ["spring"]
-    assert "What it states under `dissipates` is below zero" in said.stderr
+    assert "Its `dissipates` is below zero" in said.stderr
 
 
 def test_what_grows_exponentially_is_told_before_it_has_left_all_ranges() -> None:
@@ -303,7 +303,7 @@ equations: |
     text = "model: counting\ncomponents: {counter: {is: Counter, r: 1e9 kg/s**3}}\nnodes: {}\nsimulate: {until: 1 s}\n"
     assert command(tmp_path, text, parts={"counter": law.replace("NOMINAL ", "")})[0].exit_code == 0
     said, _ = command(tmp_path, text, parts={"counter": law.replace("NOMINAL ", "nominal: 10 kg/s**2, ")})
-    assert (said.exit_code, "counter.n goes to" in said.stderr) == (1, True)
+    assert (said.exit_code, "counter.n reaches" in said.stderr) == (1, True)
     said, _ = command(tmp_path, text, parts={"counter": law.replace("NOMINAL ", "nominal: -10 kg/s**2, ")})
     assert said.exit_code == 1 and "[nominal-not-positive]" in said.stderr
 
@@ -389,7 +389,7 @@ def test_cases_of_a_sweep_that_leave_a_range_are_named_on_standard_error(tmp_pat
     assert said.exit_code == 0, said.output
     cases = json.loads((tmp_path / "told.json").read_text(encoding="utf-8"))["cases"]
     assert [bool(case["outside"]) for case in cases] == [True, False]
-    assert "oil.p goes to 20490 bar" in said.stderr and said.stderr.count("warning:") == 1
+    assert "oil.p reaches 20490 bar" in said.stderr and said.stderr.count("warning:") == 1
 
 
 def test_compare_and_tune_carry_the_verdict(tmp_path: Path) -> None:
@@ -407,7 +407,7 @@ outputs: {pressure: {is: oil.p, column: p_bar, unit: bar}}
     told = tmp_path / "told.json"
     said = CliRunner().invoke(main, ["compare", str(tmp_path / "suction.yaml"), "--json", str(told)])
     assert said.exit_code == 0, said.output
-    assert said.stderr.startswith("warning: oil.p goes to 20490 bar")
+    assert said.stderr.startswith("warning: oil.p reaches 20490 bar")
     assert [f["run"] for f in findings(json.loads(told.read_text(encoding="utf-8")))] == ["suction, test"]
     said = CliRunner().invoke(main, ["tune", str(tmp_path / "sucking.yaml"), "--free", "oil.V=1 .. 3 L", "--cost",
                                      "mean((oil.p/(1 bar) - 20240)**2)", "--no-robustness", "--json", str(told)])

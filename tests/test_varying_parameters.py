@@ -58,7 +58,7 @@ def test_a_varying_part_is_no_error_of_the_energy_balance_and_the_audit_names_it
 
 
 @pytest.mark.parametrize(("line", "message"), [
-    ("spring.k: =1", "'spring.k' is no parameter of a part, so it cannot vary"),
+    ("spring.k: =1", "'spring.k' is not a parameter of a part, so it cannot vary"),
     ("spring.c: =spring.s", "the factor of spring.c"),
     ("spring.c: =1 + nothing", "nothing here is called 'nothing'"),
     ("spring.c: =1 + der(mass.v)/(1 m/s**2)", "the factor of spring.c contains a derivative"),

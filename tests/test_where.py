@@ -148,7 +148,7 @@ def test_choked_flow_is_found_at_the_receiver() -> None:
 def test_where_nothing_is_missing_nothing_is_named() -> None:
     found = localize("passive_rig/nothing")
     assert not found.missing and found.suspects == ()
-    assert found.words == ("No effect is missing at any place: what the parameters leave is noise.",)
+    assert found.words == ("No effect is missing at any place: the residual of the fitted parameters is noise.",)
     assert found.values["train"]["gas.c"] == pytest.approx(47e3, rel=2e-3)  # truth.yaml
 
 

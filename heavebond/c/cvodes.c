@@ -451,8 +451,8 @@ static void solve_directly(Problem *problem, void *const *before, long size, lon
 
 static void silent(int code, const char *module, const char *function, char *message, void *data) {}
 
-/* Prepare a problem; 0, or what CVODES answers. */
-int prepare(Problem *problem, double t, double rtol, double atol, long most_steps, double longest) {
+/* Prepare a problem, with the direct solver if it is permitted and can be attached; 0, or what CVODES answers. */
+int prepare(Problem *problem, double t, double rtol, double atol, long most_steps, double longest, int direct) {
   const Sundials *s = problem->sundials;
   int bad = 0;
   long size;
@@ -472,7 +472,7 @@ int prepare(Problem *problem, double t, double rtol, double atol, long most_step
     void *before[size];
     memcpy(before, problem->memory, size * sizeof(void *));
     if ((bad = s->gmres(problem->memory, LEFT, BASES))) return bad;
-    solve_directly(problem, before, size, most_steps);
+    if (direct) solve_directly(problem, before, size, most_steps);
   }
   if ((bad = s->preconditioner(problem->memory, setup, precondition))) return bad;
   return s->jacobian_times(problem->memory, times);

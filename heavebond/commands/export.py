@@ -1,7 +1,8 @@
-"""`heavebond export`: a diagram for other programs, as an FMU or as C."""
+"""`heavebond export`: a diagram as an FMU or as C for other programs; the JSON Schema of the language for editors."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,17 +10,23 @@ from typing import TYPE_CHECKING
 import click
 
 from heavebond.commands.arguments import blamed_on_settings, check_writable, json_option, set_option, with_settings
+from heavebond.core.errors import Problem, UsageError
+from heavebond.core.writable import write_text
 
 if TYPE_CHECKING:
     from heavebond.exchange.portable import Portable, Quantity
 
 SUFFIXES = (".fmu", ".c")
+SCHEMA = "heavebond.schema.json"
 
 
-@click.command(short_help="Write a diagram as an FMU or as C for other programs.")
-@click.argument("model")
-@click.option("-o", "--output", metavar="FILE", required=True, type=click.Path(path_type=Path),
-              help="model.fmu (needs a C compiler) or model.c.")
+@click.command(short_help="Write a diagram as an FMU or as C, or a JSON schema for an editor.")
+@click.argument("model", required=False)
+@click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path),
+              help="model.fmu (needs a C compiler) or model.c; with --schema a .json file.")
+@click.option("--schema", "for_editor", is_flag=True,
+              help="Write a JSON schema for completion and checks in an editor; MODEL is then the folder of your diagrams, "
+                   "by default the current one.")
 @click.option("--fmi", "version", type=click.Choice(["2", "3"]), default="3", show_default=True,
               help="The standard of an FMU, which is for model exchange and for co-simulation.")
 @click.option("--input", "inputs", metavar="SIGNAL", multiple=True,
@@ -27,11 +34,21 @@ SUFFIXES = (".fmu", ".c")
                    "repeated.")
 @set_option
 @json_option
-def export(model: str, output: Path, version: str, inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
+def export(model: str | None, output: Path | None, for_editor: bool, version: str, inputs: tuple[str, ...],
+           settings: tuple[str, ...]) -> dict[str, object]:
     """Write the diagram MODEL as an FMU or as C: its states, parameters, inputs, and the outputs under `show:`.
 
     Initial conditions are those of the diagram. Measured inputs and those named by --input become inputs.
+
+    With --schema, write a JSON Schema of the files of the language, including the components in the folder, and the settings
+    for Visual Studio Code. Its extension YAML (redhat.vscode-yaml) then completes while you type and underlines mistakes.
+    Run this command again after you have added a component.
     """
+    if for_editor:
+        return _schema(Path(model or "."), output)
+    if model is None or output is None:
+        raise UsageError([Problem("option-missing", "no diagram is named" if model is None else "no file is named", None,
+                                  "Give a diagram and a file, e.g. heavebond export cmc_ahc -o cmc_ahc.fmu.")])
     from heavebond.commands import terminal
     from heavebond.exchange.c_code import export_c
     from heavebond.exchange.fmu_export import export_fmu
@@ -55,6 +72,45 @@ def export(model: str, output: Path, version: str, inputs: tuple[str, ...], sett
     console.print(f"wrote {output}", soft_wrap=True)
     return {"model": exported.name, "file": str(output),
             **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}
+
+
+def _schema(folder: Path, output: Path | None) -> dict[str, object]:
+    """Write the JSON Schema of the language with the components of a folder, and the settings of the editor."""
+    from heavebond.commands.terminal import output as console
+    from heavebond.exchange.json_schema import schema as make
+    from heavebond.language.library import library
+
+    if not folder.is_dir():
+        raise UsageError([Problem("folder-missing", f"cannot find the folder '{folder}'", None,
+                                  "Give an existing folder.")])
+    path, files = output or folder / ".vscode" / SCHEMA, []
+    if output is None:
+        path.parent.mkdir(exist_ok=True)
+    check_writable(path, (".json",))
+    write_text(path, json.dumps(make(library([folder])), ensure_ascii=False, separators=(",", ":")) + "\n")
+    files.append(path)
+    settings = folder / ".vscode" / "settings.json"
+    snippet = {"yaml.schemas": {_from(folder, path): "*.yaml"}}
+    if path.parent == settings.parent and not settings.exists():
+        write_text(settings, json.dumps(snippet, indent=2) + "\n")
+        files.append(settings)
+    else:
+        console().print("Put this into the settings of your editor (.vscode/settings.json):", soft_wrap=True)
+        console().print(json.dumps(snippet, indent=2), soft_wrap=True, highlight=False, markup=False)
+    for written in files:
+        console().print(f"wrote {written}", soft_wrap=True)
+    console().print("Or begin a single file with the line", soft_wrap=True)
+    console().print(f"# yaml-language-server: $schema={_from(folder, path)}", soft_wrap=True, highlight=False, markup=False)
+    return {"files": [str(written) for written in files], "settings": snippet}
+
+
+
+def _from(folder: Path, path: Path) -> str:
+    """Path of the file from the folder that is open in the editor."""
+    try:
+        return path.resolve().relative_to(folder.resolve()).as_posix()
+    except ValueError:
+        return path.resolve().as_posix()
 
 
 def _notes(exported: Portable, fmu: bool) -> list[str]:

@@ -27,8 +27,8 @@ def plot(files: tuple[str, ...], signals: tuple[str, ...], columns: tuple[str, .
          end: str | None, title: str, output: Path) -> dict[str, object]:
     """Draw the same signals of several FILEs over one time axis.
 
-    A FILE is a saved run (`heavebond run MODEL --save run.parquet`; .csv, .parquet, .mat, .nc), an experiment (.yaml, or
-    a bundled one) whose record is drawn as dots, or a record whose columns are assigned by --column.
+    A FILE is a saved run (`heavebond run MODEL --save run.parquet`), an experiment (.yaml, or a bundled one) whose record
+    is drawn as dots, or a record whose columns are assigned by --column.
     """
     from heavebond.commands import terminal
     from heavebond.numerics.output_times import seconds

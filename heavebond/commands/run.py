@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 @click.option("--plot", "plotted", metavar="SIGNAL", multiple=True,
               help="Draw a variable, an output or a formula of these. May be repeated.")
 @click.option("--save", "saved", metavar="FILE", multiple=True, type=click.Path(path_type=Path),
-              help="Write the time series (.csv, .parquet, .mat or .nc). May be repeated.")
+              help="Write the time series; the suffix selects the format, e.g. run.csv. May be repeated.")
 @picture_option("Picture file; without --plot all outputs of the diagram are drawn")
 @click.option("--rtol", metavar="NUMBER", type=Number(0, 0.1, min_open=True), default=1e-8, show_default=True,
               help="Relative tolerance of the integrator.")

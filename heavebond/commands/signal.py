@@ -43,7 +43,7 @@ DIAGRAMS = (".yaml", ".yml", "")
 def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | None, segment: str | None,
            slope: float, time: str | None, settings: tuple[str, ...], every: str | None, output: Path | None
            ) -> dict[str, object]:
-    """Analyse an oscillating signal of a saved RUN (.csv, .parquet, .mat, .nc), of a record, or of a simulation.
+    """Analyse an oscillating signal of a saved RUN (`heavebond run --save`), of a record, or of a simulation.
 
     The significant height is 4 sqrt(m_0) of the spectrum. A wave lasts from one upward crossing of the mean to the next.
     Cycles are counted by the rainflow method (ASTM E1049-85); the equivalent range is the range of one cycle per second

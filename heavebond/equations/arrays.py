@@ -12,27 +12,23 @@ from heavebond.text.shapes import whole_number
 
 
 def by_elements(settings: Mapping[str, Value | FileInput], component: Component) -> dict[str, Value | FileInput]:
-    """What is given to a part, by elements: a matrix in one list (`[1, 0, 0, 1]`) by rows and columns."""
+    """The values given to a part, by elements: a matrix in one list (`[1, 0, 0, 1]`) by rows and columns."""
     matrices = {name: p for name, p in component.parameters.items() if p.columns is not None and f"{name}[1]" in settings}
-    found = dict(settings)
+    expanded = dict(settings)
     for name in matrices:
         flat = [key for key in settings if key.startswith(f"{name}[") and "][" not in key]
-        columns = _columns(name, settings, component, len(flat))
+        # the number of columns of a matrix given in one list: the specified number, else that of a square matrix
+        parameter = component.parameters[name]
+        known = {n: whole for n, p in component.parameters.items() if p.integer
+                 and isinstance(value := settings.get(n, p.default), Value)
+                 and (whole := whole_number(value.expr, {})) is not None}
+        assert parameter.columns is not None
+        specified = whole_number(parameter.columns, known)
+        columns = specified if specified else round(len(flat)**0.5)
         if columns and len(flat) % columns == 0:
             for k, key in enumerate(flat):
-                found[f"{name}[{k // columns + 1}][{k % columns + 1}]"] = found.pop(key)
-    return found
-
-
-def _columns(name: str, settings: Mapping[str, Value | FileInput], component: Component, number: int) -> int:
-    """How many columns a matrix has of which all elements stand in one list: what is told, else those of a square one."""
-    parameter = component.parameters[name]
-    known = {n: whole for n, p in component.parameters.items() if p.integer
-             and isinstance(value := settings.get(n, p.default), Value)
-             and (whole := whole_number(value.expr, {})) is not None}
-    assert parameter.columns is not None
-    told = whole_number(parameter.columns, known)
-    return told if told else round(number**0.5)
+                expanded[f"{name}[{k // columns + 1}][{k % columns + 1}]"] = expanded.pop(key)
+    return expanded
 
 
 def array_text(found: Mapping[str, str]) -> str:
@@ -43,7 +39,7 @@ def array_text(found: Mapping[str, str]) -> str:
 
 def part_of(own: list[str], inside: str, integers: Mapping[str, int]) -> dict[str, str] | None:
     """The elements of an array that `1..3`, of a matrix `2, 1..3` means: their indices from 1, and those in the array. An
-    index beyond the array is kept, and told where the elements are compared with it."""
+    index beyond the array is kept; it is reported when the elements are compared with the array."""
     try:
         name = parse_formula(f"x[{inside.replace('][', ',')}]", units=False)
     except ExpressionProblem:
@@ -57,30 +53,31 @@ def part_of(own: list[str], inside: str, integers: Mapping[str, int]) -> dict[st
         if ends[0] is None or ends[1] is None:
             return None
         ranges.append((range(ends[0], ends[1] + 1), isinstance(part, Slice)))
-    found: dict[tuple[int, ...], str] = {(): ""}
+    elements: dict[tuple[int, ...], str] = {(): ""}
     for numbers, sliced in ranges:
-        found = {(*new, k) if sliced else new: f"{old}[{n}]" for new, old in found.items() for k, n in enumerate(numbers, 1)}
-    return {"".join(f"[{k}]" for k in new): old for new, old in found.items()}
+        elements = {(*new, k) if sliced else new: f"{old}[{n}]" for new, old in elements.items() for k,
+                    n in enumerate(numbers, 1)}
+    return {"".join(f"[{k}]" for k in new): old for new, old in elements.items()}
 
 
 def vector_outputs(show: Mapping[str, NamedOutput], part: Callable[[str], Component | None],
                    nodes: Callable[[], Container[str]]) -> dict[str, NamedOutput]:
-    """Outputs with each that is the name of a vector or matrix (`states: {is: filter.x}`) by its elements, `states[1]`.
+    """Outputs, in which the name of a vector or matrix (`states: {is: filter.x}`) is replaced by its elements, `states[1]`.
     `part` gives the component at a path, `nodes` the paths of all nodes and of the ports on them."""
-    found: dict[str, NamedOutput] = {}
+    outputs: dict[str, NamedOutput] = {}
     joined = nodes() if any(isinstance(output.expr, Name) for output in show.values()) else ()
     for name, output in show.items():
         elements = _elements_of(output.expr, part, joined)
         if elements is None:
-            found[name] = output
+            outputs[name] = output
             continue
         for index, expr in elements.items():
-            found[name + index] = replace(output, name=name + index, expr=expr, text=expr.text)
-    return found
+            outputs[name + index] = replace(output, name=name + index, expr=expr, text=expr.text)
+    return outputs
 
 
 def _elements_of(expr: Expr, part: Callable[[str], Component | None], nodes: Container[str]) -> dict[str, Name] | None:
-    """The elements of what a name means by their indices; None for anything but a vector or matrix."""
+    """The elements of the vector or matrix that a name refers to, by their indices; None for anything else."""
     if not isinstance(expr, Name):
         return None
     if any(isinstance(part, Slice) for part in expr.parts):
@@ -89,38 +86,39 @@ def _elements_of(expr: Expr, part: Callable[[str], Component | None], nodes: Con
         return None
     owner, _, member = expr.text.rpartition(".")
     component = part(owner)
-    own = {**component.parameters, **component.variables, **component.signals} if component is not None else {}
-    indices = [name.removeprefix(member) for name in own if name.startswith(f"{member}[")]
+    declarations = {**component.parameters, **component.variables, **component.signals} if component is not None else {}
+    indices = [name.removeprefix(member) for name in declarations if name.startswith(f"{member}[")]
     if indices:
         return {index: _with_index(expr, len(expr.parts), index) for index in indices}
     at = len(expr.parts)
     if f"{expr.text}[1]" not in nodes and f"{expr.text}[1][1]" not in nodes:
         at -= 1  # a member of a node of whole arrays: `bonds.e`
     path = ".".join(str(part) for part in expr.parts[:at])
-    rows, found = 0, dict[str, Name]()
+    rows, elements = 0, dict[str, Name]()
     while path and (f"{path}[{rows + 1}]" in nodes or f"{path}[{rows + 1}][1]" in nodes):
         rows, columns = rows + 1, 0
         if f"{path}[{rows}]" in nodes:
-            found[f"[{rows}]"] = _with_index(expr, at, f"[{rows}]")
+            elements[f"[{rows}]"] = _with_index(expr, at, f"[{rows}]")
         while f"{path}[{rows}][{columns + 1}]" in nodes:
             columns += 1
-            found[f"[{rows}][{columns}]"] = _with_index(expr, at, f"[{rows}][{columns}]")
-    return found or None
+            elements[f"[{rows}][{columns}]"] = _with_index(expr, at, f"[{rows}][{columns}]")
+    return elements or None
 
 
 def _sliced(expr: Name) -> dict[str, Name] | None:
     """The elements of a part of a vector or matrix, counted from 1."""
-    found: dict[tuple[int, ...], tuple[str | Expr, ...]] = {(): ()}
+    parts_by_indices: dict[tuple[int, ...], tuple[str | Expr, ...]] = {(): ()}
     for part in expr.parts:
         if not isinstance(part, Slice):
-            found = {new: (*parts, part) for new, parts in found.items()}
+            parts_by_indices = {new: (*parts, part) for new, parts in parts_by_indices.items()}
             continue
         low, high = whole_number(part.low, {}), whole_number(part.high, {})
         if low is None or high is None or high < low:
             return None
-        found = {(*new, k): (*parts, Number(float(n), None, part.column)) for new, parts in found.items()
-                 for k, n in enumerate(range(low, high + 1), 1)}
-    return {"".join(f"[{k}]" for k in new): replace(expr, parts=parts) for new, parts in found.items()}
+        parts_by_indices = {(*new, k): (*parts, Number(float(n), None, part.column)) for new,
+                            parts in parts_by_indices.items()
+                            for k, n in enumerate(range(low, high + 1), 1)}
+    return {"".join(f"[{k}]" for k in new): replace(expr, parts=parts) for new, parts in parts_by_indices.items()}
 
 
 def _with_index(name: Name, at: int, index: str) -> Name:

@@ -1,8 +1,8 @@
 """Solution of a block lower triangular system: explicit equations, and loops that are torn.
 
-A block of one equation that is linear in its unknown is solved for it. Of a larger one as many unknowns are guessed as leave
-the others explicit (tearing); the guessed ones are then eliminated as far as their equations are linear in them, and the
-rest stays for the integrator.
+A block of one equation that is linear in its unknown is solved for this unknown. In a larger block the fewest unknowns
+are guessed that make the others explicit (tearing). Guessed unknowns are eliminated if an equation is linear in them; the
+others remain for the integrator.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ WEAK = 1e-7
 
 @dataclass(frozen=True)
 class Loop:
-    """A block of simultaneous equations: its size, what was torn, and how many of these the integrator iterates."""
+    """A block of simultaneous equations: its size, its torn unknowns, and the number of these that the integrator
+    iterates."""
 
     equations: tuple[str, ...]
     torn: tuple[str, ...]
@@ -38,8 +39,8 @@ class Loop:
 
 @dataclass(frozen=True)
 class Pivot:
-    """A coefficient that an equation was divided by; the model is singular where it is zero. If no motion
-    depends on the unknown (`derived`), it alone is undetermined there."""
+    """A divisor of an equation; the model is singular if it is zero. If no motion depends on the unknown (`derived`), only
+    this unknown is undetermined."""
 
     coefficient: ca.SX
     unknown: str
@@ -54,8 +55,8 @@ def column_name(flat: Flat, column: Column) -> str:
 
 
 class _Solved(NamedTuple):
-    """An equation (row) that is linear in an unknown (column), a*v + b = 0: a, None where it is a number, and the number of
-    v = -b/a among the solutions; `dead` where a is 0. A `derived` unknown has no value where a and b are 0."""
+    """An equation (row) that is linear in an unknown (column), a*v + b = 0: a (None if it is a constant), and the index of v
+    = -b/a among the solutions; `dead` if a is 0. A `derived` unknown has no value if a and b are 0."""
 
     row: int
     column: int
@@ -67,9 +68,9 @@ class _Solved(NamedTuple):
 
 @dataclass(eq=False)
 class _Block:
-    """A loop of equations (rows) for as many unknowns (columns), with what is done to it: the (row, column) that are solved
-    in this order once the `guessed` unknowns are known; of these `eliminated` are solved for as well, while for those that
-    are `torn` as many equations `residual` remain, with these expressions."""
+    """A loop of equations (rows) for as many unknowns (columns): the pairs (row, column) solved in this order once the
+    `guessed` unknowns are known. Of the guessed ones, `eliminated` are solved for as well; for those that are `torn` as many
+    equations `residual` remain, with these expressions."""
 
     rows: list[int]
     columns: list[int]
@@ -83,10 +84,10 @@ class _Block:
 
 
 def _share_out(residuals: Sequence[ca.SX], blocks: Sequence[_Block]) -> None:
-    """Give each block as many expressions as equations remain in it."""
-    found = iter(residuals)
+    """Assign to each block as many expressions as it has remaining equations."""
+    expressions = iter(residuals)
     for block in blocks:
-        block.remaining = [next(found) for _ in block.residual]
+        block.remaining = [next(expressions) for _ in block.residual]
 
 
 class BlockSolver:
@@ -95,9 +96,9 @@ class BlockSolver:
     def __init__(self, flat: Flat, rows: Sequence[Row], unknown: Sequence[Column], residuals: ca.SX,
                  symbols: ca.SX, entries: Sequence[Sequence[tuple[int, int]]], constants: set[int],
                  numbers: Callable[[ca.SX], Array], derived: set[int]):
-        """`residuals` are those of the rows, `symbols` those of the unknowns; `entries` gives the unknowns in each row and
-        the kinds of their coefficients, `constants` the hashes of symbols, `numbers` values of expressions in parameters,
-        `derived` the unknowns (columns) on which no motion depends."""
+        """`residuals` are the residuals of the rows, `symbols` the symbols of the unknowns; `entries` gives the unknowns in
+        each row and the kinds of their coefficients, `constants` the hashes of symbols, `numbers` values of expressions in
+        parameters, `derived` the unknowns (columns) on which no motion depends."""
         self.flat, self.rows, self.unknown, self.entries = flat, rows, unknown, entries
         self.residuals, self.symbols, self.constants, self.numbers = residuals, symbols, constants, numbers
         self.derived = derived
@@ -113,7 +114,7 @@ class BlockSolver:
 
     @property
     def definitions(self) -> ca.SX:
-        """Those of what is defined, each in terms of those before it."""
+        """The definitions of the solved unknowns, each in terms of those before it."""
         return self._chosen(self._definitions)
 
     def _chosen(self, numbers: Sequence[int]) -> ca.SX:
@@ -128,14 +129,14 @@ class BlockSolver:
     def solve(self, blocks: Sequence[tuple[list[int], list[int]]]) -> None:
         """Solve the blocks, each the numbers of its rows and columns, in the order in which they can be evaluated.
 
-        A call of CasADi takes longer than its work on one equation, so what does not depend on each other is solved in the
-        same calls: blocks of one explicit equation all together, loops stage by stage."""
+        A call of CasADi takes longer than its work on one equation. Independent blocks are therefore solved in the same
+        calls: blocks of one explicit equation all together, loops stage by stage."""
         pairs = [(rows[0], columns[0]) for rows, columns in blocks if len(rows) == 1]
         explicit = [(r, c) for r, c in pairs
                     if self._kinds(r).get(c, NONLINEAR) <= (INDEFINITE if c in self.derived else DEFINITE)]
         derived = {(r, c) for r, c in explicit if c in self.derived and self._kinds(r)[c] > NUMBER}
-        alone = {r: found for (r, _), found in zip(explicit, self._solve(explicit, derived), strict=True)
-                 if found.derived or not found.dead}
+        alone = {r: solution for (r, _), solution in zip(explicit, self._solve(explicit, derived), strict=True)
+                 if solution.derived or not solution.dead}
         loops = {rows[0]: _Block(rows, columns) for rows, columns in blocks if len(rows) > 1 or rows[0] not in alone}
         self._tear(list(loops.values()))
         for together in self._independent([block for block in loops.values() if block.torn]):
@@ -176,9 +177,10 @@ class BlockSolver:
             waiting = again
 
     def _weak(self, blocks: Sequence[_Block]) -> set[tuple[int, int]]:
-        """The entries (row, column) of loops that are not divided by: what follows would be a billion times as large as
-        what it follows from, and its rounding all that is left where it cancels. Compared are unknowns of one unit in an
-        equation (the arms of a lever), and an unknown in equations for others of one unit (the masses on a node)."""
+        """The entries (row, column) of loops that are too small as divisors: the result would be a billion times as large as
+        its terms, so that only their rounding remains after a cancellation. The comparison is between unknowns of one unit
+        in an equation (the arms of a lever), and between equations for one unit that contain an unknown (the masses on a
+        node)."""
         compared = [group for block in blocks for group in self._comparable(block)]
         pairs = list(dict.fromkeys(pair for group in compared for pair in group))
         if not pairs:
@@ -186,11 +188,11 @@ class BlockSolver:
         slopes: dict[tuple[int, int], ca.SX] = {}
         for together in self._apart(pairs):
             residuals, symbols = self.residuals[[r for r, _ in together]], self.symbols[[c for _, c in together]]
-            found = split(ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel())))
-            slopes.update(zip(together, found, strict=True))
+            coefficients = split(ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel())))
+            slopes.update(zip(together, coefficients, strict=True))
         numbers = np.abs(self.numbers(stack([slopes[pair] for pair in pairs])))
         sizes = dict(zip(pairs, numbers.tolist(), strict=True))
-        return {pair for group in compared for pair in group if sizes[pair] < WEAK * max(sizes[other] for other in group)}
+        return {pair for group in compared for pair in group if sizes[pair] < WEAK * max(sizes[entry] for entry in group)}
 
     def _comparable(self, block: _Block) -> list[list[tuple[int, int]]]:
         """The groups of entries of a loop whose coefficients are compared."""
@@ -213,8 +215,8 @@ class BlockSolver:
         return dict(self.entries[r])
 
     def _solve(self, pairs: Sequence[tuple[int, int]], derived: Set[tuple[int, int]] = frozenset()) -> list[_Solved]:
-        """Each row solved for its column; in one call those that contain none of each other's columns. The coefficients of
-        `derived` pairs may be zero."""
+        """Solve each row for its column, in one call all rows that do not contain the columns of the others. The
+        coefficients of `derived` pairs may be zero."""
         solved: dict[int, _Solved] = {}
         for together in self._apart(pairs):
             coefficients, values = explicit(self.residuals[[r for r, _ in together]], self.symbols[[c for _, c in together]],
@@ -242,44 +244,44 @@ class BlockSolver:
         for k, (rows, columns) in enumerate(parts):
             inside = {column for r in rows for column, _ in self.entries[r]}
             fitting = (g for g in groups if g[2].isdisjoint(columns) and g[1].isdisjoint(inside))
-            if (found := next(fitting, None)) is None:
-                groups.append(found := ([], set(), set()))
-            group, own, contained = found
+            if (fitting_group := next(fitting, None)) is None:
+                groups.append(fitting_group := ([], set(), set()))
+            group, rows_of_group, contained = fitting_group
             group.append(k)
-            own.update(columns)
+            rows_of_group.update(columns)
             contained |= inside
         return [group for group, _, _ in groups]
 
     def _zeros(self, coefficients: ca.SX, kinds: Sequence[int]) -> list[bool]:
-        """Which coefficients of parameters alone are zero at their values; the other kinds cannot be."""
-        which = [k for k, kind in enumerate(kinds) if kind == PARAMETER]
+        """True for coefficients of parameters alone that are zero at their values; other kinds are never zero."""
+        indices = [k for k, kind in enumerate(kinds) if kind == PARAMETER]
         zero = [False] * len(kinds)
-        if which:
-            for k, value in zip(which, self.numbers(coefficients[which]), strict=True):
+        if indices:
+            for k, value in zip(indices, self.numbers(coefficients[indices]), strict=True):
                 zero[k] = value == 0
         return zero
 
     def _define(self, solved: Sequence[_Solved], rows: Sequence[int]) -> None:
-        for found in solved:
-            self.defined.append(found.column)
+        for solution in solved:
+            self.defined.append(solution.column)
             self.sources.append(tuple(rows))
-            self._definitions.append(found.value)
-            if found.coefficient is not None and not found.coefficient.is_constant():
-                name = column_name(self.flat, self.unknown[found.column])
-                self.pivots.append(Pivot(found.coefficient, name, self.flat.equations[self.rows[found.row][0]],
-                                         found.derived))
+            self._definitions.append(solution.value)
+            if solution.coefficient is not None and not solution.coefficient.is_constant():
+                name = column_name(self.flat, self.unknown[solution.column])
+                self.pivots.append(Pivot(solution.coefficient, name, self.flat.equations[self.rows[solution.row][0]],
+                                         solution.derived))
 
     def _eliminate(self, blocks: Sequence[_Block]) -> None:
         """Solve the residuals of torn blocks, none of which contains columns of another, for torn unknowns that are linear
-        in them, where that is safe; one of each block at a time.
+        in them, if the divisor is safe; one unknown of each block at a time.
 
-        Their definitions come before the block's sequence; what is left stays an algebraic unknown.
+        Their definitions precede the sequence of the block; the remaining torn unknowns are algebraic unknowns.
         """
-        given = [s for block in blocks for s in block.solved]
+        solved = [s for block in blocks for s in block.solved]
         raw = self.residuals[[r for block in blocks for r in block.residual]]
-        if given:
-            values = self._chosen([s.value for s in given])
-            raw, = ca.substitute_inplace([self.symbols[[s.column for s in given]]], [values], [raw], False)[1]
+        if solved:
+            values = self._chosen([s.value for s in solved])
+            raw, = ca.substitute_inplace([self.symbols[[s.column for s in solved]]], [values], [raw], False)[1]
         _share_out(split(raw), blocks)
         waiting = list(blocks)
         while chosen := self._choices(waiting):
@@ -293,21 +295,21 @@ class BlockSolver:
             _share_out(ca.substitute([r for block in waiting for r in block.remaining], [symbols], [values]), waiting)
 
     def _is_last(self, block: _Block) -> bool:
-        """Whether one derived unknown of a block is left, so that the block is singular where its coefficient is zero."""
+        """True if one derived unknown of a block remains, so that the block is singular if its coefficient is zero."""
         return len(block.torn) == 1 and block.torn[0] in self.derived
 
     def _choices(self, blocks: Sequence[_Block]) -> list[tuple[_Block, int, int]]:
-        """The blocks of which a residual can be solved for a torn unknown, with the numbers of both, those of the simplest
-        coefficient."""
+        """The blocks in which a residual can be solved for a torn unknown, with the indices of both; the pair with the
+        simplest coefficient."""
         rows = iter(classify(stack([r for block in blocks for r in block.remaining]),
                              self.symbols[[c for block in blocks for c in block.torn]],
                              self.constants, self.flat.bounds))
         entries: list[tuple[_Block, tuple[int, int, int, int], ca.SX]] = []
         first = 0
         for block in blocks:
-            own = [next(rows) for _ in block.remaining]
+            row_numbers = [next(rows) for _ in block.remaining]
             entries += [(block, (e.kind, len(row), i, e.column - first), e.coefficient)
-                        for i, row in enumerate(own) for e in row
+                        for i, row in enumerate(row_numbers) for e in row
                         if e.kind <= (INDEFINITE if self._is_last(block) else DEFINITE)]
             first += len(block.torn)
         dead = self._zeros(stack([a for *_, a in entries]), [choice[0] for _, choice, _ in entries])
@@ -319,12 +321,12 @@ class BlockSolver:
 
 
 def explicit(residuals: ca.SX, symbols: ca.SX, derived: Sequence[int] = ()) -> tuple[ca.SX, ca.SX]:
-    """a and -b/a of residuals a*v + b (m,), each linear in its own symbol v (m,) and free of the others'. Those of `derived`
-    unknowns (by number) are not a number where a = b = 0, also if a factor of both cancels in b/a."""
+    """a and -b/a of residuals a*v + b (m,), each linear in its own symbol v (m,) and free of the symbols of the others.
+    Those of `derived` unknowns (by number) are not a number where a = b = 0, also if a factor of both cancels in b/a."""
     coefficients = ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel()))
-    rest = ca.substitute(residuals, symbols, ca.SX.zeros(symbols.numel()))
-    values = -rest / coefficients
+    constant = ca.substitute(residuals, symbols, ca.SX.zeros(symbols.numel()))
+    values = -constant / coefficients
     for k in derived:
-        nothing = np.nan if rest[k].is_zero() else -rest[k] * ca.inf
+        nothing = np.nan if constant[k].is_zero() else -constant[k] * ca.inf
         values[k] = ca.if_else(coefficients[k] == 0, nothing, values[k])
     return coefficients, values

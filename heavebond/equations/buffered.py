@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from threading import Lock
 from typing import Any
 
@@ -20,8 +20,8 @@ class Buffered:
     """A function of CasADi that reads and writes arrays; inputs that are not given are zero. Outputs are dense, or with
     `sparse` those that have zeros by structure are of `scipy.sparse.csc_array`.
 
-    Called the usual way, CasADi makes matrices of its own from every argument, and gives its results number by number: the
-    states at 6000 points take longer than a tenth of a run. Threads take turns: the arrays are shared.
+    In an ordinary call CasADi converts every argument to a matrix, and returns its results element by element: the states at
+    6000 points take longer than a tenth of a run. The arrays are shared, so that a lock admits one thread at a time.
     """
 
     def __init__(self, function: ca.Function, outputs: Sequence[str] | None = None, *, sparse: bool = False):
@@ -37,38 +37,35 @@ class Buffered:
                 _bind(self._buffer.set_res, output.number, output.values)
 
     def __call__(self, *given: Any, **named: Any) -> dict[str, Any]:
-        """Each output (m, n), given the inputs in their order or by name; RuntimeError where it fails."""
+        """Each output (m, n), given the inputs in their order or by name; RuntimeError if it fails."""
         with self._lock:
-            return self._called(given, named)
-
-    def _called(self, given: Sequence[Any], named: Mapping[str, Any]) -> dict[str, Any]:
-        for k, (name, values) in enumerate(self._given.items()):
-            value = given[k] if k < len(given) else named.get(name, 0.0)
-            plain = type(value) is float or (type(value) is np.ndarray and value.ndim == 1)
-            values[:] = value if plain else np.asarray(value, float).ravel(order="F")
-        for output in self._outputs:
-            if output.size > KEPT:
-                output.values = np.empty(output.size)
-                _bind(self._buffer.set_res, output.number, output.values)
-        try:
-            self._run()
-        finally:
-            check()  # a signal that came meanwhile: CasADi may have dropped it, or made a failure of it
-        if self._buffer.ret():  # compiled code cannot raise what CasADi's own does
-            raise RuntimeError("the function could not be evaluated")
-        return {output.name: output.matrix() for output in self._outputs}
+            for k, (name, values) in enumerate(self._given.items()):
+                value = given[k] if k < len(given) else named.get(name, 0.0)
+                plain = type(value) is float or (type(value) is np.ndarray and value.ndim == 1)
+                values[:] = value if plain else np.asarray(value, float).ravel(order="F")
+            for output in self._outputs:
+                if output.size > KEPT:
+                    output.values = np.empty(output.size)
+                    _bind(self._buffer.set_res, output.number, output.values)
+            try:
+                self._run()
+            finally:
+                check()  # a signal that came meanwhile: CasADi may have dropped it, or made a failure of it
+            if self._buffer.ret():  # compiled code cannot raise what CasADi's own does
+                raise RuntimeError("the function could not be evaluated")
+            return {output.name: output.matrix() for output in self._outputs}
 
     def size1_in(self, name: str) -> int:
         """The number of numbers in an input."""
         return len(self._given[name])
 
     def stats(self) -> dict[str, Any]:
-        """Counts of steps and evaluations of the last call, where it is an integrator."""
+        """Counts of steps and evaluations of the last call, if it is an integrator."""
         return dict(self._buffer.stats())
 
 
 class _Output:
-    """An output of a function: where its numbers stand in a matrix."""
+    """An output of a function, with the positions of its nonzeros in the dense matrix."""
 
     def __init__(self, function: ca.Function, name: str, sparse: bool):
         self.name, self.number, pattern = name, function.index_out(name), function.sparsity_out(name)
@@ -78,7 +75,7 @@ class _Output:
         self.values = np.empty(self.size if self.size <= KEPT else 0)
 
     def matrix(self) -> Any:
-        """The values of the last call; the matrix is the caller's own."""
+        """The values of the last call; a new matrix."""
         if self.size <= KEPT:
             values = self.values.copy()
         else:
@@ -88,9 +85,9 @@ class _Output:
         if self._columns is not None:
             from scipy.sparse import csc_array
             return csc_array((values, self._places[0], self._columns), shape=self.shape)
-        found = np.zeros(self.shape)
-        found[self._places] = values
-        return found
+        matrix = np.zeros(self.shape)
+        matrix[self._places] = values
+        return matrix
 
 
 def _bind(bind: Callable[..., None], number: int, values: Array) -> None:

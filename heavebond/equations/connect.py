@@ -66,13 +66,28 @@ class Network:
 
 
 def connect(expanded: Expanded, order: Sequence[str] = ()) -> Network:
-    """Join what the wires join; ModelError for mixed domains, units that cannot be told, signals driven twice.
+    """Connect ports by wires; ModelError for mixed domains, undetermined units, and signals with two sources.
 
-    `order` names the parameters that are given by formulas, each after those that it needs.
+    `order` names the parameters given by formulas, each after those that it uses.
     """
     network, problems = connect_as_far(expanded)
     problems.raise_as(ModelError)
-    _signal_sources(expanded, network, problems)
+    for group in network.groups:
+        if group.domain != "signal":
+            continue
+        outputs, inputs = drivers(expanded, group)
+        if len(outputs) > 1:
+            problems.add("signal-driven-twice", f"signal '{group.name}' has {len(outputs)} outputs, {either(outputs)}",
+                         group.place, hint="A signal has exactly one; add them with a Sum.")
+        for path, bound in inputs if outputs else inputs[1:]:
+            leaf, _, name = path.rpartition(".")
+            second = outputs[0] if outputs else inputs[0][0]
+            problems.add("input-twice", f"'{path}' has a value in place, and '{second}' sets it too (node "
+                         f"'{group.name}')", bound.place,
+                         hint=f"Remove `{name}:` from '{leaf}', or take '{path}' off the node.")
+        if not outputs and not inputs:
+            problems.add("signal-undriven", f"nothing sets the signal '{group.name}'", group.place,
+                         hint="Join it to an output, or give the input a value in place.")
     problems.raise_as(ModelError)
     units = _units(expanded, network, _Dimensions(expanded, order), problems)
     problems.raise_as(ModelError)
@@ -80,8 +95,8 @@ def connect(expanded: Expanded, order: Sequence[str] = ()) -> Network:
 
 
 def connect_as_far(expanded: Expanded) -> tuple[Network, Problems]:
-    """The groups of an unfinished diagram with their domains, and what is wrong with these; a domain that nothing tells is
-    empty, and units are not solved."""
+    """The groups of an incomplete diagram with their domains, and the problems of these. An undetermined domain is empty,
+    and units are not solved."""
     problems = Problems()
     groups = _groups(expanded)
     domains = _domains(expanded, groups, problems)
@@ -105,7 +120,9 @@ def _groups(expanded: Expanded) -> list[Members]:
     for junction in expanded.junctions.values():
         node = root(Terminal("node", junction.path))
         for end in junction.ends:
-            if not _overridden(expanded, end.leaf, end.port):
+            # an input set to a record from outside (an experiment) leaves the node that drives it in the diagram
+            bound = expanded.leaves[end.leaf].inputs.get(end.port) if end.leaf in expanded.leaves else None
+            if not (bound is not None and isinstance(bound.value, FileInput)):
                 parent[root(Terminal("port", end.name))] = node
     for path in (*expanded.ports, *expanded.signals):
         if expanded.ports.get(path) is None or expanded.ports[path].count is None:
@@ -115,12 +132,6 @@ def _groups(expanded: Expanded) -> list[Members]:
         members.setdefault(root(item), []).append(item)
     return [Members(tuple(m.path for m in group if m.kind == "node"), tuple(m.path for m in group if m.kind == "port"))
             for group in members.values()]
-
-
-def _overridden(expanded: Expanded, leaf: str, port: str) -> bool:
-    """An input set to a record from outside (an experiment) leaves the node that drives it in the diagram."""
-    bound = expanded.leaves[leaf].inputs.get(port) if leaf in expanded.leaves else None
-    return bound is not None and isinstance(bound.value, FileInput)
 
 
 def port_definition(expanded: Expanded, path: str) -> str:
@@ -140,11 +151,11 @@ def _domains(expanded: Expanded, groups: list[Members], problems: Problems) -> l
             for path in members.ports:
                 declared = port_definition(expanded, path)
                 key = (path.rpartition(".")[0], declared)
-                found = bound.get(key, "") if declared.startswith("$") else declared
-                if found and not domains[k]:
-                    domains[k], changed = found, True
+                domain = bound.get(key, "") if declared.startswith("$") else declared
+                if domain and not domains[k]:
+                    domains[k], changed = domain, True
                 # no port of power is ever a signal, which `_mixed` tells
-                elif declared.startswith("$") and domains[k] not in ("", "signal") and not found:
+                elif declared.startswith("$") and domains[k] not in ("", "signal") and not domain:
                     bound[key], changed = domains[k], True
     _mixed(expanded, bound, problems)
     _without_pair(expanded, bound, problems)
@@ -152,7 +163,7 @@ def _domains(expanded: Expanded, groups: list[Members], problems: Problems) -> l
         if not domains[k] and members.ports:
             path = members.ports[0]
             leaf = expanded.leaves[path.rpartition(".")[0]]
-            problems.add("domain-open", f"nothing tells the domain of '{path}'",
+            problems.add("domain-open", f"nothing determines the domain of '{path}'",
                          leaf.place, hint="Join it to a port of a component that has a domain.")
     return domains
 
@@ -199,20 +210,20 @@ def _named(expanded: Expanded, members: Members, domain: str) -> Group:
 
 
 def _port_domains(expanded: Expanded, of_port: dict[str, int], groups: list[Group]) -> dict[str, dict[str, str]]:
-    found: dict[str, dict[str, str]] = {}
+    domains: dict[str, dict[str, str]] = {}
     for path, leaf in expanded.leaves.items():
-        found[path] = {}
+        domains[path] = {}
         for port in leaf.component.ports.values():
             item = f"{path}.{port.name}" + ("[1]" if port.count is not None else "")
             if item in of_port:
-                found[path][port.name] = groups[of_port[item]].domain
-    return found
+                domains[path][port.name] = groups[of_port[item]].domain
+    return domains
 
 
 # -- signals ---------------------------------------------------------------------------------------------------------
 def drivers(expanded: Expanded, group: Group) -> tuple[list[str], list[tuple[str, Bound]]]:
-    """What sets the value of a signal group: outputs of components, and values given in place at inputs."""
-    outputs, given = [], []
+    """The sources of a signal group: outputs of components, and values given in place at inputs."""
+    outputs, inputs = [], []
     for path in group.ports:
         leaf, _, port = path.rpartition(".")
         component = expanded.leaves[leaf].component
@@ -221,33 +232,14 @@ def drivers(expanded: Expanded, group: Group) -> tuple[list[str], list[tuple[str
         if direction == "out" and port.partition("[")[0] not in inner:
             outputs.append(path)
         if port in expanded.leaves[leaf].inputs:
-            given.append((path, expanded.leaves[leaf].inputs[port]))
-    return outputs, given
-
-
-def _signal_sources(expanded: Expanded, network: Network, problems: Problems) -> None:
-    for group in network.groups:
-        if group.domain != "signal":
-            continue
-        outputs, given = drivers(expanded, group)
-        if len(outputs) > 1:
-            problems.add("signal-driven-twice", f"signal '{group.name}' has {len(outputs)} outputs, {either(outputs)}",
-                         group.place, hint="A signal has exactly one; add them with a Sum.")
-        for path, bound in given if outputs else given[1:]:
-            leaf, _, name = path.rpartition(".")
-            other = outputs[0] if outputs else given[0][0]
-            problems.add("input-twice", f"'{path}' has a value in place, and '{other}' sets it too (node "
-                         f"'{group.name}')", bound.place,
-                         hint=f"Remove `{name}:` from '{leaf}', or take '{path}' off the node.")
-        if not outputs and not given:
-            problems.add("signal-undriven", f"nothing sets the signal '{group.name}'", group.place,
-                         hint="Join it to an output, or give the input a value in place.")
+            inputs.append((path, expanded.leaves[leaf].inputs[port]))
+    return outputs, inputs
 
 
 def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, problems: Problems
            ) -> dict[str, dict[str, Dimension]]:
     """Solve `$U` of each leaf from parameters with units, the signals it is joined to and formulas at its inputs. Signals
-    that nothing ties to a unit (a loop of gains and memories) are plain numbers."""
+    without any relation to a unit (a loop of gains and memories) are plain numbers."""
     solution: dict[str, dict[str, Dimension]] = {path: {} for path in expanded.leaves}
     constraints = [*_parameter_constraints(expanded, dimensions)]
     signals = [g for g in network.groups if g.domain == "signal"]
@@ -255,8 +247,8 @@ def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, proble
     changed = True
     while changed:
         changed = False
-        for path, declared, given in constraints:
-            changed |= _solve(declared, given, solution[path])
+        for path, declared, value_dimension in constraints:
+            changed |= _solve(declared, value_dimension, solution[path])
         for group in signals:
             known = _known_dimension(expanded, group, formulas)
             if known is None:
@@ -270,7 +262,7 @@ def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, proble
 
 
 def _plain(expanded: Expanded, group: Group, solution: dict[str, dict[str, Dimension]]) -> bool:
-    """Take a signal whose unit is open for a plain number; False where none is."""
+    """Treat one signal with an undetermined unit as a plain number; False if there is none."""
     for port in group.ports:
         leaf, _, name = port.rpartition(".")
         if _solve(expanded.leaves[leaf].component.signals[name].unit.dimension, ONE, solution[leaf]):
@@ -285,13 +277,13 @@ def _parameter_constraints(expanded: Expanded, dimensions: _Dimensions
             parameter = leaf.component.parameters[name]
             if not is_generic(parameter.unit.dimension) or not isinstance(bound.value, Value):
                 continue
-            given = dimensions.of(bound)
-            if given is not None:
-                yield path, parameter.unit.dimension, given
+            dimension = dimensions.of(bound)
+            if dimension is not None:
+                yield path, parameter.unit.dimension, dimension
 
 
 class _Dimensions:
-    """The dimensions of values in the diagram, those of its parameters found once."""
+    """The dimensions of values in the diagram; those of its parameters are computed once."""
 
     def __init__(self, expanded: Expanded, order: Sequence[str]):
         self.expanded = expanded
@@ -302,7 +294,8 @@ class _Dimensions:
                 self.found[name] = self.of(expanded.parameters[name])
 
     def of(self, bound: Bound) -> Dimension | None:
-        """That of a value made of quantities and parameters with known units; None where it cannot be told."""
+        """The dimension of a value that consists of quantities and parameters with known units; None if it is
+        undetermined."""
         assert isinstance(bound.value, Value)
         if bound.value.si:
             number = bound.value.expr
@@ -313,10 +306,10 @@ class _Dimensions:
             return None  # not known yet, or the complaint comes with the check of the parameter itself
 
     def _parameter(self, path: str, name: Name) -> Dimension:
-        found = ONE if name.text == "pi" else self._found(path)
-        if found is None or is_generic(found):
+        dimension = ONE if name.text == "pi" else self._found(path)
+        if dimension is None or is_generic(dimension):
             raise ExpressionProblem("unit-open", f"the unit of '{name.text}' is not known", name.column, name.length)
-        return found
+        return dimension
 
     def _found(self, path: str) -> Dimension | None:
         if path in self.found:
@@ -328,19 +321,19 @@ class _Dimensions:
 
 
 def _solve(declared: Dimension, given: Dimension, known: dict[str, Dimension]) -> bool:
-    """declared(with one unsolved unit) = given: solve it; True where something new was learnt."""
-    now = solved(declared, known)
-    unknown = [(base, power) for base, power in now if base.startswith("$")]
+    """Solve declared = given for one unknown unit in `declared`; True if a unit was determined."""
+    unsolved = solved(declared, known)
+    unknown = [(base, power) for base, power in unsolved if base.startswith("$")]
     if len(unknown) != 1:
         return False
     (base, power), = unknown
-    rest = tuple((b, p) for b, p in now if b != base)
-    known[base] = times(ONE, times(given, rest, -1), 1 / power)
+    others_powers = tuple((b, p) for b, p in unsolved if b != base)
+    known[base] = times(ONE, times(given, others_powers, -1), 1 / power)
     return True
 
 
 class _Formulas:
-    """The dimensions of formulas and records at inputs, as far as the units of signals are solved."""
+    """The dimensions of formulas and records at inputs, with the units of signals that are already solved."""
 
     def __init__(self, expanded: Expanded, network: Network, dimensions: _Dimensions,
                  solution: dict[str, dict[str, Dimension]]):
@@ -349,15 +342,16 @@ class _Formulas:
 
     def equal(self, group: Group) -> list[str]:
         """Signals elsewhere that an input of the group is set to by their bare name (`u: =lag.y`)."""
-        found = []
+        ports = []
         for _, bound in drivers(self.expanded, group)[1]:
             name = bound.value.expr if isinstance(bound.value, Value) else None
             if isinstance(name, Name) and (other := self.group_of.get(bound.scope + name.text)) is not None:
-                found += [port for port in other.ports if other.domain == "signal"]
-        return found
+                ports += [port for port in other.ports if other.domain == "signal"]
+        return ports
 
     def of(self, bound: Bound) -> Dimension | None:
-        """That of what an input is given; None where it cannot be told (a bare 0, a name whose unit is open)."""
+        """The dimension of the value given to an input; None if it is undetermined (a plain 0, a name without a known
+        unit)."""
         if isinstance(bound.value, FileInput):
             return read_unit(bound.value.unit).dimension
         if isinstance(bound.value.expr, Number) and bound.value.expr.unit is None and bound.value.expr.value == 0:
@@ -368,10 +362,10 @@ class _Formulas:
             return None  # the complaint comes with the check of the formula itself
 
     def _named(self, path: str, name: Name) -> Dimension:
-        found = SECOND if name.text == "time" else ONE if name.text == "pi" else self._member(path)
-        if found is None or is_generic(found):
+        dimension = SECOND if name.text == "time" else ONE if name.text == "pi" else self._member(path)
+        if dimension is None or is_generic(dimension):
             raise ExpressionProblem("unit-open", f"the unit of '{name.text}' is not known", name.column, name.length)
-        return found
+        return dimension
 
     def _member(self, path: str) -> Dimension | None:
         """The dimension of a parameter, a variable, a signal, or a member of a node or port."""
@@ -394,21 +388,21 @@ class _Formulas:
         return None if item is None else solved(item.unit.dimension, self.solution[owner])
 
     def signal(self, group: Group) -> Dimension | None:
-        """That of a signal, from any of its ports."""
+        """The dimension of a signal, from any of its ports."""
         for port in group.ports:
             leaf, _, name = port.rpartition(".")
-            found = solved(self.expanded.leaves[leaf].component.signals[name].unit.dimension, self.solution[leaf])
-            if not is_generic(found):
-                return found
+            dimension = solved(self.expanded.leaves[leaf].component.signals[name].unit.dimension, self.solution[leaf])
+            if not is_generic(dimension):
+                return dimension
         return None
 
 
 def _known_dimension(expanded: Expanded, group: Group, formulas: _Formulas) -> Dimension | None:
-    found = formulas.signal(group)
-    if found is not None:
-        return found
-    given = (formulas.of(bound) for _, bound in drivers(expanded, group)[1])
-    return next((g for g in given if g is not None), None)
+    dimension = formulas.signal(group)
+    if dimension is not None:
+        return dimension
+    input_dimensions = (formulas.of(bound) for _, bound in drivers(expanded, group)[1])
+    return next((g for g in input_dimensions if g is not None), None)
 
 
 def signal_unit(expanded: Expanded, port: str, solution: dict[str, dict[str, Dimension]]) -> Unit:
@@ -417,8 +411,8 @@ def signal_unit(expanded: Expanded, port: str, solution: dict[str, dict[str, Dim
     declared = expanded.leaves[leaf].component.signals[name].unit
     if not is_generic(declared.dimension):
         return declared
-    found = solved(declared.dimension, solution[leaf])
-    return Unit(dimension_text(found), 1.0, 0.0, found)
+    dimension = solved(declared.dimension, solution[leaf])
+    return Unit(dimension_text(dimension), 1.0, 0.0, dimension)
 
 
 def _check_signals(expanded: Expanded, signals: list[Group], solution: dict[str, dict[str, Dimension]],

@@ -48,21 +48,21 @@ class ConstraintEquations:
         return {names[name]: not c.guess for name, c in conditions.items() if names.get(name) in self.columns}
 
     def projected(self, guess: Array, p: Array) -> Array | None:
-        """The guess of all unknowns, changed by as little as the constraints allow; None where no solution is found.
+        """The guess of all unknowns, changed by as little as the constraints allow; None if no solution is found.
 
         Gauss-Newton steps of least norm in usual sizes, dy = W (J W)^+ (-r); an unknown with an initial value has a small
         weight in W and so keeps it."""
-        given = self.fixed()
-        weight = np.array([1.0 if j not in given else ASKED if given[j] else GUESSED for j in self.columns])
+        fixed = self.fixed()
+        weight = np.array([1.0 if j not in fixed else ASKED if fixed[j] else GUESSED for j in self.columns])
         whole, y = guess.copy(), guess[list(self.columns)]
         for _ in range(STEPS):
             residual, jacobian = self.at(y, p)
             # the distance of two points has no derivative where they coincide: it follows once they have moved
             usable = np.isfinite(residual) & np.isfinite(jacobian).all(axis=1)
-            kept = bool(np.abs(residual[usable]).max(initial=0.0) < KEPT)
-            if kept and not usable.all():
+            satisfied = bool(np.abs(residual[usable]).max(initial=0.0) < KEPT)
+            if satisfied and not usable.all():
                 return None
-            if kept:
+            if satisfied:
                 whole[list(self.columns)] = y
                 unknowns = ((self.flat.unknowns[j], whole[j]) for j in self.columns)
                 return whole if all(u.low <= value <= u.high for u, value in unknowns) else None
@@ -72,8 +72,8 @@ class ConstraintEquations:
 
 
 def constraint_equations(flat: Flat, order: Sequence[int]) -> ConstraintEquations | None:
-    """The constraints of a diagram whose equations are differentiated so often; None where there are none, where they are
-    too many for a dense Jacobian, or where a measured input decides on them."""
+    """The constraints of a diagram from the number of differentiations of each equation; None if there are none, if they are
+    too many for a dense Jacobian, or if they depend on a measured input."""
     n = len(flat.unknowns)
     rows = tuple(i for i, k in enumerate(order) if k and all(packed < n for packed, _ in flat.entries[i]))
     if not rows or len(rows) > LARGE:

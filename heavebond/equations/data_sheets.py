@@ -1,7 +1,7 @@
-"""Data sheets: parts from which others take the parameters that they are not given (`data: tr40`).
+"""Data sheets: parts that supply unspecified parameters of other parts (`data: tr40`).
 
-A parameter of the part that is not given becomes the formula `=tr40.pitch` where the part `tr40` has a parameter of the same
-name: it follows that one in runs, sensitivities and fits, and one number counts for all that share it.
+A parameter without a value becomes the formula `=tr40.pitch` if the part `tr40` has a parameter of the same name. It
+follows that parameter in runs, sensitivities and fits, so that all parts share one value.
 """
 
 from __future__ import annotations
@@ -43,64 +43,61 @@ class DataSheet:
 
 def data_sheets(instance: Instance, body: Body, known: Mapping[str, Component], prefix: str, model: Model,
                 problems: Problems) -> tuple[DataSheet, ...]:
-    """The data sheets of a part; `known` are the components of the parts beside it. A name that means no such part, and a
-    sheet that has nothing for the part, are noted."""
-    found: list[DataSheet] = []
-    own = known[instance.name]
+    """The data sheets of a part; `known` are the components of the parts at its level. A problem is noted for the name of an
+    unknown part, and for a sheet without a parameter of the part."""
+    sheets: list[DataSheet] = []
+    component = known[instance.name]
     for name, place in instance.data:
         sheet = known.get(name)
         if name == instance.name or name not in body.instances:
             problems.add("data-unknown", f"'{name}' is the part itself" if name == instance.name else
-                         f"there is no part '{name}' beside '{instance.name}'", place,
+                         f"there is no part '{name}' at the level of '{instance.name}'", place,
                          hint=_meant(name, instance, body, model))
         elif sheet is not None:
-            shared = [p for p in own.parameters if p in sheet.parameters]
+            shared = [p for p in component.parameters if p in sheet.parameters]
             # what is given at the part itself is taken from none
             path = f"{prefix}{instance.name}"
             needed = [p for p in shared if p not in instance.settings and f"{path}.{p}" not in model.settings]
-            earlier = next(((other, p) for other in found for p in needed if p in other.component.parameters), None)
+            earlier = next(((earlier_sheet, p) for earlier_sheet in sheets for p in needed
+                            if p in earlier_sheet.component.parameters), None)
             if not shared:
-                problems.add("data-nothing", f"'{name}' ({sheet.name}) has no parameter that '{instance.name}' ({own.name}) "
-                             "has", place, hint=f"{sheet.name} has {listing(sheet.parameters) or 'none'}; {own.name} has "
-                             f"{listing(own.parameters) or 'none'}.")
+                problems.add("data-nothing", f"'{name}' ({sheet.name}) has no parameter of '{instance.name}' "
+                             f"({component.name})", place, hint=f"{sheet.name} has {listing(sheet.parameters) or 'none'}; "
+                             f"{component.name} has {listing(component.parameters) or 'none'}.")
             elif earlier is not None:
-                other, twice = earlier
-                problems.add("data-twice", f"'{other.instance.name}' and '{name}' both have a value of {twice} for "
+                earlier_sheet, twice = earlier
+                problems.add("data-twice", f"'{earlier_sheet.instance.name}' and '{name}' both have a value of {twice} for "
                              f"'{instance.name}'", place, hint="Leave one of them out, or write the one that counts "
                              f"at '{instance.name}': `{twice}: ={name}.{twice}`.")
             else:
-                found.append(DataSheet(prefix + name, body.instances[name], sheet, model))
-    return tuple(found)
+                sheets.append(DataSheet(prefix + name, body.instances[name], sheet, model))
+    return tuple(sheets)
 
 
 def _meant(name: str, instance: Instance, body: Body, model: Model) -> str:
     if name != instance.name and name in model.library.files:
         return f"Add it to the parts, `{name[0].lower() + name[1:]}: {{is: {name}}}`, and write " \
             f"`data: {name[0].lower() + name[1:]}`."
-    others = [other for other in body.instances if other != instance.name]
-    return (suggest(name, others) if name != instance.name else "") or f"Parts: {listing(others)}."
+    names = [other for other in body.instances if other != instance.name]
+    return (suggest(name, names) if name != instance.name else "") or f"Parts: {listing(names)}."
 
 
 def taken(sheets: tuple[DataSheet, ...], name: str, path: str, place: Place) -> Value | None:
-    """The formula by which the parameter at `path` follows that of a sheet; None where no sheet has it."""
+    """The formula by which the parameter at `path` follows the parameter of a sheet; None if no sheet has it."""
     for sheet in sheets:
         if sheet.has(name):
             sheet.takers.append(path)
-            return _formula(sheet.path, name, place)
+            base, _, index = name.partition("[")
+            inner: tuple[Expr, ...] = tuple(Number(float(k), None, 0) for k in index[:-1].split("][")) if index else ()
+            text = f"{sheet.path}.{name}"
+            return Value(Name((*sheet.path.split("."), base, *inner), 0, len(text)), f"= {text}", place, formula=True)
     return None
 
 
 def whole(sheets: tuple[DataSheet, ...], name: str, path: str) -> Value | None:
-    """The value of a whole number of a sheet, which shapes a part before anything else is known."""
+    """The value of a whole number of a sheet; it determines the structure of a part, so that it is needed first."""
     for sheet in sheets:
         if sheet.has(name) and (value := sheet.given(name)) is not None:
             sheet.takers.append(path)
             return value
     return None
-
-
-def _formula(sheet: str, name: str, place: Place) -> Value:
-    base, _, index = name.partition("[")
-    inner: tuple[Expr, ...] = tuple(Number(float(k), None, 0) for k in index[:-1].split("][")) if index else ()
-    text = f"{sheet}.{name}"
-    return Value(Name((*sheet.split("."), base, *inner), 0, len(text)), f"= {text}", place, formula=True)

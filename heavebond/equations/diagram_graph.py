@@ -27,12 +27,12 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
     port: `kind` ("port"), `domain` ("signal" for a signal), `direction` ("in" or "out" for a signal, else "power"), `file`,
     `line` (of the connection; of the part for a port without one);
     node: `kind` ("node"), `domain`, `across`, `through` (names of its variables), `effort`, `flow` (the two whose product is
-    the power; empty where the domain has none), `units` (unit by variable, SI; of a signal under the node's name), `file`,
+    the power; empty if the domain has none), `units` (unit by variable, SI; of a signal under the node's name), `file`,
     `line`, `aliases` (nodes inside blocks that are the same);
     edge: `domain`, and for a signal `source` and `target`, the vertices in the direction of the signal.
 
     With `open_blocks` blocks are replaced by their parts, else they are parts themselves. Formulas that read a signal by its
-    name are no edges. Raises ModelError for a diagram that cannot be assembled.
+    name give no edges. Raises ModelError for a diagram that cannot be assembled.
     """
     import networkx as nx
 
@@ -61,7 +61,7 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
 
 
 def _shown(expanded: Expanded, path: str, open_blocks: bool) -> bool:
-    """Whether a part is in the graph: no block where blocks are opened, else nothing inside a block."""
+    """True if a part is in the graph: with opened blocks all except blocks, otherwise all outside blocks."""
     if open_blocks:
         return not expanded.leaves[path].component.composite
     outer = path.split(".")

@@ -12,7 +12,7 @@ from heavebond.core.errors import Place, Problems, listing, suggest
 from heavebond.core.units import Unit
 from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import FlatParameter, Parameters
-from heavebond.language.definition import ChartState, Value, Variable
+from heavebond.language.definition import ChartState
 from heavebond.language.incidence import Interval
 from heavebond.language.sections import Clock, Condition
 from heavebond.language.state_chart import STATE
@@ -34,7 +34,7 @@ class Held:
 
 @dataclass(frozen=True)
 class FlatReset:
-    """What an event sets: an unknown by its number, or a held variable by its entry in the parameters."""
+    """An assignment of an event: to an unknown (index), or to a held variable (index in the parameters)."""
 
     name: str
     unknown: int | None
@@ -45,8 +45,8 @@ class FlatReset:
 
 @dataclass(frozen=True)
 class Impulse:
-    """The impulse of an event: that of the held variable with the entry `force` in the parameters, as large as the unknown
-    `unknown` needs to come to `value`; its `size` is known once the equations are reduced (see `numerics.impulses`)."""
+    """The impulse of an event: of the force with the index `force` in the parameters, of the size that brings the unknown
+    `unknown` to `value`. Its `size` is known once the equations are reduced (see `numerics.impulses`)."""
 
     name: str
     force: int
@@ -67,10 +67,11 @@ class Breakaway:
 
 @dataclass(frozen=True)
 class FlatEvent:
-    """An event: as `indicator` passes zero upwards (None: a time event), at the instant `first`, or from there on once a
-    `period` (None: once). `text` is how it is written: `condition: gap > 0`. One that is `by_clock` stands for a comparison
-    of the time with parameters in an equation (see `time_conditions`), and has its text. With `ends` the run ends there. It
-    does not happen together with the events that it `yields_to`, by name. Its `clock` makes its instants irregular."""
+    """An event. It happens when `indicator` passes zero upwards; a time event (None) happens at the instant `first`, and
+    from then on once a `period` (None: once). `text` is its source: `condition: gap > 0`. An event `by_clock` replaces a
+    comparison of the time with parameters in an equation (see `time_conditions`), and has the text of the comparison. With
+    `ends` the run ends there. It does not happen together with the events that it `yields_to`, by name. Its `clock` makes
+    its instants irregular."""
 
     name: str
     text: str
@@ -89,11 +90,11 @@ class FlatEvent:
 
 def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Leaf, Unit], Unit], problems: Problems
               ) -> tuple[Parameters, tuple[Held, ...]]:
-    """The parameters and what the held variables start at: the diagram's initial value, else the declared one.
+    """The parameters and the initial values of the held variables: from the diagram, else declared.
 
     `unit_of` solves the unit of a variable of a leaf. The name of a held variable means the same symbol.
     """
-    found: list[Held] = []
+    held_variables: list[Held] = []
     numbers: list[FlatParameter] = []
     for path, leaf in expanded.leaves.items():
         impulses = {event.impulse for event in leaf.component.when}
@@ -103,7 +104,11 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
             if condition is not None:
                 chart = leaf.component.states if variable.name == STATE else ()
                 place, number = condition.value.place, _asked(condition, chart, problems)
-                _check_bounds(name, number, condition.value, variable, problems)
+                below = -inf if variable.low is None else variable.low
+                above = inf if variable.high is None else variable.high
+                if number is not None and not below <= number <= above:
+                    problems.add("held-bound", f"{name} = {condition.value.text} is not allowed; it is between {below:g} "
+                                 f"and {above:g}", place, hint="Give a value in that range.")
                 if chart and number is not None and number % 1:
                     names = ", ".join(f"{k} {state.name}" for k, state in enumerate(chart, 1))
                     problems.add("held-initial", f"'{name}' is the number or the name of a state", place,
@@ -112,11 +117,12 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
                     problems.add("held-initial", f"'{name}' is the force of an impact, else it is 0", place,
                                  hint="Leave this line out.")
             unit = unit_of(leaf, variable.unit)
-            found.append(Held(name, len(parameters.independent) + len(found), unit, variable.place, variable.doc))
+            held_variables.append(Held(name, len(parameters.independent) + len(held_variables), unit, variable.place,
+                                       variable.doc))
             numbers.append(FlatParameter(f"initial.{name}", number or 0.0, unit, place))
     joined = parameters.joined(numbers)
-    return replace(joined, expressions={**joined.expressions, **{h.name: joined.p[h.index] for h in found}},
-                   units={**joined.units, **{h.name: h.unit for h in found}}), tuple(found)
+    return replace(joined, expressions={**joined.expressions, **{h.name: joined.p[h.index] for h in held_variables}},
+                   units={**joined.units, **{h.name: h.unit for h in held_variables}}), tuple(held_variables)
 
 
 def _asked(condition: Condition, chart: Sequence[ChartState], problems: Problems) -> float | None:
@@ -130,17 +136,9 @@ def _asked(condition: Condition, chart: Sequence[ChartState], problems: Problems
                      hint=suggest(word, names) or f"States: {listing(names)}.")
         return None
     if number is None or condition.guess:
-        problems.add("held-initial", f"'{condition.name}' is held; what it starts at is a plain quantity",
+        problems.add("held-initial", f"'{condition.name}' is held; its initial value is a plain quantity",
                      condition.value.place, hint=f"Write `{condition.name}: 1`, or leave it out.")
     return number
-
-
-def _check_bounds(name: str, number: float | None, value: Value, variable: Variable, problems: Problems) -> None:
-    below = -inf if variable.low is None else variable.low
-    above = inf if variable.high is None else variable.high
-    if number is not None and not below <= number <= above:
-        problems.add("held-bound", f"{name} = {value.text} is not allowed; it is between {below:g} and {above:g}",
-                     value.place, hint="Give a value in that range.")
 
 
 def held_bounds(expanded: Expanded, symbols: Mapping[str, ca.SX]) -> dict[int, Interval]:
@@ -151,13 +149,13 @@ def held_bounds(expanded: Expanded, symbols: Mapping[str, ca.SX]) -> dict[int, I
 
 def leaf_events(path: str, made: Template, values: list[ca.SX], names: Mapping[str, int], held: Mapping[str, Held]
                 ) -> Iterator[FlatEvent]:
-    """The events of one leaf; `values` are those of the template's `happenings`."""
-    rest = iter(values)
+    """The events of one leaf; `values` are the values of the template's `happenings`."""
+    remaining = iter(values)
     for line in made.events:
-        condition, first, period = next(rest), next(rest), next(rest)
+        condition, first, period = next(remaining), next(remaining), next(remaining)
         resets, impulse = [], None
         for target, reset in zip(line.targets, line.when.resets, strict=True):
-            name, value = f"{path}.{target}", next(rest)
+            name, value = f"{path}.{target}", next(remaining)
             known = held.get(name)
             if line.when.impulse and known is None:
                 impulse = Impulse(name, held[f"{path}.{line.when.impulse}"].index, names[name], value)

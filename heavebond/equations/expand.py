@@ -24,18 +24,18 @@ DEEPEST_BLOCK = 20
 
 
 def expand(model: Model) -> Expanded:
-    """Open every block of the diagram; ModelError with all that is wrong with names, ports and wires.
+    """Open every block of the diagram; ModelError with all problems of names, ports and wires.
 
     Parameters that are taken from the medium of a circuit are still open (see `medium`).
     """
-    found, problems = expand_as_far(model)
+    expanded, problems = expand_as_far(model)
     problems.raise_as(ModelError)
-    return found
+    return expanded
 
 
 def expand_as_far(model: Model) -> tuple[Expanded, Problems]:
-    """An unfinished diagram, opened as far as it goes, and all that is wrong with it: parts of unknown kinds, ends of wires
-    that mean nothing and values that are missing are left out. ModelError for a diagram that is too large to be opened."""
+    """An incomplete diagram, opened as far as possible, and its problems: parts of unknown kinds, invalid ends of wires and
+    missing values are left out. ModelError for a diagram that is too large to be opened."""
     opener = _Opener(model)
     opener.top()
     opener.wires.arrays()
@@ -44,10 +44,10 @@ def expand_as_far(model: Model) -> tuple[Expanded, Problems]:
     if len(show) != len(model.show):
         model = replace(model, show=show)
     wires = opener.wires
-    found = Expanded(model, opener.leaves, wires.junctions, opener.parameters, wires.ports, wires.signals,
-                     sheets={path: tuple(takers) for path, takers in opener.sheets.items()},
-                     approximated=tuple(opener.approximated))
-    return found, opener.problems
+    expanded = Expanded(model, opener.leaves, wires.junctions, opener.parameters, wires.ports, wires.signals,
+                        sheets={path: tuple(takers) for path, takers in opener.sheets.items()},
+                        approximated=tuple(opener.approximated))
+    return expanded, opener.problems
 
 
 class _Opener:
@@ -89,15 +89,15 @@ class _Opener:
     def _unused_settings(self) -> None:
         for path, setting in self.unused.items():
             owner, _, name = path.rpartition(".")
-            own = [s for s in self.settable if s.rpartition(".")[0] == owner]
+            settable = [s for s in self.settable if s.rpartition(".")[0] == owner]
             message, choices = f"nothing here is called '{path}', so it cannot be set", self.settable
             if owner in self.leaves:
                 component = self.leaves[owner].component
-                message, choices = f"'{owner}' ({component.name}) has no parameter '{name}'", own
+                message, choices = f"'{owner}' ({component.name}) has no parameter '{name}'", settable
             elif owner in self.wires.junctions:
                 message, choices = f"'{path}' changes during a run; only parameters and inputs are set", []
             hint = suggest(path, choices) or (f"What can be set: {listing(choices, 20)}." if choices else
-                                              "Its value at the start stands under `initial:`.")
+                                              "Its value at the start is given under `initial:`.")
             self.problems.add("setting-unknown", message, setting.place, hint=hint)
 
     def component(self, path: str) -> Component | None:
@@ -126,13 +126,14 @@ class _Opener:
                 self.sheets.setdefault(sheet.path, []).extend(sheet.takers)
 
     def _with_parts_of_outside(self, body: Body, prefix: str) -> Body:
-        """A body with the parts that a diagram or block around it puts in the place of its own; the outermost counts."""
+        """A body with the parts that a diagram or block around it substitutes for its own; the outermost substitution
+        counts."""
         for path, instance in body.inside.items():
             self.inside.setdefault(prefix + path, (instance, prefix))
         instances = dict(body.instances)
         for name in instances:
-            if (other := self.inside.pop(prefix + name, None)) is not None:
-                instances[name], self.scopes[prefix + name] = replace(other[0], name=name), other[1]
+            if (replacement := self.inside.pop(prefix + name, None)) is not None:
+                instances[name], self.scopes[prefix + name] = replace(replacement[0], name=name), replacement[1]
         return replace(body, instances=instances)
 
     def _component(self, instance: Instance, kinds: tuple[str, ...]) -> Component | None:
@@ -144,14 +145,14 @@ class _Opener:
         if component.name in kinds or len(kinds) > DEEPEST_BLOCK:
             circle = [*kinds[kinds.index(component.name):], component.name] if component.name in kinds else [*kinds]
             self.problems.add("block-contains-itself", f"'{circle[0]}' contains itself: {' > '.join(circle)}"
-                              if component.name in kinds else f"blocks stand in each other more than "
+                              if component.name in kinds else f"blocks are nested more than "
                               f"{DEEPEST_BLOCK} deep", instance.place,
                               hint="A block is made of other components; leave one of these parts out.")
             return None
         return component
 
     def _checked(self, instance: Instance) -> Component:
-        """A component met for the first time; its file is read and its laws are checked once, not for every instance."""
+        """The component of a name; at its first use the file is read and its laws are checked."""
         library = self.model.library
         component = self.found[instance.kind] = library.component(instance.kind, instance.kind_place)
         library.checked(instance.kind, instance.kind_place)
@@ -176,13 +177,13 @@ class _Opener:
             instance = replace(instance, settings=by_elements(instance.settings, component))
         parameters: dict[str, Bound] = {}
         missing: list[str] = []
-        told = lengths(component, lambda name: name in instance.settings or f"{path}.{name}" in self.unused
-                       or name in component.values or any(sheet.has(name) for sheet in sheets))
+        sizes = lengths(component, lambda name: name in instance.settings or f"{path}.{name}" in self.unused
+                        or name in component.values or any(sheet.has(name) for sheet in sheets))
         for name in (n for n, p in component.parameters.items() if p.integer):
             bound = self._given(instance, name, prefix, path)
             if bound is None and (value := whole(sheets, name, f"{path}.{name}")) is not None:
                 bound = Bound(value, "", value.place)
-            bound = bound or self._told(told, name, instance) or default(component.parameters[name], path)
+            bound = bound or self._told(sizes, name, instance) or default(component.parameters[name], path)
             if bound is not None:
                 parameters[name] = bound
         integers = self._integers(component, parameters, outer)
@@ -232,8 +233,8 @@ class _Opener:
         def is_zero(length: Expr) -> bool:
             if not isinstance(length, Name):
                 return False
-            own = self.model.settings.get(f"{path}.{length.text}")
-            value = instance.settings.get(length.text) if own is None else own.value
+            setting = self.model.settings.get(f"{path}.{length.text}")
+            value = instance.settings.get(length.text) if setting is None else setting.value
             return isinstance(value, Value) and constant(value.expr) == 0
 
         return all(is_zero(delayed.by.tree) for delayed in component.delayed.values())
@@ -241,27 +242,27 @@ class _Opener:
     def _approximated(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
                       kinds: tuple[str, ...], sheets: tuple[DataSheet, ...]) -> None:
         """The component without history in the place of one with delayed variables, with what both have in common; the
-        order of the approximation is its default where none is given."""
+        order of the approximation is its default if none is given."""
         approximation = component.approximation
         assert approximation is not None
         path = prefix + instance.name
-        other = self._component(replace(instance, kind=approximation.kind, kind_place=approximation.place), kinds)
-        if other is None:
+        replacement = self._component(replace(instance, kind=approximation.kind, kind_place=approximation.place), kinds)
+        if replacement is None:
             return
-        common = {*other.parameters, *other.signals}
-        given = {name: value for name, value in instance.settings.items() if name in common}
-        order = given.get(approximation.order)
+        common = {*replacement.parameters, *replacement.signals}
+        settings = {name: value for name, value in instance.settings.items() if name in common}
+        order = settings.get(approximation.order)
         if order is not None and isinstance(order, Value) and whole_number(order.expr, outer) == 0:
-            del given[approximation.order]
+            del settings[approximation.order]
         if self.model.approximate and order is None:
-            self.approximated.append((path, component.name, other.name))
+            self.approximated.append((path, component.name, replacement.name))
         unused = {f"{path}.{name}" for name in component.parameters if name not in common}
         self.unused = {name: setting for name, setting in self.unused.items() if name not in unused}
-        self._instance(replace(instance, settings=given), other, prefix, outer, kinds, sheets)
+        self._instance(replace(instance, settings=settings), replacement, prefix, outer, kinds, sheets)
 
     @staticmethod
     def _own(component: Component, name: str, path: str) -> Bound | None:
-        """What a component that extends another one gives to an element of a list."""
+        """The value that an extending component gives to an element of a list."""
         value = component.values.get(name)
         return None if value is None else Bound(value, path + ".", value.place)
 
@@ -273,19 +274,19 @@ class _Opener:
         return None if given is None else Bound(given, self.scopes.get(path, prefix), given.place)
 
     def _given_whole(self, instance: Instance, name: str, prefix: str, path: str) -> Bound | None:
-        """What is given to an element of a vector of inputs by the name of the whole: `u: =filter.y`, or one number."""
+        """The value of an element of a vector of inputs that is given as a whole: `u: =filter.y`, or one number."""
         base, bracket, _ = name.partition("[")
         setting = self.model.settings.get(f"{path}.{base}") if bracket else None
-        given = setting.value if setting is not None else instance.settings.get(base) if bracket else None
-        if not isinstance(given, Value):
+        value = setting.value if setting is not None else instance.settings.get(base) if bracket else None
+        if not isinstance(value, Value):
             return None
         self.unused.pop(f"{path}.{base}", None)
-        return Bound(shared(given, base, name), "" if setting is not None else self.scopes.get(path, prefix),
-                     given.place)
+        return Bound(shared(value, base, name), "" if setting is not None else self.scopes.get(path, prefix),
+                     value.place)
 
     @staticmethod
     def _told(told: dict[str, int], name: str, instance: Instance) -> Bound | None:
-        """A whole number that the length of a list tells."""
+        """A whole number that follows from the length of a list."""
         if name not in told:
             return None
         value = Value(Number(told[name], None, 0), f"{told[name]} values", instance.place, si=True)
@@ -307,13 +308,13 @@ class _Opener:
                 base = name.partition("[")[0]
                 elements = [other for other in component.parameters if other.partition("[")[0] == base]
                 rows, *columns = elements[-1].removeprefix(base).strip("[]").split("][")
-                what = f"a matrix of {rows} rows and {columns[0]} columns" if columns else f"a list of {rows} values"
+                size = f"a matrix of {rows} rows and {columns[0]} columns" if columns else f"a list of {rows} values"
                 form = "[[..., ...], ...]" if columns else "[..., ...]"
-                given = "" if set(elements) <= set(names) else \
-                    f"\nOr give the other lists of '{path}' the same length: they tell this size, too."
-                self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs {what} for {base} "
+                note = "" if set(elements) <= set(names) else \
+                    f"\nOr give the other lists of '{path}' the same length: they determine this size, too."
+                self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs {size} for {base} "
                                   f"({parameter.doc}); {name} is not given", place,
-                                  hint=f"Write `{base}: {form}`, each value with its unit.{given}")
+                                  hint=f"Write `{base}: {form}`, each value with its unit.{note}")
                 return
             unit = "" if parameter.integer or parameter.unit.text == "1" else f" {parameter.unit.text}"
             self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs a value for {name}"
@@ -321,7 +322,7 @@ class _Opener:
                               hint=f"Add `{name}: ...{unit}`.")
 
     def _unknown_settings(self, instance: Instance, component: Component, missing: list[str]) -> bool:
-        """Whether settings that the component does not have were found; these then say what it lacks."""
+        """True if there are settings that the component does not have; each gives a problem."""
         inputs = [n for n, s in component.signals.items() if s.direction == "in"]
         whole = {name.partition("[")[0] for name in inputs}
         unknown = [name for name in instance.settings if name not in component.parameters and name not in (*inputs, *whole)]
@@ -331,8 +332,8 @@ class _Opener:
         groups = (("port", component.ports), ("signal", component.signals), ("variable", component.variables))
         needs = listing(f"{n.removesuffix('[1]')} ({'a list, ' * ('[' in n)}{p.doc}, {p.unit.text})" for n in missing
                         if (p := component.parameters[n]) and ("[" not in n or n.endswith("[1]")))
-        others = [n for n in settable if n not in missing]
-        has = (f"It needs {needs}." + f" It may have: {listing(others)}." * bool(others)) if missing else \
+        remaining = [n for n in settable if n not in missing]
+        has = (f"It needs {needs}." + f" It may have: {listing(remaining)}." * bool(remaining)) if missing else \
             f"It has: {listing(settable)}." if settable else f"{component.name} has no parameters."
         single = {name.partition("[")[0]: name for name in reversed(unknown) if "[" in name}
         single = {base: name for base, name in single.items() if base in component.parameters}
@@ -343,20 +344,21 @@ class _Opener:
             self.problems.add("parameter-list", f"{base} of {component.name} is one value, not a list", setting.place,
                               hint=f"Write `{base}: {example}`.")
         for name in (name for name in unknown if name.partition("[")[0] not in single):
-            what = next((k for k, group in groups if name in group), "")
+            kind_of_setting = next((k for k, group in groups if name in group), "")
             self.problems.add("parameter-unknown", f"{component.name} has no parameter '{name}'"
-                              + (f"; that is a {what} of it" if what else ""), instance.settings[name].place,
+                              + (f"; that is a {kind_of_setting} of it" if kind_of_setting else ""),
+                              instance.settings[name].place,
                               hint=suggest(name, missing or settable) or has)
         return True
 
     def _integers(self, component: Component, parameters: dict[str, Bound], outer: dict[str, int]) -> dict[str, int]:
-        found: dict[str, int] = {}
+        integers: dict[str, int] = {}
         for name, parameter in component.parameters.items():
             bound = parameters.get(name)
             if not parameter.integer or bound is None or isinstance(bound.value, FileInput):
                 continue
             plain = not (isinstance(bound.value.expr, Number) and bound.value.expr.unit is not None)
-            number = whole_number(bound.value.expr, {**outer, **found}) if plain else None
+            number = whole_number(bound.value.expr, {**outer, **integers}) if plain else None
             if number is None:
                 self.problems.add("not-an-integer", f"{name} must be a whole number, '{bound.value.text}' is none",
                                   bound.place, hint=f"Write for example `{name}: 3`.")
@@ -368,19 +370,19 @@ class _Opener:
                 self.problems.add("parameter-bound", f"{name} = {number} is not allowed; it must be "
                                   f"{bounds_text(parameter)}", bound.place, hint=parameter.doc)
             else:
-                found[name] = number
-        return found
+                integers[name] = number
+        return integers
 
     def _top_integers(self) -> dict[str, int]:
-        found: dict[str, int] = {}
+        integers: dict[str, int] = {}
         for name, bound in self.parameters.items():
-            if isinstance(bound.value, Value) and (n := whole_number(bound.value.expr, found)) is not None:
-                found[name] = n
-        return found
+            if isinstance(bound.value, Value) and (n := whole_number(bound.value.expr, integers)) is not None:
+                integers[name] = n
+        return integers
 
 
 def default(parameter: Parameter, path: str) -> Bound | None:
-    """What a parameter of the component at `path` is where nothing is given: its default or its neutral value."""
+    """The value of an unspecified parameter of the component at `path`: its default or its neutral value."""
     if parameter.default is not None:
         return Bound(parameter.default, path + ".", parameter.default.place)
     if parameter.neutral is not None:

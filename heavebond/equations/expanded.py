@@ -26,7 +26,7 @@ class Bound:
 
 @dataclass(frozen=True)
 class Leaf:
-    """A component in the opened diagram. A block is a leaf too: it may have equations beside its parts."""
+    """A component in the opened diagram. A block is a leaf too, as it may have equations in addition to its parts."""
 
     path: str
     component: Component
@@ -67,8 +67,8 @@ class Junction:
 
 @dataclass(frozen=True)
 class Medium:
-    """What fills a circuit: the part `source` of this `kind` that sets it (empty: nothing does, and its usual values stand
-    in), the nodes of the circuit, and the parameters `takers` that take their values from it."""
+    """The medium of a circuit: the part `source` of this `kind` that sets it (if empty, the usual values are used), the
+    nodes of the circuit, and the parameters `takers` that take their values from it."""
 
     source: str
     kind: str
@@ -78,10 +78,10 @@ class Medium:
 
 @dataclass(frozen=True)
 class Expanded:
-    """The opened diagram. `ports` and `signals` tell what each port end carries, by full port path; `media` what fills
-    the circuits that have parts which ask for it, `sheets` which parameters follow those of a part that is their data sheet.
-    `approximated` are the parts with delayed variables whose places components without history take, for a computation that
-    keeps none: path, component and the other component.
+    """The opened diagram. The opened diagram. `ports` and `signals` give the domain or unit of each port end, by full port
+    path; `media` the media of circuits with parts that need one; `sheets` the parameters that follow a data sheet.
+    `approximated` are the parts with delayed variables that components without history replace, for computations without a
+    history: path, component and replacement.
     """
 
     model: Model

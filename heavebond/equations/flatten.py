@@ -61,7 +61,7 @@ Entries = list[tuple[int, int]]  # (column, kind); column = level * len(unknowns
 
 
 class EquationRole(Enum):
-    """What an equation states."""
+    """The role of an equation."""
 
     LAW = "law"  # of a component
     BALANCE = "balance"  # the sum of a through variable at a node
@@ -72,8 +72,8 @@ class EquationRole(Enum):
 
 @dataclass(frozen=True)
 class FlatEquation:
-    """Where an equation comes from: the component or node it belongs to, its name, its text, the kink in it; what it states,
-    and of which variable (the input that is given or measured, the through variable that is summed)."""
+    """The provenance of an equation: its component or node, its name, its text, the kink in it; its role, and the variable
+    that it concerns (the input that is given or measured, the through variable that is summed)."""
 
     owner: str
     label: str
@@ -168,7 +168,7 @@ class Flat:
 
     @property
     def driving(self) -> tuple[KnownInput | DelayedVariable, ...]:
-        """What drives the equations as known functions of time: each has symbols for its value and three derivatives."""
+        """The known functions of time in the equations; each has symbols for its value and three derivatives."""
         return (*self.inputs, *self.delays)
 
     @cached_property
@@ -177,7 +177,7 @@ class Flat:
         return ca.Function("delays", [self.p], [stack(d.delay for d in (*self.delays, *self.passed_through))])
 
     def other_delays(self, p: Array) -> bool:
-        """Whether a delay that is zero is none with parameters (n_p,), or one that is not zero is."""
+        """True if, with parameters (n_p,), a zero delay becomes nonzero or a nonzero delay becomes zero."""
         if not self.delays and not self.passed_through:
             return False
         zero = np.array(self.delay_lengths(p)).ravel() == 0
@@ -185,28 +185,28 @@ class Flat:
 
     @cached_property
     def energetics(self) -> tuple[Energetics, ...]:
-        """Those of the components, in the order of the diagram."""
-        leaves, found, varied = self.expanded.leaves, dict[str, Energetics](), dict[str, list[str]]()
+        """The energetics of the components, in the order of the diagram."""
+        leaves, energetics, varied = self.expanded.leaves, dict[str, Energetics](), dict[str, list[str]]()
         for name in self.expanded.model.vary:
             varied.setdefault(name.rpartition(".")[0], []).append(name)
         for paths, values in self.energies:
-            for path, own in zip(paths, _columns(values, len(paths)), strict=True):
-                power, stored, dissipated, unbalanced, energy = own
+            for path, leaf_values in zip(paths, _columns(values, len(paths)), strict=True):
+                power, stored, dissipated, unbalanced, energy = leaf_values
                 component = leaves[path].component
                 kind, why = component.power, component.unbalanced_why
                 if names := varied.get(path):  # the variation itself exchanges power with the surroundings
                     kind, why = kind or "controlled", f"{listing(names)} {'vary' if len(names) > 1 else 'varies'}"
-                found[path] = Energetics(path, power, stored, dissipated, unbalanced, energy, kind, why)
-        return tuple(found[path] for path in leaves if path in found)
+                energetics[path] = Energetics(path, power, stored, dissipated, unbalanced, energy, kind, why)
+        return tuple(energetics[path] for path in leaves if path in energetics)
 
     @cached_property
     def places(self) -> dict[int, int]:
-        """Where the symbol of each parameter stands, by its hash."""
+        """The index of the symbol of each parameter, by its hash."""
         return places(self.p)
 
     @cached_property
     def limits(self) -> Limits:
-        """What the components allow of the parameters."""
+        """The admissible values of the parameters by the components."""
         return Limits.of(self.expanded, Parameters(self.parameters, self.p, self.constants, self.units), self.templates)
 
     @cached_property
@@ -216,14 +216,14 @@ class Flat:
 
     @property
     def constant_hashes(self) -> set[int]:
-        """The hashes of the symbols that never change during a run: the parameters without what is held."""
+        """The hashes of the symbols that are constant during a run: the parameters without held variables."""
         held = {h.index for h in self.held}
         return {s for s, k in self.places.items() if k not in held}
 
 
 def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0, corners: Mapping[int, int] | None = None) -> Flat:
-    """The flat model; `also` names signals that a caller wants beside those that the diagram names itself, `widths` is a
-    factor on the widths of all transitions. Equations by their numbers in `corners` are differentiated so often: their
+    """The flat model; `also` names signals that a caller needs in addition to those named by the diagram, `widths` is a
+    factor on the widths of all transitions. `corners` gives the number of differentiations of equations (by index) whose
     corners in time become events."""
     expanded = with_media(expand(model))
     expanded = expanded if widths == 1 else narrowed(expanded, widths)
@@ -233,8 +233,8 @@ def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0, corners
     claimed = claim_names(expanded, network, problems)
     problems.raise_as(ModelError)
     with calling(model.library.functions):  # names of outputs and of conditions are formulas
-        made = _Builder(expanded, network, make_parameters(expanded, network, order), claimed, corners or {})
-        flat = made.build(tuple(also))
+        builder = _Builder(expanded, network, make_parameters(expanded, network, order), claimed, corners or {})
+        flat = builder.build(tuple(also))
     return replace(flat, options=(tuple(also), widths, ()))
 
 
@@ -243,48 +243,49 @@ def without_zeros(flat: Flat, zeros: Iterable[str]) -> Flat:
     and the model other states (a body without mass) or another index (a resistor of 0 Ohm before a capacitor)."""
     names, n = tuple(zeros), len(flat.unknowns)
     column, entries = ca.SX(flat.residual_column), list(flat.entries)
-    gone = [flat.constants[name] for name in names]
+    removed = [flat.constants[name] for name in names]
     changed, known = set[int](), set[int]()  # rows, and those of them that say of an unknown that it is 0
     zero_unknowns = set[int]()
-    while gone:
-        symbols = stack(gone)
+    while removed:
+        symbols = stack(removed)
         rows = [row for row in np.flatnonzero(ca.which_depends(column, symbols, 1, True)).tolist() if row not in known]
-        column[rows] = ca.substitute(column[rows], symbols, ca.SX.zeros(len(gone)))
+        column[rows] = ca.substitute(column[rows], symbols, ca.SX.zeros(len(removed)))
         for row in rows:
             unknowns = sorted({packed % n for packed, _ in entries[row]})
             found = incidence(column[row], flat.columns, unknowns, flat.constant_hashes, flat.bounds) if unknowns else ([],)
             entries[row], = found
         changed |= set(rows)
-        gone = []
+        removed = []
         for row in sorted(changed - known):  # a compliance c = C*y with C = 0
             if len(entries[row]) == 1 and (column[row].is_symbolic() or (-column[row]).is_symbolic()):
                 known.add(row)
                 unknown = entries[row][0][0] % n
                 if unknown not in zero_unknowns:  # two rows may say so of one
                     zero_unknowns.add(unknown)
-                    gone += [level[unknown] for level in flat.levels]
+                    removed += [level[unknown] for level in flat.levels]
     options = None if flat.options is None else (*flat.options[:2], (*flat.zeros, *names))
     return replace(flat, residual_column=column, entries=tuple(entries), zeros=(*flat.zeros, *names), options=options)
 
 
 def unclocked(flat: Flat) -> Flat:
-    """The same with comparisons of the time in its equations as they are written, for programs that know no events."""
+    """The flat model with comparisons of the time in its equations as written, for programs without events."""
     # of two that set one variable, that which sets it to 1
-    own = {e.resets[0].name: e for e in reversed(flat.events) if e.by_clock}
-    if not own:
+    event_of_clock = {e.resets[0].name: e for e in reversed(flat.events) if e.by_clock}
+    if not event_of_clock:
         return flat
-    symbols = stack(flat.constants[name] for name in own)
-    passed = stack(e.first <= flat.time if e.indicator is None else e.indicator > 0 for e in own.values())
-    for _ in own:  # the instant of one may follow from whether others have passed
+    symbols = stack(flat.constants[name] for name in event_of_clock)
+    passed = stack(e.first <= flat.time if e.indicator is None else e.indicator > 0 for e in event_of_clock.values())
+    for _ in event_of_clock:  # the instant of one may follow from whether others have passed
         if not ca.depends_on(passed, symbols):
             break
         passed = ca.substitute(passed, symbols, passed)
-    gone, last = {name for clock in own for name in (clock, f"initial.{clock}")}, -len(own)  # they were put in as the last
+    removed = {name for clock in event_of_clock for name in (clock, f"initial.{clock}")}
+    last = -len(event_of_clock)  # clocks are the last held variables
     return replace(flat, parameters=flat.parameters[:last], p=flat.p[:last], held=flat.held[:last], options=None,
                    residual_column=ca.substitute(flat.residual_column, symbols, passed),
                    events=tuple(event for event in flat.events if not event.by_clock),
-                   constants={name: s for name, s in flat.constants.items() if name not in gone},
-                   units={name: u for name, u in flat.units.items() if name not in gone})
+                   constants={name: s for name, s in flat.constants.items() if name not in removed},
+                   units={name: u for name, u in flat.units.items() if name not in removed})
 
 
 class _Builder:
@@ -318,9 +319,9 @@ class _Builder:
     def build(self, also: tuple[str, ...]) -> Flat:
         self._make_templates()
         check_values(self.expanded, self.parameters, self.templates)
-        made = Unknowns(self.expanded, self.network, self.templates, self.claimed, also)
-        self.names, self.bonds, self.block_bonds = made.names, made.bonds, made.block_bonds
-        self.unknowns = with_nominal_sizes(self.expanded.model, made.listed, self.names, self.problems)
+        unknowns = Unknowns(self.expanded, self.network, self.templates, self.claimed, also)
+        self.names, self.bonds, self.block_bonds = unknowns.names, unknowns.bonds, unknowns.block_bonds
+        self.unknowns = with_nominal_sizes(self.expanded.model, unknowns.listed, self.names, self.problems)
         self.n = len(self.unknowns)
         named = [ca.SX.sym(u.name) for u in self.unknowns]  # as they are printed; those of derivatives made in one call
         self.columns = (stack(named), *(ca.SX.sym("d" * k + "v", self.n) for k in range(1, LEVELS)))
@@ -336,7 +337,17 @@ class _Builder:
         self._end()
         self._irregular_clocks()
         self.problems.raise_as(ModelError)
-        self._clocks()
+        # replace comparisons of the time in the equations by held variables
+        provenance = [(e.owner, e.text, e.place) for e in self.equations]
+        self.residuals = ca.densify(ca.vertcat(*self.pieces)[self.order]) if self.order else ca.SX(0, 1)
+        check_steps(self.residuals, provenance, self.time, self.parameters, self.problems)
+        self.problems.raise_as(ModelError)
+        clocked = timed(self.residuals, provenance, self.time, self.parameters, self.held, self.corners)
+        claim_clocks(self.claimed, clocked.held[len(self.held):])
+        self.residuals, self.parameters = clocked.residuals, clocked.parameters
+        self.constants = clocked.parameters.expressions
+        self.held, self.events = clocked.held, [*self.events, *clocked.events]
+        self.equations = [replace(e, kink=None) if k in clocked.smooth else e for k, e in enumerate(self.equations)]
         self.problems.raise_as(ModelError)
         bounds = self._bounds()
         bounds.update(held_bounds(self.expanded, self.constants))
@@ -349,9 +360,9 @@ class _Builder:
                                        if group.domain in self.domains for path in group.aliases},
                     tuple(self.delays), tuple(self.passed_through), self.templates)
         model = self.expanded.model
-        shown = with_intervals(flat)
-        return flat if shown is model.show else replace(flat, expanded=replace(
-            self.expanded, model=replace(model, show=shown)))
+        outputs = with_intervals(flat)
+        return flat if outputs is model.show else replace(flat, expanded=replace(
+            self.expanded, model=replace(model, show=outputs)))
 
     def _bounds(self) -> dict[int, Interval]:
         """The intervals of unknowns and parameters by the hashes of their symbols."""
@@ -359,21 +370,9 @@ class _Builder:
                   if (u.low, u.high) != EVERYTHING}
         return bounds | parameter_bounds(self.expanded, self.parameters)
 
-    def _clocks(self) -> None:
-        """What equations ask of the time becomes what is held between events."""
-        told = [(e.owner, e.text, e.place) for e in self.equations]
-        self.residuals = ca.densify(ca.vertcat(*self.pieces)[self.order]) if self.order else ca.SX(0, 1)
-        check_steps(self.residuals, told, self.time, self.parameters, self.problems)
-        self.problems.raise_as(ModelError)
-        found = timed(self.residuals, told, self.time, self.parameters, self.held, self.corners)
-        claim_clocks(self.claimed, found.held[len(self.held):])
-        self.residuals, self.parameters, self.constants = found.residuals, found.parameters, found.parameters.expressions
-        self.held, self.events = found.held, [*self.events, *found.events]
-        self.equations = [replace(e, kink=None) if k in found.smooth else e for k, e in enumerate(self.equations)]
-
     def _numbers_of_a_run(self) -> None:
-        """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so
-        that they can be set, fitted and differentiated like any other."""
+        """Initial values (`initial.crown.x`) and the scales of measured inputs (`scale.heave.u`, 1) as parameters, so that
+        they can be set, fitted and differentiated like other parameters."""
         numbers = [FlatParameter(f"scale.{path}.{name}", 1.0, DIMENSIONLESS, bound.place)
                    for path, leaf in self.expanded.leaves.items() for name, bound in leaf.inputs.items()
                    if isinstance(bound.value, FileInput)]
@@ -386,11 +385,11 @@ class _Builder:
             if condition.guess or number is None or name in held:
                 continue
             try:
-                found = resolver.dimension(parse_formula(name)) or ONE
+                dimension = resolver.dimension(parse_formula(name)) or ONE
             except ExpressionProblem:
                 continue  # said when the start is solved
             index = self.names.get(name)
-            unit = self.unknowns[index].unit if index is not None else Unit(dimension_text(found), 1.0, 0.0, found)
+            unit = self.unknowns[index].unit if index is not None else Unit(dimension_text(dimension), 1.0, 0.0, dimension)
             numbers.append(FlatParameter(f"initial.{name}", number, unit, condition.value.place))
         numbers += [FlatParameter(f"history.{path}.{name}", 0.0, self.unknowns[self.names[f"{path}.{name}"]].unit, d.place)
                     for path, leaf in self.expanded.leaves.items() for name, d in leaf.component.delayed.items()]
@@ -466,24 +465,30 @@ class _Builder:
 
     def _leaf_equations(self) -> None:
         """The templates in the diagram's symbols, in the order of the diagram."""
-        found = self._evaluated_templates()
+        evaluated = self._evaluated_templates()
         held = {h.name: h for h in self.held}
         varied: dict[str, list[Factor]] = {}
         for name, factor in self.factors.items():
             varied.setdefault(name.rpartition(".")[0], []).append(factor)
         for path in self.expanded.leaves:
-            made = self.templates.get(path)
-            if made is None:
+            template = self.templates.get(path)
+            if template is None:
                 continue
-            residuals, happenings = found[path]
-            self.events += leaf_events(path, made, happenings, self.names, held)
-            own = [self.names[f"{path}.{slot}"] for slot in made.slots]
-            size = len(own)
-            rows = [[((e.column // size) * self.n + own[e.column % size], e.kind) for e in row] for row in made.entries]
+            residuals, happenings = evaluated[path]
+            self.events += leaf_events(path, template, happenings, self.names, held)
+            unknowns = [self.names[f"{path}.{slot}"] for slot in template.slots]
+            size = len(unknowns)
+            rows = [[((e.column // size) * self.n + unknowns[e.column % size], e.kind) for e in row]
+                    for row in template.entries]
             if path in varied:
-                rows = self._varied_rows(varied[path], own, residuals)
-            for line, residual, entries in zip(made.lines, residuals, rows, strict=True):
-                self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, _merged(entries))
+                rows = self._varied_rows(varied[path], unknowns, residuals)
+            for line, residual, entries in zip(template.lines, residuals, rows, strict=True):
+                # one entry per column (two ports of a component may be on one node), the harder kind kept
+                kinds: dict[int, int] = {}
+                for column, kind in entries:
+                    # two unit coefficients may cancel or add up; what they give is found when the equation is solved
+                    kinds[column] = kind if column not in kinds else max(kinds[column], kind, 4)
+                self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, list(kinds.items()))
 
     def _varied_rows(self, varied: list[Factor], own: list[int], residuals: range) -> list[Entries]:
         """The incidence of the equations of a part with varying parameters, which contain the unknowns of the factors."""
@@ -501,21 +506,21 @@ class _Builder:
         """The numbers of the residuals of each leaf, and its events; a template is called once for all its leaves, a column
         for each."""
         users: dict[Template, list[str]] = {}
-        for path, made in self.templates.items():
-            users.setdefault(made, []).append(path)
-        found: dict[str, tuple[range, list[ca.SX]]] = {}
-        for made, paths in users.items():
-            slots = [self.names[f"{path}.{slot}"] for path in paths for slot in made.slots]
-            own = [self._given(f"{path}.{name}") for path in paths for name in made.given]
-            inputs = [*(ca.reshape(column[slots], len(made.slots), len(paths)) for column in self.columns),
-                      ca.reshape(stack(own), len(made.given), len(paths)), self.time, self.rate]
-            happenings = made.happenings(*inputs) if made.happenings else ca.SX(0, len(paths))
-            kept, height = self._kept(made.residuals(*inputs)), len(made.lines)
-            residuals = (kept[k * height:(k + 1) * height] for k in range(len(paths)))
-            found.update(zip(paths, zip(residuals, _columns(happenings, len(paths)), strict=True), strict=True))
+        for path, model_template in self.templates.items():
+            users.setdefault(model_template, []).append(path)
+        evaluated: dict[str, tuple[range, list[ca.SX]]] = {}
+        for model_template, paths in users.items():
+            slots = [self.names[f"{path}.{slot}"] for path in paths for slot in model_template.slots]
+            parameters = [self._given(f"{path}.{name}") for path in paths for name in model_template.given]
+            inputs = [*(ca.reshape(column[slots], len(model_template.slots), len(paths)) for column in self.columns),
+                      ca.reshape(stack(parameters), len(model_template.given), len(paths)), self.time, self.rate]
+            happenings = model_template.happenings(*inputs) if model_template.happenings else ca.SX(0, len(paths))
+            numbers, height = self._kept(model_template.residuals(*inputs)), len(model_template.lines)
+            residuals = (numbers[k * height:(k + 1) * height] for k in range(len(paths)))
+            evaluated.update(zip(paths, zip(residuals, _columns(happenings, len(paths)), strict=True), strict=True))
             if not self.expanded.leaves[paths[0]].component.composite:  # leaves of one template are of one component
-                self.energies.append((tuple(paths), made.energy(*inputs)))
-        return found
+                self.energies.append((tuple(paths), model_template.energy(*inputs)))
+        return evaluated
 
     def _given_inputs(self) -> None:
         held = {self.constants[h.name].element_hash() for h in self.held}
@@ -553,15 +558,16 @@ class _Builder:
         clocks: dict[int, Clock] = {}
         for clock in self.expanded.model.clocks.values():
             for path, place in clock.parts:
-                own = [k for k, event in enumerate(self.events) if event.period is not None
-                       and (event.name.startswith(f"{path}.") or event.name.rpartition(".")[0] == path)]
+                events = [k for k, event in enumerate(self.events) if event.period is not None
+                          and (event.name.startswith(f"{path}.") or event.name.rpartition(".")[0] == path)]
                 sampled = dict.fromkeys(e.name.rpartition(".")[0] for e in self.events if e.period is not None)
-                if not own:
-                    self.problems.add("clock-part", f"clock '{clock.name}': '{path}' is no sampled part", place,
+                if not events:
+                    self.problems.add("clock-part", f"clock '{clock.name}': '{path}' is not a sampled part", place,
                                       hint=suggest(path, sampled) or f"Sampled parts: {listing(sampled) or 'none'}.")
-                for k in own:
-                    if (other := clocks.setdefault(k, clock)) is not clock:
-                        self.problems.add("clock-part", f"'{path}' has the clocks '{other.name}' and '{clock.name}'", place,
+                for k in events:
+                    if (earlier := clocks.setdefault(k, clock)) is not clock:
+                        self.problems.add("clock-part", f"'{path}' has the clocks '{earlier.name}' and '{clock.name}'",
+                                          place,
                                           hint="Name it in one of them.")
         self.events = [replace(event, clock=clocks.get(k)) for k, event in enumerate(self.events)]
 
@@ -600,9 +606,9 @@ class _Builder:
     def _known_input(self, name: str, path: str, given: FileInput) -> KnownInput:
         unit = self.unknowns[self.names[path]].unit
         if (read := read_unit(given.unit)).dimension != unit.dimension:
-            meant = as_meant(read, unit) is not read
+            converted = as_meant(read, unit) is not read
             self.problems.add("unit-wrong", f"{path} is in {unit.text}; the column '{given.column}' cannot be in "
-                              f"{given.unit}", given.place, hint=other_unit(read, unit) if meant else
+                              f"{given.unit}", given.place, hint=other_unit(read, unit) if converted else
                               "Write the unit of the numbers in the file, or take another column.")
         check_turns(given.unit, unit, path, given.place, self.problems)
         symbols = stack([ca.SX.sym("d" * k + "measured " + name) for k in range(4)])
@@ -614,12 +620,12 @@ class _Builder:
         assert isinstance(bound.value, Value)
         value, unit = bound.value, self.unknowns[column].unit
         try:
-            found = resolver.dimension(value.expr, bound.scope)
+            dimension = resolver.dimension(value.expr, bound.scope)
             expression = resolver.evaluate(value.expr, bound.scope)
         except ExpressionProblem as problem:
             add_formula_problem(problem, value, self.problems)
             return
-        check_dimension(path, value, found, unit, self.problems)
+        check_dimension(path, value, dimension, unit, self.problems)
         residual = self.columns[0][column] - expression
         named = (self.names.get(bound.scope + name.text, column) for name in names(value.expr))
         columns = sorted({column, *named})
@@ -635,12 +641,3 @@ def _columns(matrix: ca.SX, number: int) -> list[list[ca.SX]]:
     """The elements of each of so many columns."""
     elements, height = split(matrix), matrix.shape[0]
     return [elements[k * height:(k + 1) * height] for k in range(number)]
-
-
-def _merged(entries: Entries) -> Entries:
-    """One entry per column (two ports of a component may be on one node), the harder kind kept."""
-    kinds: dict[int, int] = {}
-    for column, kind in entries:
-        # two unit coefficients may cancel or add up; what they give is found when the equation is solved
-        kinds[column] = kind if column not in kinds else max(kinds[column], kind, 4)
-    return list(kinds.items())

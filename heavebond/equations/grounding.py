@@ -1,4 +1,4 @@
-"""Grounding: the component that ties each connected part of a machine to a reference of its domain, such as a tank.
+"""Grounding: the component that relates each connected part of a machine to a reference of its domain, such as a tank.
 
 Most laws depend on differences only: if all pressures of a circuit rise by the same amount, the flow through an orifice is
 unchanged. A circuit in which all components are of this kind has no reference level.
@@ -20,9 +20,9 @@ from heavebond.language.symbols import split, stack
 
 @dataclass(frozen=True)
 class Circuit:
-    """Nodes of one domain that parts join. `held`: parts that feel the level itself (a tank, a fixed point, a spring to one
-    of another circuit), `carried`: parts that feel its rate (a volume, a mass). With neither no equation determines the
-    level; with `carried` alone it is a matter of the start."""
+    """Nodes of one domain that parts join. `held`: parts whose equations depend on the level (a tank, a fixed point, a
+    spring to another circuit), `carried`: parts whose equations depend on its rate (a volume, a mass). Without both no
+    equation determines the level; with `carried` alone it follows from the start."""
 
     domain: str
     nodes: tuple[str, ...]
@@ -64,18 +64,18 @@ class _Finder:
         number = {j: k for k, j in enumerate(nodes)}
         ends = {leaf: [number[j] for path in paths if (j := self._across(domain, path)) in number and j is not None]
                 for leaf, paths in self.ports.items()}
-        ends = {leaf: own for leaf, own in ends.items() if own}
-        leaves, members, found = list(ends), list(nodes), []
+        ends = {leaf: unknowns for leaf, unknowns in ends.items() if unknowns}
+        leaves, members, circuits = list(ends), list(nodes), []
         for parts, columns in components_of(list(ends.values()), len(number)):
             if parts:
                 inside, near = [members[k] for k in columns], [leaves[k] for k in parts]
                 carried = self._feeling(domain, [self.flat.levels[1][j] for j in inside], near)
                 held = self._feeling(domain, self._levels(domain, inside), [leaf for leaf in near if leaf not in carried])
-                found.append(Circuit(domain.name, tuple(nodes[j] for j in inside), held, carried))
-        return found
+                circuits.append(Circuit(domain.name, tuple(nodes[j] for j in inside), held, carried))
+        return circuits
 
     def _across(self, domain: Domain, path: str) -> int | None:
-        """The unknown that is the (first) across variable of a node or port; None where it is of another domain."""
+        """The unknown that is the (first) across variable of a node or port; None if it is of another domain."""
         return self.flat.names[f"{path}.{domain.across[0]}"] if self.flat.domains.get(path) is domain else None
 
     def _levels(self, domain: Domain, nodes: Sequence[int]) -> list[ca.SX]:
@@ -86,32 +86,33 @@ class _Finder:
         return [self.flat.levels[0][j] for j in (*nodes, *(names[p] for p in positions if p in names))]
 
     def _feeling(self, domain: Domain, symbols: list[ca.SX], leaves: list[str]) -> tuple[str, ...]:
-        """The parts of which an equation that bears on the circuit changes where all of these symbols move alike."""
+        """The parts with an equation, relevant to the circuit, that changes if all of these symbols change by the same
+        amount."""
         rows = [i for leaf in leaves for i in self.equations.get(leaf, [])]
         if not rows:
             return ()
         residuals = self.flat.residual_column[rows]
-        moved = split(ca.jtimes(residuals, stack(symbols), ca.SX.ones(len(symbols))))
-        felt = [i for i, change in zip(rows, moved, strict=True) if not change.is_zero()]
+        changes = split(ca.jtimes(residuals, stack(symbols), ca.SX.ones(len(symbols))))
+        felt = [i for i, change in zip(rows, changes, strict=True) if not change.is_zero()]
         return tuple(dict.fromkeys(self.flat.equations[i].owner for i in felt if self._bears(domain, i)))
 
     def _bears(self, domain: Domain, row: int) -> bool:
-        """Whether an equation of a part bears on what its ports of a domain carry, directly or over the part's own
-        variables: that of a sensor does not, nor that of a friction which a pressure only presses on."""
+        """True if an equation of a part acts on the through variables of its ports in a domain, directly or by variables of
+        the part. The equation of a sensor does not, nor that of a friction that depends on a pressure."""
         flat, leaf, n = self.flat, self.flat.equations[row].owner, len(self.flat.unknowns)
         members = {i: {c % n for c, _ in flat.entries[i]} for i in self.equations[leaf]}
         signals = flat.expanded.leaves[leaf].component.signals.values()
         if members[row] & {flat.names[f"{leaf}.{s.name}"] for s in signals if s.direction == "out"}:
             return False
-        own = {flat.names[f"{path}.{m}"] for path in self.ports[leaf] if self._across(domain, path) is not None
-               for m in domain.through}
-        if not own & set().union(*members.values()):
+        carried = {flat.names[f"{path}.{m}"] for path in self.ports[leaf] if self._across(domain, path) is not None
+                       for m in domain.through}
+        if not carried & set().union(*members.values()):
             return True  # it says nothing of its flow, so that it gives the level
         reached, rows = set(members[row]), {row}
         while True:
             inner = {j for j in reached if flat.unknowns[j].role == "own"}
             more = {i for i in members if i not in rows and members[i] & inner}
             if not more:
-                return bool(own & reached)
+                return bool(carried & reached)
             rows |= more
             reached |= set().union(*(members[i] for i in more))

@@ -1,7 +1,7 @@
-"""Pantelides' algorithm: the number of times each equation is differentiated to solve for the highest derivatives.
+"""Pantelides' algorithm: the number of differentiations of each equation that makes the highest derivatives solvable.
 
-Columns stand for unknowns and for their derivatives alike; `derivative[j]` is the column of d/dt of column j,
-or -1 if there is none. Equations are rows as in `matching`.
+Columns represent unknowns and their derivatives alike; `derivative[j]` is the column of d/dt of column j, or -1 if there
+is none. Equations are rows as in `matching`.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ class Pantelides:
 def collapse(rows: Sequence[Sequence[int]], derivative: Sequence[int]) -> list[list[int]]:
     """The rows with each column replaced by the unknown that it is a derivative of, each named once.
 
-    Differentiation can go on without end only if a set of rows contains fewer unknowns than rows, whatever
-    their derivatives: `pantelides` terminates if and only if all of these rows can be matched. Where they
-    cannot, their Dulmage-Mendelsohn blocks say what is wrong. The numbers of columns stay, so a derivative
-    is then in no row and appears as an underdetermined block without rows, which is no finding.
+    Differentiation can go on without end only if a set of rows contains fewer unknowns than rows, whatever their
+    derivatives: `pantelides` terminates if and only if all of these rows can be matched. If not, their Dulmage-Mendelsohn
+    blocks show the fault. The numbering of columns is unchanged, so a derivative occurs in no row and appears as an
+    underdetermined block without rows, which is not a fault.
 
     Raises ValueError if a column is the derivative of two columns, or of itself by a circle.
     """
@@ -63,12 +63,11 @@ def collapse(rows: Sequence[Sequence[int]], derivative: Sequence[int]) -> list[l
 def pantelides(rows: Sequence[Sequence[int]], n_columns: int, derivative: Sequence[int]) -> Pantelides:
     """Differentiate each row as seldom as possible such that all highest derivatives can be matched.
 
-    A row f(x, x') = 0 may be matched to a column only if the column has no derivative. Sets of k rows with
-    fewer than k such columns constrain their unknowns: they are differentiated, each column gets a
-    derivative, and the search goes on. All minimal sets present are differentiated at once, which changes
-    neither the result nor the order: each row in one has to be. Since d/dt f = f_x x' + f_x' x'' in general
-    contains x still, the new row contains the columns of the old one and their derivatives. The structural
-    index is max(order), plus 1 if an unknown is left without any derivative.
+    A row f(x, x') = 0 may be matched to a column only if the column has no derivative. Sets of k rows with fewer than k such
+    columns constrain their unknowns: they are differentiated, each column gets a derivative, and the search continues. All
+    minimal sets present are differentiated at once, which changes neither the result nor the order: each row in one has to
+    be. Since d/dt f = f_x x' + f_x' x'' generally still contains x, the new row contains the columns of the old one and
+    their derivatives. The structural index is max(order), plus 1 if an unknown is left without any derivative.
 
     `n_columns` counts derivatives too and is the length of `derivative`. Raises ValueError if the process
     would not end (see `collapse`). Costs about the entries of the result, plus one matching.

@@ -1,7 +1,7 @@
 """Numerical rank deficiency: the dependent equations, the undetermined unknowns, and the value that causes it.
 
-The structure says which unknown occurs in which equation. Whether the equations determine their unknowns depends on values
-too: a mass of zero, a shut valve, a lever at its dead centre, a loop with a gain of one make the Jacobian singular.
+The structure shows which unknown occurs in which equation. Whether the equations determine their unknowns depends on
+values too: a mass of zero, a shut valve, a lever at its dead centre, a loop with a gain of one make the Jacobian singular.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ LARGE = 1500
 
 @dataclass(frozen=True)
 class RankLoss:
-    """Equations `rows` that say the same, unknowns `columns` that no equation determines, and what is to blame.
+    """Dependent equations `rows`, undetermined unknowns `columns`, and the cause.
 
-    `parameters` and `variables` (with their values in SI) are those of which each, if it had another value, would let the
-    equations decide; those that are zero stand alone where there are any. With neither it is the equations' own form,
-    whatever the numbers.
+    `parameters` and `variables` (with their values in SI) are those of which each, with another value, would restore the
+    rank; if some of these are zero, only they are listed. If both are empty, the cause is the form of the equations, for all
+    values.
     """
 
     rows: tuple[Row, ...]
@@ -58,8 +58,8 @@ class RankLoss:
 
 @dataclass(frozen=True)
 class Simultaneous:
-    """All equations with their derivatives and the unknowns (with their derivatives) that they must decide, the states
-    being known: residuals (n,) in raw symbols, unknowns (n,)."""
+    """All equations with their derivatives, and the unknowns (with their derivatives) that they must determine for known
+    states: residuals (n,) in raw symbols, unknowns (n,)."""
 
     flat: Flat
     rows: tuple[Row, ...]
@@ -79,7 +79,7 @@ class Simultaneous:
 
     @cached_property
     def symbols(self) -> list[ca.SX]:
-        """What the entries of the Jacobian depend on."""
+        """The symbols in the entries of the Jacobian."""
         return ca.symvar(self.jacobian)
 
     @cached_property
@@ -109,9 +109,9 @@ class Simultaneous:
 
 
 def losses(system: Simultaneous, point: Mapping[int, float], tolerance: float = LOST) -> list[RankLoss]:
-    """The parts of a system that lose their rank at a point (values by the symbols' hashes; what is missing or not finite
-    is taken off zero by a little, as by chance). Empty where the rank is full: where the singular values of every block are
-    above `tolerance` times the largest."""
+    """The parts of a system that lose their rank at a point (values by the hashes of the symbols; missing and infinite
+    values are replaced by small random ones). Empty if the rank is full: if the singular values of every block are above
+    `tolerance` times the largest."""
     at = np.array([_value(point, s, k) for k, s in enumerate(system.symbols)])
     return _Matrix(system, at, tolerance).losses() if system.rows else []
 
@@ -135,7 +135,18 @@ class _Matrix:
     def __init__(self, system: Simultaneous, at: Array, tolerance: float):
         self.system, self.at, self.tolerance = system, at, tolerance
         self.row, self.column = (np.array(k, dtype=int) for k in system.entries)
-        self.sizes = self._sizes()
+        # the usual sizes of the unknowns. If no domain declares the unit (a compressibility), the size is the value; if the
+        # value is zero (an absent leakage) or rounding (a lever arm in the middle of its stroke), it follows from the other
+        # terms of the equations
+        flat, sizes = self.system.flat, self.system.sizes.copy()
+        known = {m.unit.dimension for d in flat.expanded.model.library.domains.values() for m in d.members.values()}
+        values = {s.element_hash(): abs(v) for s, v in zip(self.system.symbols, self.at, strict=True)}
+        for k, (j, order) in enumerate(self.system.columns):
+            if flat.unknowns[j].unit.dimension not in known:
+                value = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0)
+                beside = self._beside(k, sizes) if value < SMALL else 0.0
+                sizes[k] = (beside if value < SMALL * beside else value) or sizes[k]
+        self.sizes = sizes
         raw = np.array(system.values(at)).ravel()
         raw = np.where(np.isfinite(raw), raw, 1.0) * self.sizes[self.column]
         largest = np.zeros(len(system.rows))
@@ -144,31 +155,17 @@ class _Matrix:
         self.entries = raw / self.largest[self.row]
         self.entries[np.abs(self.entries) < NEGLIGIBLE] = 0.0
 
-    def _sizes(self) -> Array:
-        """The usual sizes of the unknowns; of one whose unit no domain knows (a compressibility) its value, or what stands
-        beside it in its equations where that is zero (a leakage that is absent) or no more than rounding (a lever arm in the
-        middle of its stroke)."""
-        flat, sizes = self.system.flat, self.system.sizes.copy()
-        known = {m.unit.dimension for d in flat.expanded.model.library.domains.values() for m in d.members.values()}
-        values = {s.element_hash(): abs(v) for s, v in zip(self.system.symbols, self.at, strict=True)}
-        for k, (j, order) in enumerate(self.system.columns):
-            if flat.unknowns[j].unit.dimension not in known:
-                own = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0)
-                beside = self._beside(k, sizes) if own < SMALL else 0.0
-                sizes[k] = (beside if own < SMALL * beside else own) or sizes[k]
-        return sizes
-
     def _beside(self, column: int, sizes: Array) -> float:
-        """The least size of an unknown with which it weighs as much as what else stands in one of its equations."""
+        """The least size of an unknown at which it has the same weight as the other terms in one of its equations."""
         weight = np.abs(np.array(self.system.values(self.at)).ravel()) * sizes[self.column]
         found = []
         for entry in np.flatnonzero((self.column == column) & (weight > 0)):
-            others = weight[(self.row == self.row[entry]) & (self.column != column)]
-            found.append(float(others.max(initial=0.0) / weight[entry] * sizes[column]))
+            other_weights = weight[(self.row == self.row[entry]) & (self.column != column)]
+            found.append(float(other_weights.max(initial=0.0) / weight[entry] * sizes[column]))
         return min((size for size in found if np.isfinite(size) and size > 0), default=0.0)
 
     def losses(self) -> list[RankLoss]:
-        """One for each set of dependent equations and the unknowns that stand in them."""
+        """One loss for each set of dependent equations and the unknowns that occur in them."""
         null = self._null()
         return [] if null is None else [self._loss(null, *pair) for pair in self._pairs(null)]
 
@@ -211,8 +208,8 @@ class _Matrix:
         return _NullVectors(u, v) if len(u) or len(v) else None
 
     def _pairs(self, null: _NullVectors) -> list[tuple[list[int], list[int]]]:
-        """Which of the dependent sets of rows belong with which of the undecided columns: those in whose equations they
-        stand, or would stand were not some number zero."""
+        """The pairs of dependent sets of rows and undetermined columns: columns that occur in the equations, or would occur
+        if a value were not zero."""
         stands = np.zeros((len(self.system.rows), len(self.system.columns)), dtype=bool)
         stands[self.row, self.column] = True
         meets: Flags = _both(_taking_part(null.left) @ stands, _taking_part(null.right))
@@ -227,9 +224,9 @@ class _Matrix:
         """Which equation (row) belongs to which component or node (column)."""
         owners = [self.system.flat.equations[i].owner for i, _ in self.system.rows]
         number = {owner: k for k, owner in enumerate(dict.fromkeys(owners))}
-        found = np.zeros((len(owners), len(number)), dtype=bool)
-        found[np.arange(len(owners)), [number[owner] for owner in owners]] = True
-        return found
+        owns = np.zeros((len(owners), len(number)), dtype=bool)
+        owns[np.arange(len(owners)), [number[owner] for owner in owners]] = True
+        return owns
 
     def _loss(self, null: _NullVectors, rows: list[int], columns: list[int]) -> RankLoss:
         """To first order a change dM of the matrix restores its rank where u'dM v is not zero."""
@@ -246,28 +243,28 @@ class _Matrix:
                 name, size = system.names[symbol.element_hash()]
                 changed = self.at.copy()
                 changed[k] += CHANGED * (abs(changed[k]) or size)
-                moved = (np.array(system.values(changed)).ravel() * self.sizes[self.column] / self.largest[self.row]
-                         - self.entries)[near]
-                moved = np.where(np.isfinite(moved), moved, 0.0)
-                restored = left[:, self.row[near]] * moved @ right[:, self.column[near]].T
-                if np.abs(restored).max() > max(1e-6 * np.abs(moved).max(), ROUNDING):
+                changes = (np.array(system.values(changed)).ravel() * self.sizes[self.column] / self.largest[self.row]
+                                     - self.entries)[near]
+                changes = np.where(np.isfinite(changes), changes, 0.0)
+                restored = left[:, self.row[near]] * changes @ right[:, self.column[near]].T
+                if np.abs(restored).max() > max(1e-6 * np.abs(changes).max(), ROUNDING):
                     is_zero = bool(abs(self.at[k]) <= np.sqrt(self.tolerance) * size) \
                         and (self.at[k] == 0 or name not in scaled)
                     if self.tolerance > LOST and self.at[k] == 0:
                         continue  # the rank is not lost yet, so that what is zero already is not what is going there
                     repairing.append((name, is_zero, float(np.abs(restored).max())))
-        own = {q.name for q in system.flat.parameters}
+        parameter_names = {q.name for q in system.flat.parameters}
         # a value that the diagram gives is blamed before a zero that a component assumes
-        if any(name in own and not zero and not assumed(system.flat, name) for name, zero, _ in repairing):
-            repairing = [r for r in repairing if r[0] not in own or not r[1] or not assumed(system.flat, r[0])]
+        if any(name in parameter_names and not zero and not assumed(system.flat, name) for name, zero, _ in repairing):
+            repairing = [r for r in repairing if r[0] not in parameter_names or not r[1] or not assumed(system.flat, r[0])]
         # the usual sizes of variables are known, so that their effects can be compared
-        most = max((effect for name, _, effect in repairing if name not in own), default=0.0)
-        repairing = [r for r in repairing if r[0] in own or r[2] > 1e-3 * most]
+        most = max((effect for name, _, effect in repairing if name not in parameter_names), default=0.0)
+        repairing = [r for r in repairing if r[0] in parameter_names or r[2] > 1e-3 * most]
         zero = [name for name, is_zero, _ in repairing if is_zero]
-        kept = zero or [name for name, _, _ in repairing]
+        causes = zero or [name for name, _, _ in repairing]
         return RankLoss(tuple(system.rows[r] for r in taking_rows), tuple(system.columns[c] for c in taking_columns),
-                        tuple(n for n in kept if n in own),
-                        tuple((n, self._value(n)) for n in kept if n not in own), bool(zero))
+                        tuple(n for n in causes if n in parameter_names),
+                        tuple((n, self._value(n)) for n in causes if n not in parameter_names), bool(zero))
 
     def _value(self, name: str) -> float:
         number = self.system.flat.levels[0][self.system.flat.names[name]].element_hash()
@@ -275,14 +272,14 @@ class _Matrix:
 
 
 def assumed(flat: Flat, name: str) -> bool:
-    """Whether a parameter has the value that its component assumes, none being given in the diagram."""
+    """True if a parameter has the default of its component and is not set in the diagram."""
     owner, _, parameter = name.rpartition(".")
     leaf = flat.expanded.leaves.get(owner)
     return leaf is not None and leaf.parameters[parameter].place.file == leaf.component.place.file
 
 
 def _both(a: Flags, b: Flags) -> Flags:
-    """Which rows of a and b have something in common."""
+    """True for pairs of rows of a and b with a common entry."""
     return np.asarray(a @ b.T, dtype=bool)
 
 
@@ -291,15 +288,15 @@ def _taking_part(directions: Array) -> Flags:
 
 
 def _sparse(basis: Array) -> Array:
-    """Another basis (k, n) of the same directions with as few members as elimination with pivoting gives."""
+    """A sparse basis (k, n) of the same directions, by elimination with pivoting."""
     basis = basis.copy()
-    taken: list[int] = []
+    pivots: list[int] = []
     for k in range(len(basis)):
-        free = [c for c in range(basis.shape[1]) if c not in taken]
+        free = [c for c in range(basis.shape[1]) if c not in pivots]
         pivot = free[int(np.argmax(np.abs(basis[k, free])))]
-        taken.append(pivot)
+        pivots.append(pivot)
         basis[k] /= basis[k, pivot]
-        for other in range(len(basis)):
-            if other != k:
-                basis[other] -= basis[other, pivot] * basis[k]
+        for row in range(len(basis)):
+            if row != k:
+                basis[row] -= basis[row, pivot] * basis[k]
     return basis

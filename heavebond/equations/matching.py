@@ -21,12 +21,12 @@ CORES_TRIED = 16
 
 def maximum_matching(rows: Sequence[Sequence[int]], n_columns: int,
                      start: Sequence[int] | None = None) -> list[int]:
-    """Assign to as many rows as possible a column of their own.
+    """Assign a separate column to as many rows as possible.
 
-    A matching is a set of entries (row, column) with no row and no column in common; a square system is
-    structurally nonsingular if one covers all rows. Short rows choose first, as they have the least choice;
-    then disjoint augmenting paths are added in phases, each linear in the entries, after Hopcroft and Karp. A
-    few phases do for the equations of a machine, some tens for unstructured random ones.
+    A matching is a set of entries (row, column) with no row and no column in common; a square system is structurally
+    nonsingular if one covers all rows. Short rows choose first, as they have the least choice; then disjoint augmenting
+    paths are added in phases, each linear in the entries, after Hopcroft and Karp. The equations of a machine need a few
+    phases, unstructured random ones some tens.
 
     `start` (length m, column or -1) is a matching to extend: its rows and columns stay matched, perhaps
     otherwise. Returns the column of each row or -1, length m. Raises ValueError if `start` is not a matching
@@ -70,14 +70,13 @@ def augment(rows: Sequence[Sequence[int]], column_of: list[int], row_of: list[in
             free: list[int]) -> list[int]:
     """Match as many rows of `free` as possible; `column_of` and `row_of` are changed in place.
 
-    Costs what can be reached from `free`, not the size of the graph. Returns the rows reached from the ones
-    that stay unmatched, those included; it is empty if all are matched. By Hall's theorem each row in it
-    belongs to a minimal set of k rows that have but k - 1 columns between them (HIDDEN ones not counted), and
-    no row outside does.
+    The cost is proportional to the part that can be reached from `free`, not to the size of the graph. Returns the rows
+    reached from the unmatched rows, including these; it is empty if all are matched. By Hall's theorem each of its rows
+    belongs to a minimal set of k rows with k - 1 columns (without HIDDEN ones), and no other row does.
     """
     while free:
-        level, found = _layers(rows, row_of, free)
-        if not found:
+        level, free_column = _layers(rows, row_of, free)
+        if not free_column:
             return list(level)
         cursors: dict[int, Iterator[int]] = {}
         free = [row for row in free if not _flip_path(row, rows, column_of, row_of, level, cursors)]
@@ -88,11 +87,11 @@ def _layers(rows: Sequence[Sequence[int]], row_of: Sequence[int], roots: Sequenc
             most: int | None = None) -> tuple[dict[int, int], bool]:
     """Distance of the rows reached by alternating paths from `roots`, and whether a free column was met.
 
-    A path steps from a row to one of its columns and on to that column's row. The search ends where the
-    number of rows comes to `most`, or at twice the distance of the nearest free column.
+    A path steps from a row to one of its columns and on to that column's row. The search ends when the number of rows
+    reaches `most`, or at twice the distance of the nearest free column.
     """
     level = dict.fromkeys(roots, 0)
-    front, depth, found = list(roots), 0, False
+    front, depth, free_column = list(roots), 0, False
     # The shortest paths alone, as in Hopcroft and Karp, take twice the searches; all paths are not local.
     deepest = len(rows)
     while front and depth < deepest and (most is None or len(level) < most):
@@ -102,14 +101,14 @@ def _layers(rows: Sequence[Sequence[int]], row_of: Sequence[int], roots: Sequenc
             for column in rows[row]:
                 owner = row_of[column]
                 if owner == FREE:
-                    found = True
+                    free_column = True
                 elif owner != HIDDEN and owner not in level:
                     level[owner] = depth
                     reached.append(owner)
         front = reached
-        if found:
+        if free_column:
             deepest = min(deepest, 2 * depth)
-    return level, found
+    return level, free_column
 
 
 def _flip_path(root: int, rows: Sequence[Sequence[int]], column_of: list[int], row_of: list[int],
@@ -119,23 +118,23 @@ def _flip_path(root: int, rows: Sequence[Sequence[int]], column_of: list[int], r
     `cursors` are shared by all walks of a phase, so that each entry is looked at once.
     """
     path = [root]
-    taken: list[int] = []
+    path_columns: list[int] = []
     while path:
         row = path[-1]
         for column in cursors.setdefault(row, iter(rows[row])):
             owner = row_of[column]
             if owner == FREE:
-                for stop, exchanged in zip(path, [*taken, column], strict=True):
+                for stop, exchanged in zip(path, [*path_columns, column], strict=True):
                     column_of[stop], row_of[exchanged] = exchanged, stop
                 return True
             if owner != HIDDEN and level.get(owner) == level[row] + 1:
                 path.append(owner)
-                taken.append(column)
+                path_columns.append(column)
                 break
         else:
             path.pop()
-            if taken:
-                taken.pop()
+            if path_columns:
+                path_columns.pop()
     return False
 
 
@@ -143,9 +142,9 @@ def _flip_path(root: int, rows: Sequence[Sequence[int]], column_of: list[int], r
 class Block:
     """A part with more rows than columns, or with more columns than rows; all tuples are sorted.
 
-    The core is irreducible. Overdetermined: `core_rows` contain one column fewer than they are,
-    `core_columns`, and without any one of them the rest can be matched. Underdetermined: `core_columns` occur
-    in one row fewer than they are, `core_rows`, and if any one of them were known the rest could be matched.
+    The core is irreducible. Overdetermined: the k `core_rows` contain the k - 1 `core_columns`, and without any one of the
+    rows the others can be matched. Underdetermined: the k `core_columns` occur in the k - 1 `core_rows`, and if any one of
+    the columns were known the others could be matched.
     """
 
     rows: tuple[int, ...]
@@ -166,15 +165,12 @@ def dulmage_mendelsohn(rows: Sequence[Sequence[int]], n_columns: int,
                        matching: Sequence[int]) -> DulmageMendelsohn:
     """Find where a system has too many and where too few equations.
 
-    The overdetermined part is what alternating paths reach from the unmatched rows, the underdetermined part
-    what they reach from the unmatched columns; neither depends on the matching. Each falls into blocks that
-    share nothing.
+    The overdetermined part is reached by alternating paths from the unmatched rows, the underdetermined part by those from
+    the unmatched columns; neither depends on the matching. Each consists of disjoint blocks.
 
-    What one unmatched row reaches is a core: k rows with k - 1 columns, all matched. It is irreducible, since
-    exchanging along the path to any of its rows leaves that one unmatched instead. (In the transversal
-    matroid of the rows it is the fundamental circuit of the unmatched row.) A block with one row in excess is
-    its own core; of a block with more, the smallest of the cores of its unmatched rows is given, out of the
-    shortest 16 of these.
+    The rows and columns reached from one unmatched row are a core: k rows with k - 1 columns, all matched. It is
+    irreducible, since exchanging along the path to any of its rows leaves that one unmatched instead. (In the transversal
+    matroid of the rows this is the fundamental circuit of the unmatched row.)
 
     `matching` (column of each row or -1, length m) must be maximum, else ValueError. Near-linear in the
     entries.
@@ -197,8 +193,8 @@ def _excess_blocks(rows: Sequence[Sequence[int]], row_of: Sequence[int]) -> tupl
     """The overdetermined blocks; with rows and columns exchanged, the underdetermined ones turned round."""
     matched = set(row_of)
     unmatched = [row for row in range(len(rows)) if row not in matched]
-    level, found = _layers(rows, row_of, unmatched)
-    if found:
+    level, free_column = _layers(rows, row_of, unmatched)
+    if free_column:
         raise ValueError("the matching is not maximum: an alternating path joins an unmatched row and column")
     reached = sorted(level)
     blocks = []
@@ -217,9 +213,9 @@ def _core(rows: Sequence[Sequence[int]], row_of: Sequence[int], unmatched: Seque
     core, _ = _layers(rows, row_of, shortest[:1])
     for row in shortest[1:]:
         # A search that comes to as many rows as are known to suffice is broken off.
-        other, _ = _layers(rows, row_of, [row], most=len(core))
-        if len(other) < len(core):
-            core = other
+        smaller, _ = _layers(rows, row_of, [row], most=len(core))
+        if len(smaller) < len(core):
+            core = smaller
     return sorted(core)
 
 
@@ -252,10 +248,9 @@ def components_of(rows: Sequence[Sequence[int]],
 def block_lower_triangular(rows: Sequence[Sequence[int]], matching: Sequence[int]) -> list[list[int]]:
     """The smallest blocks of rows that must be solved together, in an order in which they can be solved.
 
-    A row needs the rows that its other columns are matched to. Blocks are the strongly connected components
-    of that digraph (they do not depend on the matching); each lists its rows in ascending order. Of the
-    blocks whose needs are met the one with the smallest row comes next, so the order of declaration is kept
-    wherever it can be.
+    A row needs the rows that its other columns are matched to. Blocks are the strongly connected components of that digraph
+    (they do not depend on the matching); each lists its rows in ascending order. Of the blocks that can be solved next the
+    one with the smallest row is taken, so the order of declaration is kept if possible.
 
     Columns matched to no row are taken as known. Raises ValueError if a row is unmatched.
 
@@ -284,7 +279,7 @@ def _strongly_connected(successors: Sequence[Sequence[int]]) -> list[list[int]]:
     Flat lists: a networkx graph of the same takes five times as long, and a tenth of a second to import.
     """
     index, low = [FREE] * len(successors), [0] * len(successors)
-    found: list[list[int]] = []
+    components: list[list[int]] = []
     stack: list[int] = []
     placed, count = [False] * len(successors), 0
     for root in range(len(successors)):
@@ -296,13 +291,13 @@ def _strongly_connected(successors: Sequence[Sequence[int]]) -> list[list[int]]:
                 index[vertex] = low[vertex] = count
                 count += 1
                 stack.append(vertex)
-            for other in cursors[-1]:
-                if index[other] == FREE:
-                    path.append(other)
-                    cursors.append(iter(successors[other]))
+            for successor in cursors[-1]:
+                if index[successor] == FREE:
+                    path.append(successor)
+                    cursors.append(iter(successors[successor]))
                     break
-                if not placed[other]:
-                    low[vertex] = min(low[vertex], low[other])
+                if not placed[successor]:
+                    low[vertex] = min(low[vertex], low[successor])
             else:
                 path.pop()
                 cursors.pop()
@@ -314,22 +309,22 @@ def _strongly_connected(successors: Sequence[Sequence[int]]) -> list[list[int]]:
                         component.append(stack.pop())
                     for member in component:
                         placed[member] = True
-                    found.append(component)
-    return found
+                    components.append(component)
+    return components
 
 
 def _first_possible(needs: Sequence[Collection[int]]) -> Iterator[int]:
     """The numbers 0.. so that each comes after all that it needs, always the smallest that can come."""
-    waiting = [len(own) for own in needs]
+    waiting = [len(predecessors) for predecessors in needs]
     needed_by: list[list[int]] = [[] for _ in needs]
-    for k, own in enumerate(needs):
-        for need in own:
+    for k, predecessors in enumerate(needs):
+        for need in predecessors:
             needed_by[need].append(k)
     ready = [k for k, number in enumerate(waiting) if not number]  # ascending, so a heap
     while ready:
         k = heappop(ready)
         yield k
-        for other in needed_by[k]:
-            waiting[other] -= 1
-            if not waiting[other]:
-                heappush(ready, other)
+        for successor in needed_by[k]:
+            waiting[successor] -= 1
+            if not waiting[successor]:
+                heappush(ready, successor)

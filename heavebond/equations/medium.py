@@ -1,9 +1,9 @@
 """Media of circuits: one component sets the properties of the fluid, and all components of its circuit use them.
 
-A domain names the component that sets its medium (`medium: Fluid`), a parameter the property that it is (`medium: rho`).
-A circuit is all that wires and parts with several ports of the domain join. A parameter that is not given becomes the
-formula `=oil.rho`, so that it follows the fluid in runs, sensitivities and fits; without a fluid it has its own default,
-or else that of another part of the circuit, or else that of the component that would set it. Defaults of different media in
+A domain names the component that sets its medium (`medium: Fluid`), a parameter the property that it represents (`medium:
+rho`). A circuit consists of nodes connected by parts with several ports of the domain. A parameter without a value becomes
+the formula `=oil.rho`, so that it follows the fluid in runs, sensitivities and fits. Without a fluid it has its own default,
+else the default of another part of the circuit, else the default of the medium's component. Defaults of different media in
 one circuit are refused.
 """
 
@@ -28,8 +28,8 @@ LISTED = 8          # values in a message
 
 
 def with_media(expanded: Expanded) -> Expanded:
-    """Every parameter that is open after `expand` given its value; ModelError for a circuit with two media, and for a
-    parameter that asks for a property which the medium does not have."""
+    """Assign a value to every parameter that is open after `expand`; ModelError for a circuit with two media, and for a
+    property that the medium does not have."""
     for domain in expanded.model.library.domains.values():
         if domain.medium:
             expanded = _with_medium(expanded, domain, domain.medium)
@@ -37,7 +37,7 @@ def with_media(expanded: Expanded) -> Expanded:
 
 
 def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
-    """The parameters whose part lies in circuits of one domain."""
+    """The parameters of parts in circuits of one domain, with their values."""
     library = expanded.model.library
     open_in = {path: wanted for path, leaf in expanded.leaves.items()
                if (wanted := _open(leaf)) and _domain_of_medium(leaf.component, library.domains) is domain}
@@ -58,9 +58,9 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
         found = {p.name: _bound(p, leaf, sources.get(circuit, ""), kind, problems) for p in parameters}
         leaves[path] = replace(leaf, parameters={name: found[name] if name in found else leaf.parameters[name]
                                                  for name in leaf.component.parameters})
-        told = [p.name for p in parameters if circuit in sources or default(p, path) is None]
-        if told:
-            takers.setdefault(circuit, []).extend(f"{path}.{name}" for name in told)
+        without_value = [p.name for p in parameters if circuit in sources or default(p, path) is None]
+        if without_value:
+            takers.setdefault(circuit, []).extend(f"{path}.{name}" for name in without_value)
         if circuit not in sources and circuit >= 0:
             defaults.setdefault(circuit, []).extend(_defaults(path, parameters, kind, leaves[path].place))
     for circuit, values in defaults.items():
@@ -86,10 +86,10 @@ def medium_of(component: Component, domains: Mapping[str, Domain]) -> str:
 
 
 def _domain_of_medium(component: Component, domains: Mapping[str, Domain]) -> Domain | None:
-    """The domain whose medium the parameters of a component are taken from: that of its first port that has one; for a
-    component without such a port the first of all."""
-    own = [domains[port.domain] for port in component.ports.values() if port.domain in domains]
-    return next((d for d in (*own, *domains.values()) if d.medium), None)
+    """The domain of the medium from which the parameters of a component are taken: the domain of its first port that has a
+    medium; for a component without such a port the first of all."""
+    medium_domains = [domains[port.domain] for port in component.ports.values() if port.domain in domains]
+    return next((d for d in (*medium_domains, *domains.values()) if d.medium), None)
 
 
 def _open(leaf: Leaf) -> list[Parameter]:
@@ -97,12 +97,12 @@ def _open(leaf: Leaf) -> list[Parameter]:
 
 
 def _passages(path: str, component: Component, domain: Domain) -> list[list[Terminal]]:
-    """The ports of a part between which the medium flows; those of an open domain may carry any."""
-    found: dict[str, list[Terminal]] = {}
+    """The ports of a part between which the medium flows; ports of an open domain may carry any medium."""
+    passages: dict[str, list[Terminal]] = {}
     for port in component.ports.values():
         if port.domain == domain.name or port.domain.startswith("$"):
-            found.setdefault(port.domain, []).append(Terminal("port", f"{path}.{port.name}"))
-    return list(found.values())
+            passages.setdefault(port.domain, []).append(Terminal("port", f"{path}.{port.name}"))
+    return list(passages.values())
 
 
 def _circuits(expanded: Expanded, domain: Domain) -> dict[Terminal, int]:
@@ -112,47 +112,43 @@ def _circuits(expanded: Expanded, domain: Domain) -> dict[Terminal, int]:
     # the ports of a block are joined, or not, by what is inside
     links += [link for path, leaf in expanded.leaves.items() if not leaf.component.composite
               for link in _passages(path, leaf.component, domain)]
-    return _numbered(links)
-
-
-def _numbered(links: Iterable[list[Terminal]]) -> dict[Terminal, int]:
-    """Items that share a link, directly or over others, have the same number."""
+    # items that share a link, directly or over others, have the same number
     number: dict[Terminal, int] = {}
     members: list[list[Terminal]] = []
     for link in links:
         groups = list(dict.fromkeys(number[item] for item in link if item in number))
         # the largest group keeps its number: an item changes its own a few times at most, however long the circuit
-        kept = max(groups, key=lambda k: len(members[k]), default=len(members))
-        if kept == len(members):
+        largest = max(groups, key=lambda k: len(members[k]), default=len(members))
+        if largest == len(members):
             members.append([])
         joined = [item for item in link if item not in number]
         for old in groups:
-            if old != kept:
+            if old != largest:
                 joined += members[old]
                 members[old] = []
-        members[kept] += joined
-        number.update(dict.fromkeys(joined, kept))
+        members[largest] += joined
+        number.update(dict.fromkeys(joined, largest))
     return number
 
 
 def _sources(expanded: Expanded, kind: str, circuits: dict[Terminal, int], problems: Problems) -> dict[int, str]:
     """The part that sets the medium of each circuit."""
-    found: dict[int, str] = {}
+    sources: dict[int, str] = {}
     for path, leaf in expanded.leaves.items():
         if not leaf.component.is_a(kind):
             continue
         circuit = circuits.get(Terminal("port", f"{path}.{next(iter(leaf.component.ports))}"), -1)
-        other = found.setdefault(circuit, path)
-        if other != path:
-            problems.add("media-mixed", f"{either([other, path])} fill the same circuit; parts and wires join it all",
+        earlier = sources.setdefault(circuit, path)
+        if earlier != path:
+            problems.add("media-mixed", f"{either([earlier, path])} fill the same circuit; parts and wires join it all",
                          leaf.place, hint=f"Remove one {kind}: it counts for all that is joined, through valves and past "
-                         "pistons too. A single part may have values of its own.")
-    return found
+                         "pistons too. A single part may have separate values.")
+    return sources
 
 
 @dataclass(frozen=True, eq=False)
 class _Default:
-    """The default of a property of the medium in one part, in SI, its `own` or else that of the medium, and the medium's."""
+    """The default of a property of the medium in one part, in SI: `own`, else the medium's."""
 
     path: str
     parameter: Parameter
@@ -163,7 +159,7 @@ class _Default:
 
     @property
     def deviates(self) -> bool:
-        """Whether the part has another medium in mind."""
+        """True if the default of the part belongs to another medium."""
         return not _alike(self.value, self.usual)
 
 
@@ -179,7 +175,7 @@ def _defaults(path: str, parameters: Iterable[Parameter], kind: Component, place
 
 
 def _number(parameter: Parameter, others: Mapping[str, Parameter]) -> float | None:
-    """The default of a parameter, which may be a formula of the defaults of `others`; None if it is no number."""
+    """The default of a parameter, which may be a formula of the defaults of `others`; None if it is not a number."""
     if parameter.default is None:
         return parameter.neutral
     expr = parameter.default.expr
@@ -201,10 +197,10 @@ def _one_medium(defaults: Sequence[_Default]) -> dict[_Default, _Default] | None
     for d in defaults:
         if d.deviates and not _alike(d.value, leaders.setdefault(d.parameter.medium, d).value):
             return None
-    others = [d for d in defaults if leaders and not d.deviates and d.usual]
-    if any(d.own or d.parameter.medium not in leaders for d in others):
+    followers = [d for d in defaults if leaders and not d.deviates and d.usual]
+    if any(d.own or d.parameter.medium not in leaders for d in followers):
         return None
-    return {d: leaders[d.parameter.medium] for d in others}
+    return {d: leaders[d.parameter.medium] for d in followers}
 
 
 def _alike(one: float, other: float) -> bool:
@@ -215,28 +211,29 @@ def _mixed(defaults: Sequence[_Default], library: Library, kind: Component, node
            problems: Problems) -> None:
     """Note a problem for a circuit whose parts take defaults of different media, such as a tank of water and an orifice of
     mineral oil."""
-    others = [d for d in defaults if d.deviates]
+    deviating = [d for d in defaults if d.deviates]
     alike = [d for d in defaults if not d.deviates and d.usual]
-    listed = [f"{d.path}.{d.parameter.name} = {d.value:g} {d.parameter.unit.text}" for d in (*others, *alike)]
+    listed = [f"{d.path}.{d.parameter.name} = {d.value:g} {d.parameter.unit.text}" for d in (*deviating, *alike)]
     node = next((n for n in nodes if "." not in n), nodes[0] if nodes else "NODE")
     media = " or ".join(f"`medium: {{is: {n}}}`" for n in library.names() if library.component(n).is_a(kind.name))
     problems.add("media-defaults", f"nothing sets the medium of the circuit of node '{node}', and its parts have defaults "
-                 "of different media", others[0].place, notes=[*listed[:LISTED], *(
+                 "of different media", deviating[0].place, notes=[*listed[:LISTED], *(
                      [f"and {len(listed) - LISTED} more"] if len(listed) > LISTED else [])],
                  hint=f"Add {media} to the components and `medium.a` to node '{node}', or give the parts their own values.")
 
 
 def _bound(parameter: Parameter, leaf: Leaf, source: str, kind: Component, problems: Problems) -> Bound:
-    """The value of an open parameter: the medium's, else the part's own default, else what the medium would have."""
+    """The value of an open parameter: the medium's, else the default of the part, else the default of the medium's
+    component."""
     usual = kind.parameters.get(parameter.medium)
     if source and usual is not None:
         name = f"{source}.{parameter.medium}"
         formula = Value(Name(tuple(name.split(".")), 0, len(name)), f"= {name}", leaf.place, formula=True)
         return Bound(formula, "", leaf.place)
-    found = default(parameter, leaf.path) or (default(usual, leaf.path) if usual is not None else None)
-    if found is None:
+    value = default(parameter, leaf.path) or (default(usual, leaf.path) if usual is not None else None)
+    if value is None:
         problems.add("medium-property", f"{leaf.component.name} takes {parameter.name} from the '{parameter.medium}' of a "
                      f"{kind.name}, which has none", parameter.place,
                      hint=f"{kind.name} has {', '.join(kind.parameters)}.")
         return Bound(Value(Name(("pi",), 0, 0), "", leaf.place), "", leaf.place)
-    return found
+    return value

@@ -19,7 +19,7 @@ from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, n
 
 
 class Resolver(Protocol):
-    """What is needed of the names of a diagram (see `heavebond.equations.resolver.Resolver`)."""
+    """The required interface of a resolver (see `heavebond.equations.resolver.Resolver`)."""
 
     @property
     def names(self) -> Mapping[str, int]:
@@ -34,36 +34,37 @@ class Resolver(Protocol):
 
 def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], held: Container[str], problems: Problems
                 ) -> None:
-    """Note what is wrong in `show:` and `initial:`; `parameters` are those that may be solved for, `held` the variables
-    that only events change."""
-    for shown in model.show.values():
-        _shown(shown, resolver, problems)
+    """Note problems in `show:` and `initial:`; `parameters` are those that may be solved for, `held` the variables that only
+    events change."""
+    for output in model.show.values():
+        _shown(output, resolver, problems)
     for condition in model.initial.conditions.values():
         _condition(condition, resolver, held, problems)
     known = [p for p in parameters if not p.startswith(("initial.", "scale.", "history."))]
     for name, place in model.initial.solve.items():
         if name not in known:
-            what = f"'{name}' is a variable; only a parameter can be solved for" if name in resolver.names else \
+            problem = f"'{name}' is a variable; only a parameter can be solved for" if name in resolver.names else \
                 f"there is no parameter '{name}' to solve for"
-            problems.add("solve-unknown", what, place, hint=suggest(name, known) or f"Parameters: {listing(known)}.")
+            problems.add("solve-unknown", problem, place, hint=suggest(name, known) or f"Parameters: {listing(known)}.")
 
 
-def _shown(shown: NamedOutput, resolver: Resolver, problems: Problems) -> None:
+def _shown(output: NamedOutput, resolver: Resolver, problems: Problems) -> None:
     try:
-        found = resolver.dimension(shown.expr)
+        dimension = resolver.dimension(output.expr)
     except ExpressionProblem as problem:
-        if problem.code == "name-unknown" and shown.text == shown.name and "." not in shown.name:
-            problem.hint = f"Say what is shown: `{shown.name}: {{is: spring.F, unit: {shown.unit}}}`; {problem.hint}"
-        reading.add_expression_problem(problem, shown.place, problems)
+        if problem.code == "name-unknown" and output.text == output.name and "." not in output.name:
+            example = f"`{output.name}: {{is: spring.F, unit: {output.unit}}}`"
+            problem.hint = f"Specify the shown quantity: {example}; {problem.hint}"
+        reading.add_expression_problem(problem, output.place, problems)
         return
-    found = ONE if found == TRUTH else found  # a condition is shown as 0 and 1
-    if found is not None and found != read_unit(shown.unit).dimension:
-        unit = dimension_text(found)
-        problems.add("unit-wrong", f"output '{shown.name}' is in {unit}; it cannot be shown in {shown.unit}",
-                     shown.place, hint=f"Write `unit: {unit}`, or a multiple of it.")
+    dimension = ONE if dimension == TRUTH else dimension  # a condition is shown as 0 and 1
+    if dimension is not None and dimension != read_unit(output.unit).dimension:
+        unit = dimension_text(dimension)
+        problems.add("unit-wrong", f"output '{output.name}' is in {unit}; it cannot be shown in {output.unit}",
+                     output.place, hint=f"Write `unit: {unit}`, or a multiple of it.")
         return
-    if found is not None and (own := resolver.unit(shown.expr)) is not None:
-        check_turns(shown.unit, own, f"output '{shown.name}'", shown.place, problems)
+    if dimension is not None and (own := resolver.unit(output.expr)) is not None:
+        check_turns(output.unit, own, f"output '{output.name}'", output.place, problems)
 
 
 def _condition(condition: Condition, resolver: Resolver, held: Container[str], problems: Problems) -> None:
@@ -75,47 +76,44 @@ def _condition(condition: Condition, resolver: Resolver, held: Container[str], p
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, condition.place, problems)
         return
-    if condition.name not in held and not any(_varies(name, resolver) for name in names(tree)):
+    if condition.name not in held and not any(name.text in resolver.names for name in names(tree)):
         problems.add("initial-constant", f"'{condition.name}' is constant; an initial value belongs to a variable",
-                     condition.place, hint="Set a parameter where its component stands, or under `set:`.")
+                     condition.place, hint="Set a parameter at its component, or under `set:`.")
         return
     if condition.name in held and constant(condition.value.expr) is None:
         return  # the name of a state, or an error of the held variable
     try:
-        given = resolver.dimension(condition.value.expr)
+        dimension = resolver.dimension(condition.value.expr)
     except ExpressionProblem as problem:
         add_formula_problem(problem, condition.value, problems)
         return
-    check_dimension(f"initial {condition.name}", condition.value, given,
+    check_dimension(f"initial {condition.name}", condition.value, dimension,
                     Unit(dimension_text(wanted), 1.0, 0.0, wanted), problems)
 
 
 def with_nominal_sizes(model: Model, unknowns: Sequence[Unknown], names: Mapping[str, int], problems: Problems
                        ) -> list[Unknown]:
-    """The unknowns with the sizes that the diagram states under `nominal:`; note names of no variable and wrong units."""
-    found = list(unknowns)
+    """The unknowns with the sizes that the diagram states under `nominal:`; unknown names and wrong units are noted as
+    problems."""
+    sized = list(unknowns)
     for path, setting in model.nominal.items():
         assert isinstance(setting.value, Value)
         if path not in names:
             problems.add("name-unknown", f"nominal: there is no variable '{path}'", setting.place, hint=suggest(path, names)
                          or f"A size belongs to a variable of a part or a node; there are {listing(list(names), 6)}.")
             continue
-        unknown, number = found[names[path]], constant(setting.value.expr)
+        unknown, number = sized[names[path]], constant(setting.value.expr)
         assert number is not None
         before = len(problems.found)
         try:
-            given = dimension(setting.value.expr, _no_name)
-            check_dimension(f"nominal {path}", setting.value, given, unknown.unit, problems)
+            given_dimension = dimension(setting.value.expr, _no_name)
+            check_dimension(f"nominal {path}", setting.value, given_dimension, unknown.unit, problems)
         except ExpressionProblem as problem:
             add_formula_problem(problem, setting.value, problems)
         if len(problems.found) == before:
-            found[names[path]] = replace(unknown, nominal=number)
-    return found
+            sized[names[path]] = replace(unknown, nominal=number)
+    return sized
 
 
 def _no_name(name: Name) -> Dimension:
-    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is no number", name.column, name.length)
-
-
-def _varies(name: Name, resolver: Resolver) -> bool:
-    return name.text in resolver.names
+    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is not a number", name.column, name.length)

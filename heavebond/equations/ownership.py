@@ -25,7 +25,8 @@ OF_A_RUN = ("initial", "scale", "history")
 
 @dataclass(frozen=True)
 class Owner:
-    """The thing that a name means: equal keys are one thing. `what` says it in words; `kind` is node, component, ..."""
+    """The object that a name refers to: equal keys are the same object. `what` describes it in words; `kind` is node,
+    component, ..."""
 
     key: Hashable
     what: str
@@ -39,23 +40,24 @@ Owned = Iterable[tuple[str, Owner]]
 
 @dataclass
 class Names:
-    """The owner of each name, or what tells it with others; a second owner is a problem."""
+    """The owner of each name, or a function that determines it; a second owner is a problem."""
 
     problems: Problems
     owners: dict[str, Owner | Callable[[], Owned]] = field(default_factory=dict)
 
     def owner(self, name: str) -> Owner | None:
         """The owner of a name."""
-        found = self.owners.get(name)
-        if callable(found):
-            found = self.owners[name] = dict(found())[name]
-        return found
+        owner = self.owners.get(name)
+        if callable(owner):
+            owner = self.owners[name] = dict(owner())[name]
+        return owner
 
     def claim_all(self, names: Sequence[str], told: Callable[[], Owned]) -> None:
-        """Give names to the owners that `told` tells: only where one of them is taken, as a large diagram has many."""
-        own = dict.fromkeys(names, told)
-        if len(own) == len(names) and self.owners.keys().isdisjoint(own):
-            self.owners.update(own)
+        """Claim names for the owners that `told` returns. It is called only if a name is already taken, as a large diagram
+        has many names."""
+        owners = dict.fromkeys(names, told)
+        if len(owners) == len(names) and self.owners.keys().isdisjoint(owners):
+            self.owners.update(owners)
             return
         for name, owner in told():
             self.claim(name, owner)
@@ -66,9 +68,9 @@ class Names:
         if first is None:
             self.owners[name] = owner
         elif first.key != owner.key:
-            other = _renamed(first, owner)
+            renamed = _renamed(first, owner)
             self.problems.add("name-twice", f"'{name}' would mean two things: {first.what} ({_line(first)}) "
-                              f"and {owner.what} ({_line(owner)})", other.place, hint=_hint(other))
+                              f"and {owner.what} ({_line(owner)})", renamed.place, hint=_hint(renamed))
 
 
 def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Names:
@@ -77,41 +79,47 @@ def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Nam
     The position of a mechanical node counts although it becomes an unknown only where something names it, so that naming it
     changes no meaning.
     """
-    found = Names(problems)
+    claimed = Names(problems)
     for name, bound in expanded.parameters.items():
-        found.claim(name, Owner(("parameter", name), f"the parameter {name}", bound.place, "parameter", name))
+        claimed.claim(name, Owner(("parameter", name), f"the parameter {name}", bound.place, "parameter", name))
     for number, group in enumerate(network.groups):
         domain = expanded.model.library.domains.get(group.domain)
-        own = group.aliases if domain is None else [f"{path}.{m}" for path in group.aliases for m in _across(domain)]
-        found.claim_all(own, partial(_of_group, expanded, group, number))
+        names_of_group = group.aliases if domain is None else [f"{path}.{m}" for path in group.aliases
+                                                               for m in _across(domain)]
+        claimed.claim_all(names_of_group, partial(_of_group, expanded, group, number))
     alike: dict[tuple[Hashable, ...], list[str]] = {}
     for path, leaf in expanded.leaves.items():
-        _check_prefix(path, leaf, problems)
-        told = partial(_of_leaf, expanded, network, path, leaf)
+        first = path.partition(".")[0]
+        if first in OF_A_RUN and leaf.component.parameters:
+            problems.add("name-bad", f"'{path}' cannot name a component with parameters; '{first}.' begins the "
+                         "names of parameters of a run (`initial.x`, `scale.u`)", leaf.place,
+                         hint="Take another name.")
+        owners_of_leaf = partial(_of_leaf, expanded, network, path, leaf)
         kind = (id(leaf.component), *network.domains[path].items(), path if _has_arrays(leaf) else "")
         if (inside := alike.get(kind)) is None:
-            inside = alike[kind] = [name.removeprefix(path) for name, _ in told()]
-        found.claim_all([path + name for name in inside], told)
-    return found
+            inside = alike[kind] = [name.removeprefix(path) for name, _ in owners_of_leaf()]
+        claimed.claim_all([path + name for name in inside], owners_of_leaf)
+    return claimed
 
 
 def check_outputs(names: Names, show: Mapping[str, NamedOutput], index_of: Mapping[str, int]) -> None:
-    """Check that an output under `show:` with the name of a variable, a parameter or a formula of these is just that, maybe
-    in another unit: `result[name]` and formulas that name it mean one thing."""
-    for shown in show.values():
+    """Check that an output under `show:` with the name of a variable or parameter is that variable, possibly in another
+    unit, so that `result[name]` and formulas refer to the same quantity."""
+    for output in show.values():
         try:
-            used = [name.text for name in names_in(parse_formula(shown.name))]
+            used = [name.text for name in names_in(parse_formula(output.name))]
         except ExpressionProblem:
             continue  # a title, which no formula can name
-        if shown.text.strip() == shown.name or not all(n in names.owners or n in KNOWN for n in used):
+        if output.text.strip() == output.name or not all(n in names.owners or n in KNOWN for n in used):
             continue
-        meant = shown.expr.text if isinstance(shown.expr, Name) else ""
-        if meant in index_of and index_of[meant] == index_of.get(shown.name):
+        meant = output.expr.text if isinstance(output.expr, Name) else ""
+        if meant in index_of and index_of[meant] == index_of.get(output.name):
             continue
-        owner = names.owner(shown.name)
-        what = f"{owner.what} ({_line(owner)})" if owner else "a formula, or the time"
-        names.problems.add("name-twice", f"the output '{shown.name}' is `{shown.text}`, but '{shown.name}' is also {what}",
-                           shown.place, hint=f"Give the output another name, for example `{_plain(shown.name)}_shown`.")
+        owner = names.owner(output.name)
+        description = f"{owner.what} ({_line(owner)})" if owner else "a formula, or the time"
+        names.problems.add("name-twice", f"the output '{output.name}' is `{output.text}`, but '{output.name}' is also "
+                           f"{description}", output.place,
+                           hint=f"Give the output another name, for example `{_plain(output.name)}_shown`.")
 
 
 def claim_clocks(names: Names, held: Iterable[Held]) -> None:
@@ -135,12 +143,13 @@ def _of_group(expanded: Expanded, group: Group, number: int) -> Iterator[tuple[s
         junction = expanded.junctions.get(path)
         node = junction is not None and path not in group.ports
         place = junction.place if junction is not None and node else expanded.leaves[path.rpartition(".")[0]].place
-        kind, what = ("node", f"node '{path}'") if node else ("port", f"port '{path}'")
+        kind, description = ("node", f"node '{path}'") if node else ("port", f"port '{path}'")
         if domain is None:
-            yield path, Owner(("signal", number), f"the signal of {what}", place, kind, path)
+            yield path, Owner(("signal", number), f"the signal of {description}", place, kind, path)
             continue
         for member in _across(domain):
-            yield f"{path}.{member}", Owner(("across", number, member), f"{_word(domain, member)} of {what}", place, kind,
+            yield f"{path}.{member}", Owner(("across", number, member), f"{_word(domain, member)} of {description}", place,
+                                            kind,
                                             path)
 
 
@@ -151,14 +160,6 @@ def _across(domain: Domain) -> tuple[str, ...]:
 def _word(domain: Domain, member: str) -> str:
     doc = domain.members[member].doc
     return f"{member} ({doc})" if doc else member
-
-
-def _check_prefix(path: str, leaf: Leaf, problems: Problems) -> None:
-    first = path.partition(".")[0]
-    if first in OF_A_RUN and leaf.component.parameters:
-        problems.add("name-bad", f"'{path}' cannot name a component with parameters; '{first}.' begins the "
-                     "names of parameters of a run (`initial.x`, `scale.u`)", leaf.place,
-                     hint="Take another name.")
 
 
 def _has_arrays(leaf: Leaf) -> bool:
@@ -184,7 +185,7 @@ def _of_leaf(expanded: Expanded, network: Network, path: str, leaf: Leaf) -> Ite
 
 
 def _copies(expanded: Expanded, path: str, port: str) -> list[str]:
-    """A port, or the elements of an array of ports, as far as nodes join them."""
+    """A port, or the elements of an array of ports, if they are on nodes."""
     if expanded.leaves[path].component.ports[port].count is None:
         return [port]
     begin = f"{path}.{port}["
@@ -192,7 +193,8 @@ def _copies(expanded: Expanded, path: str, port: str) -> list[str]:
 
 
 def _renamed(first: Owner, second: Owner) -> Owner:
-    """Which of the two is renamed: a node before a component, that before a port, which belongs to a kind of component."""
+    """The owner to be renamed: a node rather than a component, a component rather than a port, whose name belongs to the
+    component's file."""
     return min((first, second), key=lambda owner: ("node", "component", "parameter", "port", "clock").index(owner.kind))
 
 

@@ -36,7 +36,7 @@ MODULATED = "A store whose constant changes takes or gives power: take one with 
 
 @dataclass(frozen=True)
 class FlatParameter:
-    """An independent parameter: a number that may be changed without building anything anew."""
+    """An independent parameter: a number that may be changed without assembling the equations again."""
 
     name: str
     value: float
@@ -55,7 +55,7 @@ class Parameters:
 
     @cached_property
     def places(self) -> dict[int, int]:
-        """Where the symbol of each independent parameter stands, by its hash."""
+        """The index of the symbol of each independent parameter, by its hash."""
         return places(self.p)
 
     @property
@@ -77,8 +77,8 @@ class Parameters:
         # most are independent, or mean one that is: the same object
         known = {id(self.expressions[q.name]): q.value for q in self.independent}
         formulas = [e for e in expressions if id(e) not in known]
-        found = iter(np.array(ca.Function("v", [self.p], [stack(formulas)])(self.numbers)).ravel().tolist())
-        return np.array([known[id(e)] if id(e) in known else next(found) for e in expressions])
+        numbers = iter(np.array(ca.Function("v", [self.p], [stack(formulas)])(self.numbers)).ravel().tolist())
+        return np.array([known[id(e)] if id(e) in known else next(numbers) for e in expressions])
 
 
 def declared(expanded: Expanded) -> Iterator[tuple[str, Bound, Leaf | None]]:
@@ -99,9 +99,9 @@ def narrowed(expanded: Expanded, factor: float) -> Expanded:
 
     leaves = {}
     for path, leaf in expanded.leaves.items():
-        given = {name: replace(bound, value=times(bound.value)) for name, bound in leaf.parameters.items()
-                 if leaf.component.parameters[name].width and isinstance(bound.value, Value)}
-        leaves[path] = replace(leaf, parameters={**leaf.parameters, **given}) if given else leaf
+        scaled = {name: replace(bound, value=times(bound.value)) for name, bound in leaf.parameters.items()
+                   if leaf.component.parameters[name].width and isinstance(bound.value, Value)}
+        leaves[path] = replace(leaf, parameters={**leaf.parameters, **scaled}) if scaled else leaf
     return replace(expanded, leaves=leaves)
 
 
@@ -109,7 +109,7 @@ def narrowed(expanded: Expanded, factor: float) -> Expanded:
 def formula_order(expanded: Expanded) -> list[str]:
     """The parameters given by formulas, each after those that it needs.
 
-    Raises ModelError for names that are no parameters and for parameters that depend on each other in a circle.
+    Raises ModelError for names that are not parameters and for circular dependencies of parameters.
     """
     problems = Problems()
     known = {name: bound for name, bound, _ in declared(expanded)}
@@ -119,9 +119,9 @@ def formula_order(expanded: Expanded) -> list[str]:
         if isinstance(bound.value, Value) and isinstance(bound.value.expr, Number):
             continue
         try:
-            if (own := named.get(id(bound.value))) is None:
-                own = named[id(bound.value)] = list(_names(bound))
-            needed = [path for n in own if (path := _path(expanded, known, bound, n)) is not None]
+            if (names := named.get(id(bound.value))) is None:
+                names = named[id(bound.value)] = list(_names(bound))
+            needed = [path for n in names if (path := _path(expanded, known, bound, n)) is not None]
         except ExpressionProblem as problem:
             assert isinstance(bound.value, Value)
             leaf = expanded.leaves.get(name.rpartition(".")[0])
@@ -151,7 +151,7 @@ def _refuse_rates(expr: Expr) -> None:
 
 
 def _path(expanded: Expanded, known: Mapping[str, Bound], bound: Bound, name: Name) -> str | None:
-    """The full path of the parameter that `name` means in the formula of `bound`; None for a known number."""
+    """The full path of the parameter that `name` means in the formula of `bound`; None for a known constant."""
     if name.text == "pi" or name.text in _integers(expanded, bound.scope):
         return None
     path = bound.scope + name.text
@@ -197,7 +197,7 @@ def _sorted(needs: dict[str, list[str]], known: Mapping[str, Bound], problems: P
             message = "these parameters depend on each other in a circle: " + " needs ".join(circle) \
                 if len(circle) > 2 else f"parameter '{first}' depends on itself"
             problems.add("parameter-circle", message, known[first].value.place,
-                         hint=f"Give one of them a value of its own, for example `{first.rpartition('.')[2]}: 1 ...`.")
+                         hint=f"Give one of them a number, for example `{first.rpartition('.')[2]}: 1 ...`.")
             del open_needs[first]
 
 
@@ -218,7 +218,7 @@ class _Maker:
     named: dict[int, tuple[str, ...]] = field(default_factory=dict)  # the names in a value, by its identity
 
     def make(self, name: str, bound: Bound, leaf: Leaf | None) -> None:
-        """A symbol where the value is a number, an expression where it is a formula in other parameters."""
+        """A symbol if the value is a number, an expression if it is a formula in other parameters."""
         assert isinstance(bound.value, Value)
         needed = self.named.get(id(bound.value))
         if needed is None:
@@ -231,13 +231,13 @@ class _Maker:
         try:
             unit = self.checked.get(alike) or self._checked(name, bound, leaf, alike)
             number = expr.value if isinstance(expr := bound.value.expr, Number) else self.numbers.get(alike)
-            found = self._value(bound, integers) if number is None else None
+            expression = self._value(bound, integers) if number is None else None
         except ExpressionProblem as problem:
             add_formula_problem(problem, bound.value, self.problems)
             self.bad.add(name)
             return
-        if found is not None and found.is_constant():
-            number = float(found)
+        if expression is not None and expression.is_constant():
+            number = float(expression)
             if alike in self.checked and all(text == "pi" or text in integers for text in needed):
                 self.numbers[alike] = number
         if number is not None:
@@ -246,29 +246,29 @@ class _Maker:
                                   bound.value.place, hint=NOT_FINITE)
                 self.bad.add(name)
                 return
-            found = ca.SX.sym(name)
+            expression = ca.SX.sym(name)
             self.independent.append(FlatParameter(name, number, unit, bound.place))
-            self.symbols.append(found)
-        assert found is not None
-        self.expressions[name], self.units[name] = found, unit
+            self.symbols.append(expression)
+        assert expression is not None
+        self.expressions[name], self.units[name] = expression, unit
 
     def _alike(self, name: str, bound: Bound, leaf: Leaf | None, needed: Sequence[str], integers: Mapping[str, int]
                ) -> Hashable:
-        """What the unit of a value follows from, which parts that are alike have in common; None where that is not known."""
+        """A key of the dependencies of a value's unit, equal for equal parts; None if unknown."""
         if leaf is None or is_generic((unit := leaf.component.parameters[name.rpartition(".")[2]].unit).dimension):
             return None
-        given: list[Hashable] = [id(bound.value), id(unit)]
+        key: list[Hashable] = [id(bound.value), id(unit)]
         for text in needed:
             if text == "pi" or text in integers:
-                given.append(integers.get(text))
-            elif (own := self.units.get(bound.scope + text)) is not None:
-                given.append((id(own),))
+                key.append(integers.get(text))
+            elif (unit_of_name := self.units.get(bound.scope + text)) is not None:
+                key.append((id(unit_of_name),))
             else:
                 return None  # a list
-        return tuple(given)
+        return tuple(key)
 
     def _checked(self, name: str, bound: Bound, leaf: Leaf | None, alike: Hashable) -> Unit:
-        """The unit of a value; a problem, or an ExpressionProblem, where it has another one or is no number."""
+        """The unit of a value; a problem, or an ExpressionProblem, if it is another unit or the value is not a number."""
         assert isinstance(bound.value, Value)
         before = len(self.problems.found)
         unit = self._unit(name, bound, leaf)
@@ -282,8 +282,8 @@ class _Maker:
         assert isinstance(bound.value, Value)
         expr = bound.value.expr
         if isinstance(expr, Name) and expr.text not in integers and \
-                (found := self.expressions.get(bound.scope + expr.text)) is not None:
-            return found
+                (expression := self.expressions.get(bound.scope + expr.text)) is not None:
+            return expression
         return evaluate(expr, Context(self._lookup(bound.scope), _no_rate, integers))
 
     def _lookup(self, scope: str) -> Callable[[str, Name], ca.SX]:
@@ -292,13 +292,13 @@ class _Maker:
     def _unit(self, name: str, bound: Bound, leaf: Leaf | None) -> Unit:
         assert isinstance(bound.value, Value)
         value = bound.value
-        found = number_dimension(value.expr, lambda n: self._dimension(bound.scope, n))
+        dimension = number_dimension(value.expr, lambda n: self._dimension(bound.scope, n))
         if leaf is None:
-            own = found or ONE
+            number = dimension or ONE
             counts = value.expr.unit.counts if isinstance(value.expr, Number) and value.expr.unit else ""
-            return Unit(dimension_text(own), 1.0, 0.0, own, counts)
+            return Unit(dimension_text(number), 1.0, 0.0, number, counts)
         unit = solved_unit(leaf.component.parameters[name.rpartition(".")[2]].unit, leaf, self.expanded, self.network)
-        check_dimension(name, value, found, unit, self.problems)
+        check_dimension(name, value, dimension, unit, self.problems)
         return unit
 
     def _dimension(self, scope: str, name: Name) -> Dimension:
@@ -312,7 +312,7 @@ def _no_rate(expression: ca.SX) -> ca.SX:
 
 
 def make_parameters(expanded: Expanded, network: Network, order: list[str]) -> Parameters:
-    """Every parameter as a symbol or an expression; ModelError where units disagree. `order`: see `formula_order`."""
+    """Every parameter as a symbol or an expression; ModelError if units disagree. `order`: see `formula_order`."""
     maker = _Maker(expanded, network, Problems())
     known = {name: (bound, leaf) for name, bound, leaf in declared(expanded)}
     formulas = set(order)
@@ -334,20 +334,21 @@ def solved_unit(unit: Unit, leaf: Leaf, expanded: Expanded, network: Network) ->
             for role, member in (("effort", domain.effort), ("flow", domain.flow)):
                 if member:
                     values[f"{kind}.{role}"] = domain.members[member].unit.dimension
-    found = solved(unit.dimension, values)
-    return unit if found == unit.dimension else Unit(dimension_text(found), 1.0, 0.0, found)
+    dimension = solved(unit.dimension, values)
+    return unit if dimension == unit.dimension else Unit(dimension_text(dimension), 1.0, 0.0, dimension)
 
 
 def parameter_bounds(expanded: Expanded, parameters: Parameters) -> dict[int, Interval]:
-    """The interval of each independent parameter by the hash of its symbol: the strictest of all that it stands for."""
+    """The interval of each independent parameter by the hash of its symbol: the strictest of all parameters with its
+    value."""
     bounds: dict[int, Interval] = {}
     for name, parameter, _ in with_declaration(expanded):
         if parameter.low is None and parameter.high is None:
             continue
         symbol = parameters.expressions[name]
         if symbol.is_symbolic():
-            low, high = bounds.get(own := symbol.element_hash(), (-inf, inf))
-            bounds[own] = (max(low, -inf if parameter.low is None else parameter.low),
+            low, high = bounds.get(key := symbol.element_hash(), (-inf, inf))
+            bounds[key] = (max(low, -inf if parameter.low is None else parameter.low),
                            min(high, inf if parameter.high is None else parameter.high))
     return bounds
 
@@ -361,8 +362,8 @@ def with_declaration(expanded: Expanded) -> Iterator[tuple[str, Parameter, Bound
 
 def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[str, Template],
                  changed: Mapping[str, Value] | None = None) -> None:
-    """Bounds and requirements of every parameter at the values given, some of them `changed` from those of the diagram;
-    raises ModelError."""
+    """Check bounds and requirements of every parameter at the values given, some of them `changed` from those of the
+    diagram; raises ModelError."""
     problems, new = Problems(), changed or {}
     checks = list(with_declaration(expanded))
     for (name, parameter, bound), number in zip(checks, parameters.values([c[0] for c in checks]), strict=True):
@@ -370,19 +371,19 @@ def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[
         assert isinstance(value, Value)
         check_bounds(name, parameter, float(number), value, problems)
     problems.raise_as(ModelError)
-    asked = [(path, made) for path, made in templates.items() if expanded.leaves[path].component.requires]
-    truths = _truths(parameters, asked)
-    for path, made in asked:
+    restricted = [(path, template) for path, template in templates.items() if expanded.leaves[path].component.requires]
+    truths = _truths(parameters, restricted)
+    for path, template in restricted:
         leaf = expanded.leaves[path]
         for formula, truth in zip(leaf.component.requires, truths[path], strict=True):
             if not truth:
-                _violated(leaf, formula, made, parameters, new, problems)
+                _violated(leaf, formula, template, parameters, new, problems)
     problems.raise_as(ModelError)
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the components of a diagram allow of its parameters. `numbers` maps p (n_p,) in SI to the values that have bounds
+    """The admissible values of the parameters of a diagram. `numbers` maps p (n_p,) in SI to the values that have bounds
     `low` and `high` (n,), and to the truth of each requirement."""
 
     expanded: Expanded
@@ -410,9 +411,9 @@ class Limits:
         return cls(expanded, parameters, templates, numbers, low, high)
 
     def bounds(self, name: str) -> Interval:
-        """The values that are allowed for an independent parameter: the strictest bounds of all that it is the value of."""
-        own = parameter_bounds(self.expanded, self.parameters)
-        return own.get(self.parameters.expressions[name].element_hash(), (-inf, inf))
+        """The admissible interval of an independent parameter: the strictest bounds of all parameters with its value."""
+        intervals = parameter_bounds(self.expanded, self.parameters)
+        return intervals.get(self.parameters.expressions[name].element_hash(), (-inf, inf))
 
     def check(self, p: Array, changed: Iterable[str]) -> None:
         """ModelError if the values `p`, of which some are `changed` from those of the diagram, are not allowed."""
@@ -434,14 +435,14 @@ class Limits:
 def _truths(parameters: Parameters, asked: Sequence[tuple[str, Template]]) -> dict[str, Array]:
     """Which requirements of each part are met: one call for all parts of a template, a column for each."""
     users: dict[Template, list[str]] = {}
-    for path, made in asked:
-        users.setdefault(made, []).append(path)
-    numbers = parameters.values([f"{path}.{name}" for made, paths in users.items() for path in paths
-                                 for name in made.parameters])
+    for path, template in asked:
+        users.setdefault(template, []).append(path)
+    numbers = parameters.values([f"{path}.{name}" for template, paths in users.items() for path in paths
+                                 for name in template.parameters])
     found: dict[str, Array] = {}
-    for made, paths in users.items():
-        own, numbers = np.split(numbers, [len(paths) * len(made.parameters)])
-        truths = np.array(made.requirements(own.reshape(len(paths), len(made.parameters)).T))
+    for template, paths in users.items():
+        part_numbers, numbers = np.split(numbers, [len(paths) * len(template.parameters)])
+        truths = np.array(template.requirements(part_numbers.reshape(len(paths), len(template.parameters)).T))
         found.update(zip(paths, np.broadcast_to(truths, (len(truths), len(paths))).T, strict=True))
     return found
 
@@ -453,10 +454,10 @@ def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Paramete
     for name, number in zip(used, parameters.values([f"{leaf.path}.{n}" for n in used]), strict=True):
         value, declaration = leaf.parameters[name].value, leaf.component.parameters[name]
         value = changed.get(f"{leaf.path}.{name}", value)
-        given = value.text.lstrip("= ") if isinstance(value, Value) else ""
+        text = value.text.lstrip("= ") if isinstance(value, Value) else ""
         if not (isinstance(value, Value) and isinstance(value.expr, Number) and not value.si):
-            given = f"{number:g} {parameters.units[f'{leaf.path}.{name}'].text}"
-        notes.append(f"{name} = {given}" + (f"   ({declaration.doc})" if declaration.doc else ""))
+            text = f"{number:g} {parameters.units[f'{leaf.path}.{name}'].text}"
+        notes.append(f"{name} = {text}" + (f"   ({declaration.doc})" if declaration.doc else ""))
     lists = {name.partition("[")[0]: declared.doc for name, declared in leaf.component.parameters.items() if "[" in name}
     notes += [f"{name}: {doc}" for name, doc in lists.items() if doc and re.search(rf"\b{name}\[", formula.text)]
     problems.add("requirement", f"'{leaf.path}' ({leaf.component.name}) requires {formula.text}", leaf.place,
@@ -477,20 +478,20 @@ def check_range(name: str, wanted: Range, limits: Limits, origin: Origin, place:
         allowed = f"at least {unit.written(low)}" if isinf(high) else f"at most {unit.written(high)}" if isinf(low) else \
             f"between {unit.written(low)} and {unit.written(high)}"
         raise UsageError([Problem("range-beyond", f"the range of {name}, {wanted.low:g} .. {unit.written(wanted.high)}, "
-                                  f"reaches beyond what is allowed; it must be {allowed}", place, "Give a range inside.")])
+                                  f"exceeds the allowed range; it must be {allowed}", place, "Give a range inside.")])
 
 
 def check_ranges(units: Mapping[str, Unit], ranges: Mapping[str, Range], limits: Limits, origin: Origin) -> None:
-    """UsageError where a name is none of the parameters, whose units are given, or its range is in another unit or reaches
+    """Raise UsageError if a name is not among `units`, or if its range is in another unit or reaches
     beyond the values that are allowed."""
     for name, wanted in ranges.items():
         if name not in units:
-            raise UsageError([Problem("free-unknown", f"'{name}' is no parameter that may be free", None,
+            raise UsageError([Problem("free-unknown", f"'{name}' cannot be estimated: it is not a numeric parameter", None,
                                       suggest(name, units) or NAMES_LISTED)])
         if units[name].dimension != wanted.unit.dimension:
             plain = wanted.unit.text == "1"
-            told = "has no unit" if plain else f"is in {wanted.unit.text}"
-            raise UsageError([Problem("unit-missing" if plain else "unit-wrong", f"the range of {name} {told}; "
+            unit_phrase = "has no unit" if plain else f"is in {wanted.unit.text}"
+            raise UsageError([Problem("unit-missing" if plain else "unit-wrong", f"the range of {name} {unit_phrase}; "
                                       f"{units[name].text} is needed", None,
                                       f"Write '{wanted.low:g} .. {wanted.high:g} {units[name].text}', if that is meant."
                                       if plain else f"Write it in {units[name].text} or in a multiple of it.")])

@@ -1,9 +1,9 @@
-"""Places of a diagram at which something may be missing, and a virtual through variable set there.
+"""Places of a diagram at which an element may be missing, and virtual sources of through variables at these places.
 
-A place is a node (something between it and the world outside) or a pair of nodes that a component has ports on
-(something beside that component). What would stand there takes the through variable w into itself: of a pair, mechanical
-ports a, b carry -w, w as those of a spring do (w is its tension), hydraulic and pneumatic ones w, -w as those of an orifice
-(w flows from a to b); of a node, w goes into it. So w rises with the across variable wherever power is dissipated.
+A place is a node (an element between it and the environment) or a pair of nodes on which a component has ports (an
+element in parallel with that component). The missing element takes up the through variable w. For a pair, mechanical ports
+a, b have -w, w like a spring (w is its tension), hydraulic and pneumatic ones w, -w like an orifice (w flows from a to b);
+at a node, w enters the element. Thus w rises with the across variable if power is dissipated.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from heavebond.language.symbols import stack
 
 @dataclass(frozen=True)
 class Node:
-    """A node of a power domain: its name, the ports (full paths) on it, and which of its through variables a virtual source
-    sets, where there are several."""
+    """A node of a power domain: its name, the ports (full paths) on it, and the through variable that a virtual source sets,
+    if there are several."""
 
     name: str
     domain: Domain
@@ -54,7 +54,7 @@ class Node:
 
 @dataclass(frozen=True)
 class Place:
-    """One node, or two with the components beside which something may be missing.
+    """One node, or two nodes with the components in parallel with which an element may be missing.
 
     `weights` gives for each node the through variable that enters it for a w of 1.
     """
@@ -79,7 +79,7 @@ class Place:
 
     @property
     def weights(self) -> dict[str, float]:
-        """What enters each node."""
+        """The through variable that enters each node for w = 1."""
         if len(self.nodes) == 1:
             return {self.nodes[0].name: -1.0}
         first = 1.0 if self.nodes[0].mechanical else -1.0
@@ -87,7 +87,8 @@ class Place:
 
 
 def sources_of(flat: Flat) -> dict[str, Node]:
-    """All through variables of all nodes of a flat model by name (`crown.f`), each as the node whose source sets it."""
+    """All through variables of all nodes of a flat model by name (`crown.f`), each as a node whose virtual source sets
+    it."""
     balances = {e.subject for e in flat.equations if e.role is EquationRole.BALANCE}
     return {name: replace(node, member=k) for node in nodes_of(flat, several_efforts=True).values()
             for k, through in enumerate(node.domain.through) for name in [f"{node.name}.{through}"] if name in balances}
@@ -101,7 +102,7 @@ def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
     aliases: dict[int, list[str]] = {}
     for name, index in flat.names.items():
         aliases.setdefault(index, []).append(name.rpartition(".")[0])
-    found = {}
+    nodes = {}
     for path in flat.expanded.junctions:
         of_ports = _domains_at(flat, path)  # gas and oil with temperature have the same variables
         domain = next((d for d in domains if (not of_ports or d.name in of_ports) and f"{path}.{d.through[0]}" in balances
@@ -112,8 +113,8 @@ def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
         # inner nodes of a block that are joined to an outer one are that one
         if flat.unknowns[index].name == f"{path}.{domain.across[0]}":
             ports = tuple(a for a in aliases[index] if _is_port(a, flat))
-            found[path] = Node(path, domain, ports)
-    return found
+            nodes[path] = Node(path, domain, ports)
+    return nodes
 
 
 def _domains_at(flat: Flat, path: str) -> set[str]:
@@ -127,7 +128,7 @@ def _domains_at(flat: Flat, path: str) -> set[str]:
 
 
 def _is_port(path: str, flat: Flat) -> bool:
-    """Whether a name is that of a port. (Inside of a block a node is called as one: `cmc.platform`.)"""
+    """True if a name refers to a port. (Inside of a block a node is called as one: `cmc.platform`.)"""
     owner, _, port = path.rpartition(".")
     leaves = flat.expanded.leaves
     return owner in leaves and port.partition("[")[0] in leaves[owner].component.ports

@@ -1,10 +1,11 @@
-"""From the flat model to an index-1 model with few unknowns: index reduction, state selection, BLT, tearing.
+"""From the flat model to an index-1 model with few unknowns: index reduction, state selection, triangular form, tearing.
 
-    1. structural check and Pantelides' method say how often each equation is differentiated;
-    2. of each differentiated constraint, as many derivatives become algebraic (dummy derivatives) as it has equations;
-       what remains are the states;
-    3. the rest is put in block lower triangular form; a block of one is solved for its unknown, a loop is torn;
-    4. what can be solved explicitly is substituted: x' = f(t, x, z, p), 0 = g(t, x, z, p) with few or no z.
+1. structural check and Pantelides' method determine the number of differentiations of each equation;
+2. of each differentiated constraint, as many derivatives become algebraic (dummy derivatives) as it has equations;
+   the others are the states;
+3. the remaining equations are permuted to block lower triangular form; a block of one is solved for its unknown, a loop is
+   torn;
+4. explicit solutions are substituted: x' = f(t, x, z, p), 0 = g(t, x, z, p) with few or no z.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ class Reduced:
     """x' = ode(t, x, z, p), 0 = alg(t, x, z, p); every other unknown is an expression in these.
 
     `symbols` and `expressions` map each raw symbol of the flat model (unknowns and their derivatives, `defined`) to SX in
-    (x, z, p, time, rate, measured inputs); `system` is what was solved, as it stood before. `definitions` are the same
-    expressions of what is `defined`, each in raw symbols of those before it, and `sources` the rows of `system` in the block
-    in which each was solved for.
+    (x, z, p, time, rate, measured inputs); `system` is the system before its solution. `definitions` are the same
+    expressions, each in raw symbols of those before it, and `sources` the rows of `system` in the block that determines
+    each.
     """
 
     flat: Flat
@@ -61,7 +62,7 @@ class Reduced:
     sources: tuple[tuple[int, ...], ...]
 
     def name(self, column: Column) -> str:
-        """`crown.x`, or `der(crown.x)` for a derivative."""
+        """The name of a state: `crown.x`, or `der(crown.x)` for a derivative."""
         return column_name(self.flat, column)
 
     def unknowns(self) -> ca.SX:
@@ -81,7 +82,7 @@ class Reduced:
 
     @cached_property
     def _place(self) -> dict[int, int]:
-        """Where each of the symbols stands, by its hash."""
+        """The index of each symbol, by its hash."""
         return places(self.symbols)
 
 
@@ -90,7 +91,16 @@ def reduce(flat: Flat) -> Reduced:
     flat = _with_identities(flat)
     columns, rows, derivative = _columns(flat)
     result, derived = _check_and_differentiate(flat, rows, derivative)
-    chain = _chains(columns, result)
+    all_columns: list[Column | None] = [*columns, *[None] * (result.n_columns - len(columns))]
+    for k, successor in enumerate(result.derivative):
+        if successor >= 0:
+            j, order = all_columns[k] or (0, 0)
+            all_columns[successor] = (j, order + 1)
+    done = [c for c in all_columns if c is not None]
+    highest = [0] * (1 + max((j for j, _ in done), default=0))
+    for j, order in done:
+        highest[j] = max(highest[j], order)
+    chain = Chain(done, highest)
     system = _system(flat, chain, result, derived)
     return system.solve(select_states(system.constraints, system.p_values))
 
@@ -167,14 +177,9 @@ def _check_and_differentiate(flat: Flat, rows: list[list[int]], derivative: list
         raise structural_messages.kinked(flat, kinked)
     moving = [j for j in range(len(flat.unknowns)) if derivative[j] >= 0]
     moving += [j for i, order in enumerate(result.order) if order for j in collapsed[i]]
-    return result, _derived(flat, collapsed, matching, moving)
-
-
-def _derived(flat: Flat, rows: list[list[int]], matching: Sequence[int], moving: Sequence[int]
-             ) -> frozenset[int]:
-    """The signals and variables of components on which no motion depends, such as an efficiency. Motion depends on the
-    unknowns that are differentiated (`moving`), on those of nodes, events and foreign components, and on all unknowns in
-    their equations; `matching` assigns an unknown to each equation (row)."""
+    # the signals and variables of components on which no motion depends, such as an efficiency. Motion depends on the
+    # unknowns that are differentiated (`moving`), on those of nodes, events and foreign components, and on all unknowns in
+    # their equations; `matching` assigns an unknown to each equation (row)
     row_of = {j: i for i, j in enumerate(matching)}
     number = {s.element_hash(): j for level in flat.levels for j, s in enumerate(level)}
     waiting = {*moving, *(j for j, u in enumerate(flat.unknowns) if u.role not in ("own", "signal"))}
@@ -190,28 +195,15 @@ def _derived(flat: Flat, rows: list[list[int]], matching: Sequence[int], moving:
     needed: set[int] = set()
     while waiting:
         needed |= waiting
-        waiting = {k for j in waiting for k in rows[row_of[j]]} - needed
-    return frozenset(range(len(flat.unknowns))) - needed
-
-
-def _chains(columns: list[Column], result: Pantelides) -> Chain:
-    all_columns: list[Column | None] = [*columns, *[None] * (result.n_columns - len(columns))]
-    for k, successor in enumerate(result.derivative):
-        if successor >= 0:
-            j, order = all_columns[k] or (0, 0)
-            all_columns[successor] = (j, order + 1)
-    done = [c for c in all_columns if c is not None]
-    highest = [0] * (1 + max((j for j, _ in done), default=0))
-    for j, order in done:
-        highest[j] = max(highest[j], order)
-    return Chain(done, highest)
+        waiting = {k for j in waiting for k in collapsed[row_of[j]]} - needed
+    return result, (frozenset(range(len(flat.unknowns))) - needed)
 
 
 @dataclass(frozen=True)
 class System:
-    """All equations with their derivatives, in symbols for all unknowns with their derivatives; `constraints` are those
-    that were differentiated. No motion depends on the `derived` unknowns. It can be solved for several choices of states,
-    in the same symbols. `residuals` are those of the `rows`, `columns[k]` (n,) the symbols of the k-th derivatives."""
+    """All equations with their derivatives, in symbols for all unknowns with their derivatives; `constraints` are those that
+    were differentiated. No motion depends on the `derived` unknowns. It can be solved for several choices of states, in the
+    same symbols. `residuals` are the residuals of the `rows`, `columns[k]` (n,) the symbols of the k-th derivatives."""
 
     flat: Flat
     chain: Chain
@@ -224,7 +216,7 @@ class System:
 
     @cached_property
     def symbols(self) -> ca.SX:
-        """Those of all unknowns, then of their derivatives."""
+        """The symbols of all unknowns, then of their derivatives."""
         return ca.vertcat(*self.columns)
 
     @cached_property
@@ -244,11 +236,11 @@ class System:
         return {s: values[k] for s, k in self.flat.places.items()}
 
     def numbers(self, expressions: ca.SX) -> NDArray[np.float64]:
-        """The values (n,) of expressions in parameters alone. Given are the few parameters that occur: a function of all
-        parameters for each loop would make the work grow with the square of the number of loops."""
+        """The values (n,) of expressions in parameters alone. The function has only the parameters that occur as arguments:
+        with all parameters the work would grow with the square of the number of loops."""
         symbols = ca.symvar(expressions)
-        given = [self._value_of[s.element_hash()] for s in symbols]
-        return np.asarray(ca.Function("numbers", [stack(symbols)], [expressions])(given)).ravel()
+        values = [self._value_of[s.element_hash()] for s in symbols]
+        return np.asarray(ca.Function("numbers", [stack(symbols)], [expressions])(values)).ravel()
 
     def symbols_of(self, columns: Sequence[Column]) -> ca.SX:
         """The symbols (m,) of these columns."""
@@ -282,23 +274,23 @@ class System:
         rates = self.symbols_of([(j, k + 1) for j, k in states])
         piggyback = [rates, stack([r for r, _ in solver.remaining]),
                      stack([p.coefficient for p in solver.pivots])]
-        defined, expressions, others = system.unknowns[solver.defined], ca.SX(0, 1), piggyback
+        defined, expressions, substituted = system.unknowns[solver.defined], ca.SX(0, 1), piggyback
         definitions = solver.definitions
         if solver.defined:
-            (expressions,), others = ca.substitute_inplace([defined], [definitions], piggyback, False)
+            (expressions,), substituted = ca.substitute_inplace([defined], [definitions], piggyback, False)
         pivots = tuple(replace(p, coefficient=c)
-                       for c, p in zip(split(others[2]), solver.pivots, strict=True))
+                       for c, p in zip(split(substituted[2]), solver.pivots, strict=True))
         order = self.order
         algebraic = [j for j, top in enumerate(self.chain.highest) if top == 0]
         return Reduced(
-            flat, tuple(states), tuple(torn), x, z, others[0], others[1],
+            flat, tuple(states), tuple(torn), x, z, substituted[0], substituted[1],
             tuple(flat.equations[row[0]] for _, row in solver.remaining), defined, expressions,
             tuple(system.columns[c] for c in solver.defined), pivots, max(order, default=0) + (1 if algebraic else 0),
             tuple((i, k) for i, k in enumerate(order) if k), tuple(solver.loops), system, self, definitions,
             tuple(solver.sources))
 
     def _lost(self, system: Simultaneous, dependent: list[int]) -> ModelError:
-        """The error for equations that depend on each other at the first guess already; `dependent` are some of them."""
+        """The error for equations that are dependent at the initial guess; `dependent` are some of them."""
         guess = InitialGuess(self.flat)(self.p_values)
         point = dict(self._value_of)
         for j, (symbol, unknown) in enumerate(zip(self.flat.levels[0], self.flat.unknowns, strict=True)):
@@ -310,7 +302,8 @@ class System:
                                          dependent)
 
     def _plain_numbers(self) -> dict[int, float]:
-        """What an equation alone says, `u = 0` of a valve that the diagram shuts for good, by the hash of its symbol."""
+        """The values that single equations determine, such as `u = 0` of a valve that the diagram shuts permanently, by the
+        hash of the symbol."""
         known = {s.element_hash() for s in self.flat.levels[0]}
         # two equations may speak of the same unknown, as those of a source with both ends on one node do: the first counts
         alone = {inside[0].element_hash(): (r, inside[0]) for r in reversed(self.flat.residuals)
@@ -324,17 +317,17 @@ class System:
                 if slope and np.isfinite(value)}
 
     def _entries(self, rows: Sequence[Row], unknown: list[Column]) -> list[list[tuple[int, int]]]:
-        """(position in `unknown`, kind) of each row; those of the given equations are known from the templates."""
+        """(position in `unknown`, kind) of each row; entries of undifferentiated equations are known from the templates."""
         n = len(self.flat.unknowns)
         position = {column: k for k, column in enumerate(unknown)}
         entries: list[list[tuple[int, int]]] = []
         for i, k in rows:
-            own = self.flat.entries[i] if k == 0 else []
-            entries.append([(position[(c % n, c // n)], kind) for c, kind in own if (c % n, c // n) in position])
+            known = self.flat.entries[i] if k == 0 else []
+            entries.append([(position[(c % n, c // n)], kind) for c, kind in known if (c % n, c // n) in position])
         derived = [r for r, (_, k) in enumerate(rows) if k > 0]
         if derived:
-            found = classify(self.residuals[derived], self.symbols_of(unknown), self.constants, self.flat.bounds)
-            for r, row in zip(derived, found, strict=True):
+            classified = classify(self.residuals[derived], self.symbols_of(unknown), self.constants, self.flat.bounds)
+            for r, row in zip(derived, classified, strict=True):
                 entries[r] = [(e.column, e.kind) for e in row]
         return entries
 

@@ -48,16 +48,16 @@ def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance]
 def _check_free(name: str, instance: Instance, written: Mapping[str, Instance | Wire], made: Mapping[str, Instance | Wire],
                 problems: Problems) -> None:
     """A name that `repeat:` makes is neither written in the file nor made by another `repeat:`."""
-    other = written.get(name) or made.get(name)
-    if other is not None:
-        what = "component" if isinstance(other, Instance) else "node"
-        problems.add("name-twice", f"`repeat:` makes a {what} '{name}' of '{instance.name}' (line {instance.place.line}); "
-                     f"there is one already (line {other.place.line})", other.place,
-                     hint=f"Give the {what} '{name}' or '{instance.name}' another name.")
+    existing = written.get(name) or made.get(name)
+    if existing is not None:
+        noun = "component" if isinstance(existing, Instance) else "node"
+        problems.add("name-twice", f"`repeat:` makes a {noun} '{name}' of '{instance.name}' (line {instance.place.line}); "
+                     f"there is one already (line {existing.place.line})", existing.place,
+                     hint=f"Give the {noun} '{name}' or '{instance.name}' another name.")
 
 
 def _in_line(instance: Instance, repeat: Value, component: Component | None, problems: Problems) -> bool:
-    """Whether a part has the two ports that this takes."""
+    """True if a part has the two ports a and b that a series needs."""
     if component is None:
         return False
     single = [name for name in ("a", "b") if (port := component.ports.get(name)) is not None and port.count is None]
@@ -68,7 +68,7 @@ def _in_line(instance: Instance, repeat: Value, component: Component | None, pro
 
 
 def _count(repeat: Value, numbers: Mapping[str, int], problems: Problems) -> int:
-    """How often; 1, and a problem, where that cannot be."""
+    """The number of repetitions; 1, and a problem, if it is invalid."""
     count = whole_number(repeat.expr, numbers)
     if count is None or count < 1:
         problems.add("not-an-integer", f"repeat must be a whole number above 0, '{repeat.text}' is none", repeat.place,

@@ -25,9 +25,9 @@ POWER, WATT = "power", declared_unit("W").dimension
 
 @dataclass(frozen=True)
 class PlausibleRange:
-    """What is known of the values that a variable can have, in SI: its typical size (inf where none is declared), by how
-    much that grows a second (a position goes on at its typical speed), what no machine exceeds, and the physical limit
-    below which a run ends, with the advice of its message."""
+    """The plausible values of a variable in SI: its typical size (inf if none is declared), the growth of that size per
+    second (a position moves on at its typical speed), the value that no machine exceeds, and the physical limit below which
+    a run ends, with the advice of its message."""
 
     typical: float = inf
     per_second: float = 0.0
@@ -40,7 +40,7 @@ NOTHING_KNOWN = PlausibleRange()
 
 
 def plausible(domain: Domain, name: str) -> PlausibleRange:
-    """What is known of the values of a member of a domain; a position goes on at the typical speed of its domain."""
+    """The plausible values of a member of a domain; a position moves on at the typical speed of its domain."""
     member = domain.members[name]
     speed = domain.members[domain.rate(name)].nominal if name in domain.positions else 0.0
     return PlausibleRange(member.nominal if member.sized else inf, speed, inf if member.largest is None else member.largest,
@@ -49,8 +49,8 @@ def plausible(domain: Domain, name: str) -> PlausibleRange:
 
 @dataclass(frozen=True)
 class Unknown:
-    """One scalar unknown: unit, usual size, bounds and first guess in SI; `role` tells across, position, through,
-    own or signal; `plausible` what a run is judged by."""
+    """One scalar unknown: unit, usual size, bounds and first guess in SI; `role` is across, position, through, own or
+    signal; `plausible` are the values for the verdict of a run."""
 
     name: str
     unit: Unit
@@ -107,9 +107,10 @@ class Resolver:
             lambda text, name: more[text] if text in more else self._value(scope, text, name), self._der))
 
     def indicator(self, expr: Expr) -> ca.SX:
-        """A condition as a number that is above zero while it holds; ExpressionProblem for a formula that is none."""
+        """A condition as a number that is positive while it holds; ExpressionProblem for a formula that is not a
+        condition."""
         if self.dimension(expr) != TRUTH:
-            raise ExpressionProblem("not-a-condition", "this is no condition", 0,
+            raise ExpressionProblem("not-a-condition", "this is not a condition", 0,
                                     hint="Write a comparison: `load.x > 0.5 m`.")
         return indicator(expr, Context(lambda text, name: self._value("", text, name), self._der))
 
@@ -120,7 +121,7 @@ class Resolver:
             Lengths(lambda name: self.shape(name, scope), exact=True).number(expr, "what a formula gives")
 
     def shape(self, name: Name, scope: str = "") -> Shape:
-        """The shape of what a name means; None for a number, and for what nothing is called."""
+        """The shape of the value of a name; None for a number, and for an unknown name."""
         sizes = []
         for part in name.parts:
             if isinstance(part, Slice):
@@ -143,16 +144,16 @@ class Resolver:
 
     def _elements(self, path: str) -> list[str]:
         """The paths of the elements of a list or the rows of a matrix; none for anything else."""
-        found: list[str] = []
+        elements: list[str] = []
         if self._known(path):
-            return found
-        while self._known(element := f"{path}[{len(found) + 1}]") or self._known(f"{element}[1]"):
-            found.append(element)
+            return elements
+        while self._known(element := f"{path}[{len(elements) + 1}]") or self._known(f"{element}[1]"):
+            elements.append(element)
         owner, _, member = path.rpartition(".")
         # a member of all ports of an array, or of all nodes
-        while owner and self._known(element := f"{owner}[{len(found) + 1}].{member}"):
-            found.append(element)
-        return found
+        while owner and self._known(element := f"{owner}[{len(elements) + 1}].{member}"):
+            elements.append(element)
+        return elements
 
     def dimension(self, expr: Expr, scope: str = "", extra: Mapping[str, Dimension] | None = None) -> Dimension | None:
         """The dimension of a formula; ExpressionProblem where its units disagree."""
@@ -161,14 +162,14 @@ class Resolver:
         return dimension(expr, lambda name: more[name.text] if name.text in more else self._dimension(scope, name))
 
     def unit(self, expr: Expr) -> Unit | None:
-        """The SI unit of a formula, and what it counts as far as that is known (`counted`); None where any unit fits."""
-        found = self.dimension(expr)
-        if found is None:
+        """The SI unit of a formula, and the entity that it counts, if known (`counted`); None if any unit fits."""
+        dimension = self.dimension(expr)
+        if dimension is None:
             return None
         counts = counted(expr, lambda name: unit.counts if (unit := self._declared(name.text)) is not None else "")
-        turns = {"angle": "rad/s", "cycles": "Hz"} if found == FREQUENCY else {}
-        text = turns.get(counts) or dimension_text(found)
-        return Unit(text, 1.0, 0.0, found, counts)
+        turns = {"angle": "rad/s", "cycles": "Hz"} if dimension == FREQUENCY else {}
+        text = turns.get(counts) or dimension_text(dimension)
+        return Unit(text, 1.0, 0.0, dimension, counts)
 
     def _declared(self, path: str) -> Unit | None:
         return self.unknowns[self.names[path]].unit if path in self.names else self.units.get(path)
@@ -182,8 +183,8 @@ class Resolver:
         if path in self.constants:
             return self.constants[path]
         if elements := self._elements(path):
-            found = [self._value("", element, name) for element in elements]
-            return stack(found) if self._known(elements[0]) else ca.vertcat(*(row.T for row in found))
+            values = [self._value("", element, name) for element in elements]
+            return stack(values) if self._known(elements[0]) else ca.vertcat(*(row.T for row in values))
         port, _, member = path.rpartition(".")
         if member == POWER and port in self.bonds:
             return self.bonds[port].power(split(self.columns[0]))
@@ -220,6 +221,6 @@ class Resolver:
 
 
 def _end_of(name: Name, end: str) -> str:
-    """A name, of its first (`low`) or last (`high`) element where it means several."""
+    """A name; for several elements the first (`low`) or last (`high`) of them."""
     parts = tuple(getattr(part, end) if isinstance(part, Slice) else part for part in name.parts)
     return Name(parts, name.column, name.length).text

@@ -46,16 +46,16 @@ class Constraints:
 
     @cached_property
     def place(self) -> dict[Column, int]:
-        """Where the value of an equation and an unknown stands."""
+        """The index of the value of an equation and an unknown."""
         return {entry: k for k, entry in enumerate(self.entries)}
 
     @cached_property
     def rows(self) -> dict[int, list[int]]:
         """The unknowns of each equation."""
-        found: dict[int, list[int]] = {}
+        rows: dict[int, list[int]] = {}
         for i, j in self.entries:
-            found.setdefault(i, []).append(j)
-        return found
+            rows.setdefault(i, []).append(j)
+        return rows
 
     @cached_property
     def settable(self) -> frozenset[int]:
@@ -64,7 +64,7 @@ class Constraints:
 
     @cached_property
     def asked(self) -> frozenset[int]:
-        """These, and the unknowns that the user gave an initial value for."""
+        """The unknowns that events set, and those with an initial value."""
         conditions, names = self.flat.expanded.model.initial.conditions, self.flat.names
         return self.settable | {names[n] for n, c in conditions.items() if n in names and not c.guess}
 
@@ -75,38 +75,39 @@ def constraints(flat: Flat, order: Sequence[int], highest: Sequence[int]) -> Con
     occurring = sorted({column for i in rows for column, _ in flat.entries[i]})
     jacobian = ca.jacobian(flat.residual_column[rows], ca.vertcat(*flat.columns)[occurring])
     places = zip(*jacobian.sparsity().get_triplet(), strict=True)
-    found = [(rows[row], column % n, k) for k, (row, at) in enumerate(places)
-             if (column := occurring[at]) // n == highest[column % n] - order[rows[row]]]
-    values = jacobian.nz[[k for *_, k in found]] if found else ca.SX(0, 1)
-    return Constraints(flat, tuple(order), tuple(highest), tuple((i, j) for i, j, _ in found), values)
+    entries = [(rows[row], column % n, k) for k, (row, at) in enumerate(places)
+               if (column := occurring[at]) // n == highest[column % n] - order[rows[row]]]
+    values = jacobian.nz[[k for *_, k in entries]] if entries else ca.SX(0, 1)
+    return Constraints(flat, tuple(order), tuple(highest), tuple((i, j) for i, j, _ in entries), values)
 
 
-def select_states(found: Constraints, p: Array) -> list[Column]:
-    """The states (unknown, derivative order) at the initial guess, those preferred that the user asked a value for.
+def select_states(constraints: Constraints, p: Array) -> list[Column]:
+    """The states (unknown, derivative order) at the initial guess, with preference for unknowns with an initial value.
 
-    A guess of a mechanism may be far from any configuration in which it can be assembled. Where the states that the guess
-    suggests are unsuitable (`UNSUITABLE`) once the guess is projected on the constraints, they are selected there."""
-    if not found.entries:
-        return chosen_states(found, np.zeros(0))
-    flat, guess = found.flat, InitialGuess(found.flat)(p)
+    A guess of a mechanism may be far from any configuration in which it can be assembled. If the states that the guess
+    suggests are unsuitable (`UNSUITABLE`) after the guess is projected on the constraints, they are selected at the
+    projected guess."""
+    if not constraints.entries:
+        return chosen_states(constraints, np.zeros(0))
+    flat, guess = constraints.flat, InitialGuess(constraints.flat)(p)
     symbols, known = ca.vertcat(*flat.columns), stack(k.symbols for k in flat.driving)
-    at = ca.Function("H", [symbols, flat.p, flat.time, flat.rate, known], [found.values])
+    at = ca.Function("H", [symbols, flat.p, flat.time, flat.rate, known], [constraints.values])
 
     def numbers(values: Array) -> Array:
         entries = np.array(at(_off(flat, values, symbols.numel()), p, 0.0, 1.0, np.ones(known.numel()))).ravel()
         return np.where(np.isfinite(entries), entries, 1.0)
 
-    states = chosen_states(found, numbers(guess), found.asked)
-    if ca.depends_on(found.values, symbols):
-        equations = constraint_equations(flat, found.order)
+    states = chosen_states(constraints, numbers(guess), constraints.asked)
+    if ca.depends_on(constraints.values, symbols):
+        equations = constraint_equations(flat, constraints.order)
         projected = equations.projected(guess, p) if equations else None
-        if projected is not None and _strained(found, states, numbers(projected)):
-            return chosen_states(found, numbers(projected), found.asked)
+        if projected is not None and _strained(constraints, states, numbers(projected)):
+            return chosen_states(constraints, numbers(projected), constraints.asked)
     return states
 
 
-def _strained(found: Constraints, states: Sequence[Column], numbers: Array) -> bool:
-    parts = [part for part in parts_of(found, states) if len(part.columns) > len(part.rows)]
+def _strained(constraints: Constraints, states: Sequence[Column], numbers: Array) -> bool:
+    parts = [part for part in parts_of(constraints, states) if len(part.columns) > len(part.rows)]
     return any(strain(part, numbers[:, None])[0][0] > UNSUITABLE for part in parts)
 
 
@@ -119,21 +120,21 @@ def _off(flat: Flat, values: Array, size: int) -> Array:
     return point
 
 
-def chosen_states(found: Constraints, numbers: Array, asked: frozenset[int] = frozenset()) -> list[Column]:
-    """The states where the constraints have these values (n,); `asked` unknowns are ten times as much wanted.
+def chosen_states(constraints: Constraints, numbers: Array, asked: frozenset[int] = frozenset()) -> list[Column]:
+    """The states at these values (n,) of the constraints; `asked` unknowns have ten times the preference.
 
-    At each level, the differentiated equations H z = ... get as many of the highest derivatives z as they are, chosen
-    by QR with column pivoting; these become algebraic.
+    At each level, as many of the highest derivatives z as there are differentiated equations H z = ... become algebraic,
+    chosen by QR with column pivoting.
 
     S. E. Mattsson, G. Soderlind: Index reduction in differential-algebraic equations using dummy derivatives.
     SIAM J. Sci. Comput. 14 (1993) 677-692, doi:10.1137/0914043.
     """
     def pick(part: Part) -> list[int]:
-        weights = [_weight(found.flat, column, asked) for column in part.columns]
+        weights = [_weight(constraints.flat, column, asked) for column in part.columns]
         return [part.columns[k][0] for k in pivot_columns(part.matrices(numbers[:, None], part.columns)[0] * weights)]
 
-    dummies = {column for level in _levels(found, pick) for column in level.dummies}
-    return [(j, k) for j, top in enumerate(found.highest) for k in range(top) if (j, k + 1) not in dummies]
+    dummies = {column for level in _levels(constraints, pick) for column in level.dummies}
+    return [(j, k) for j, top in enumerate(constraints.highest) for k in range(top) if (j, k + 1) not in dummies]
 
 
 @dataclass(frozen=True)
@@ -157,36 +158,37 @@ class Part:
         return np.asarray(matrix[:, :, [self.columns.index(column) for column in columns]])
 
 
-def _levels(found: Constraints, pick: Callable[[Part], list[int]]) -> list[Part]:
+def _levels(constraints: Constraints, pick: Callable[[Part], list[int]]) -> list[Part]:
     """All parts of all levels; `pick` names the unknowns whose derivatives become algebraic, one for each row of a part."""
-    rows = [i for i, k in enumerate(found.order) if k >= 1]
-    columns = [j for j, k in enumerate(found.highest) if k >= 1]
+    rows = [i for i, k in enumerate(constraints.order) if k >= 1]
+    columns = [j for j, k in enumerate(constraints.highest) if k >= 1]
     depth, parts = 0, list[Part]()
     while rows:
         place = {j: k for k, j in enumerate(columns)}
-        pattern = [[place[j] for j in found.rows.get(i, []) if j in place] for i in rows]
+        pattern = [[place[j] for j in constraints.rows.get(i, []) if j in place] for i in rows]
         chosen: list[int] = []
         for part_rows, part_columns in components_of(pattern, len(columns)):
             if part_rows:
-                part = Part(found, tuple(rows[r] for r in part_rows),
-                            tuple((columns[c], found.highest[columns[c]] - depth) for c in part_columns))
+                part = Part(constraints, tuple(rows[r] for r in part_rows),
+                            tuple((columns[c], constraints.highest[columns[c]] - depth) for c in part_columns))
                 picked = pick(part)
-                parts.append(Part(found, part.rows, part.columns, tuple((j, found.highest[j] - depth) for j in picked)))
+                parts.append(Part(constraints, part.rows, part.columns, tuple((j, constraints.highest[j] - depth)
+                                                                              for j in picked)))
                 chosen += picked
         depth += 1
-        rows = [i for i in rows if found.order[i] - depth >= 1]
-        columns = [j for j in sorted(chosen) if found.highest[j] - depth >= 1]
+        rows = [i for i in rows if constraints.order[i] - depth >= 1]
+        columns = [j for j in sorted(chosen) if constraints.highest[j] - depth >= 1]
     return parts
 
 
-def parts_of(found: Constraints, states: Sequence[Column]) -> list[Part]:
+def parts_of(constraints: Constraints, states: Sequence[Column]) -> list[Part]:
     """The parts of all levels for a choice of states."""
-    kept = set(states)
-    return _levels(found, lambda part: [j for j, k in part.columns if (j, k - 1) not in kept])
+    state_set = set(states)
+    return _levels(constraints, lambda part: [j for j, k in part.columns if (j, k - 1) not in state_set])
 
 
 def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
-    """How badly the dummies of a part follow from its states, and on which side of where they do not, at N points.
+    """The strain of a part at N points, and the side of its singularity: how strongly the dummies depend on the states.
 
     With H_d, H_s the columns of dummies and states in their preference, max |H_d^-1 H_s| (N,) is the largest factor by
     which an exchange of two of them would improve the choice; it is about 1 where the choice was made and has no bound where
@@ -211,7 +213,7 @@ def _weight(flat: Flat, column: Column, asked: frozenset[int]) -> float:
 
 
 class InitialGuess:
-    """First values of all unknowns: what the diagram asks for or guesses, else the declared start, else 0."""
+    """Initial guess of all unknowns: the condition or guess of the diagram, else the declared start, else 0."""
 
     def __init__(self, flat: Flat):
         self._declared = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])
@@ -221,8 +223,8 @@ class InitialGuess:
         values = []
         for name, condition in flat.expanded.model.initial.conditions.items():
             if name in flat.names:
-                given = flat.constants.get(f"initial.{name}")
-                value = resolver.evaluate(condition.value.expr) if given is None else given
+                constant = flat.constants.get(f"initial.{name}")
+                value = resolver.evaluate(condition.value.expr) if constant is None else constant
                 # a condition that depends on variables is dealt with when the start is solved
                 if {s.element_hash() for s in ca.symvar(value)} <= known:
                     self._asked.append(flat.names[name])
@@ -238,11 +240,11 @@ class InitialGuess:
 
     def columns(self, columns: Sequence[tuple[int, int]]) -> ca.SX:
         """The values of unknowns by number and order of derivative, as expressions of the parameters; a rate is 0."""
-        asked = dict(zip(self._asked, split(self.expressions), strict=True))
-        return stack([asked.get(j, ca.SX(self._declared[j])) if order == 0 else ca.SX(0) for j, order in columns])
+        requested = dict(zip(self._asked, split(self.expressions), strict=True))
+        return stack([requested.get(j, ca.SX(self._declared[j])) if order == 0 else ca.SX(0) for j, order in columns])
 
     def slopes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How they move with the parameters, (n, n_p)."""
+        """The derivatives of the values by the parameters, (n, n_p)."""
         slopes = np.zeros((len(self._declared), len(p)))
         slopes[self._asked] = self._slopes(p)["o0"]
         return slopes
@@ -253,8 +255,8 @@ class InitialGuess:
 
 
 def pivot_columns(matrix: NDArray[np.float64]) -> list[int]:
-    """The first min(m, n) columns that QR with column pivoting takes of a matrix (m, n): each time the longest of what is
-    left when the directions of those taken are removed from all (modified Gram-Schmidt).
+    """The first min(m, n) columns that QR with column pivoting takes of a matrix (m, n): each time the longest after the
+    directions of the taken columns are removed from all (modified Gram-Schmidt).
 
     G. H. Golub, C. F. Van Loan: Matrix Computations, 4th ed., Johns Hopkins 2013, sections 5.2.8 and 5.4.2.
     """
@@ -262,12 +264,12 @@ def pivot_columns(matrix: NDArray[np.float64]) -> list[int]:
         import scipy.linalg
 
         return list(scipy.linalg.qr(matrix, mode="r", pivoting=True)[1][: min(matrix.shape)])
-    rest, taken = matrix.copy(), list[int]()
+    remaining, columns = matrix.copy(), list[int]()
     for _ in range(min(matrix.shape)):
-        squares = np.einsum("ij,ij->j", rest, rest)
-        squares[taken] = -1
-        taken.append(int(np.argmax(squares)))
-        if squares[taken[-1]] > 0:
-            direction = rest[:, taken[-1]] / np.sqrt(squares[taken[-1]])
-            rest -= np.outer(direction, direction @ rest)
-    return taken
+        squares = np.einsum("ij,ij->j", remaining, remaining)
+        squares[columns] = -1
+        columns.append(int(np.argmax(squares)))
+        if squares[columns[-1]] > 0:
+            direction = remaining[:, columns[-1]] / np.sqrt(squares[columns[-1]])
+            remaining -= np.outer(direction, direction @ remaining)
+    return columns

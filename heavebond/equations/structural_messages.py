@@ -21,24 +21,24 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int],
              ) -> ModelError:
     """The error for a system whose equations cannot be assigned one to each unknown.
 
-    `rows[i]` lists the unknowns of equation i whatever their derivatives; a Dulmage-Mendelsohn decomposition finds
-    the smallest parts with more equations than unknowns, and those with more unknowns than equations. The two belong
-    together where they meet in a component: what fixes a velocity twice leaves two forces open, and what fixes a flow
-    twice leaves a pressure open. Where the decomposition finds no part, the error names the equations `dependent`.
+    `rows[i]` lists the unknowns of equation i whatever their derivatives; a Dulmage-Mendelsohn decomposition finds the
+    smallest parts with more equations than unknowns, and those with more unknowns than equations. Both parts are reported
+    together if they share a component: a velocity that is prescribed twice leaves two forces undetermined, a flow that is
+    prescribed twice a pressure. If the decomposition gives no part, the error names the equations `dependent`.
     """
     try:
         parts = dulmage_mendelsohn(rows, len(flat.unknowns), matching)
     except ValueError:  # the caller's matching was of other equations (their derivatives)
         parts = dulmage_mendelsohn(rows, len(flat.unknowns), maximum_matching(rows, len(flat.unknowns)))
-    problems, told = [], set()
+    problems, reported = [], set()
     for block in parts.overdetermined:
         part = _Part(flat, block)
         near = [b for b in parts.underdetermined if part.touched.intersection(b.core_columns)]
-        told.update(near)
+        reported.update(near)
         loose = [flat.unknowns[j] for b in near for j in b.core_columns]
         # heat that goes nowhere leaves a temperature open, whatever pressures the equations hold besides
-        own = [_domain(flat, u) for u in part.shared]
-        elsewhere = [u for u in loose if u.role in SHARED and _domain(flat, u) not in own]
+        domains = [_domain(flat, u) for u in part.shared]
+        elsewhere = [u for u in loose if u.role in SHARED and _domain(flat, u) not in domains]
         if part.shared and elsewhere:
             problems.append(_undecided(flat, elsewhere, part))
         elif part.shared or not any(u.role in SHARED for u in loose):
@@ -46,23 +46,23 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int],
         else:
             problems.append(_undecided(flat, loose, part))
     for block in parts.underdetermined:
-        if block not in told and block.core_columns and (block.core_rows or not parts.overdetermined):
+        if block not in reported and block.core_columns and (block.core_rows or not parts.overdetermined):
             problems.append(_undecided(flat, [flat.unknowns[j] for j in block.core_columns], None))
     return ModelError(problems or [_dependent(flat, dependent or range(len(flat.equations)))])
 
 
 def _dependent(flat: Flat, numbers: Sequence[int]) -> Problem:
-    """The problem of equations that depend on each other whatever their numbers are."""
+    """The problem of equations that depend on each other for all values."""
     equations = [flat.equations[i] for i in dict.fromkeys(numbers)]
     laws = [e for e in equations if not bookkeeping(e)] or equations
     parts = listing(dict.fromkeys(e.owner for e in laws), MOST_BLAMED)
-    return Problem("singular", f"equations of {parts} say the same in another form, so that no equation determines some "
-                   "unknowns", laws[0].place if laws else None, "Look for two parts that hold the same position, or for a "
+    return Problem("singular", f"equations of {parts} are equivalent, so that no equation determines some unknowns",
+                   laws[0].place if laws else None, "Look for two parts that hold the same position, or for a "
                    "circuit without a Tank or a Volume.", tuple(_table(laws)))
 
 
 class _Part:
-    """The smallest set of equations that have one unknown fewer than they are, as a user would tell it."""
+    """A smallest set of k equations with k - 1 unknowns, in the terms of a user."""
 
     def __init__(self, flat: Flat, block: Block):
         self.flat = flat
@@ -78,7 +78,8 @@ class _Part:
         self.touched.update(block.core_columns)
 
     def fixed_twice(self, loose: Sequence[Unknown]) -> Problem:
-        """The problem of equations that contradict, or repeat, each other; `loose` is what they leave open instead."""
+        """The problem of equations that contradict or repeat each other; `loose` are the unknowns that they leave
+        undetermined."""
         names = listing((u.name for u in self.unknowns), 4) or "nothing that is unknown"
         number = len(self.said)
         message = f"these {number} equations fix the same unknown{'s' * (len(self.unknowns) > 1)}, {names}" \
@@ -88,12 +89,13 @@ class _Part:
         nodes = {u.name.rpartition(".")[0] for u in self.shared}
         domain = _domain(self.flat, self.shared[0]) if self.shared else None
         elastic = domain.compliance if domain else Domain.compliance
-        what = self.shared[0].doc if self.shared else ""
+        quantity = self.shared[0].doc if self.shared else ""
         advice = f"Remove or change {either(owners)}." if len(self.owners) == 1 else \
-            (f"{either(owners)} each hold the {what} of one node, which one part alone can do.\n" if what else "") + \
+            (f"{either(owners)} each hold the {quantity} of one node, which one part alone can do.\n" if quantity
+             else "") + \
             f"Put {either(owners)} on different nodes, or remove one of them." if len(nodes) < 2 else \
-            f"They join rigidly what is held at both ends: remove one of {either(owners, 'or')},\nor put {elastic} " \
-            "between them."
+            f"They rigidly join nodes that are fixed at both ends: remove one of {either(owners, 'or')},\n" \
+            f"or put {elastic} between them."
         place = self.unknowns[0].place if self.unknowns else self.said[0].place
         if joined := short_circuit(self.flat, self.owners):
             (message, advice), sharing = joined, ""
@@ -101,42 +103,42 @@ class _Part:
 
 
 def _undecided(flat: Flat, loose: Sequence[Unknown], part: _Part | None) -> Problem:
-    """The problem of unknowns that no equation decides, beside equations that are one too many for what they hold."""
+    """The problem of undetermined unknowns, together with redundant equations."""
     shared = _without_rates([u for u in loose if u.role in SHARED])
-    shown = shared or list(loose)
-    names = listing((u.name for u in shown), 6)
-    message = f"no equation determines {names}" + ("; one of them must be known" if len(shown) > 1 else "")
+    named = shared or list(loose)
+    names = listing((u.name for u in named), 6)
+    message = f"no equation determines {names}" + ("; one of them must be known" if len(named) > 1 else "")
     domains = _domains(flat, shared)
     advice = "Add " + ", or ".join(d.determined_by for d in domains) + "." if domains else \
         "An equation is missing there, or a component."
     notes: list[str] = []
     if part is not None:
         through = [u for u in part.unknowns if u.role == "through"]
-        what = _noun(through[0].doc) if through else "what flows"
-        notes = [f"these equations decide {what} there without {'them' if len(shown) > 1 else 'it'}:", *_table(part.said)]
+        quantity = _noun(through[0].doc) if through else "what flows"
+        notes = [f"these equations decide {quantity} there without {'them' if len(named) > 1 else 'it'}:",
+                 *_table(part.said)]
         if shared and through:
             held = shared[0].doc or "other variable"
-            advice = f"{what[:1].upper()}{what[1:]} is given by {either(part.owners[:4])}, and no part there gives the " \
-                f"{held}: none stores, and none ties it to a reference.\n{advice}"
-    return Problem("underdetermined", message, shown[0].place if shown else None, advice, tuple(notes))
+            advice = f"{quantity[:1].upper()}{quantity[1:]} is given by {either(part.owners[:4])}, and no part there " \
+                f"gives the {held}: none stores, and none ties it to a reference.\n{advice}"
+    return Problem("underdetermined", message, named[0].place if named else None, advice, tuple(notes))
 
 
-def lost(flat: Flat, found: Sequence[RankLoss], when: str = "") -> list[Problem]:
-    """The problems of equations that depend on each other for the numbers that they have; `when` tells where along a run
-    (`at the start`)."""
+def lost(flat: Flat, rank_losses: Sequence[RankLoss], when: str = "") -> list[Problem]:
+    """The problems of equations that depend on each other at their values; `when` is the time in a run (`at the start`)."""
     joined: dict[tuple[int, ...], list[RankLoss]] = {}
-    for loss in found:  # a tie of velocities is one of accelerations, and of forces, too
-        said = tuple(dict.fromkeys(i for i, _ in loss.rows if not bookkeeping(flat.equations[i])))
-        joined.setdefault(said, []).append(loss)
+    for loss in rank_losses:  # a tie of velocities is one of accelerations, and of forces, too
+        equations = tuple(dict.fromkeys(i for i, _ in loss.rows if not bookkeeping(flat.equations[i])))
+        joined.setdefault(equations, []).append(loss)
     if len(joined) > 1 and () in joined:  # what only the assembler's own equations say belongs to the others
-        joined[next(said for said in joined if said)] += joined.pop(())
+        joined[next(equations for equations in joined if equations)] += joined.pop(())
     return [_Lost(flat, _together(same)).problem(when) for same in joined.values()]
 
 
-def undecided(flat: Flat, found: Sequence[RankLoss], names: Sequence[str], when: str) -> SimulationError:
-    """The error for a run where (`at t = 2 s`) no equation determines its algebraic unknowns `names` any more, by what
-    lost its rank."""
-    return SimulationError(lost(flat, found, when) or [Problem(
+def undecided(flat: Flat, rank_losses: Sequence[RankLoss], names: Sequence[str], when: str) -> SimulationError:
+    """The error for a run where (`at t = 2 s`) no equation determines its algebraic unknowns `names` any more, from the
+    equations that lost their rank."""
+    return SimulationError(lost(flat, rank_losses, when) or [Problem(
         "loop-singular", f"no equation determines {listing(names, 4)} {when}", None,
         "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
 
@@ -151,7 +153,7 @@ def _together(same: Sequence[RankLoss]) -> RankLoss:
 
 
 class _Lost:
-    """Equations that depend on each other, and what they leave open, as a user would tell it."""
+    """Dependent equations and the unknowns that they leave undetermined, in the terms of a user."""
 
     def __init__(self, flat: Flat, loss: RankLoss):
         self.flat, self.loss = flat, loss
@@ -161,9 +163,9 @@ class _Lost:
         equations = [flat.equations[i] for i in dict.fromkeys(i for i, _ in loss.rows)]
         self.said = [e for e in equations if not bookkeeping(e)] or equations
         self.owners = [o for o in dict.fromkeys(e.owner for e in self.said) if o in flat.expanded.leaves]
-        given = [name for name in loss.parameters if not assumed(flat, name)]
+        specified = [name for name in loss.parameters if not assumed(flat, name)]
         # of what is zero, what the diagram itself says comes before what a component assumes
-        self.blamed = (given or [name for name, _ in loss.variables] or list(loss.parameters)) if loss.zero else \
+        self.blamed = (specified or [name for name, _ in loss.variables] or list(loss.parameters)) if loss.zero else \
             [name for name, _ in loss.variables] or list(loss.parameters)
         self.blamed = self.blamed[:MOST_BLAMED]
         domains = _domains(flat, self.shared)
@@ -173,7 +175,7 @@ class _Lost:
     def problem(self, when: str) -> Problem:
         cause = f": {listing(self.blamed)} {'is' if len(self.blamed) == 1 else 'are'} 0" if self.loss.zero else ""
         notes = [("of these equations one is then too many:" if len(self.said) > 1 else
-                  "this equation then says nothing of it:"), *_table(self.said)] if self.said else []
+                  "this equation then does not contain it:"), *_table(self.said)] if self.said else []
         places = {q.name: q.place for q in self.flat.parameters}
         places |= {e.subject: e.place for e in self.flat.equations if e.role is EquationRole.GIVEN}
         place = next((places[name] for name in self.blamed if self.loss.zero and name in places),
@@ -186,7 +188,7 @@ class _Lost:
     def _names(self) -> str:
         """`A.p, B.p`, `der(cart.v)` where the value itself is known, `the volume flow through pump, pipe`."""
         if not self.shown:
-            return "what these equations say twice"
+            return "the unknowns of these equations"
         if all(u.role == "through" for u in self.shown):
             parts = dict.fromkeys(u.name.rpartition(".")[0].rpartition(".")[0] for u in self.shown)
             return f"{_noun(self.shown[0].doc)} through {listing(parts, 6)}"
@@ -195,10 +197,16 @@ class _Lost:
         return listing((f"der({u.name})" if rates and least[u.name] else u.name for u in self.shown), 6)
 
     def _remedy(self) -> str:
-        """What mistake it is, and what to type."""
+        """The kind of mistake, and the lines to type."""
         loss, blamed = self.loss, self.blamed
         if loss.zero:
-            return self._other_value()
+            if self.blamed[0] in self.loss.parameters:
+                owner = self.blamed[0].rpartition(".")[0]
+                otherwise = f", or take '{owner}' out of the diagram" if owner else ""
+                return f"Give {listing(self.blamed)} a value other than 0{otherwise}."
+            dormant = f"give {listing(self.loss.parameters, MOST_BLAMED)} a value" if self.loss.parameters else ""
+            remedies = [remedy for remedy in (f"keep {listing(self.blamed)} away from 0", dormant, self.decides) if remedy]
+            return f"{remedies[0][:1].upper()}{remedies[0][1:]}{''.join(f', or {remedy}' for remedy in remedies[1:])}."
         if self.shown and all(u.role == "signal" for u in self.shown):
             agree = f"With these values of {listing(blamed)} the loop has no solution, or any value is one.\n" * bool(blamed)
             return f"{agree}A loop of signals without memory: each follows from the others at the same instant.\n" \
@@ -209,38 +217,29 @@ class _Lost:
                 f"Begin away from it, for example `initial: {{{loss.variables[0][0]}: ...}}`, or drive the machine from " \
                 "another part."
         if self.shared and not blamed:
-            what = f"these {len(self.shared)} nodes" if len(self.shared) > 1 else "this node"
-            return f"Nothing ties {what} to a reference: any value fits, as long as all move together.\n" \
+            nodes = f"these {len(self.shared)} nodes" if len(self.shared) > 1 else "this node"
+            return f"Nothing ties {nodes} to a reference: any value fits, as long as all move together.\n" \
                 f"{self.decides[:1].upper()}{self.decides[1:]}."
         agree = f", since {listing(blamed)} agree" if blamed else ""
         if len(self.owners) > 1:
-            return f"A loop of rigid parts that say the same{agree}.\nTake one of {either(self.owners[:4], 'or')} out, or " \
+            return f"A loop of redundant rigid parts{agree}.\nTake one of {either(self.owners[:4], 'or')} out, or " \
                 f"put {self.elastic} in line with one of them."
         return f"Remove or change {either(self.owners[:1]) or 'a part there'}" + (f", or {self.decides}." if self.decides
                                                                                  else ".")
 
-    def _other_value(self) -> str:
-        if self.blamed[0] in self.loss.parameters:
-            owner = self.blamed[0].rpartition(".")[0]
-            otherwise = f", or take '{owner}' out of the diagram" if owner else ""
-            return f"Give {listing(self.blamed)} a value other than 0{otherwise}."
-        dormant = f"give {listing(self.loss.parameters, MOST_BLAMED)} a value" if self.loss.parameters else ""
-        ways = [way for way in (f"keep {listing(self.blamed)} away from 0", dormant, self.decides) if way]
-        return f"{ways[0][:1].upper()}{ways[0][1:]}{''.join(f', or {way}' for way in ways[1:])}."
-
 
 def short_circuit(flat: Flat, owners: Iterable[str]) -> tuple[str, str] | None:
     """Message and advice for the first of the parts, whose equations contradict, with both ports on one node."""
-    found = next(((owner, node) for owner in owners if (node := joined_ports(flat, owner))), None)
-    if found is None:
+    joined = next(((owner, node) for owner in owners if (node := joined_ports(flat, owner))), None)
+    if joined is None:
         return None
-    owner, node = found
-    return (f"both ports of '{owner}' are on the same node, '{node}', although '{owner}' prescribes what is between them",
+    owner, node = joined
+    return (f"both ports of '{owner}' are on the same node, '{node}', although '{owner}' prescribes their difference",
             f"Put one port of '{owner}' on another node.")
 
 
 def joined_ports(flat: Flat, path: str) -> str | None:
-    """The node on which both ports are of a component that has two; None for any other component."""
+    """The node to which both ports of a component with two ports are connected; None for any other component."""
     leaf = flat.expanded.leaves.get(path)
     if leaf is None or leaf.component.composite or len(leaf.component.ports) != 2:
         return None
@@ -249,7 +248,7 @@ def joined_ports(flat: Flat, path: str) -> str | None:
 
 
 def _without_rates(unknowns: Sequence[Unknown]) -> list[Unknown]:
-    """A velocity is left out where the position beside it is named: to a user they are one thing."""
+    """Omit a velocity if the position of the same node is named: for a user they are one quantity."""
     positions = {u.name.rpartition(".")[0] for u in unknowns if u.role == "position"}
     return [u for u in unknowns if not (u.motion and u.name.rpartition(".")[0] in positions)]
 
@@ -264,8 +263,8 @@ def _sharing(flat: Flat, loose: Sequence[Unknown], owners: Iterable[str]) -> str
     members = {u.name.rpartition(".")[2] for u in through}
     names = " and ".join(u.name for u in through[:2]) if len(through) <= 2 else listing((u.name for u in through), 4)
     mechanical = all(u.unit.text in ("N", "N*m") for u in through)
-    what = _noun(through[0].doc) if len(members) == 1 else "the forces" if mechanical else "what flows"
-    return f"and no equation determines how {names} share {what} at node{'s' * (len(nodes) > 1)} {either(nodes[:3])}."
+    quantity = _noun(through[0].doc) if len(members) == 1 else "the forces" if mechanical else "what flows"
+    return f"and no equation determines how {names} share {quantity} at node{'s' * (len(nodes) > 1)} {either(nodes[:3])}."
 
 
 def _noun(doc: str) -> str:
@@ -286,15 +285,15 @@ def _domains(flat: Flat, unknowns: Iterable[Unknown]) -> list[Domain]:
 
 
 def bookkeeping(equation: FlatEquation) -> bool:
-    """A node's own equation, which the assembler wrote and no user can remove, or the value of an input."""
+    """True for the balance of a node, which the assembler generates, and for the value of an input."""
     return equation.role is not EquationRole.LAW
 
 
 def _table(equations: Sequence[FlatEquation]) -> list[str]:
-    shown = [(f"{e.owner}:", e.text, e.label, f"{e.place.file}:{e.place.line}") for e in equations[:MOST_LINES]]
-    widths = [max(len(row[k]) for row in shown) for k in range(3)]
+    rows = [(f"{e.owner}:", e.text, e.label, f"{e.place.file}:{e.place.line}") for e in equations[:MOST_LINES]]
+    widths = [max(len(row[k]) for row in rows) for k in range(3)]
     lines = ["  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[3]])
-             for row in shown]
+             for row in rows]
     if len(equations) > MOST_LINES:
         lines.append(f"and {len(equations) - MOST_LINES} more")
     return lines

@@ -14,8 +14,8 @@ from heapq import heappop, heappush
 class Tearing:
     """How to solve a block: guess `torn`, evaluate `sequence` (row, column it gives), until `residual` are 0.
 
-    There are as many torn columns as residual rows. A row in the sequence contains, beside its own column,
-    only torn columns, columns of rows before it, and columns outside the block.
+    There are as many torn columns as residual rows. A row in the sequence contains, in addition to its own column, only torn
+    columns, columns of rows before it, and columns outside the block.
     """
 
     sequence: tuple[tuple[int, int], ...]
@@ -27,15 +27,15 @@ def tear(rows: Mapping[int, Sequence[int]], columns: Sequence[int], cost: Mappin
          prefer_torn: Mapping[int, int] | None = None) -> Tearing:
     """Reduce the simultaneous unknowns of a block to few by solving as many rows as possible explicitly.
 
-    `rows[row]` lists the columns in a row, of which those not in `columns` are taken as known; `cost[row,
-    column]` is what it costs to solve the row explicitly for the column (any small integers), no entry means
-    that it cannot be. Orders of declaration are those of `rows` and `columns`.
+    `rows[row]` lists the columns in a row; those not in `columns` count as known. `cost[row, column]` is the cost of solving
+    the row explicitly for the column (any small integers); without an entry this is impossible. The orders of declaration
+    are the orders of `rows` and `columns`.
 
     The smallest number of torn columns is NP-hard to find; this is a greedy heuristic in near-linear time:
-    1. columns that no row can be solved for are torn, as they have to be;
+    1. columns for which no row can be solved are torn;
     2. then a row with one unknown column left, solvable for it, is taken: the cheapest, the first declared;
-    3. if there is none, a column is torn: of the highest `prefer_torn` (else 0), one that makes most rows
-       solvable for their last column, one in most rows, the first declared; and on with 2.
+    3. if there is none, a column is torn: of the highest `prefer_torn` (else 0), one that makes most rows solvable for their
+       last column, one in most rows, the first declared; and on with 2.
 
     Raises ValueError if there are not as many rows as columns.
 
@@ -61,7 +61,7 @@ def tear(rows: Mapping[int, Sequence[int]], columns: Sequence[int], cost: Mappin
 
 
 class _Loop:
-    """While a block is torn: what is known, what can be solved for, and what tearing a column would gain."""
+    """The state of tearing a block: the known columns, the solvable rows, and the gain of tearing each column."""
 
     def __init__(self, rows: Mapping[int, Sequence[int]], columns: Sequence[int],
                  cost: Mapping[tuple[int, int], int], prefer_torn: Mapping[int, int]):
@@ -110,15 +110,15 @@ class _Loop:
             self._look_at(row)
 
     def _look_at(self, row: int) -> None:
-        """Enter a row that has come down to one or two unknown columns."""
+        """Register a row with one or two remaining unknown columns."""
         if self.unknowns[row] > 2:
             return
         unknown = [column for column in self.columns_of[row] if column not in self.known]
         if len(unknown) == 1 and (row, unknown[0]) in self.cost:
             heappush(self.ready, (self.cost[row, unknown[0]], self.number[row], row, unknown[0]))
         elif len(unknown) == 2:
-            for column, other in (unknown, unknown[::-1]):
-                if (row, other) in self.cost:
+            for column, partner in (unknown, unknown[::-1]):
+                if (row, partner) in self.cost:
                     self._rate(column, 1)
 
     def _rate(self, column: int, change: int) -> None:

@@ -1,4 +1,4 @@
-"""Which quantities in K are temperatures and which are differences: how they move with the origin of temperature.
+"""Distinction of temperatures and temperature differences in K, by their dependence on the origin of temperature.
 
 An equation between temperatures does not change if all of them, and no difference, are moved by the same amount. With
 w_j = 1 for a temperature and 0 for a difference, r(T + w c) = r(T) for every residual r and every shift c. This is evaluated
@@ -37,7 +37,7 @@ ROUNDING = 1e-9    # of the largest change of a residual
 
 
 class Flat(Protocol):
-    """What is needed of a flat model (see `heavebond.equations.flatten.Flat`)."""
+    """The required interface of a flat model (see `heavebond.equations.flatten.Flat`)."""
 
     @property
     def expanded(self) -> Expanded:
@@ -49,7 +49,7 @@ class Flat(Protocol):
 
     @property
     def levels(self) -> tuple[tuple[ca.SX, ...], ...]:
-        """Their symbols and those of their derivatives."""
+        """The symbols of the unknowns and of their derivatives."""
 
     @property
     def parameters(self) -> tuple[FlatParameter, ...]:
@@ -57,7 +57,7 @@ class Flat(Protocol):
 
     @property
     def p(self) -> ca.SX:
-        """Their symbols."""
+        """The symbols of the independent parameters."""
 
     @property
     def residuals(self) -> tuple[ca.SX, ...]:
@@ -118,8 +118,8 @@ def origins_of(flat: Flat) -> dict[str, float]:
 
 def _decided(row: ca.SX, used: Sequence[ca.SX], symbols: Mapping[int, str], numbers: Mapping[int, float],
              weights: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
-    """The names that have the same value in all choices of 0 and 1 which keep a residual; for a single name also 2 and -1,
-    the sum of two temperatures and its negative."""
+    """The names with the same value in all choices of 0 and 1 that preserve a residual; for a single name also 2 and -1, the
+    sum of two temperatures and its negative."""
     rng = np.random.default_rng(1)
     hashes = [s.element_hash() for s in used]
 
@@ -148,8 +148,8 @@ def _decided(row: ca.SX, used: Sequence[ca.SX], symbols: Mapping[int, str], numb
     if not usable.any():
         return {}
     changes = changes[:, usable]
-    kept = [choice for choice, c in zip(choices, changes, strict=True) if np.all(c <= ROUNDING * changes.max(axis=0))]
-    return {name: kept[0][name] for name in names if kept and len({choice[name] for choice in kept}) == 1}
+    admissible = [choice for choice, c in zip(choices, changes, strict=True) if np.all(c <= ROUNDING * changes.max(axis=0))]
+    return {name: admissible[0][name] for name in names if admissible and len({choice[name] for choice in admissible}) == 1}
 
 
 class TemperatureOrigins:
@@ -165,7 +165,7 @@ class TemperatureOrigins:
         return origins(expr, self.lookup(scope))
 
     def determined(self, path: str) -> float | None:
-        """That of a variable or parameter, by the equations alone."""
+        """The origin of a variable or parameter, by the equations alone."""
         flat = self.flat
         return self.weights.get(flat.unknowns[flat.names[path]].name if path in flat.names else path)
 
@@ -198,7 +198,7 @@ def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
     """
     model = flat.expanded.model
     values = list(_values(flat))
-    if not any(counts_from_origin(shown.unit) or has_origin(shown.expr) for shown in model.show.values()) and \
+    if not any(counts_from_origin(output.unit) or has_origin(output.expr) for output in model.show.values()) and \
             not any(counts_from_origin(v.unit) if isinstance(v, FileInput) else has_origin(v.expr) for _, v, _ in values):
         return model.show
     known, problems, shows = flat.origins, Problems(), dict(model.show)
@@ -207,8 +207,8 @@ def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
         needed = starts.get(name) if name in starts else known.determined(name)
         if isinstance(value, FileInput):
             if needed == 0 and counts_from_origin(value.unit):
-                problems.add("unit-offset", f"{name} is a difference of temperatures, and {value.unit} counts from an "
-                             "origin of its own", value.place, hint=f"Write `unit: {interval_unit(value.unit)}`.")
+                problems.add("unit-offset", f"{name} is a difference of temperatures, and {value.unit} has a "
+                             "separate origin", value.place, hint=f"Write `unit: {interval_unit(value.unit)}`.")
             continue
         try:
             weight = check_origins(value.expr, known.lookup(scope))
@@ -218,14 +218,14 @@ def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
         if needed == 0 and isinstance(value.expr, Number) and weight == 1:
             problems.add("unit-offset", f"{name} is a difference of temperatures, and '{value.text}' is a temperature",
                          value.place, hint=f"Write '{interval_text(value.expr.value, value.expr.unit)}'.")
-    for shown in model.show.values():
+    for output in model.show.values():
         try:
-            weight = check_origins(shown.expr, known.lookup(), shown=counts_from_origin(shown.unit))
+            weight = check_origins(output.expr, known.lookup(), shown=counts_from_origin(output.unit))
         except ExpressionProblem as problem:
-            reading.add_expression_problem(problem, shown.place, problems)
+            reading.add_expression_problem(problem, output.place, problems)
             continue
-        if weight == 0 and counts_from_origin(shown.unit):
-            shows[shown.name] = replace(shown, unit=interval_unit(shown.unit))
+        if weight == 0 and counts_from_origin(output.unit):
+            shows[output.name] = replace(output, unit=interval_unit(output.unit))
     problems.raise_as(ModelError)
     return shows
 

@@ -1,12 +1,10 @@
-"""Comparisons of the time with what is known beforehand, `time < t_open`, as events at that instant.
+"""Comparisons of the time with values known in advance, `time < t_open`, as events at that instant.
 
 A condition g(t, p) > 0 whose g = c(p) + s(p) t is a straight line in time changes once, at T = -c/s. In an equation it is
-replaced by a held variable that is 0 before T and 1 after it, so that no step of the integrator reaches across T, and what
-T does to the motion is known (see `numerics.jumps`). At T itself what comes after it holds, be it `<` or `<=`. A condition
-of
-another function of time, and a sign, is held from one change of its sign to the next. What holds at the start of a run
-follows
-from its time (see `numerics.time_events.clocks_at`).
+replaced by a held variable that is 0 before T and 1 after it, so that no step of the integrator crosses T, and the
+derivatives by T are known (see `numerics.jumps`). At T itself the state after the event holds, for `<` as for `<=`. A
+condition of another function of time, and a sign, is held from one change of its sign to the next. What holds at the start
+of a run follows from its time (see `numerics.time_events.clocks_at`).
 """
 
 from __future__ import annotations
@@ -48,8 +46,8 @@ class TimeSwitch:
 def clocked(residual: ca.SX, time: ca.SX, constants: set[int], corners: bool = False
             ) -> tuple[ca.SX, list[TimeSwitch], bool]:
     """A scalar residual that depends on the time, without comparisons of the time with constants (the hashes of their
-    symbols), the instants at which these change, and whether it still has a kink in something that moves. With `corners`
-    what `max`, `min` and `abs` choose by the time is such a comparison, too."""
+    symbols), the instants at which these change, and whether it still has a kink in a variable. With `corners` the choice of
+    `max`, `min` and `abs` by the time is such a comparison, too."""
     symbols = ca.symvar(residual)
     walk = _Walk(time, constants, corners)
     rebuilt = walk.rebuilt(ca.Function("residual", [stack(symbols)], [residual]), symbols)
@@ -82,11 +80,11 @@ def _differentiable(residual: ca.SX, switches: Iterable[TimeSwitch], time: ca.SX
     return bool((np.abs(after - before) <= CONTINUOUS * size).all())
 
 
-def check_steps(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
+def check_steps(residuals: ca.SX, provenance: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
                 problems: Problems) -> None:
-    """`floor` of what moves between events jumps where no event stops the integrator: `floor-moves` for each equation in
-    which the argument depends on more than parameters and held variables."""
-    floored = [(residuals[k], text, place) for k, (_, text, place) in enumerate(told) if "floor" in text]
+    """Note `floor-moves` for each equation with `floor` of an argument that depends on more than parameters and held
+    variables: it would jump without an event that stops the integrator."""
+    floored = [(residuals[k], text, place) for k, (_, text, place) in enumerate(provenance) if "floor" in text]
     constants = places(parameters.p).keys() if floored else set[int]()
     for residual, text, place in floored:
         moving = [a for a in _floored(residual) if not {s.element_hash() for s in ca.symvar(a)} <= constants]
@@ -113,12 +111,12 @@ def _stairs(argument: ca.SX, text: str, time: ca.SX, parameters: Parameters) -> 
 
 def _floored(expression: ca.SX) -> Iterator[ca.SX]:
     """The arguments of `floor` in a scalar expression."""
-    waiting, seen = [expression], set[int]()
+    waiting, visited = [expression], set[int]()
     while waiting:
         node = waiting.pop()
-        if node.element_hash() in seen or node.is_constant() or node.is_symbolic():
+        if node.element_hash() in visited or node.is_constant() or node.is_symbolic():
             continue
-        seen.add(node.element_hash())
+        visited.add(node.element_hash())
         parts = [node.dep(k) for k in range(node.n_dep())]
         if node.op() == ca.OP_FLOOR:
             yield parts[0]
@@ -127,8 +125,9 @@ def _floored(expression: ca.SX) -> Iterator[ca.SX]:
 
 @dataclass(frozen=True)
 class TimeConditions:
-    """Residuals with what they took from the time held, the parameters with the begins of that, and when it changes;
-    `smooth` are the numbers of residuals that have no kink between these instants."""
+    """Residuals with held variables in place of their conditions of time, the parameters with the initial values of these
+    variables, and the instants of their changes; `smooth` are the numbers of residuals without a kink between these
+    instants."""
 
     residuals: ca.SX
     smooth: frozenset[int]
@@ -137,10 +136,11 @@ class TimeConditions:
     events: tuple[FlatEvent, ...]
 
 
-def timed(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
+def timed(residuals: ca.SX, sources: Iterable[tuple[str, str, Place]], time: ca.SX, parameters: Parameters,
           held: tuple[Held, ...], corners: Mapping[int, int]) -> TimeConditions:
-    """All residuals clocked; `told` are owner, text and place of their equations, `held` what is held already. The residuals
-    `corners` are differentiated as often as it says: their corners are clocked if they are smooth enough for it."""
+    """All residuals clocked; `sources` are owner, text and location of their equations, `held` the existing held variables.
+    `corners` gives the number of differentiations of residuals: their corners are clocked if they are smooth enough for
+    it."""
     by_time = ca.which_depends(residuals, time, 1, True)
     if not any(by_time):  # as in nearly every diagram
         return TimeConditions(residuals, frozenset(), parameters, held, ())
@@ -148,19 +148,19 @@ def timed(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX,
     constants = {s for s, k in parameters.places.items() if k not in moving}
     numbers_of = [q.value for q in parameters.independent]
     values = {s: numbers_of[k] for s, k in parameters.places.items()}
-    own, events, symbols, done = list[Held](), list[FlatEvent](), list[ca.SX](), ca.SX(residuals)
+    held_variables, events, symbols, residuals_done = list[Held](), list[FlatEvent](), list[ca.SX](), ca.SX(residuals)
     numbers, begin, smooth = Counter[str](), parameters.p.numel(), set[int]()
-    for k, (owner, text, place) in enumerate(told):
+    for k, (owner, text, place) in enumerate(sources):
         if not by_time[k]:
             continue
-        done[k], passings, kinked = clocked(residuals[k], time, constants, corners=k in corners)
+        residuals_done[k], passings, kinked = clocked(residuals[k], time, constants, corners=k in corners)
         if k in corners and not _differentiable(residuals[k], passings, time, values, corners[k] - 1):
-            done[k], passings, kinked = clocked(residuals[k], time, constants)
+            residuals_done[k], passings, kinked = clocked(residuals[k], time, constants)
         smooth |= set() if kinked else {k}
         for passing in passings:
             numbers[owner] += 1
-            name, index = f"{owner}.clock_{numbers[owner]}", begin + len(own)
-            own.append(Held(name, index, DIMENSIONLESS, place, "1 once the time has passed an instant"))
+            name, index = f"{owner}.clock_{numbers[owner]}", begin + len(held_variables)
+            held_variables.append(Held(name, index, DIMENSIONLESS, place, "1 once the time has passed an instant"))
             symbols.append(passing.symbol)
             rises, falls = (FlatReset(name, None, index, ca.SX(value), place) for value in (1, 0))
             if passing.instant is not None:
@@ -168,14 +168,15 @@ def timed(residuals: ca.SX, told: Iterable[tuple[str, str, Place]], time: ca.SX,
             else:
                 events += [FlatEvent(name + end, text, place, above, ca.SX(0), None, (reset,), by_clock=True)
                            for end, above, reset in (("", passing.above, rises), ("_end", -passing.above, falls))]
-    if not own:
+    if not held_variables:
         return TimeConditions(residuals, frozenset(), parameters, held, ())
-    joined = parameters.joined(FlatParameter(f"initial.{h.name}", 0.0, h.unit, h.place) for h in own)
+    joined = parameters.joined(FlatParameter(f"initial.{h.name}", 0.0, h.unit, h.place) for h in held_variables)
     places = split(joined.p)[begin:]
-    joined = replace(joined, expressions={**joined.expressions, **{h.name: p for h, p in zip(own, places, strict=True)}},
-                     units={**joined.units, **{h.name: h.unit for h in own}})
-    done = ca.substitute(done, stack(symbols), stack(places))
-    return TimeConditions(done, frozenset(smooth), joined, (*held, *own), tuple(events))
+    joined = replace(joined, expressions={**joined.expressions, **{h.name: p for h, p in zip(held_variables, places,
+                                                                                             strict=True)}},
+                     units={**joined.units, **{h.name: h.unit for h in held_variables}})
+    residuals_done = ca.substitute(residuals_done, stack(symbols), stack(places))
+    return TimeConditions(residuals_done, frozenset(smooth), joined, (*held, *held_variables), tuple(events))
 
 
 class _Walk:
@@ -201,14 +202,14 @@ class _Walk:
         return result
 
     def _operated(self, op: int, a: ca.SX, b: ca.SX | None = None) -> ca.SX:
-        if b is not None and op in (ca.OP_LT, ca.OP_LE) and (found := self._held(b - a)) is not None:
-            return found
-        if op == ca.OP_SIGN and (found := self._held(a)) is not None:
-            return 2 * found - 1
+        if b is not None and op in (ca.OP_LT, ca.OP_LE) and (replaced := self._held(b - a)) is not None:
+            return replaced
+        if op == ca.OP_SIGN and (replaced := self._held(a)) is not None:
+            return 2 * replaced - 1
         if self.corners and op in (ca.OP_FMAX, ca.OP_FMIN, ca.OP_FABS):
-            other = -a if b is None else b
-            if (found := self._held(a - other)) is not None:
-                return ca.if_else(found, other, a) if op == ca.OP_FMIN else ca.if_else(found, a, other)
+            argument = -a if b is None else b
+            if (replaced := self._held(a - argument)) is not None:
+                return ca.if_else(replaced, argument, a) if op == ca.OP_FMIN else ca.if_else(replaced, a, argument)
         # what `if_else` puts out is smooth where its condition does not change
         deciding = a if op == ca.OP_IF_ELSE_ZERO or b is None else ca.vertcat(a, b)
         if op in CORNERS and not {s.element_hash() for s in ca.symvar(deciding)} <= self.constants:
@@ -216,8 +217,8 @@ class _Walk:
         return ca.SX.binary(op, a, b) if op in TWO and b is not None else ca.SX.unary(op, a)
 
     def _held(self, above: ca.SX) -> ca.SX | None:
-        """The condition `above` > 0 in terms of held variables; None where more than the time and constants is in it, or
-        held variables in another way than in a straight line."""
+        """The condition `above` > 0 in terms of held variables; None if it contains more than the time and constants, or
+        held variables nonlinearly."""
         slope = ca.jacobian(above, self.time)
         names = {s.element_hash() for s in ca.symvar(above)} - {self.time.element_hash()}
         if not ca.depends_on(above, self.time) or not names <= self.constants:

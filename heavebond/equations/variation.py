@@ -34,8 +34,8 @@ class Factor:
 
 def factors(model: Model, leaves: Mapping[str, Leaf], templates: Mapping[str, Template], resolver: Resolver,
             problems: Problems) -> dict[str, Factor]:
-    """The factors of a diagram by the full names of their parameters; what is wrong with one is added to `problems`."""
-    found = {}
+    """The factors of a diagram by the full names of their parameters; problems are added to `problems`."""
+    factors_by_name = {}
     for path, setting in model.vary.items():
         owner, _, name = path.rpartition(".")
         value = setting.value
@@ -52,14 +52,14 @@ def factors(model: Model, leaves: Mapping[str, Leaf], templates: Mapping[str, Te
         except ExpressionProblem as problem:
             add_formula_problem(problem, value, problems)
             continue
-        own = {s.element_hash() for s in ca.symvar(expression)}
-        if own & {s.element_hash() for column in resolver.columns[1:] for s in split(column)}:
+        symbols = {s.element_hash() for s in ca.symvar(expression)}
+        if symbols & {s.element_hash() for column in resolver.columns[1:] for s in split(column)}:
             problems.add("vary-rate", f"the factor of {path} contains a derivative", value.place,
-                         hint="Use a velocity or a flow, a variable of its own.")
+                         hint="Use a velocity, a flow or a separate variable.")
             continue
         column = split(resolver.columns[0])
-        found[path] = Factor(expression, tuple(k for k, s in enumerate(column) if s.element_hash() in own))
-    return found
+        factors_by_name[path] = Factor(expression, tuple(k for k, s in enumerate(column) if s.element_hash() in symbols))
+    return factors_by_name
 
 
 def _may_vary(path: str, leaves: Mapping[str, Leaf], templates: Mapping[str, Template], place: Place, problems: Problems
@@ -69,17 +69,17 @@ def _may_vary(path: str, leaves: Mapping[str, Leaf], templates: Mapping[str, Tem
     if owner in leaves and owner in templates and name in templates[owner].parameters:
         return True
     known = [f"{leaf}.{p}" for leaf in leaves if leaf in templates for p in templates[leaf].parameters]
-    own = [p for p in known if p.rpartition(".")[0] == owner]
-    inside = sorted({p for p in known if p.startswith(f"{owner}.") and p not in own}) if owner else []
-    problems.add("vary-unknown", f"'{path}' is no parameter of a part, so it cannot vary", place,
-                 hint=suggest(path, known) or (f"Parameters: {listing(own, 20)}." if own else
+    parameters = [p for p in known if p.rpartition(".")[0] == owner]
+    inside = sorted({p for p in known if p.startswith(f"{owner}.") and p not in parameters}) if owner else []
+    problems.add("vary-unknown", f"'{path}' is not a parameter of a part, so it cannot vary", place,
+                 hint=suggest(path, known) or (f"Parameters: {listing(parameters, 20)}." if parameters else
                  f"'{owner}' is a block; vary parameters of its parts: {listing(inside, 20)}." if inside else
                  "Write the name of a part and its parameter, for example `spring.c`."))
     return False
 
 
 def fixed_because(component: Component, name: str) -> str:
-    """Why a parameter of a component cannot vary; empty if it can."""
+    """The reason why a parameter of a component cannot vary; empty if it can."""
     parameter = component.parameters.get(name.partition("[")[0]) or component.parameters.get(name)
     if parameter is not None and parameter.integer:
         return "it is a whole number"

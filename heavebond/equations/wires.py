@@ -1,4 +1,5 @@
-"""Wires of a diagram while its blocks are opened: which ports and signals each node joins, arrays as one node an element."""
+"""Wires of a diagram while its blocks are opened: the ports and signals of each node; an array has one node for each
+element."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ class Wires:
         self.removed: dict[str, dict[str, Place]] = {}
 
     def inside_blocks(self) -> None:
-        """No wire to a node or port inside a block is left over."""
+        """Check that all wires to nodes and ports inside blocks are used."""
         for name, place in self.outside.items():
             leaf = self.leaves.get(name.rpartition(".")[0])
             if leaf is None or name.rpartition(".")[2] not in (*leaf.component.ports, *leaf.component.signals):
@@ -49,35 +50,35 @@ class Wires:
                               hint=suggest(path, self.junctions) or f"Nodes: {listing(self.junctions)}.")
 
     def join(self, body: Body, prefix: str, owner: Component | None, known: dict[str, Component]) -> None:
-        """The nodes of one level, and what on it is on no node."""
+        """Connect the nodes of one level, and note ports that are on no node."""
         on: dict[str, tuple[str, Place]] = {}
         for wire in body.wires.values():
             ends = []
             if not wire.ends:
                 self.problems.add("node-empty", f"node '{wire.name}' joins nothing", wire.place,
                                   hint=f"Write its ports, `{wire.name}: [spring.a, wall.a]`, or remove the line.")
-            gone = self.removed.get(prefix + wire.name, {})
+            removed = self.removed.get(prefix + wire.name, {})
             for end in wire.ends:
                 if end.path.startswith("-"):  # taken off a node inside a block
                     self.removed.setdefault(prefix + wire.name, {})[prefix + end.path[1:]] = end.place
                     continue
-                found = self._end(end, prefix, owner, known, body)
-                if found is None or ("." not in wire.name and gone.pop(found.name, None) is not None):
+                joined = self._end(end, prefix, owner, known, body)
+                if joined is None or ("." not in wire.name and removed.pop(joined.name, None) is not None):
                     continue
-                if found.name in self.outside and found.leaf in {prefix + name for name in known}:
-                    outer = self.outside[found.name]
-                    self.problems.add("port-on-two-nodes", f"'{found.name}' is on node '{prefix}{wire.name}' of its block",
-                                      outer, hint=f"Take it off: `{prefix}{wire.name}: [-{found.name}]`.")
-                if found.name in on:
-                    node, first = on[found.name]
+                if joined.name in self.outside and joined.leaf in {prefix + name for name in known}:
+                    outer = self.outside[joined.name]
+                    self.problems.add("port-on-two-nodes", f"'{joined.name}' is on node '{prefix}{wire.name}' of its block",
+                                      outer, hint=f"Take it off: `{prefix}{wire.name}: [-{joined.name}]`.")
+                if joined.name in on:
+                    node, first = on[joined.name]
                     twice = node == wire.name
-                    self.problems.add("port-on-two-nodes", f"'{end.path}' stands twice on node '{node}'" if twice else
+                    self.problems.add("port-on-two-nodes", f"'{end.path}' is listed twice on node '{node}'" if twice else
                                       f"'{end.path}' is on two nodes, '{node}' (line {first.line}) and '{wire.name}'",
                                       end.place, hint="Remove one of the two." if twice else "A port is on one node; "
                                       "join the two nodes into one, or remove the port from one of them.")
                     continue
-                on[found.name] = (wire.name, end.place)
-                ends.append(found)
+                on[joined.name] = (wire.name, end.place)
+                ends.append(joined)
             if "." in wire.name:
                 self.extra.setdefault(prefix + wire.name, []).extend(ends)
                 self.extra_places[prefix + wire.name] = wire.place
@@ -121,14 +122,14 @@ class Wires:
             self.problems.add("port-missing", f"'{head}' is a component; a node joins its ports", end.place,
                               hint="Write " + " or ".join(f"`{head}.{p}`" for p in ports[:4]) + ".")
             return
-        own = [*owner.ports, *owner.signals] if owner else []
-        ends = [f"{n}.{p}" for n, c in known.items() for p in (*c.ports, *c.signals)] + own
+        names = [*owner.ports, *owner.signals] if owner else []
+        ends = [f"{n}.{p}" for n, c in known.items() for p in (*c.ports, *c.signals)] + names
         near = nearest(end.path, ends)
         if near:
             self.meant.add(prefix + near)
-        what = f"there is no component '{head}'" if "." in end.path or not owner else \
+        problem = f"there is no component '{head}'" if "." in end.path or not owner else \
             f"this block has neither a component nor a port '{head}'"
-        self.problems.add("end-unknown", what, end.place,
+        self.problems.add("end-unknown", problem, end.place,
                           hint=suggest(end.path, ends) or suggest(head, known) or f"Components: {listing(known)}.")
 
     def _unconnected(self, prefix: str, instance: Instance, component: Component,
@@ -140,16 +141,16 @@ class Wires:
             if port.count is None and not joined:
                 self.problems.add("port-unconnected", f"port '{instance.name}.{port.name}' is on no node",
                                   instance.place, hint=f"Add `{instance.name}.{port.name}` to a node; a free end is "
-                                  f"a node of its own: `{instance.name}_{port.name}: [{instance.name}.{port.name}]`.")
+                                  f"a separate node: `{instance.name}_{port.name}: [{instance.name}.{port.name}]`.")
         for name, signal in component.signals.items():
             if signal.count is None:  # the elements of a vector are known later
                 self.signals[f"{path}.{name}"] = signal
-                given = name in instance.settings or f"{path}.{name}" in self.unused
-                self._input(instance.name, signal, instance.place, given or f"{path}.{name}" in on
+                has_value = name in instance.settings or f"{path}.{name}" in self.unused
+                self._input(instance.name, signal, instance.place, has_value or f"{path}.{name}" in on
                             or f"{path}.{name}" in {*self.meant, *self.outside})
 
     def _input(self, part: str, signal: SignalPort, place: Place, driven: bool) -> None:
-        """An input has a value, or is on a node."""
+        """Check that an input has a value or is on a node."""
         if signal.direction == "in" and not driven:
             unit = "" if signal.unit.text == "1" or is_generic(signal.unit.dimension) else f" {signal.unit.text}"
             self.problems.add("input-unconnected", f"input '{part}.{signal.name}' has no value", place,
@@ -157,7 +158,8 @@ class Wires:
                               f"`{signal.name}: 0{unit}`.")
 
     def arrays(self) -> None:
-        """Every element of an array of ports is on a node, and no other. A node of whole arrays is one for each element."""
+        """Check that every element of an array of ports is on a node, and no other. A node of whole arrays is one node for
+        each element."""
         self.junctions = {one.path: one for junction in self.junctions.values() for one in self._elements(junction)}
         joined = {end.name: end for junction in self.junctions.values() for end in junction.ends if end.sign > 0}
         self._vectors(joined)
@@ -179,7 +181,7 @@ class Wires:
                                       hint="Join each to a node (in quotes inside a list), or lower the number of ports.")
 
     def _vectors(self, joined: dict[str, PortEnd]) -> None:
-        """The elements of vectors of signals: each is on a node or given, and no other is named."""
+        """Check vectors of signals: each element is on a node or has a value, and no other element is named."""
         for path, leaf in self.leaves.items():
             vectors = {name: signal for name, signal in leaf.component.signals.items() if "[" in name}
             if not vectors:
@@ -187,27 +189,27 @@ class Wires:
             self.signals.update({f"{path}.{name}": signal for name, signal in vectors.items()})
             whole = {name.partition("[")[0] for name in vectors}
             for name, signal in vectors.items():
-                meant = f"{path}.{name.partition('[')[0]}" in self.meant
-                self._input(path, signal, leaf.place, meant or name in leaf.inputs or f"{path}.{name}" in joined)
+                misspelt = f"{path}.{name.partition('[')[0]}" in self.meant
+                self._input(path, signal, leaf.place, misspelt or name in leaf.inputs or f"{path}.{name}" in joined)
             for end in joined.values():
                 if end.leaf == path and end.port.partition("[")[0] in whole and end.port not in vectors:
                     self.problems.add("port-index", f"'{path}' has the signals {listing(vectors)}; '{end.port}' is none of "
                                       "these", end.place, hint="An index counts from 1.")
 
     def _elements(self, junction: Junction) -> list[Junction]:
-        """The junctions `path[1]`, `path[2]` that a node of whole arrays of ports, of vectors of signals or of parts of them
-        is; any other as it is."""
-        arrays = {end.name: found for end in junction.ends if (found := self._array(end)) is not None}
+        """The junctions `path[1]`, `path[2]` of a node of whole arrays of ports, of vectors of signals or of parts of them;
+        any other node unchanged."""
+        arrays = {end.name: indices for end in junction.ends if (indices := self._array(end)) is not None}
         if not arrays:
             return [junction]
-        shapes = {name: array_text(found) for name, found in arrays.items()}
+        shapes = {name: array_text(indices) for name, indices in arrays.items()}
         single = next((end for end in junction.ends if end.name not in arrays), None)
         if single is not None or len(set(shapes.values())) > 1:
             name, shape = next(iter(shapes.items()))
-            other = f"'{single.name}' is one {'signal' if self._is_signal(single) else 'port'}" if single is not None else \
+            clash = f"'{single.name}' is one {'signal' if self._is_signal(single) else 'port'}" if single is not None else \
                 next(f"'{n}' is {s}" for n, s in shapes.items() if s != shape)
             self.meant |= {name.partition("[")[0] for name in arrays}
-            self.problems.add("array-length", f"node '{junction.path}' joins whole arrays: '{name}' is {shape}, {other}",
+            self.problems.add("array-length", f"node '{junction.path}' joins whole arrays: '{name}' is {shape}, {clash}",
                               junction.place, hint="Join arrays of one length, or single elements or parts, such as "
                               f'`"{name.partition("[")[0]}[1]"` and `"{name.partition("[")[0]}[1..2]"`, in quotes.')
             return []
@@ -230,9 +232,9 @@ class Wires:
         port = leaf.component.ports.get(base)
         if port is not None:
             size = None if port.count is None else whole_number(port.count, leaf.integers)
-            own = [] if size is None else [f"[{k}]" for k in range(1, size + 1)]
+            suffixes = [] if size is None else [f"[{k}]" for k in range(1, size + 1)]
         else:
-            own = [name.removeprefix(base) for name in leaf.component.signals if name.startswith(f"{base}[")]
-        if not own or (bracket and ".." not in inside):
+            suffixes = [name.removeprefix(base) for name in leaf.component.signals if name.startswith(f"{base}[")]
+        if not suffixes or (bracket and ".." not in inside):
             return None
-        return {index: index for index in own} if not bracket else part_of(own, inside[:-1], leaf.integers)
+        return {index: index for index in suffixes} if not bracket else part_of(suffixes, inside[:-1], leaf.integers)

@@ -72,18 +72,15 @@ MANY = 5_000  # samples from which on the compiled integrator is used
 ELSEWHERE = 5.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Channel:
-    """One measured channel with n samples and the model at these times, both in the unit of the channel. The error measures
-    use the samples selected by `counts` (n,), which excludes dropped outliers and the other part of a record that is held
-    out in part.
+    """One measured channel with n samples and the model at these times, both in the unit of the channel.
 
-    error: rms of model - measured, same unit; normalised: error / rms of measured about its mean; relative: error / rms
-    of measured; fit: 100 (1 - normalised) %; chi2: mean of (error/noise)**2, 1 if the model is right; white: p value of
-    the Ljung-Box test for uncorrelated residuals; step: resolution of a quantised sensor, else 0; outlier (n,): samples
-    far from their neighbours; astray (n,): other samples whose residual is far from the residuals of their neighbours;
-    late: estimated delay of the channel relative to the model; separable: True if the noise is given, or its estimate
-    separable from the signal.
+    statistics: the error measures by name (see `metrics.STATISTICS`), of the samples selected by `counts` (n,), which
+    excludes dropped outliers and the other part of a record that is held out in part; step: resolution of a quantised
+    sensor, else 0; outlier (n,): samples far from their neighbours; astray (n,): other samples whose residual is far from
+    the residuals of their neighbours; late: estimated delay of the channel relative to the model; separable: True if the
+    noise is given, or its estimate separable from the signal.
     """
 
     name: str
@@ -93,13 +90,7 @@ class Channel:
     model: Array
     noise: float
     noise_given: bool
-    error: float
-    normalised: float
-    relative: float
-    fit: float
-    bias: float
-    chi2: float
-    white: float
+    statistics: Mapping[str, float]
     counts: Mask
     outlier: Mask
     astray: Mask
@@ -107,14 +98,47 @@ class Channel:
     late: TimeDelay | None
     separable: bool = True
 
+    @property
+    def error(self) -> float:
+        """The rms of model - measured, in the unit of the channel."""
+        return self.statistics["error"]
+
+    @property
+    def normalised(self) -> float:
+        """The rms error over the rms of the measured values about their mean."""
+        return self.statistics["normalised"]
+
+    @property
+    def relative(self) -> float:
+        """The rms error over the rms of the measured values."""
+        return self.statistics["relative"]
+
+    @property
+    def fit(self) -> float:
+        """100 (1 - normalised) in percent."""
+        return self.statistics["fit_percent"]
+
+    @property
+    def bias(self) -> float:
+        """The mean of measured - model, in the unit of the channel."""
+        return self.statistics["bias"]
+
+    @property
+    def chi2(self) -> float:
+        """The mean of (error/noise)**2, 1 if the model is right."""
+        return self.statistics["chi2_per_sample"]
+
+    @property
+    def white(self) -> float:
+        """The p value of the Ljung-Box test for uncorrelated residuals."""
+        return self.statistics["white_p"]
+
     def figures(self) -> dict[str, object]:
         """The error measures without the samples, for tables and JSON."""
         late = self.late and {"seconds": self.late.seconds, "deviation": self.late.deviation, "share": self.late.share,
                               "noticeable": self.late.noticeable, "explains": self.late.explains(self.noise)}
-        return {"unit": self.unit, "error": self.error, "normalised": self.normalised, "relative": self.relative,
-                "fit_percent": self.fit, "bias": self.bias, "noise": self.noise, "noise_given": self.noise_given,
-                "noise_separable": self.separable,
-                "chi2_per_sample": self.chi2, "white_p": self.white, "samples": int(self.counts.sum()),
+        return {"unit": self.unit, **self.statistics, "noise": self.noise, "noise_given": self.noise_given,
+                "noise_separable": self.separable, "samples": int(self.counts.sum()),
                 "outliers": self.time[self.outlier].tolist(),
                 "astray": self.time[self.astray].tolist(), "step": self.step, "late": late}
 
@@ -508,8 +532,7 @@ def _channel(name: str, samples: Samples, simulated: Array, counts: Mask, astray
     measured, model, noise = samples.measured[counts], simulated[counts], samples.noise
     weight = noise / samples.deviation[counts]
     return Channel(
-        name, samples.output.shown.unit, samples.time, samples.measured, simulated, noise, samples.noise_given,
-        metrics.rms_error(measured, model), metrics.normalised_rms(measured, model),
-        metrics.relative_rms(measured, model), metrics.fit_percent(measured, model), metrics.bias(measured, model),
-        metrics.chi2_per_sample(weight * measured, weight * model, noise), metrics.whiteness(measured - model), counts,
-        samples.outlier, astray, samples.step, late, samples.estimate is None or samples.estimate.separable)
+        name=name, unit=samples.output.shown.unit, time=samples.time, measured=samples.measured, model=simulated,
+        noise=noise, noise_given=samples.noise_given, statistics=metrics.statistics(measured, model, weight, noise),
+        counts=counts, outlier=samples.outlier, astray=astray, step=samples.step, late=late,
+        separable=samples.estimate is None or samples.estimate.separable)

@@ -1,11 +1,11 @@
 """Describing functions of dry friction for linearisation: its slope at rest, over a motion, and while it slides.
 
-Near rest a friction law F(v) is a damper far stiffer than any in the machine. Over a motion it acts like one of a smaller
-slope, its describing function; over one of large amplitude like that of the sliding law, zero but for viscous parts. A share
-of the slope at rest is had by widening the transition of the law around rest (a `width` in the unit of a speed), which
-leaves everything else as it is; laws without such a width say what makes them slide (`sliding`).
+Near rest a friction law F(v) is a damper far stiffer than any damper of the machine. Over a motion it acts like a damper
+of smaller slope, its describing function. Over a motion of large amplitude the slope is that of the sliding law, zero except
+for viscous parts. A share of the slope at rest is obtained by widening the transition of the law around rest (a `width` in
+the unit of a speed), without another change; laws without such a width declare the values that make them slide (`sliding`).
 
-The slope over a run is that of the damper that dissipates as much, <F v>/<v**2>: for a sinusoidal motion the describing
+The slope over a run is that of the damper with the same dissipation, <F v>/<v**2>: for a sinusoidal motion the describing
 function at its amplitude, for any other the best linear estimate of the force. A. Gelb, W. E. Vander Velde, Multiple-input
 describing functions and nonlinear system design, McGraw-Hill 1968, sections 1.5 and 2.3.
 """
@@ -31,8 +31,8 @@ STRAIGHT, SLOW = 1e3, 1e-9
 
 @dataclass(frozen=True)
 class Frictions:
-    """Dry frictions by the path of their part: for each the parameters whose widening makes it slide (`widths`, indices in
-    p), what is set instead (`set_to`: index, value), and the parts of which neither can be set."""
+    """Dry frictions by the path of their part: the parameters whose widening makes it slide (`widths`, indices in p), the
+    values to set instead (`set_to`: index, value), and the parts that have neither."""
 
     names: tuple[str, ...]
     widths: tuple[tuple[int, ...], ...]
@@ -40,7 +40,8 @@ class Frictions:
     fixed: tuple[str, ...]
 
     def sliding(self, p: Array, shares: Sequence[float]) -> Array:
-        """The parameters (n_p,) at which each slope is that share of its own at rest; what has no width slides below 1."""
+        """The parameters (n_p,) at which each slope is this share of its slope at rest; a friction without a width slides
+        for shares below 1."""
         p = p.copy()
         for at, share in zip(self.widths, shares, strict=True):
             p[list(at)] *= 1 / max(share, 1 / WIDEST)
@@ -71,31 +72,35 @@ NO_FRICTION = Frictions((), (), (), ())
 
 
 def slopes_over(assembly: Assembly, frictions: Frictions, run: Result) -> tuple[float, ...]:
-    """The equivalent slope of each dry friction over a run, as a share of its slope at rest; 0 where it has no width.
+    """The equivalent slope of each dry friction over a run, as a share of its slope at rest; 0 if it has no width.
 
-    D is the part of its dissipation that widening takes away. With a width k times as large, so that the law is straight
-    over the whole motion, the slope at rest is k D_k/v**2 near rest.
+    D is the part of its dissipation that widening removes. With a width k times as large, so that the law is straight over
+    the whole motion, the slope at rest is k D_k/v**2 near rest.
     """
     losses = {e.owner: e.dissipated for e in assembly.flat.energetics}
     arguments = columns(run)
     shares = []
     for path, at in zip(frictions.names, frictions.widths, strict=True):
-        speed = _speed(assembly, path)
+        # the sliding speed of a part: its variable in the unit of the width
+        component = assembly.flat.expanded.leaves[path].component
+        units = [q.unit.dimension for q in component.parameters.values() if q.width and q.unit.dimension in SPEEDS]
+        variables = [name for name, v in component.variables.items() if v.held is None and v.unit.dimension in units]
+        speed = assembly.expression(parse_formula(f"{path}.{variables[0]}")) if variables else None
         if not at or speed is None or path not in losses:
             shares.append(0.0)
             continue
-        told = ca.Function("told", list(assembly.arguments), [assembly.express(losses[path]), speed])
-        shares.append(_share(told, arguments, list(at), run.time))
+        dissipation = ca.Function("told", list(assembly.arguments), [assembly.express(losses[path]), speed])
+        shares.append(_share(dissipation, arguments, list(at), run.time))
     return tuple(shares)
 
 
-def _share(told: ca.Function, arguments: Sequence[Array], at: list[int], time: Array) -> float:
+def _share(dissipation: ca.Function, arguments: Sequence[Array], at: list[int], time: Array) -> float:
     t, x, z, p, u, rate = arguments
 
     def widened(times: float) -> tuple[Array, Array]:
         wide = p.copy()
         wide[at] *= times
-        loss, v = (np.array(column.full()).ravel() for column in told(t, x, z, wide, u, rate))
+        loss, v = (np.array(column.full()).ravel() for column in dissipation(t, x, z, wide, u, rate))
         return loss, v
 
     (one, v), (none, _) = widened(1.0), widened(WIDEST)
@@ -107,11 +112,3 @@ def _share(told: ca.Function, arguments: Sequence[Array], at: list[int], time: A
     at_rest = k * float((widened(k)[0] - none)[least]) / float(v[least]) ** 2
     mean = float(np.trapezoid(one - none, time) / np.trapezoid(v**2, time))
     return float(np.clip(mean / at_rest, 0.0, 1.0)) if at_rest > 0 else 0.0
-
-
-def _speed(assembly: Assembly, path: str) -> ca.SX | None:
-    """The sliding speed of a part: its own variable in the unit of the width."""
-    component = assembly.flat.expanded.leaves[path].component
-    units = [q.unit.dimension for q in component.parameters.values() if q.width and q.unit.dimension in SPEEDS]
-    own = [name for name, v in component.variables.items() if v.held is None and v.unit.dimension in units]
-    return assembly.expression(parse_formula(f"{path}.{own[0]}")) if own else None

@@ -1,7 +1,7 @@
 """Disturbance inputs for linear analysis: added to a signal or entering a node, with their time derivatives.
 
-The signal s that a component or a formula sets becomes s = (what sets it) + w; everything that reads it sees s. A node's
-balance gets a further through variable: a force, torque or flow w that enters the node. Index reduction differentiates w
+The signal s of a component or a formula becomes s = (its law) + w; all readers of the signal receive s. The balance of a
+node receives a further through variable: a force, torque or flow w that enters the node. Index reduction differentiates w
 like a measured input, so that a position source passes w' and w'' on exactly. In runs w is zero.
 """
 
@@ -25,7 +25,7 @@ from heavebond.numerics.inputs import Pieced, pieced
 
 @dataclass(frozen=True)
 class _Source:
-    """Where a disturbance enters: the unknown that it adds to and the equations that set this, or a node."""
+    """The location of a disturbance: an unknown with the equations that set it, or a node."""
 
     unit: Unit
     rows: tuple[int, ...]
@@ -33,13 +33,13 @@ class _Source:
 
 
 def inner_name(name: str) -> str:
-    """The measured input that stands for what is added to a signal or enters a node."""
+    """The name of the measured input that represents the disturbance of a signal or node."""
     return f"added to {name}"
 
 
 def disturbed(flat: Flat, names: Iterable[str]) -> Flat:
-    """The flat model with an input `inner_name(name)` for each name; UsageError for what is neither a signal nor the through
-    variable of a node (`crown.f`)."""
+    """The flat model with an input `inner_name(name)` for each name; UsageError for a name that is neither a signal nor the
+    through variable of a node (`crown.f`)."""
     problems, nodes = Problems(), nodes_of(flat)
     residuals, inputs = list(flat.residuals), list(flat.inputs)
     for name in names:
@@ -57,7 +57,7 @@ def disturbed(flat: Flat, names: Iterable[str]) -> Flat:
 
 
 def quiet(flat: Flat, added: int, begin: float, end: float) -> Pieced:
-    """The measured inputs of a disturbed model on [begin, end]: those of its records, and the last `added` at zero."""
+    """The measured inputs of a disturbed model on [begin, end]: those of its records, and the last `added` ones at zero."""
     records = pieced(replace(flat, inputs=flat.inputs[:len(flat.inputs) - added]), begin, end)
     if not records.columns.size:
         return Pieced(np.array([begin, end]), np.zeros((1 + 4 * added if added else 0, 1 if added else 0)))
@@ -65,7 +65,7 @@ def quiet(flat: Flat, added: int, begin: float, end: float) -> Pieced:
 
 
 def _source(flat: Flat, nodes: Mapping[str, Node], name: str, problems: Problems) -> _Source | None:
-    """What a name stands for; a problem where that is nothing to which something can be added."""
+    """The location of the disturbance of a name; a problem if nothing can be added there."""
     owner, _, member = name.rpartition(".")
     node, unknown = nodes.get(owner), flat.names.get(name)
     if node is not None and member == node.through:
@@ -74,9 +74,10 @@ def _source(flat: Flat, nodes: Mapping[str, Node], name: str, problems: Problems
     if unknown is None or flat.unknowns[unknown].role != "signal":
         signals = [n for n, k in flat.names.items() if flat.unknowns[k].role == "signal"]
         forces = [f"{n.name}.{n.through}" for n in nodes.values()]
-        what = "nothing here is called" if unknown is None else "nothing can be added to"
-        problems.add("input-unknown", f"{what} '{name}'", hint=suggest(name, [*signals, *forces]) or
-                     f"Signals: {listing(signals or ['none'], 12)}. What enters a node: {listing(forces or ['none'], 6)}.")
+        problem = "nothing here is called" if unknown is None else "nothing can be added to"
+        problems.add("input-unknown", f"{problem} '{name}'", hint=suggest(name, [*signals, *forces]) or
+                     f"Signals: {listing(signals or ['none'], 12)}. Through variables of nodes: "
+                     f"{listing(forces or ['none'], 6)}.")
         return None
     aliases = {n for n, k in flat.names.items() if k == unknown}
     rows = tuple(k for k, e in enumerate(flat.equations)

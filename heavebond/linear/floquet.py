@@ -1,8 +1,9 @@
-"""Floquet multipliers of a run that becomes periodic: stability where a machine has no equilibrium.
+"""Floquet multipliers of a run that becomes periodic: stability if a machine has no equilibrium.
 
-Small deviations follow dx' = A(t) dx with A along the run. Over a period T they are multiplied by the monodromy matrix, here
-the product of exp(A dt) over the steps of the output, A in the middle of each; its eigenvalues are the multipliers. The run
-is stable where all are below 1 in size. A. H. Nayfeh, B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, section 3.2.
+Small deviations follow dx' = A(t) dx with A along the run. Over a period T they are multiplied by the monodromy matrix,
+here the product of exp(A dt) over the steps of the output, A in the middle of each; its eigenvalues are the multipliers. The
+run is stable if all have magnitudes below 1. A. H. Nayfeh, B. Balachandran, Applied Nonlinear Dynamics, Wiley 1995, section
+3.2.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ FLOQUET = FloquetConstants()
 
 
 def largest_multiplier(assembly: Assembly, until: float) -> float | None:
-    """The size of the largest Floquet multiplier over the last period of a run, None where it ends in none, has events or
-    delays, or cannot be finished."""
+    """The magnitude of the largest Floquet multiplier over the last period of a run; None if the run is not periodic at its
+    end, has events or delays, or fails."""
     if assembly.flat.events or assembly.flat.held or assembly.flat.delays:
         return None
     try:
@@ -61,24 +62,24 @@ def largest_multiplier(assembly: Assembly, until: float) -> float | None:
     sizes = assembly.x_nominal
     at = range(t.shape[1] - 1 - steps, t.shape[1])
     try:
-        found = [linearisation.at(Point(float(t[0, k]), x[:, k], z[:, k], p[:, k], u[:, k], 1.0)).a for k in at]
+        jacobians = [linearisation.at(Point(float(t[0, k]), x[:, k], z[:, k], p[:, k], u[:, k], 1.0)).a for k in at]
     except HeavebondError:
         return None
-    return _multiplier([a * sizes / sizes[:, None] for a in found], float(t[0, 1] - t[0, 0]))
+    return _multiplier([a * sizes / sizes[:, None] for a in jacobians], float(t[0, 1] - t[0, 0]))
 
 
 def period(x: Array) -> int | None:
-    """The steps after which the end of states (n_x, N) repeats itself, None where it does not."""
+    """The number of steps after which the end of states (n_x, N) repeats; None if it does not."""
     spread = np.ptp(x[:, x.shape[1] // 2:], axis=1)
     moving = x[spread > 1e-9 * np.maximum(np.abs(x).max(axis=1), 1e-300)]
     if not len(moving):
         return None
     moving = moving / np.ptp(moving, axis=1)[:, None]
-    left = False
+    moved_away = False
     for steps in range(1, x.shape[1] // 2):
         off = float(np.abs(moving[:, -steps:] - moving[:, -2 * steps:-steps]).max())
-        left = left or off > FLOQUET.leaves
-        if left and off < FLOQUET.repeats:
+        moved_away = moved_away or off > FLOQUET.leaves
+        if moved_away and off < FLOQUET.repeats:
             return steps
     return None
 

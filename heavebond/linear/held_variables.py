@@ -1,13 +1,13 @@
-"""Held variables in linear analysis: each is a constant there. Which of them lie in a loop, and which take the verdict.
+"""Held variables in linear analysis: they are constants. Those in a loop may make the stability undecided.
 
-A linear system has no events. For motions that are small enough this is exact where the conditions of all events are away
-from zero: a friction that sticks, a relay between its thresholds. It is not where an event happens whatever the motion, as
-the samples of a digital controller, or where a condition is at zero. If such a variable lies in a loop, the eigenvalues are
-those of another machine, and stability is not decided.
+A linear system has no events. For sufficiently small motions this is exact if the conditions of all events are away from
+zero: a friction that sticks, a relay between its thresholds. It is not exact if an event happens for every motion, such as
+the samples of a digital controller, or if a condition is at zero. If such a variable lies in a loop, the eigenvalues belong
+to another machine, and stability is not decided.
 
-Loops are found by structure. In a directed graph of the states, algebraic unknowns, held variables and resets of states an
-edge leads from what an equation contains to what it determines; algebraic equations are matched to their unknowns, and a
-held variable follows the values and conditions of the events that set it.
+Loops are found by structure. The graph is directed: its vertices are the states, algebraic unknowns, held variables and
+resets of states, and an edge leads from each symbol of an equation to the unknown that the equation determines. Algebraic
+equations are matched to their unknowns, and a held variable follows the values and conditions of the events that set it.
 """
 
 from __future__ import annotations
@@ -72,11 +72,11 @@ class HeldVariable:
     """A variable that only events change, or a state that samples set, at an operating point, in SI.
 
     `part` is the path of its component, `place` the line of the part. `sampled` is set if the events that change it happen
-    whatever the motion, `in_loop` if its value acts on itself through the machine, `at_threshold` if the smallest motion
-    would change it, `acts` if an equation contains it (not conditions of events alone), `varying` if it is sampled and the
-    linear system is another with another value. `inputs` of the linear system act on it, and it acts on `outputs`. It is
-    `exact` if a sampled system contains its samples (see `sampled`), of the `period` in s; it is not constant there. If they
-    are `rounded` to steps, as those of a quantiser or an encoder, the rounding has the gain 1 there.
+    for every motion, `in_loop` if its value acts on itself through the machine, `at_threshold` if the smallest motion would
+    change it, `acts` if an equation contains it (not conditions of events alone), `varying` if it is sampled and the linear
+    system depends on its value. `inputs` of the linear system act on it, and it acts on `outputs`. It is `exact` if a
+    sampled system contains its samples (see `sampled`), of the `period` in s; it is not constant there. If the samples are
+    `rounded` to steps, as in a quantiser or an encoder, the rounding has the gain 1.
     """
 
     name: str
@@ -100,7 +100,7 @@ class HeldVariable:
 
     @property
     def undecided(self) -> bool:
-        """Whether it takes the verdict on stability."""
+        """True if it makes the stability undecided."""
         return self.varying or (self.in_loop and (self.sampled or self.at_threshold))
 
     @property
@@ -116,7 +116,7 @@ class HeldVariable:
 
     @property
     def why(self) -> str:
-        """What the linear system leaves out."""
+        """The effect that the linear system leaves out."""
         if self.state:
             return "the samples that set this state are left out"
         if self.sampled:
@@ -147,7 +147,7 @@ class HeldVariable:
 
 def held_lines(held: Sequence[HeldVariable]) -> list[str]:
     """A line for each part with held variables: their values, and how the linear system treats them. Variables that only
-    conditions of events contain are left out beside others of the same part."""
+    conditions of events contain are omitted if the same part has others."""
     groups: dict[tuple[object, ...], list[HeldVariable]] = {}
     acting = {h.part for h in held if h.acts}
     for h in (h for h in held if h.acts or h.undecided or h.part not in acting):
@@ -181,20 +181,20 @@ def clock_lines(clocks: Iterable[Clock]) -> list[str]:
 
 
 def with_held(title: str, held: Iterable[HeldVariable]) -> str:
-    """The title of a figure with the held variables that act on what it shows."""
+    """The title of a figure, with the held variables that act on the plotted quantities."""
     names = [h.name for h in held if h.in_loop or h.between]
     return f"{title}{'; ' if title else ''}held constant: {listing(names, 6)}" if names else title
 
 
 def undecided_reasons(held: Iterable[HeldVariable]) -> tuple[str, ...]:
-    """Why the stability is not decided, a phrase for each held variable that takes the verdict."""
+    """The reasons for undecided stability, a phrase for each held variable that causes it."""
     return tuple(f"{h.label} {'lies in a loop' if h.in_loop else 'changes the linear system'} and is "
                  f"{'set at given times' if h.sampled else 'at its threshold'}; the linear system holds it constant"
                  for h in held if h.undecided)
 
 
 def check_decided(held: Iterable[HeldVariable], wanted: str, hint: str) -> None:
-    """UsageError if held variables take the verdict that is wanted."""
+    """Raise UsageError if held variables make the requested verdict undecided."""
     first = next((h for h in held if h.undecided), None)
     if first is not None:
         reasons = undecided_reasons(h for h in held if h.undecided)
@@ -300,28 +300,28 @@ class HeldStructure:
         groups = connected_components(graph, connection="strong")[1]
         reached = {k: set(breadth_first_order(graph, self.first_input + k, return_predecessors=False).tolist())
                    for k in range(len(self.inputs))}
-        seen = {k: set(breadth_first_order(back, self.first_output + k, return_predecessors=False).tolist())
-                for k in range(len(self.outputs))}
-        return groups, reached, seen
+        shown_by = {k: set(breadth_first_order(back, self.first_output + k, return_predecessors=False).tolist())
+                    for k in range(len(self.outputs))}
+        return groups, reached, shown_by
 
     @cached_property
     def _direct(self) -> list[set[int]]:
-        """What the condition of each event contains, through algebraic unknowns but not through states."""
+        """The symbols that the condition of each event contains, through algebraic unknowns but not through states."""
         return [self._closure(row) for row in self._indicator]
 
     def _closure(self, row: set[int]) -> set[int]:
-        """What a formula contains, through algebraic unknowns but not through states."""
-        seen, waiting = set[int](), list(row)
+        """The symbols that a formula contains, through algebraic unknowns but not through states."""
+        visited, waiting = set[int](), list(row)
         while waiting:
             node = waiting.pop()
-            if node not in seen:
-                seen.add(node)
+            if node not in visited:
+                visited.add(node)
                 waiting += self._by_target.get(node, ())
-        return seen
+        return visited
 
     @cached_property
     def _by_target(self) -> dict[int, set[int]]:
-        """What the equation of each algebraic unknown contains."""
+        """The symbols in the equation of each algebraic unknown."""
         by_target: dict[int, set[int]] = {}
         for source, target in self.edges:
             if self.n_x <= target < self.first_held:
@@ -329,8 +329,8 @@ class HeldStructure:
         return by_target
 
     def _recurring(self, point: Point) -> list[bool]:
-        """Whether each event happens again and again whatever the motion: by its period, or by a condition of the time and
-        of variables that such events set, without states."""
+        """True for events that recur for every motion: by a period, or by a condition of the time and of variables that such
+        events set, without states."""
         clocked = [e.indicator is not None and not any(node < self.n_x for node in self._direct[i])
                    for i, e in enumerate(self.events)]
         recurring = [e.period is not None or (clocked[i] and self.clock in self._direct[i] and self._opens(point, i))
@@ -343,7 +343,7 @@ class HeldStructure:
             recurring = more
 
     def _opens(self, point: Point, event: int) -> bool:
-        """Whether a condition comes true in the time of a run while all else stays as it is; with measured inputs it may."""
+        """True if a condition becomes true during a run with all states constant; with measured inputs it is assumed."""
         if self._measured:
             return True
         end = _span(self.assembly)
@@ -351,9 +351,9 @@ class HeldStructure:
         return any(float(self._values(*replace(point, t=float(t)).values())[0][event]) > 0 for t in times)
 
     def at(self, point: Point) -> tuple[HeldVariable, ...]:
-        """The held variables at a point: first those that take the verdict on stability, then those in loops."""
+        """The held variables at a point: first those that make the stability undecided, then those in loops."""
         assembly, flat = self.assembly, self.assembly.flat
-        groups, reached, seen = self._graph
+        groups, reached, shown_by = self._graph
         indicators, slopes = (np.array(v.full()) for v in self._values(*point.values()))
         margin = HELD.threshold * (np.abs(slopes) @ assembly.x_nominal)
         threshold = [e.indicator is not None and abs(v) <= m
@@ -363,7 +363,7 @@ class HeldStructure:
                   if target < self.first_held or self.first_output <= target < self.clock}
         looped = set(groups[:self.n_x].tolist()) | self._growing(point, recurring)
         smooth = self._smooth(point)
-        found = list[HeldVariable]()
+        variables = list[HeldVariable]()
         for k, held in enumerate(flat.held):
             node = self.first_held + k
             setters = self._setters.get(node, [])
@@ -371,28 +371,28 @@ class HeldStructure:
                 continue
             path = held.name.rpartition(".")[0]
             leaf, sampled = flat.expanded.leaves.get(path), any(recurring[i] for i in setters)
-            found.append(HeldVariable(
+            variables.append(HeldVariable(
                 held.name, path, leaf.component.name if leaf else "", leaf.place if leaf else held.place,
                 float(point.p[held.index]), held.unit.text, held.doc, sampled,
                 groups[node] in looped, any(threshold[i] for i in setters),
-                node in acting, *self._paths(node, reached, seen), varying=sampled and self._changes(held.index)))
-            found[-1] = self._with_exact(found[-1], setters, recurring, smooth)
+                node in acting, *self._paths(node, reached, shown_by), varying=sampled and self._changes(held.index)))
+            variables[-1] = self._with_exact(variables[-1], setters, recurring, smooth)
         numbers = {column: k for k, column in enumerate(assembly.reduced.states)}
         for k, (i, reset) in enumerate(self.resets):
             if not recurring[i] or reset.unknown is None:
                 continue
             node, path = self.first_reset + k, reset.name.rpartition(".")[0]
             leaf = flat.expanded.leaves.get(path)
-            found.append(HeldVariable(
+            variables.append(HeldVariable(
                 reset.name, path, leaf.component.name if leaf else "", leaf.place if leaf else reset.place,
                 float(point.x[numbers[(reset.unknown, 0)]]), flat.unknowns[reset.unknown].unit.text, "", True,
-                groups[node] in looped, False, True, *self._paths(node, reached, seen), state=True))
-            found[-1] = self._with_exact(found[-1], self._setters[node], recurring, smooth)
-        return tuple(sorted(found, key=lambda h: (not h.undecided, not h.in_loop)))
+                groups[node] in looped, False, True, *self._paths(node, reached, shown_by), state=True))
+            variables[-1] = self._with_exact(variables[-1], self._setters[node], recurring, smooth)
+        return tuple(sorted(variables, key=lambda h: (not h.undecided, not h.in_loop)))
 
     def _with_exact(self, held: HeldVariable, setters: Sequence[int], recurring: Sequence[bool], smooth: Mapping[int, bool]
                     ) -> HeldVariable:
-        """The variable, `exact` if all that sets it again and again are samples at regular times with smooth values."""
+        """The variable; `exact` if all recurring events that set it are samples at regular times with smooth values."""
         rows = [row for row, (i, reset) in enumerate(self.updates) if recurring[i] and reset.name == held.name
                 and self.events[i].period is not None]
         exact = held.sampled and not held.at_threshold and (held.in_loop or held.between) and bool(rows) \
@@ -400,9 +400,9 @@ class HeldStructure:
         return replace(held, exact=exact, rounded=exact and any(row in self.means for row in rows))
 
     def _smooth(self, point: Point) -> dict[int, bool]:
-        """Whether the value of each update at regular times (of a quantiser its mean) is not rounded to steps, does not jump
-        near the point, and changes with states, held variables or inputs there, or with nothing anywhere (a derivative
-        part with a gain of zero)."""
+        """True for updates at regular times whose value (of a quantiser its mean) is not rounded to steps, does not jump
+        near the point, and either depends on states, held variables or inputs at the point or is constant everywhere (a
+        derivative part with a gain of zero)."""
         rows = [row for row, (i, _) in enumerate(self.updates) if self.events[i].period is not None]
         if not rows:
             return {}
@@ -410,10 +410,10 @@ class HeldStructure:
         by = np.abs(np.array(slopes(*point.values()).full()))
         sign = np.where(np.arange(self.n_x) % 2, -1.0, 1.0)
         jumps = np.zeros(len(stepped), dtype=bool)
-        for way in (np.ones(self.n_x), sign):
-            moved = HELD.threshold * self.assembly.x_nominal * way
-            ends = [np.array(values(*replace(point, x=point.x + end).values())).ravel() for end in (-moved, moved)]
-            jumps |= np.abs(ends[1] - ends[0]) > HELD.jump * (by[:, :self.n_x] @ np.abs(moved)) + \
+        for direction in (np.ones(self.n_x), sign):
+            step = HELD.threshold * self.assembly.x_nominal * direction
+            ends = [np.array(values(*replace(point, x=point.x + end).values())).ravel() for end in (-step, step)]
+            jumps |= np.abs(ends[1] - ends[0]) > HELD.jump * (by[:, :self.n_x] @ np.abs(step)) + \
                 HELD.threshold * np.abs(ends).max(axis=0)
         moves = by.any(axis=1)
         if not moves.all():
@@ -423,16 +423,16 @@ class HeldStructure:
 
     def _constant(self, point: Point, values: ca.Function) -> NDArray[np.bool_]:
         """Whether the values of updates are the same at a point and at others far from it, drawn at random."""
-        random, here = np.random.default_rng(0), np.array(values(*point.values())).ravel()
-        same = np.ones(len(here), dtype=bool)
+        random, reference = np.random.default_rng(0), np.array(values(*point.values())).ravel()
+        same = np.ones(len(reference), dtype=bool)
         n_h, n_x, n_z, n_u = len(self._held_index), self.n_x, len(point.z), len(point.u)
         for size in HELD.distances * HELD.draws:
             p, ends = point.p.copy(), np.cumsum([n_x, n_z, n_u])
             x, z, u, held = np.split(size * random.uniform(-1, 1, n_x + n_z + n_u + n_h), ends)
             p[self._held_index] += held * (1 + np.abs(p[self._held_index]))
-            there = replace(point, x=point.x + x * self.assembly.x_nominal, z=point.z + z * self.assembly.z_nominal,
-                            u=point.u + u, p=p)
-            same &= np.array(values(*there.values())).ravel() == here
+            random_point = replace(point, x=point.x + x * self.assembly.x_nominal, z=point.z + z * self.assembly.z_nominal,
+                                   u=point.u + u, p=p)
+            same &= np.array(values(*random_point.values())).ravel() == reference
         return same
 
     @cached_property
@@ -442,18 +442,19 @@ class HeldStructure:
 
     @cached_property
     def means(self) -> dict[int, ca.SX]:
-        """The new values of quantisers by the number of the update, with a gain of 1 in the place of the rounding. A
-        quantiser rounds what other parts give: a pseudorandom number, whose generator rounds its own state, is none."""
-        held, found = {h.name: self.assembly.arguments[3][h.index] for h in self.assembly.flat.held}, dict[int, ca.SX]()
+        """The new values of quantisers by the number of the update, with a gain of 1 in place of the rounding. A quantiser
+        rounds signals of other parts; a pseudorandom number, whose generator rounds its own state, is not a quantiser."""
+        held, mean_values = {h.name: self.assembly.arguments[3][h.index] for h in self.assembly.flat.held}, dict[int,
+                                                                                                                 ca.SX]()
         for row, (i, reset) in enumerate(self.updates):
             if self.events[i].period is None:
                 continue
             arguments = without_rounding(self.assembly.update_order.direct[row])[1]
             part = self.events[i].name.rpartition(".")[0]
-            own = stack(symbol for name, symbol in held.items() if name.rpartition(".")[0] == part)
-            if arguments and not any(ca.depends_on(argument, own) for argument in arguments):
-                found[row] = without_rounding(self.assembly.express(reset.value))[0]
-        return found
+            held_symbols = stack(symbol for name, symbol in held.items() if name.rpartition(".")[0] == part)
+            if arguments and not any(ca.depends_on(argument, held_symbols) for argument in arguments):
+                mean_values[row] = without_rounding(self.assembly.express(reset.value))[0]
+        return mean_values
 
     @cached_property
     def values(self) -> list[ca.SX]:
@@ -478,13 +479,13 @@ class HeldStructure:
                         ca.Function("slopes", list(arguments), [ca.densify(ca.jacobian(values, by))]))
         return self._slopes
 
-    def _paths(self, node: int, reached: Mapping[int, set[int]], seen: Mapping[int, set[int]]
+    def _paths(self, node: int, reached: Mapping[int, set[int]], shown_by: Mapping[int, set[int]]
                ) -> tuple[tuple[str, ...], tuple[str, ...]]:
         return (tuple(name for k, name in enumerate(self.inputs) if node in reached[k]),
-                tuple(name for k, name in enumerate(self.outputs) if node in seen[k]))
+                tuple(name for k, name in enumerate(self.outputs) if node in shown_by[k]))
 
     def _growing(self, point: Point, recurring: Sequence[bool]) -> set[int]:
-        """The groups of held variables alone, set by samples that follow each other without a state between, that grow."""
+        """The groups of held variables that grow by samples alone, without a state between."""
         nodes = [node for node, setters in self._setters.items() if self.first_held <= node < self.first_reset
                  and any(recurring[i] for i in setters)]
         if not nodes:
@@ -495,13 +496,13 @@ class HeldStructure:
         for row, (event, target) in enumerate(targets):
             if recurring[event]:
                 matrix[target] = slopes[row]
-        found = set()
+        growing = set()
         for group in {int(groups[node]) for node in nodes}:
             members = [k for k in range(len(matrix)) if groups[self.first_held + k] == group]
             part = matrix[np.ix_(members, members)]
             if np.isfinite(part).all() and np.abs(np.linalg.eigvals(part)).max(initial=0.0) > HELD.grows:
-                found.add(group)
-        return found
+                growing.add(group)
+        return growing
 
     @cached_property
     def _recursion(self) -> tuple[ca.Function, list[tuple[int, int]]]:
@@ -514,7 +515,7 @@ class HeldStructure:
                 [(i, position[reset.held]) for i, reset in rows if reset.held is not None])
 
     def _changes(self, index: int) -> bool:
-        """Whether the linear system is another with another value of an entry of p."""
+        """True if the linear system depends on an entry of p."""
         assembly = self.assembly
 
         def changing() -> set[int]:
@@ -544,11 +545,12 @@ class StartEvents:
         events = [i for i, event in enumerate(equations.events) if event.indicator is None
                   and _happens(event, float(first[i]), float(period[i]), point.t, same)]
         true = self._indicators(point) > 0
-        moved = PointSensitivity(np.zeros((len(point.x), 0)), np.zeros((0, 0)), np.zeros((len(point.p), 0)),
-                                 np.zeros((len(point.u), 0)))
+        sensitivity = PointSensitivity(np.zeros((len(point.x), 0)), np.zeros((0, 0)), np.zeros((len(point.p), 0)),
+                                       np.zeros((len(point.u), 0)))
         for _ in range(EVENTS.max_cascades if events else 0):
             point, events = equations.breaking(point, events)
-            point, moved, yielded = equations.fire(point, moved, events, [np.zeros(0)] * len(events), np.zeros(0),
+            point, sensitivity, yielded = equations.fire(point, sensitivity, events, [np.zeros(0)] * len(events),
+                                                         np.zeros(0),
                                                     EVENTS.impact_time)
             fired = np.array([i in (*events, *yielded) for i in equations.conditions], dtype=bool)
             now = self._indicators(point) > 0

@@ -5,12 +5,12 @@ An input w may enter with its derivatives (a position source passes its speed on
     x' = A x + B_0 w + B_1 w' + B_2 w'',   y = C x + D_0 w + D_1 w' + D_2 w''.
 
 With x = x~ + B_k w^(k-1), from the highest k down, x~' = A x~ + (B_(k-1) + A B_k) w^(k-1) + ..., y = C x~ + ... +
-(D_(k-1) + C B_k) w^(k-1), so that only w itself is left in x~'. Where D_1 or D_2 remain, the transfer function grows without
-bound with the frequency; it has a frequency response, but no state space of its own.
+(D_(k-1) + C B_k) w^(k-1), so that only w itself is left in x~'. If D_1 or D_2 remain, the transfer function grows without
+bound with the frequency; it has a frequency response, but no proper state space.
 
-With samples in a loop, or between inputs and outputs, the system is discretised exactly (see `sampled`): x[k+1] = A x[k] +
-B w[k], y[k] = C x[k] + D w[k], with inputs that are constant over the period T. All its properties follow from those of
-gamma = (z - 1)/T, G = C (gamma - Delta)^-1 B/T + D with Delta = (A - 1)/T, which at small T is s.
+With samples in a loop, or between inputs and outputs, the system is discretised exactly (see `sampled`): x[k+1] = A x[k]
++ B w[k], y[k] = C x[k] + D w[k], with inputs that are constant over the period T. All its properties follow from gamma = (z
+- 1)/T, G = C (gamma - Delta)^-1 B/T + D with Delta = (A - 1)/T; for small T, gamma approaches s.
 """
 
 from __future__ import annotations
@@ -50,14 +50,13 @@ class LinearSystemConstants:
 
     rounding: share of their sizes that terms leave as rounding where they cancel. Origin: systems of a hundred states.
         Doubled: nothing.
-    infinite: multiple of the fastest pole beyond which a zero is at infinity. Origin: errors of the QZ algorithm.
-        Doubled: nothing.
-    visible: share of the strongest mode below which one is not looked for in plots of a channel. Origin: width of a
-        line. Doubled: shorter plots.
-    free: magnitude of a pole, over the fastest, below which it is at zero. Origin: errors of eigenvalues. Doubled:
+    infinite: multiple of the fastest pole beyond which a zero is at infinity. Origin: errors of the QZ algorithm. Doubled:
         nothing.
-    undamped: share of its magnitude that the half-width of an undamped resonance is given in a plot. Origin: a peak that
-        no damping of a machine reaches. Doubled: nothing.
+    visible: share of the strongest mode below which one is not looked for in plots of a channel. Origin: width of a line.
+        Doubled: shorter plots.
+    free: magnitude of a pole, over the fastest, below which it is at zero. Origin: errors of eigenvalues. Doubled: nothing.
+    undamped: share of its magnitude that the half-width of an undamped resonance is given in a plot. Origin: a peak that no
+        damping of a machine reaches. Doubled: nothing.
     points: points of a plot. Origin: pixels. Doubled: time.
     near: points about a resonance, together with its two flanks. Origin: pixels. Doubled: time.
     most_near: points about all resonances together. Origin: time of systems of hundreds of states. Doubled: time.
@@ -65,7 +64,7 @@ class LinearSystemConstants:
         solution is faster. Doubled: time.
     dense: share of nonzeros up to which it is. Origin: above, factors fill up. Doubled: time.
     block: numbers of a block of dense matrices that are solved at a time. Origin: 64 MB. Doubled: memory.
-    zeros: number of states up to which a table of channels tells the zeros. Origin: the QZ algorithm takes some seconds
+    zeros: number of states up to which a table of channels contains the zeros. Origin: the QZ algorithm takes some seconds
         there, and eight times as long for twice as many. Doubled: time.
     """
 
@@ -109,17 +108,16 @@ class DelayedSystem:
 class StateSpace:
     """A linear system x' = A x + B w, y = C x + D w: a (n, n), b (n, m), c (k, n), d (k, m) in SI.
 
-    `higher` (2, k, m) are the factors of w' and w'' in y, `sizes` (n,) the nominal values of the states, `units` those
-    of states, inputs and outputs in turn. `shown` are the units in which the outputs are printed and drawn
-    (`displayed`), `rigid` tells which states are positions and speeds of bodies, `held` are the variables that are
-    constant in the linear system. The states are those of the machine, less what derivatives of the inputs add to them
-    (see the module). Delayed variables have approximations without history in the matrices; with `exact` the responses
-    have their factors exp(-s T).
+    `higher` (2, k, m) are the factors of w' and w'' in y, `sizes` (n,) the nominal values of the states, `units` the units
+    of states, inputs and outputs in turn. `shown` are the units in which the outputs are printed and drawn (`displayed`),
+    `rigid` marks states that are positions and speeds of bodies, `held` are the variables that are constant in the linear
+    system. The states are the states of the machine, less the terms of derivatives of the inputs (see the module). Delayed
+    variables have approximations without history in the matrices; with `exact` the responses have their factors exp(-s T).
 
-    With a `period` T in s it is a sampled system, x[k+1] = A x[k] + B w[k], with `delta` = (A - 1)/T: x is taken right
-    before the samples, y right after them; `sampled` are the variables that samples set, some of them states. An open loop
-    that is cut at a signal (`cut`) of several instants in a period has a column and a row for each of them. Delays of a
-    sampled system have approximations without history.
+    With a `period` T in s it is a sampled system, x[k+1] = A x[k] + B w[k], with `delta` = (A - 1)/T: x is taken just before
+    the samples, y just after them; `sampled` are the variables that samples set, some of them states. An open loop that is
+    cut at a signal (`cut`) of several instants in a period has a column and a row for each of them. Delays of a sampled
+    system have approximations without history.
     """
 
     states: tuple[str, ...]
@@ -164,7 +162,7 @@ class StateSpace:
 
     @property
     def highest(self) -> float:
-        """The frequency in Hz up to which the response says all: the Nyquist frequency of a sampled system."""
+        """The highest frequency in Hz of the response: the Nyquist frequency of a sampled system, else infinite."""
         return np.inf if self.period is None else (len(self.cut.times) if self.cut else 1) / (2 * self.period)
 
     def _mapped(self, gamma: Complex) -> Complex:
@@ -183,7 +181,7 @@ class StateSpace:
                                  self.period), undecided=undecided_reasons(self.held))
 
     def displayed(self) -> StateSpace:
-        """The same with its outputs in the units in which they are shown, to be printed or drawn."""
+        """The same system with its outputs in display units, for tables and plots."""
         return self._displayed
 
     @cached_property
@@ -193,9 +191,10 @@ class StateSpace:
         scale = np.array([read_unit(unit).scale for unit in self.shown])[:, None]
         exact = None
         if self.exact is not None:
-            own = self.exact.open
+            open_system = self.exact.open
             more = np.vstack([scale, np.ones((len(self.exact.delays), 1))])
-            exact = replace(self.exact, open=replace(own, c=own.c / more, d=own.d / more, higher=own.higher / more))
+            exact = replace(self.exact, open=replace(open_system, c=open_system.c / more, d=open_system.d / more,
+                                                     higher=open_system.higher / more))
         return replace(self, c=self.c / scale, d=self.d / scale, higher=self.higher / scale, exact=exact,
                        units=(self.units[0], self.units[1], self.shown))
 
@@ -205,11 +204,13 @@ class StateSpace:
         rows, columns = slice(i, i + 1), slice(j, j + 1)
         exact = None
         if self.exact is not None:
-            own, n = self.exact.open, len(self.exact.delays)
+            open_system, n = self.exact.open, len(self.exact.delays)
             to, by = ([first, *range(len(names), len(names) + n)] for first, names in ((i, self.outputs), (j, self.inputs)))
             exact = replace(self.exact, open=replace(
-                own, inputs=tuple(own.inputs[k] for k in by), outputs=tuple(own.outputs[k] for k in to), b=own.b[:, by],
-                c=own.c[to], d=own.d[np.ix_(to, by)], higher=own.higher[np.ix_([0, 1], to, by)]))
+                open_system, inputs=tuple(open_system.inputs[k] for k in by), outputs=tuple(open_system.outputs[k]
+                                                                                            for k in to), b=open_system.b[:,
+                                                                                                                          by],
+                c=open_system.c[to], d=open_system.d[np.ix_(to, by)], higher=open_system.higher[np.ix_([0, 1], to, by)]))
         return replace(self, exact=exact, inputs=(input,), outputs=(output,), b=self.b[:, columns], c=self.c[rows],
                        d=self.d[rows, columns], higher=self.higher[:, rows, columns], shown=self.shown[i:i + 1],
                        units=(self.units[0], (self.units[1][j],), (self.units[2][i],)),
@@ -220,7 +221,7 @@ class StateSpace:
                                           outputs=tuple(n for n in h.outputs if n == output)) for h in self.held))
 
     def _inner(self, input: str) -> str:
-        """The name under which held variables know an input."""
+        """The name of an input in the structure of held variables."""
         return inner_name(input) if any(inner_name(input) in h.inputs for h in self.held) else input
 
     def response(self, s: ArrayLike) -> Complex:
@@ -231,7 +232,12 @@ class StateSpace:
         if self.exact is not None:
             return self.exact.response(points)
         if self.cut is not None and len(self.cut.times) > 1:
-            return self._locus(points, np.array(self.cut.times))
+            # the eigenvalue of the lifted loop whose vector is nearest to exp(s t) at the instants t: the response itself if
+            # the loop is the same at all instants
+            values, vectors = np.linalg.eig(self.lifted(points))
+            signal = np.exp(points[:, None] * np.array(self.cut.times))
+            near = np.argmax(np.abs(np.einsum("Ni,Nij->Nj", signal.conj(), vectors)), axis=1)
+            return np.asarray(values[np.arange(len(points)), near][:, None, None])
         if self.period is not None:
             points = np.expm1(points * self.period) / self.period
         a, b, c = self._scaled()
@@ -251,22 +257,14 @@ class StateSpace:
         period = self.period or 1.0
         return dense_response(a, b, c, np.asarray(np.expm1(s * period) / period, dtype=complex)) + self.d
 
-    def _locus(self, s: Complex, times: Array) -> Complex:
-        """Of the eigenvalues of the lifted loop that of the vector nearest to exp(s t) at the instants t: the response
-        itself where the loop is the same at all instants."""
-        values, vectors = np.linalg.eig(self.lifted(s))
-        signal = np.exp(s[:, None] * times)
-        near = np.argmax(np.abs(np.einsum("Ni,Nij->Nj", signal.conj(), vectors)), axis=1)
-        return np.asarray(values[np.arange(len(s)), near][:, None, None])
-
     def dc_gain(self) -> Array:
-        """The gains (k, m) at zero frequency in SI, infinite where poles at 0 are left: decided by the poles and zeros at
-        s = 0 (see `zero_frequency`)."""
+        """The gains (k, m) at zero frequency in SI, infinite if poles at 0 remain, by the poles and zeros at s = 0 (see
+        `zero_frequency`)."""
         return np.array([[self._leading(i, j).gain for j in range(len(self.inputs))] for i in range(len(self.outputs))]
                         ).reshape(len(self.outputs), len(self.inputs))
 
     def poles_at_zero(self) -> int:
-        """The most integrators in series of a channel, those that zeros cancel apart."""
+        """The largest number of integrators in series of a channel, without those that zeros cancel."""
         return max((self._leading(i, j).integrators for i in range(len(self.outputs)) for j in range(len(self.inputs))),
                    default=0)
 
@@ -292,18 +290,22 @@ class StateSpace:
         a, b, c = self._scaled()
         poles = eigenvalues(a)
         largest = max(float(np.abs(poles).max(initial=0.0)), 1.0)
-        b, c, d, higher = _balanced(b, c, self.d, self.higher[0], largest)
+        # the borders of the pencil in s / largest with sizes near one; its finite eigenvalues stay
+        left = float(np.abs(b).max(initial=0.0)) / largest or 1.0
+        right = float(np.abs(c).max(initial=0.0)) or 1.0
+        b, c, d, higher = b / largest / left, c / right, self.d / (left * right), self.higher[0] * largest / (left * right)
         pencil = np.block([[a / largest, b], [c, d]])
         mass = np.block([[np.eye(len(a)), np.zeros_like(b)], [np.zeros_like(c), -higher]])
         top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
         finite = np.abs(top) < LINEAR_SYSTEM.infinite * np.abs(bottom)
-        found = np.asarray(largest * top[finite] / bottom[finite], dtype=complex)
+        zeros = np.asarray(largest * top[finite] / bottom[finite], dtype=complex)
         power = self._leading(0, 0, len(self.states) + 1).power
-        return self._mapped(found if power is None else with_zeros_at_zero(found, power + int(np.count_nonzero(poles == 0))))
+        return self._mapped(zeros if power is None else with_zeros_at_zero(zeros, power + int(np.count_nonzero(poles == 0))))
 
     def step(self, time: Array) -> Array:
-        """What the outputs do (N, k, m) after a unit step of an input, at equally spaced times (N,) from 0 on; an impulse
-        at 0 that derivatives of the step would make is left out. A sampled system has the values of its last instant."""
+        """The outputs (N, k, m) after a unit step of an input, at equally spaced times (N,) from 0 on, without an impulse at
+        0 from derivatives of the step. A sampled system has the values of its last instant. A sampled system has the values
+        of its last instant."""
         from scipy.linalg import expm
 
         if self.period is not None:
@@ -316,11 +318,11 @@ class StateSpace:
         a, b, c = self._scaled()
         n, m = b.shape
         whole = expm(np.block([[a, b], [np.zeros((m, n + m))]]) * (time[1] - time[0]))
-        state, found = np.vstack([np.zeros((n, m)), np.eye(m)]), np.zeros((len(time), len(self.outputs), m))
+        state, response = np.vstack([np.zeros((n, m)), np.eye(m)]), np.zeros((len(time), len(self.outputs), m))
         for k in range(len(time)):
-            found[k] = c @ state[:n] + self.d
+            response[k] = c @ state[:n] + self.d
             state = whole @ state
-        return found
+        return response
 
     def visible(self) -> Complex:
         """The poles that the first input moves and the first output shows, by more than `LINEAR_SYSTEM.visible` of the
@@ -338,25 +340,25 @@ class StateSpace:
     def unbounded(self) -> Array:
         """The frequencies in Hz (N,), rising, of the undamped modes that the first input moves and the first output
         shows: the response is infinite there."""
-        shown = np.abs(self.visible())
+        strengths = np.abs(self.visible())
         sizes = np.array([abs(e.value) for e in self.stability().undamped if e.value.imag > 0])
-        return np.array(sorted(size for size in sizes if np.any(np.abs(shown - size) <= LINEAR_SYSTEM.undamped * size))
+        return np.array(sorted(size for size in sizes if np.any(np.abs(strengths - size) <= LINEAR_SYSTEM.undamped * size))
                         ) / (2 * np.pi)
 
     def frequencies(self) -> Array:
         """Frequencies in Hz (N,) from a decade below the slowest visible pole to a decade above the fastest, denser where
         poles are near the axis; of a sampled system up to its Nyquist frequency."""
-        found = spread(self.visible(), self.rates)
+        frequencies = spread(self.visible(), self.rates)
         if self.period is None:
-            return found
-        low = min(float(found[0]), self.highest / 100)
-        every = np.concatenate([np.geomspace(low, self.highest, LINEAR_SYSTEM.points), found])
+            return frequencies
+        low = min(float(frequencies[0]), self.highest / 100)
+        every = np.concatenate([np.geomspace(low, self.highest, LINEAR_SYSTEM.points), frequencies])
         return np.unique(every[every <= self.highest])
 
     def to_control(self) -> Any:
         """The same as a `control.StateSpace`, of a sampled system with its `dt`, dots in names as underscores
-        (python-control allows none), with an attribute `held` that names the variables that are constant in it;
-        UsageError where python-control is not there or the system is not proper."""
+        (python-control allows none), with an attribute `held` that names the variables that are constant in it; UsageError
+        if python-control is not installed or the system is not proper."""
         self._check_proper()
         try:
             import control
@@ -364,13 +366,13 @@ class StateSpace:
             raise UsageError("this needs python-control", hint="pip install control") from None
         sampled = {} if self.period is None else {"dt": self.period}
         system = control.ss(self.a, self.b, self.c, self.d, **sampled, **{
-            kind: [name.replace(".", "_") for name in own]
-            for kind, own in (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))})
+            kind: [name.replace(".", "_") for name in labels]
+            for kind, labels in (("states", self.states), ("inputs", self.inputs), ("outputs", self.outputs))})
         system.held = tuple(h.text for h in self.held)
         return system
 
     def to_scipy(self) -> Any:
-        """The same as a `scipy.signal.StateSpace`, of a sampled system with its `dt`; UsageError where the system is not
+        """The same as a `scipy.signal.StateSpace`, of a sampled system with its `dt`; UsageError if the system is not
         proper."""
         from scipy.signal import StateSpace as Scipy
 
@@ -407,12 +409,12 @@ def state_space(model: ModelOrFile, inputs: Sequence[str], outputs: Sequence[str
                 parameters: Mapping[str, float | str] | None = None) -> StateSpace:
     """A diagram linearised between inputs and outputs: x' = A x + B w, y = C x + D w.
 
-    Derivatives are exact, with index reduction and algebraic loops. A (n, n), B (n, m), C (k, n) and D (k, m) are in SI
-    for m `inputs` and k `outputs`. An input is a signal, the through variable of a node (`crown.f`: an external force)
-    or a parameter; an output is a variable, an output of the diagram or a formula of these. `at` is the operating point
-    of `model`: None for the start, `"steady"`, or a time (s, or text with a unit) to which the diagram is simulated;
-    `parameters` overrides values by name. Raises UsageError for unknown names, StartError and SimulationError where
-    there is no operating point.
+    Derivatives are exact, with index reduction and algebraic loops. A (n, n), B (n, m), C (k, n) and D (k, m) are in SI for
+    m `inputs` and k `outputs`. An input is a signal, the through variable of a node (`crown.f`: an external force) or a
+    parameter; an output is a variable, an output of the diagram or a formula of these. `at` is the operating point of
+    `model`: None for the start, `"steady"`, or a time (s, or text with a unit) to which the diagram is simulated;
+    `parameters` overrides values by name. Raises UsageError for unknown names, StartError and SimulationError if there is no
+    operating point.
 
     With samples at regular times in a loop, or between `inputs` and `outputs`, the machine is discretised exactly, with
     inputs that are constant over the period T (`period`, in s): x[k+1] = A x[k] + B w[k], y[k] = C x[k] + D w[k].
@@ -433,7 +435,14 @@ class StateSpaces:
         self.approximated = plain.assembly.flat.expanded.approximated
         self._exact: StateSpaces | None = None
         if self.approximated:
-            self._with_delays(model, at)
+            # the same system with the delayed variables among its inputs and their sources among its outputs
+            flat = flatten(replace(model, ends=None))
+            sources = []
+            for d in flat.delays:
+                path, _, name = d.name.rpartition(".")
+                sources.append(f"({path}.{flat.expanded.leaves[path].component.delayed[name].of})")
+            self._exact = StateSpaces(model, [*self.inputs, *(f"history.{d.name}" for d in flat.delays)],
+                                      [*self.outputs, *sources], at, approximate=False)
         known = plain.assembly.parameter_names
         self._added = [name for name in self.inputs if name not in known]
         self._given = [name for name in self.inputs if name in known]
@@ -448,22 +457,12 @@ class StateSpaces:
         self._shown = tuple(show[name].unit if name in show else unit
                             for name, unit in zip(self.outputs, self._units[2], strict=True))
 
-    def _with_delays(self, model: Model, at: Time | None) -> None:
-        """The same system with the delayed variables among its inputs and their sources among its outputs."""
-        flat = flatten(replace(model, ends=None))
-        sources = []
-        for d in flat.delays:
-            path, _, name = d.name.rpartition(".")
-            sources.append(f"({path}.{flat.expanded.leaves[path].component.delayed[name].of})")
-        self._exact = StateSpaces(model, [*self.inputs, *(f"history.{d.name}" for d in flat.delays)],
-                                  [*self.outputs, *sources], at, approximate=False)
-
     def at(self, parameters: Mapping[str, float | str] | None = None) -> StateSpace:
         """The linear system with these parameters set."""
         point = self.points.at(parameters)
         linear, updates = self._linearisation.continuous(point)
         sampled = 2 * updates.number if updates is not None else 0
-        n, k, given = len(linear.states), len(linear.c), len(self._given)
+        n, k, delayed = len(linear.states), len(linear.c), len(self._given)
         m = len(self.inputs)
         b, d = np.zeros((4, n, m + sampled)), np.zeros((4, k, m + sampled))
         if sampled:
@@ -473,7 +472,7 @@ class StateSpaces:
                 column = self._given.index(name)
                 b[0, :, j], d[0, :, j] = linear.b[:, column], linear.d[:, column]
             else:
-                first = given + 4 * self._added.index(name)
+                first = delayed + 4 * self._added.index(name)
                 b[:, :, j], d[:, :, j] = linear.b[:, first:first + 4].T, linear.d[:, first:first + 4].T
         through = np.asarray(b[1:].any(axis=0))
         b_0, d_all = _without_derivatives(linear, b, d)
@@ -491,12 +490,13 @@ class StateSpaces:
                                       "derivative, an impulse at each sample, reaches an output or a sampled block", None,
                                       "Take another input or output, or put a FirstOrderLag before the input.")])
         system = updates.hybrid(point, linear.states, linear.sizes, linear.rigid, linear.a, b_0, linear.c, d_all[0])
-        found = discretised(system)
+        discrete = discretised(system)
         units = dict(zip(linear.states, self._units[0], strict=True)) | {h.name: h.unit for h in updates.held}
-        return StateSpace(found.names, self.inputs, self.outputs,
-                          (tuple(units[name] for name in found.names), *self._units[1:]), found.a, found.b, found.c, found.d,
-                          np.zeros((2, *found.d.shape)), found.sizes, point, self._shown, found.rigid, linear.held,
-                          period=found.period, delta=found.delta, sampled=linear.sampled, hybrid=system)
+        return StateSpace(discrete.names, self.inputs, self.outputs,
+                          (tuple(units[name] for name in discrete.names), *self._units[1:]), discrete.a, discrete.b,
+                          discrete.c, discrete.d,
+                          np.zeros((2, *discrete.d.shape)), discrete.sizes, point, self._shown, discrete.rigid, linear.held,
+                          period=discrete.period, delta=discrete.delta, sampled=linear.sampled, hybrid=system)
 
 
 def dense_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:
@@ -515,22 +515,22 @@ def _sparse_response(a: Array, b: Array, c: Array, points: Complex) -> Complex:
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
 
-    own = a.diagonal()
+    diagonal = a.diagonal()
     rows, columns = np.nonzero((a != 0) | np.eye(len(a), dtype=bool))
     off = np.where(rows == columns, 0.0, -a[rows, columns])
     order = np.lexsort((rows, columns))  # that of the columns
     rows, columns, off = rows[order], columns[order], off[order]
     on = np.flatnonzero(rows == columns)
     ends = np.searchsorted(columns, np.arange(len(a) + 1))
-    found = np.empty((len(points), len(c), b.shape[1]), complex)
+    response = np.empty((len(points), len(c), b.shape[1]), complex)
     values, sides = off.astype(complex), b.astype(complex)
     for k, s in enumerate(points):
-        values[on] = s - own
+        values[on] = s - diagonal
         try:
-            found[k] = c @ splu(csc_array((values, rows, ends), a.shape)).solve(sides)
+            response[k] = c @ splu(csc_array((values, rows, ends), a.shape)).solve(sides)
         except RuntimeError:
-            found[k] = AT_A_POLE
-    return found
+            response[k] = AT_A_POLE
+    return response
 
 
 def spread(poles: Complex, all_poles: Complex) -> Array:
@@ -551,7 +551,7 @@ def spread(poles: Complex, all_poles: Complex) -> Array:
 
 
 def _without_derivatives(linear: Linear, b: Array, d: Array) -> tuple[Array, Array]:
-    """b (n, m) and d (4, k, m) after the derivatives of the inputs have been taken into the states."""
+    """b (n, m) and d (4, k, m) after the derivatives of the inputs have been absorbed by the states."""
     size_b, size_d = np.abs(b), np.abs(d)
     for k in (3, 2, 1):
         b[k - 1] += linear.a @ b[k]
@@ -562,37 +562,30 @@ def _without_derivatives(linear: Linear, b: Array, d: Array) -> tuple[Array, Arr
         np.where(np.abs(d) > LINEAR_SYSTEM.rounding * size_d, d, 0.0)
 
 
-def _balanced(b: Array, c: Array, d: Array, higher: Array, largest: float) -> tuple[Array, Array, Array, Array]:
-    """The borders of the pencil in s / largest with sizes near one; its finite eigenvalues stay."""
-    left = float(np.abs(b).max(initial=0.0)) / largest or 1.0
-    right = float(np.abs(c).max(initial=0.0)) or 1.0
-    return b / largest / left, c / right, d / (left * right), higher * largest / (left * right)
-
-
 def _named(model: Model, formulas: Sequence[str]) -> set[str]:
-    """The names in formulas; what cannot be read is complained about later."""
-    found = set()
+    """The names in formulas; formulas with syntax errors are reported later."""
+    identifiers = set()
     for text in formulas:
         try:
-            found |= {name.text for name in names(model.library.formula(text))}
+            identifiers |= {name.text for name in names(model.library.formula(text))}
         except ExpressionProblem:
             continue
-    return found
+    return identifiers
 
 
 def _units(assembly: Assembly, inputs: Sequence[str], outputs: Sequence[str]
            ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     flat = assembly.flat
     states = tuple(flat.unknowns[j].unit.text + "/s" * order for j, order in assembly.reduced.states)
-    own = {q.name: q.unit.text for q in flat.parameters} | {k.name: k.unit.text for k in flat.inputs}
-    return (states, tuple(own.get(inner_name(name), own.get(name, "")) for name in inputs),
+    units = {q.name: q.unit.text for q in flat.parameters} | {k.name: k.unit.text for k in flat.inputs}
+    return (states, tuple(units.get(inner_name(name), units.get(name, "")) for name in inputs),
             tuple(_unit(assembly, name) for name in outputs))
 
 
 def _unit(assembly: Assembly, name: str) -> str:
-    shown = assembly.model.show.get(name)
+    output = assembly.model.show.get(name)
     try:
-        formula = assembly.model.library.formula(name) if shown is None else shown.expr
+        formula = assembly.model.library.formula(name) if output is None else output.expr
         return dimension_text(assembly.resolver().dimension(formula) or ())
     except ExpressionProblem as problem:
         raise unknown_signal(assembly, name, problem) from None

@@ -4,7 +4,7 @@ With x' = f(x, z, p, w), 0 = g(x, z, p, w) and outputs y = h(x, z, p, w), the al
 
     A = f_x - f_z g_z^-1 g_x,   B = f_w - f_z g_z^-1 g_w,   C = h_x - h_z g_z^-1 g_x,   D = h_w - h_z g_z^-1 g_w.
 
-A mode is an eigenvalue s of A with right and left vectors, A v = s v and l^H A = s l^H. While the machine changes,
+A mode is an eigenvalue s of A with right and left vectors, A v = s v and l^H A = s l^H. For a change dA of the machine,
 ds = l^H dA v / l^H v. The participation of the state k in it is |l_k v_k| / sum |l_i v_i|, which does not depend on units.
 G. C. Verghese, I. J. Perez-Arriaga, F. C. Schweppe, Selective modal analysis, 1982, doi:10.1109/TPAS.1982.317524.
 """
@@ -59,13 +59,13 @@ class Mode:
 
     @property
     def damping(self) -> float:
-        """-Re(s) / |s|: 0 at the stability boundary, 1 where nothing swings, below 0 where the mode grows, not a number for
-        a free mode."""
+        """-Re(s) / |s|: 0 at the stability boundary, 1 for a mode that does not oscillate, below 0 for a growing mode, NaN
+        for a free mode."""
         return float(-self.value.real / abs(self.value)) if self.value else float("nan")
 
     @property
     def swings(self) -> bool:
-        """Whether it belongs to a pair."""
+        """True for a mode of a complex pair."""
         return bool(self.value.imag > 0)
 
     @property
@@ -79,7 +79,7 @@ class Mode:
 @dataclass(frozen=True)
 class Linear:
     """a (n_x, n_x), b (n_x, m), c (k, n_x), d (k, m) in SI; `sizes` (n_x,) are the nominal values of the states, `rigid`
-    tells which of them are positions and speeds of bodies, `held` are the variables that are constant in it. With a `period`
+    marks states that are positions and speeds of bodies, `held` are the variables that are constant in it. With a `period`
     in s it is x[k+1] = a x[k] + b w[k], with delta = (a - 1)/period; `sampled` are the variables that samples set."""
 
     states: tuple[str, ...]
@@ -109,8 +109,8 @@ class Linear:
 
     def poles(self) -> NDArray[np.complex128]:
         """The eigenvalues (n_x,) in 1/s, zeros exact; of a sampled system log(z)/T."""
-        found = eigenvalues(self.generator * self.sizes / self.sizes[:, None])
-        return found if self.period is None else equivalent(1 + self.period * found, self.period)
+        poles = eigenvalues(self.generator * self.sizes / self.sizes[:, None])
+        return poles if self.period is None else equivalent(1 + self.period * poles, self.period)
 
     def stability(self) -> Stability:
         """The eigenvalues, judged: stable, marginally stable (with the free modes by name) or unstable; not decided with
@@ -131,17 +131,17 @@ class Linear:
         values = with_zeros(real_within_rounding(values, right, left, scaled), scaled)
         poles = None if self.period is None else 1 + self.period * values
         rates = values if self.period is None else equivalent(1 + self.period * values, self.period)
-        found = [Mode(complex(rates[k]), right[:, k], left[:, k], self.states, None if poles is None else complex(poles[k]))
+        modes = [Mode(complex(rates[k]), right[:, k], left[:, k], self.states, None if poles is None else complex(poles[k]))
                  for k in range(len(values)) if values[k].imag >= 0]
-        return sorted(found, key=lambda mode: (abs(mode.value), mode.value.real))
+        return sorted(modes, key=lambda mode: (abs(mode.value), mode.value.real))
 
 
 class Linearisation:
     """The Jacobians of an assembly, differentiated once: inputs are names of parameters, outputs are signals in SI.
 
-    `driven` are names of measured inputs: each gives four columns after those of the parameters, for the input and its first
-    three derivatives; they are right at points whose pieces begin at their time (see `operating_point`). UsageError for
-    a name that is not there.
+    `driven` are names of measured inputs: each gives four columns after the columns of the parameters, for the input and its
+    first three derivatives; they are valid at points whose pieces begin at their time (see `operating_point`). UsageError
+    for an unknown name.
     """
 
     def __init__(self, assembly: Assembly, inputs: Sequence[str] = (), outputs: Sequence[str] = (),
@@ -183,8 +183,8 @@ class Linearisation:
         return HeldStructure(self.assembly, self._given, self._driven, self.outputs, self._sides[2])
 
     def held(self, point: Point) -> tuple[HeldVariable, ...]:
-        """The held variables near a point, those that take the verdict on stability first, with those that samples set in
-        the linear system (`exact`)."""
+        """The held variables near a point, those that make the stability undecided first, with those that samples set in the
+        linear system (`exact`)."""
         return self._held.at(point) if self._held is not None else ()
 
     def at(self, point: Point) -> Linear:
@@ -197,8 +197,8 @@ class Linearisation:
         return linear.discrete(discretised(system), self.inputs, self.outputs)
 
     def continuous(self, point: Point) -> tuple[Linear, SampledUpdates | None]:
-        """The linear system between events near a point. With samples, what they set, before and after an instant, is
-        behind the inputs, and what they set it to behind the outputs."""
+        """The linear system between events near a point. With samples, the variables that samples set, before and after an
+        instant, are additional inputs, and their new values additional outputs."""
         held = self.held(point)
         updates = self._updates(tuple(h for h in held if h.exact), point.p)
         jacobians, per = self._jacobians, self._per
@@ -235,8 +235,8 @@ class Linearisation:
 
 def _in_si(assembly: Assembly, name: str) -> ca.SX:
     """A signal in SI: the formula of an output of the diagram, whatever its unit there, or any other."""
-    shown = assembly.model.show.get(name)
-    return signal_expression(assembly, name) if shown is None else assembly.expression(shown.expr)
+    output = assembly.model.show.get(name)
+    return signal_expression(assembly, name) if output is None else assembly.expression(output.expr)
 
 
 def rigid_states(assembly: Assembly) -> tuple[bool, ...]:
@@ -249,7 +249,8 @@ def _solved(g_z: Array, right: Array) -> Array:
     try:
         return np.asarray(np.linalg.solve(g_z, right), dtype=float)
     except np.linalg.LinAlgError:
-        raise UsageError([Problem("loop-singular", "an algebraic loop is singular here, so that nothing follows from it",
+        raise UsageError([Problem("loop-singular", "an algebraic loop is singular here, so that its unknowns are "
+                                  "undetermined",
                                   None, "Linearise at another state.")]) from None
 
 
@@ -262,12 +263,12 @@ def _first_inputs(assembly: Assembly) -> Array:
 
 
 def without_history(assembly: Assembly) -> Assembly:
-    """The diagram with approximations in the places of its delayed variables, and the parameters of the assembly."""
+    """The diagram with approximations in place of its delayed variables, and the parameters of the assembly."""
     if not assembly.flat.delays:
         return assembly
-    made = assemble(replace(assembly.model, approximate=True))
-    known = set(made.parameter_names)
-    return made.with_parameters({name: value for name, value in assembly.parameter_values.items() if name in known})
+    approximated = assemble(replace(assembly.model, approximate=True))
+    known = set(approximated.parameter_names)
+    return approximated.with_parameters({name: value for name, value in assembly.parameter_values.items() if name in known})
 
 
 def start_point(first: Start, u: Array) -> Point:
@@ -276,7 +277,7 @@ def start_point(first: Start, u: Array) -> Point:
 
 
 class ModesAtStart:
-    """The modes of an assembly at its start, and how their eigenvalues move with parameters."""
+    """The modes of an assembly at its start, and the derivatives of their eigenvalues by parameters."""
 
     def __init__(self, assembly: Assembly):
         self.assembly = assembly = without_history(assembly)
@@ -286,7 +287,7 @@ class ModesAtStart:
         self._events = StartEvents(assembly)
 
     def at(self, settings: Mapping[str, float | str]) -> tuple[Start, list[Mode]]:
-        """The start and the modes with these parameters set; StartError where there is no start."""
+        """The start and the modes with these parameters set; StartError if there is no start."""
         first = self.start(settings)
         return first, self.linearisation.at(self.point(first)).modes()
 
@@ -299,13 +300,12 @@ class ModesAtStart:
         return tuple(h for h in self.linearisation.held(self.point(first)) if not h.exact)
 
     def start(self, settings: Mapping[str, float | str]) -> Start:
-        """The start with these parameters set; StartError where there is none."""
+        """The start with these parameters set; StartError if there is none."""
         return start(self.assembly.with_parameters(settings) if settings else self.assembly, None, self.u, self.equations)
 
     def slope(self, first: Start, mode: Mode, names: Sequence[str], at: Point | None = None) -> NDArray[np.complex128]:
-        """d s / d p (m,) for named parameters, the start moving along; zero for a multiple eigenvalue. `at` is the point
-        that was linearised, where parameters are others there than at the start. Those of a sampled system are central
-        differences."""
+        """d s / d p (m,) for named parameters, including the change of the start; zero for a multiple eigenvalue. `at` is
+        the linearised point, if its parameters differ from those of the start. A sampled system has central differences."""
         if mode.z is not None:
             return self._differences(first, mode, names, at or self.point(first))
         assembly, n_x = self.assembly, len(first.x)
@@ -316,19 +316,19 @@ class ModesAtStart:
         directions = np.zeros((len(first.p), len(names)))
         for column, name in enumerate(names):
             directions[assembly.parameter_names.index(name), column] = 1.0
-        moved = tangent(self.equations, first, self.u, directions)
+        start_tangent = tangent(self.equations, first, self.u, directions)
         v, left = mode.right * assembly.x_nominal, (mode.left / np.conj(product)) / assembly.x_nominal
         if len(first.z):  # the vectors of the whole system: f and g by x and z
             f_z, g_x, g_z = (np.array(j.full()) for j in self._loops(*at.values()))
             v, left = np.append(v, -np.linalg.solve(g_z, g_x @ v)), np.append(left, -np.linalg.solve(g_z.T, f_z.T @ left))
         slopes = [np.array(s.full()) for s in self._slopes(*at.values(), v.real, v.imag, left.real, left.imag)]
-        by = np.vstack([moved.x, moved.z, moved.p])
+        by = np.vstack([start_tangent.x, start_tangent.z, start_tangent.p])
         assert by.shape[0] == slopes[0].size and n_x <= slopes[0].size
         return np.asarray((slopes[0] @ by + 1j * (slopes[1] @ by)).ravel())
 
     def _differences(self, first: Start, mode: Mode, names: Sequence[str], at: Point) -> NDArray[np.complex128]:
         """d s / d p (m,) of a sampled system by differences of the eigenvalue nearest in z."""
-        assembly, found = self.assembly, np.zeros(len(names), dtype=complex)
+        assembly, slopes = self.assembly, np.zeros(len(names), dtype=complex)
         begin = self.point(first).p  # what differs from it at the point differs at the points beside it
         for k, name in enumerate(names):
             index = assembly.parameter_names.index(name)
@@ -342,8 +342,8 @@ class ModesAtStart:
                 point = replace(point, p=np.where(changed, at.p, point.p))
                 near = min(self.linearisation.at(point).modes(), key=lambda m: abs((m.z or 0) - (mode.z or 0)))
                 sides.append(near.value)
-            found[k] = (sides[1] - sides[0]) / (2 * step)
-        return found
+            slopes[k] = (sides[1] - sides[0]) / (2 * step)
+        return slopes
 
     @cached_property
     def _loops(self) -> ca.Function:

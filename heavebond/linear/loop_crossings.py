@@ -39,11 +39,10 @@ class CrossingConstants:
     infinite: multiple of the largest pole beyond which a zero of a pencil is at infinity. Origin: errors of the QZ
         algorithm. Doubled: nothing.
     zero: share of it below which one is at 0. Origin: as above. Doubled: nothing.
-    on_axis: damping ratio below which a pole is passed on both sides. Origin: rounding of eigenvalues. Doubled:
-        nothing.
-    beside: share of its frequency by which such a pole is missed. Origin: rounding. Doubled: nothing.
-    points_per_decade: points for each decade beside those that the pencils give. Origin: dead times are not in the
-        pencils. Doubled: time.
+    on_axis: damping ratio below which a pole is passed on both sides. Origin: rounding of eigenvalues. Doubled: nothing.
+    beside: share of its frequency by which such a pole is avoided. Origin: rounding. Doubled: nothing.
+    points_per_decade: points for each decade in addition to those of the pencils. Origin: dead times are not in the pencils.
+        Doubled: time.
     closer: share by which a lower |1 + L| would be looked for. Origin: digits shown. Doubled: nothing.
     max_rounds: rounds of halving. Origin: rounding. Doubled: nothing.
     close_enough: share of the least |1 + L| by which intervals must be able to come nearer to be halved. Origin: digits
@@ -126,12 +125,12 @@ class Transfer:
 
 
 def transfer(a: Array, b: Array, c: Array, d: float, dead_time: float = 0.0) -> Transfer:
-    """A transfer function from a (n, n), b (n,), c (n,), d: states that its input does not reach or its output does not
-    see are left out, the others balanced, and time is counted in the fastest rate."""
+    """A transfer function from a (n, n), b (n,), c (n,), d: uncontrollable and unobservable states are left out by
+    structure, the others balanced, and time is scaled by the fastest rate."""
     from scipy.linalg import matrix_balance
 
-    kept = states_between(a, b, c)
-    a, b, c = a[np.ix_(kept, kept)], b[kept], c[kept]
+    selected = states_between(a, b, c)
+    a, b, c = a[np.ix_(selected, selected)], b[selected], c[selected]
     if not len(a):
         return Transfer(a, b, c, d, 1.0, dead_time)
     balanced, (scale, _) = matrix_balance(a, permute=False, separate=True)
@@ -144,9 +143,9 @@ def transfer(a: Array, b: Array, c: Array, d: float, dead_time: float = 0.0) -> 
 def zeros(of: Transfer) -> Complex:
     """The zeros in 1/s."""
     n = len(of.a)
-    found = _finite(np.block([[of.a, of.b[:, None]], [of.c[None, :], np.array([[of.d]])]]), n) * of.rate
+    zeros = _finite(np.block([[of.a, of.b[:, None]], [of.c[None, :], np.array([[of.d]])]]), n) * of.rate
     power = leading(of.a, of.b, of.c, np.array([of.d]), n).power
-    return found if power is None else with_zeros_at_zero(found, power + int(np.count_nonzero(of.poles == 0)))
+    return zeros if power is None else with_zeros_at_zero(zeros, power + int(np.count_nonzero(of.poles == 0)))
 
 
 def magnitude_crossings(of: Transfer, level: float = 1.0, shift: float = 0.0) -> list[float]:
@@ -167,20 +166,20 @@ def _magnitude_marks(of: Transfer, level: float, shift: float) -> Complex:
 
 
 def real_crossings(of: Transfer) -> list[float]:
-    """Every omega > 0 in rad/s at which L is real; with a dead time, where there is no end of them, all that are below the
-    last frequency at which |L| is above the largest value below 1 that one of them has."""
+    """Every omega > 0 in rad/s at which L is real. With a dead time there are infinitely many: all below the last frequency
+    at which |L| exceeds the largest value below 1 at a crossing."""
     marks = np.abs(_real_marks(of).imag)
     if not of.turning:
         return _refined(of, marks, lambda omega: _sine(of.at(omega)), np.zeros(0))
     turn = 2 * np.pi / of.turning
     span = max(magnitude_crossings(of), default=0.0) + 2 * turn
     while True:
-        found = _refined(of, marks, lambda omega: _sine(of.at(omega)), _steps(of, span, CROSSINGS.points_per_turn))
-        values = of.at(np.array(found))
+        crossings = _refined(of, marks, lambda omega: _sine(of.at(omega)), _steps(of, span, CROSSINGS.points_per_turn))
+        values = of.at(np.array(crossings))
         sizes = np.abs(values[(values.real < 0) & (np.abs(values) < 1)])
         last = max(magnitude_crossings(of, float(sizes.max())), default=0.0) if len(sizes) else 0.0
         if last <= span:
-            return found if not of.lag else [omega for omega in found if omega <= span]
+            return crossings if not of.lag else [omega for omega in crossings if omega <= span]
         span = last + turn
 
 
@@ -201,7 +200,7 @@ def _real_marks(of: Transfer) -> Complex:
 
 
 def _sine(values: Complex) -> Array:
-    """Im L / |L|, and nothing where that is rounding."""
+    """Im L / |L|, and zero if that is rounding."""
     share = values.imag / np.maximum(np.abs(values), 1e-300)
     return np.where(np.abs(share) > CROSSINGS.resolved, share, np.nan)
 
@@ -225,8 +224,8 @@ def least_distance(of: Transfer) -> tuple[float, float]:
 
 
 def _nearest(of: Transfer, nodes: Array) -> tuple[float, float]:
-    """The least |1 + L| and its omega: nodes are halved where the arc between two of them, which goes little farther than
-    its chord, could come nearer to -1 than any node; the nearest is refined."""
+    """The least |1 + L| and its omega: intervals are halved if the arc between two nodes, estimated from its chord, could
+    approach -1 more closely than any node; the nearest is refined."""
     from scipy.optimize import minimize_scalar
 
     points = 1 + of.at(nodes)
@@ -239,11 +238,11 @@ def _nearest(of: Transfer, nodes: Array) -> tuple[float, float]:
         more = (nodes[halved] + nodes[halved + 1]) / 2
         nodes, points = np.insert(nodes, halved + 1, more), np.insert(points, halved + 1, 1 + of.at(more))
     k = int(np.argmin(np.abs(points)))
-    found = (float(abs(points[k])), float(nodes[k]))
+    nearest = (float(abs(points[k])), float(nodes[k]))
     low, high = float(nodes[max(k - 1, 0)]), float(nodes[min(k + 1, len(nodes) - 1)])
     near = minimize_scalar(lambda log: abs(1 + of.one(float(np.exp(log)))), bounds=(np.log(low), np.log(high)),
                            method="bounded", options={"xatol": 1e-12})
-    return min(found, (float(near.fun), float(np.exp(near.x))))
+    return min(nearest, (float(near.fun), float(np.exp(near.x))))
 
 
 def _finite(pencil: Array, n: int) -> Complex:
@@ -255,8 +254,8 @@ def _finite(pencil: Array, n: int) -> Complex:
     mass = np.zeros_like(pencil)
     mass[:n, :n] = np.eye(n)
     top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
-    kept = np.abs(top) < CROSSINGS.infinite * np.abs(bottom)
-    return np.asarray(top[kept] / bottom[kept], dtype=complex)
+    is_finite = np.abs(top) < CROSSINGS.infinite * np.abs(bottom)
+    return np.asarray(top[is_finite] / bottom[is_finite], dtype=complex)
 
 
 def critical_frequencies(of: Transfer) -> Array:
@@ -264,8 +263,8 @@ def critical_frequencies(of: Transfer) -> Array:
     sizes = np.abs(np.concatenate([of.poles, zeros(of)]))
     marks = np.abs(_magnitude_marks(of, 1.0, 0.0))
     every = np.concatenate([sizes, marks])
-    kept = every[(every > CROSSINGS.zero * of.rate) & np.isfinite(every)]
-    return np.unique(kept) if len(kept) else np.array([of.rate])
+    rates = every[(every > CROSSINGS.zero * of.rate) & np.isfinite(every)]
+    return np.unique(rates) if len(rates) else np.array([of.rate])
 
 
 def _nodes(of: Transfer, marks: Array, more: Array) -> Array:
@@ -292,18 +291,18 @@ def _on_axis(of: Transfer) -> Array:
 
 
 def _refined(of: Transfer, marks: Array, function: Callable[[Array], Array], more: Array) -> list[float]:
-    """Where a function of omega changes its sign, poles on the axis apart."""
+    """The sign changes of a function of omega, without poles on the axis."""
     from scipy.optimize import brentq
 
     nodes = _nodes(of, marks, more[more > 0])
     values = function(nodes)
     known = np.isfinite(values) & (values != 0)  # a node that is a crossing itself lies between two others
     nodes, values = nodes[known], values[known]
-    walls, found = _on_axis(of), []
+    walls, roots = _on_axis(of), []
     for k in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0).tolist():
         low, high = float(nodes[k]), float(nodes[k + 1])
         if np.any((walls > low) & (walls < high)):
             continue
-        found.append(float(brentq(lambda w: float(np.nan_to_num(function(np.array([w]))[0])), low, high,
+        roots.append(float(brentq(lambda w: float(np.nan_to_num(function(np.array([w]))[0])), low, high,
                                   xtol=1e-15 * low, rtol=1e-14)))
-    return found
+    return roots

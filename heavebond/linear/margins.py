@@ -1,12 +1,12 @@
 """Stability margins of a control loop opened at a signal: closed-loop stability, gain, phase and delay margins.
 
-The signal s = C x + D w carries what is added to it, and what sets it gives s - w. Cutting the loop means w = r - (s - w),
-so that what reads the signal sees r alone: with w = (r - C x) / D,
+The signal s = C x + D w includes the disturbance w added to it; without it the signal is s - w. Cutting the loop means
+w = r - (s - w), so that the readers of the signal receive r alone: with w = (r - C x) / D,
 
     x' = (A - B C / D) x + (B / D) r,   L(s) = -(s - w) / r = -(C / D) x / r - (1 - 1 / D),
 
-exact, and without any change to the diagram. L is counted with negative feedback: the closed loop is 1/(1 + L), and it is
-stable where the eigenvalues of A say so. Only then are the distances of L from -1 margins.
+without an approximation or a change of the diagram. L is counted with negative feedback: the closed loop is 1/(1 + L),
+and it is stable if the eigenvalues of A are. Only then are the distances of L from -1 margins.
 
 A loop with a dead time T has no eigenvalues that could be counted. Beginning at T = 0, roots reach the imaginary axis at
 T = (angle of -L)/omega + 2 pi k/omega of each omega with |L| = 1, and go to the right where |L| falls there with the
@@ -47,8 +47,8 @@ from heavebond.numerics.output_times import Time, seconds
 class MarginConstants:
     """The constants of gain, phase, delay and modulus margins.
 
-    uncut: direct gain of a loop, or distance from 1 of that of the closed one, that is rounding. Origin: rounding. Doubled:
-        nothing.
+    uncut: direct gain of a loop, or distance from 1 of the direct gain of the closed loop, that is rounding. Origin:
+        rounding. Doubled: nothing.
     no_gain: gain at any frequency below which a loop is rounding. Origin: rounding. Doubled: nothing.
     real: |Im L|/|L| at a crossing of the real axis; more is a pole or zero on the imaginary axis. Origin: errors of
         crossings. Doubled: nothing.
@@ -78,13 +78,14 @@ class Margin:
 
 @dataclass(frozen=True)
 class Crossings:
-    """Where an open loop L crosses the unit circle and the negative real axis, over all frequencies (0 and inf included).
+    """The crossings of the unit circle and the negative real axis by an open loop L, over all frequencies (0 and inf
+    included).
 
     `gain`: the factors by which its gain may be multiplied until 1 + L is zero; `phase` in degrees (from -1, positive before
     it) and `delay` in s at every crossing of gain 1; `modulus`: the least distance of L from -1, the inverse of the maximum
-    sensitivity M_s. `verdict` is that of the closed loop by its eigenvalues, `reasons` what keeps it from being stable,
-    `held` are the variables that are constant in it.
-    These are margins where the closed loop is not unstable; of an unstable one they say how far it is to go.
+    sensitivity M_s. `verdict` is the verdict on the closed loop by its eigenvalues, `reasons` why it is not stable, `held`
+    are the variables that are constant in it. These are margins if the closed loop is stable or marginally stable; for an
+    unstable loop they are distances to stability.
     """
 
     verdict: str
@@ -102,7 +103,7 @@ class Crossings:
 
     @property
     def unstable(self) -> bool:
-        """Whether one grows: then these are no margins."""
+        """True if an eigenvalue grows: then the crossings are not margins."""
         return self.verdict == UNSTABLE
 
     @property
@@ -132,26 +133,27 @@ class Crossings:
 
 
 class Margins(Crossings):
-    """The margins of a loop that is stable when closed, free modes and integrators outside apart."""
+    """The margins of a loop that is stable when closed, except for free modes and integrators outside of it."""
 
 
 def loops(model: ModelOrFile, signal: str, at: Time | None = None) -> StateSpaces:
-    """The closed loop from what is added to a signal to the signal itself, in SI whatever `show:` says of that name."""
+    """The closed loop from the disturbance of a signal to the signal itself, in SI whatever `show:` declares for that
+    name."""
     return StateSpaces(model, [signal], [f"({signal})"], at)
 
 
 class OpenedSystem(DelayedSystem):
-    """The open loop L = 1/G - 1 of a closed loop G with delays, from what is added to a signal to the signal itself."""
+    """The open loop L = 1/G - 1 of a closed loop G with delays, from the disturbance of a signal to the signal itself."""
 
     def response(self, points: Complex) -> Complex:
         return np.asarray(1 / super().response(points) - 1)
 
 
 def open_loop(closed: StateSpace, dead_time: float = 0.0) -> StateSpace:
-    """L from the closed loop, whose one input is what is added to the signal that is its one output. That of a sampled loop
-    contains the dead time in s, that of others does not.
+    """L from the closed loop, whose one input is the disturbance of the signal that is its one output. L of a sampled loop
+    contains the dead time in s, others do not.
 
-    UsageError where the signal is in no loop, or follows its own derivative.
+    UsageError if the signal is in no loop, or follows its own derivative.
     """
     name, d = closed.inputs[0], float(closed.d[0, 0])
     within = [h for h in closed.held if h.between]
@@ -163,8 +165,8 @@ def open_loop(closed: StateSpace, dead_time: float = 0.0) -> StateSpace:
     if closed.hybrid is not None:
         return opened(closed, cut_at(closed.hybrid, name, MARGINS.uncut), name, f"{CUT}{name}", dead_time)
     if not closed.proper or abs(d) < MARGINS.uncut:
-        raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
-                                  "at once", None, "Cut it at another signal, such as a controller's output.")])
+        raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': a signal added there acts on "
+                                  "itself without delay", None, "Cut it at another signal, such as a controller's output.")])
     a = closed.a - closed.b @ closed.c / d
     exact = None if closed.exact is None else OpenedSystem(closed.exact.open, closed.exact.delays)
     loop = replace(closed, exact=exact, inputs=(f"{CUT}{name}",), outputs=(name,), a=a, b=closed.b / d, c=-closed.c / d,
@@ -172,7 +174,7 @@ def open_loop(closed: StateSpace, dead_time: float = 0.0) -> StateSpace:
                    shown=closed.units[1])
     if not np.any(np.abs(loop.response(2j * np.pi * spread(loop.poles, loop.poles))) > MARGINS.no_gain):
         cut = "" if not within else f" while {', '.join(h.label for h in within)} does not change"
-        raise UsageError([Problem("loop-none", f"'{name}' is in no loop: what is added to it does not come back{cut}",
+        raise UsageError([Problem("loop-none", f"'{name}' is in no loop: a signal added to it does not return{cut}",
                                   within[0].place if within else None, notes=tuple(h.text for h in within))])
     return loop
 
@@ -183,21 +185,22 @@ def transfer_of(loop: StateSpace, dead_time: float = 0.0) -> crossing.Transfer:
     if loop.delta is not None and loop.period is not None:  # in v, the bilinear transform of z
         return crossing.transfer(*bilinear(loop.delta * sizes / sizes[:, None], loop.b[:, 0] / sizes / loop.period,
                                            loop.c[0] * sizes, float(loop.d[0, 0]), loop.period))
-    found = crossing.transfer(loop.a * sizes / sizes[:, None], loop.b[:, 0] / sizes, loop.c[0] * sizes,
-                              float(loop.d[0, 0]), dead_time)
-    return found if exact is None else replace(
-        found, exact=lambda omega: loop.response(1j * omega)[:, 0, 0], lag=float(exact.delays.sum()))
+    transfer = crossing.transfer(loop.a * sizes / sizes[:, None], loop.b[:, 0] / sizes, loop.c[0] * sizes,
+                                 float(loop.d[0, 0]), dead_time)
+    return transfer if exact is None else replace(
+        transfer, exact=lambda omega: loop.response(1j * omega)[:, 0, 0], lag=float(exact.delays.sum()))
 
 
-def loop_frequencies(loop: StateSpace, found: Crossings) -> Array:
+def loop_frequencies(loop: StateSpace, crossings_of_loop: Crossings) -> Array:
     """Frequencies in Hz (N,) that show a loop: around its poles and zeros and all its crossings."""
-    crossed = [m.frequency for m in (*found.gain, *found.phase, found.modulus) if 0 < m.frequency < np.inf]
+    crossed = [m.frequency for m in (*crossings_of_loop.gain, *crossings_of_loop.phase, crossings_of_loop.modulus)
+               if 0 < m.frequency < np.inf]
     if loop.period is not None:
         rates = loop.rates
-        kept = [*crossed, *np.abs(rates[rates != 0]) / (2 * np.pi)]
+        frequencies = [*crossed, *np.abs(rates[rates != 0]) / (2 * np.pi)]
     else:
-        kept = [*crossing.critical_frequencies(transfer_of(loop)) / (2 * np.pi), *crossed]
-    low, high = min(kept) / MARGINS.around, min(max(kept) * MARGINS.around, loop.highest)
+        frequencies = [*crossing.critical_frequencies(transfer_of(loop)) / (2 * np.pi), *crossed]
+    low, high = min(frequencies) / MARGINS.around, min(max(frequencies) * MARGINS.around, loop.highest)
     low = min(low, high / MARGINS.around)
     near = [spread(np.array([2j * np.pi * low * MARGINS.around, 2j * np.pi * high / MARGINS.around]), loop.rates),
             *(f * np.linspace(0.9, 1.1, 41) for f in crossed)]
@@ -229,7 +232,7 @@ def crossings(loop: StateSpace, closed: Stability, *, dead_time: float = 0.0) ->
 
 
 def _sampled_crossings(loop: StateSpace, closed: Stability, dead_time: float) -> Crossings:
-    """As `crossings`, of a sampled loop. Of several crossings of gain 1 the delay margin is that of the loop, exactly."""
+    """As `crossings`, of a sampled loop. The delay margin of the loop is exact if there are several crossings of gain 1."""
     assert loop.period is not None and loop.delta is not None and loop.cut is not None
     period = loop.period
     discrete = Discrete(period, loop.states, loop.sizes, loop.rigid, loop.delta, loop.b, loop.c, loop.d)
@@ -254,7 +257,8 @@ def _sampled_crossings(loop: StateSpace, closed: Stability, dead_time: float) ->
     delays = [(angle % 360.0 / 360.0 / at, at) for angle, at in phases if at > 0]
     if verdict != UNSTABLE and (exact := least_delay(loop.cut, phases, dead_time)):
         delays = [exact]
-    gain, phase, delay = (tuple(Margin(*m) for m in sorted(found, key=lambda m: m[1])) for found in (gains, phases, delays))
+    gain, phase, delay = (tuple(Margin(*m) for m in sorted(margins, key=lambda m: m[1])) for margins in (gains, phases,
+                                                                                                         delays))
     return Crossings(verdict, reasons, gain, phase, delay, Margin(*modulus), loop.held)
 
 
@@ -267,23 +271,23 @@ def _unaliased(loop: StateSpace, frequency: float, value: complex) -> float:
 
 
 def _delayed(of: crossing.Transfer, closed: Stability) -> tuple[str, tuple[str, ...]]:
-    """The verdict about a loop with a dead time, from that about the same without, and its reasons."""
+    """The verdict on a loop with a dead time, from the verdict on the loop without it, and its reasons."""
     pairs = sum(1.0 if e.value.imag else 0.5 for e in closed.growing)
     undamped = list(closed.undamped)
     for omega in crossing.magnitude_crossings(of):
         angle = float(np.angle(-of.rational(np.array([omega]))[0]))
         first = angle % (2 * np.pi)
         sizes = np.abs(of.rational(omega * np.array([1 - 1e-6, 1 + 1e-6])))
-        way = 1 if sizes[1] < sizes[0] else -1
+        direction = 1 if sizes[1] < sizes[0] else -1
         if abs(angle) < MARGINS.on_axis:  # a pair that is on the axis without dead time leaves it at once
-            pairs += max(way, 0)
+            pairs += max(direction, 0)
             undamped = [e for e in undamped if abs(e.value.imag - omega) > MARGINS.on_axis * omega]
             first = 2 * np.pi
-        pairs += way * max(int(np.floor((omega * of.dead_time - first) / (2 * np.pi))) + 1, 0)
+        pairs += direction * max(int(np.floor((omega * of.dead_time - first) / (2 * np.pi))) + 1, 0)
     if pairs > 0:
         return UNSTABLE, (f"{round(2 * pairs)} roots grow with a dead time of {of.dead_time:g} s",)
-    left = (*undamped, *closed.free)
-    return (MARGINAL, tuple(e.text for e in left)) if left else (STABLE, ())
+    remaining = (*undamped, *closed.free)
+    return (MARGINAL, tuple(e.text for e in remaining)) if remaining else (STABLE, ())
 
 
 def loop_crossings(model: ModelOrFile, signal: str, *, at: Time | None = None,
@@ -291,7 +295,7 @@ def loop_crossings(model: ModelOrFile, signal: str, *, at: Time | None = None,
     """The crossings of the loop through a signal, also of an unstable one.
 
     Gains are factors, phases in degrees, delays in s, frequencies in Hz. `model`, `signal`, `at`, `parameters` and
-    `dead_time` are those of `loop_margins`; raises what `state_space` raises.
+    `dead_time` as in `loop_margins`; raises the errors of `state_space`.
     """
     closed, further = loops(model, signal, at).at(parameters), seconds(dead_time, "dead_time")
     return crossings(open_loop(closed, further), closed.stability(), dead_time=further)
@@ -302,18 +306,19 @@ def loop_margins(model: ModelOrFile, signal: str, *, at: Time | None = None,
     """The stability margins of the loop through a signal.
 
     The loop is cut at `signal`: L is the open loop, and the closed loop has the poles of 1/(1 + L). Gain margins are
-    factors, phase margins in degrees, delay margins in s, frequencies in Hz. `at` is the operating point and
-    `parameters` are values by name, as for `state_space`, on the diagram `model`; `dead_time` (s, or `"20 ms"`) is added
-    to the loop. Raises UsageError where the closed loop is unstable and has no margins (`loop_crossings` gives the
-    distance to stability), and what `state_space` raises.
+    factors, phase margins in degrees, delay margins in s, frequencies in Hz. `at` is the operating point and `parameters`
+    are values by name, as for `state_space`, on the diagram `model`; `dead_time` (s, or `"20 ms"`) is added to the loop.
+    Raises UsageError if the closed loop is unstable and has no margins (`loop_crossings` gives the distance to stability),
+    and the errors of `state_space`.
     """
     return checked(loop_crossings(model, signal, at=at, parameters=parameters, dead_time=dead_time), signal)
 
 
-def checked(found: Crossings, signal: str) -> Margins:
-    """The crossings as margins; UsageError where the closed loop is unstable."""
-    if found.unstable:
+def checked(crossings_of_loop: Crossings, signal: str) -> Margins:
+    """The crossings as margins; UsageError if the closed loop is unstable."""
+    if crossings_of_loop.unstable:
         raise UsageError([Problem("loop-unstable", f"the loop through '{signal}' is unstable when closed, and has no "
-                                  f"margins: {'; '.join(found.reasons)}", None,
-                                  "`loop_crossings` tells where it crosses -1, and by how much.")])
-    return Margins(found.verdict, found.reasons, found.gain, found.phase, found.delay, found.modulus, found.held)
+                                  f"margins: {'; '.join(crossings_of_loop.reasons)}", None,
+                                  "`loop_crossings` shows where it crosses -1, and by how much.")])
+    return Margins(crossings_of_loop.verdict, crossings_of_loop.reasons, crossings_of_loop.gain, crossings_of_loop.phase,
+                   crossings_of_loop.delay, crossings_of_loop.modulus, crossings_of_loop.held)

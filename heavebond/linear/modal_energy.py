@@ -1,16 +1,16 @@
 """Distribution of energy and damping of a mode over the components, from the powers at their ports.
 
-In a mode all efforts and flows move as e exp(s t), f exp(s t) with s = sigma + j omega. Over the ports of a component
+In a mode all efforts and flows vary as e exp(s t), f exp(s t) with s = sigma + j omega. Over the ports of a component
 
     S = sum conj(e) f = 2 s V + 2 conj(s) T + D
 
-with V, T the energies of its springs and masses and D what it dissipates, in one measure. |Im S| / omega is therefore the
-energy of a component that holds one kind, and Re S - sigma |Im S| / omega what it dissipates; below zero it feeds the mode.
-As no power is lost at the nodes, the sum of S over all components is 0. In a non-oscillatory mode |S / s| stands for
-the energy.
+with V, T the energies of its springs and masses and D its dissipation, in one measure. |Im S| / omega is therefore the
+energy of a component that holds one kind, and Re S - sigma |Im S| / omega its dissipation; below zero it feeds the mode.
+As no power is lost at the nodes, the sum of S over all components is 0. In a non-oscillatory mode |S / s| is taken as the
+energy.
 
-A port whose power is an enthalpy flow has no effort and flow that would tell the energy of a small motion: components with
-such ports are left out, and named.
+A port whose power is an enthalpy flow has no effort and flow from which the energy of a small motion follows: components
+with such ports are left out, and named.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class ModalShares:
-    """The shares of components in the energy of a mode, and in its damping: of all that is dissipated, and below zero what
-    feeds the mode, in the same measure; the largest first. `left_out` names components that cannot be counted. Empty where
-    a mode moves no store, and in a sampled system, whose efforts and flows do not move as exp(s t)."""
+    """The shares of components in the energy of a mode and in its dissipation (below zero for components that feed the
+    mode), the largest first. `left_out` names components that cannot be counted. Empty if a mode moves no store, and in a
+    sampled system, whose efforts and flows do not vary as exp(s t)."""
 
     energy: dict[str, float] = field(default_factory=dict)
     damping: dict[str, float] = field(default_factory=dict)
@@ -69,10 +69,10 @@ class ModalEnergies:
         n_x, n_b = len(point.x), len(self._owner)
         v = np.column_stack([mode.right for mode in modes]) * self.assembly.x_nominal[:, None]
         ports, loops = slopes[:2 * n_b], slopes[2 * n_b:]
-        moved = ports[:, :n_x] @ v
+        changes = ports[:, :n_x] @ v
         if len(point.z):
-            moved = moved - ports[:, n_x:] @ solved(loops[:, n_x:], loops[:, :n_x] @ v)
-        products = np.conj(moved[:n_b]) * moved[n_b:]
+            changes = changes - ports[:, n_x:] @ solved(loops[:, n_x:], loops[:, :n_x] @ v)
+        products = np.conj(changes[:n_b]) * changes[n_b:]
         power, sizes = (np.zeros((len(self.owners), len(modes)), kind) for kind in (complex, float))
         np.add.at(power, self._owner, products)
         np.add.at(sizes, self._owner, np.abs(products))
@@ -98,7 +98,7 @@ def energy_shares(assembly: Assembly, point: Point, modes: Sequence[Mode]) -> li
 
 
 def _shares(sizes: Mapping[str, float]) -> dict[str, float]:
-    """Sizes over the sum of those above zero, the largest first; what is rounding is left out."""
+    """Values over the sum of the positive ones, the largest first, without values at rounding level."""
     total = sum(size for size in sizes.values() if size > 0)
-    kept = [(name, size) for name, size in sizes.items() if abs(size) > ROUNDING * total]
-    return {name: size / total for name, size in sorted(kept, key=lambda item: -abs(item[1]))} if total > 0 else {}
+    relevant = [(name, size) for name, size in sizes.items() if abs(size) > ROUNDING * total]
+    return {name: size / total for name, size in sorted(relevant, key=lambda item: -abs(item[1]))} if total > 0 else {}

@@ -22,28 +22,28 @@ def part_of(states: Sequence[str], component: str) -> list[str]:
     return [name for name in states if name.startswith(component + ".")]
 
 
-def chosen_mode(modes: Sequence[Mode], number: str, which: str) -> Mode | None:
-    """The mode with the least damping ratio (or the slowest decay), the slowest that swings, or the one that swings in which
-    a component takes part most (of all, where none swings); None where nothing moves by itself."""
+def chosen_mode(modes: Sequence[Mode], number: str, selection: str) -> Mode | None:
+    """The mode with the least damping ratio or the slowest decay; or the slowest oscillatory mode; or the oscillatory mode
+    with the largest participation of a component (of all modes, if none oscillates). None if there are no modes."""
     moving = [mode for mode in modes if mode.value]
-    if which not in WHICH:
+    if selection not in WHICH:
         return max([m for m in moving if m.swings] or moving, default=None, key=lambda mode: sum(
-            mode.participation[name] for name in part_of(mode.states, which)))
-    if which == "slowest":
+            mode.participation[name] for name in part_of(mode.states, selection)))
+    if selection == "slowest":
         return next((mode for mode in moving if mode.swings), next(iter(moving), None))
     by = (lambda m: -m.value.real) if number == "decay" else (lambda m: m.damping)
     return min(moving, key=by, default=None)
 
 
 def modal_number(number: str, mode: Mode | None) -> float:
-    """Its damping ratio, -Re(s) in 1/s or |s|/2 pi in Hz; a machine without such a mode does not oscillate."""
+    """The damping ratio, -Re(s) in 1/s or |s|/2 pi in Hz of a mode; a machine without such a mode does not oscillate."""
     if mode is None:
         return 1.0 if number == "damping" else 0.0
     return {"damping": mode.damping, "decay": -mode.value.real, "frequency": mode.frequency}[number]
 
 
 def modal_slope(number: str, mode: Mode, moved: NDArray[np.complex128]) -> Array:
-    """How the number moves (m,) while the eigenvalue moves by `moved` (m,)."""
+    """The derivatives (m,) of the number for derivatives `moved` (m,) of the eigenvalue."""
     s = mode.value
     if number == "decay":
         return np.asarray(-moved.real)
@@ -54,8 +54,8 @@ def modal_slope(number: str, mode: Mode, moved: NDArray[np.complex128]) -> Array
 
 
 class ModalNumbers:
-    """Numbers of the modes of an assembly, with other settings if so wanted, and their derivatives by the named parameters;
-    those of the last parameters are kept."""
+    """Numbers of the modes of an assembly, with changed settings if needed, and their derivatives by the named parameters;
+    those of the last parameters are cached."""
 
     def __init__(self, assembly: Assembly, settings: Mapping[str, float | str], named: Sequence[str]):
         self.names, self.settings = assembly.parameter_names, settings
@@ -66,18 +66,15 @@ class ModalNumbers:
                           "Take a number of the run instead.")
         self._known: tuple[bytes, dict[tuple[str, str], tuple[float, Array]]] = b"", {}
 
-    def at(self, number: str, which: str, p: Array) -> tuple[float, Array]:
+    def at(self, number: str, selection: str, p: Array) -> tuple[float, Array]:
         """The number and its derivatives by all parameters (n_p,), zero for those that are not named."""
         if self._known[0] != p.tobytes():
             self._known = p.tobytes(), {}
-        if (number, which) not in self._known[1]:
-            self._known[1][number, which] = self._computed(number, which, p)
-        return self._known[1][number, which]
-
-    def _computed(self, number: str, which: str, p: Array) -> tuple[float, Array]:
-        first, found = self.modes.at({**dict(zip(self.names, p.tolist(), strict=True)), **self.settings})
-        mode, slope = chosen_mode(found, number, which), np.zeros(len(p))
-        if mode is not None:
-            moved = modal_slope(number, mode, self.modes.slope(first, mode, self.named))
-            slope[[self.names.index(name) for name in self.named]] = moved
-        return modal_number(number, mode), slope
+        if (number, selection) not in self._known[1]:
+            first, modes = self.modes.at({**dict(zip(self.names, p.tolist(), strict=True)), **self.settings})
+            mode, slope = chosen_mode(modes, number, selection), np.zeros(len(p))
+            if mode is not None:
+                slopes = modal_slope(number, mode, self.modes.slope(first, mode, self.named))
+                slope[[self.names.index(name) for name in self.named]] = slopes
+            self._known[1][number, selection] = modal_number(number, mode), slope
+        return self._known[1][number, selection]

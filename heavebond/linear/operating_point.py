@@ -34,11 +34,11 @@ SPEEDS = tuple(read_unit(text).dimension for text in ("m/s", "rad/s"))
 
 
 class OperatingPoints:
-    """The machine with its disturbances, assembled once, and its operating point for any parameters.
+    """The machine with its disturbances, assembled once, and its operating points for given parameters.
 
-    Where a node without oil or gas of its own leaves no start, or ends the run to the time, it is filled as in a run by
-    `auto` (see `heavebond.numerics.simulation`), and `filled` says so; that is found without disturbances, whose diagram is
-    then the filled one.
+    If a node without capacity prevents a start, or ends the run to the time, it is filled as in a run by `auto` (see
+    `heavebond.numerics.simulation`), and `filled` describes it. This is determined without disturbances; their diagram is
+    then made from the filled one.
     """
 
     filled: str = ""
@@ -70,7 +70,7 @@ class OperatingPoints:
             if self.time != self.begin else None
 
     def _fill(self) -> None:
-        """Fill nodes where there is no operating point without; what else is wrong is told by `at`, as it may be right with
+        """Fill nodes if there is no operating point without it; other errors are raised by `at`, as they may not occur with
         other parameters."""
         before = self.assembly.model
         try:
@@ -97,7 +97,7 @@ class OperatingPoints:
         return "in its steady state" if self.steady else f"at {self.time:g} s" if self.time != self.begin else "at its start"
 
     def at(self, parameters: Mapping[str, float | str] | None = None) -> Point:
-        """The point with these parameters set; StartError or SimulationError where there is none, UsageError
+        """The point with these parameters set; StartError or SimulationError if there is none, UsageError
         where other states are integrated at that time."""
         if self._simulator is not None:
             result = run_by_auto(self._simulator, parameters)
@@ -131,15 +131,15 @@ class OperatingPoints:
         return replace(point, p=p, u=np.append(u, np.zeros(len(point.u) - rows)))
 
     def _steady_point(self, assembly: Assembly, u: Array) -> Point:
-        """The steady state with what the events at its instant set; without these if they do not come to rest. Samples in a
-        loop are at rest where they set what they set to the value that it has."""
+        """The steady state after the events at its instant; without these if they do not come to rest. Samples in a loop are
+        at rest if they set their variables to the present values."""
         first = point = _still(assembly, self.equations, start_point(start(assembly, self.begin, u, self.equations), u))
         held = [h.index for h in assembly.flat.held]
         updates = assembly.once("linearisation", lambda: Linearisation(assembly)).updates(first) if held else None
-        if updates is not None and (rest := updates.at_rest(first, self.equations.bounds)) is not None:
-            others = [index for index in held if index not in updates.indices]
-            if np.allclose(self._events.after(rest).p[others], rest.p[others], EVENT_ROUNDING, 0.0):
-                return rest
+        if updates is not None and (equilibrium := updates.at_rest(first, self.equations.bounds)) is not None:
+            other_held = [index for index in held if index not in updates.indices]
+            if np.allclose(self._events.after(equilibrium).p[other_held], equilibrium.p[other_held], EVENT_ROUNDING, 0.0):
+                return equilibrium
         for _ in range(MOST_STEPS if held else 0):
             after = self._events.after(point)
             if np.allclose(after.p[held], point.p[held], EVENT_ROUNDING, 0.0):
@@ -152,8 +152,8 @@ class OperatingPoints:
 
 
 def approximations(approximated: Sequence[tuple[str, str, str]]) -> str:
-    """A sentence on components with delayed variables whose places approximations take."""
-    parts = listing([f"{path} ({kind}) as a {other}" for path, kind, other in approximated], 4)
+    """A sentence on components with delayed variables that are replaced by approximations."""
+    parts = listing([f"{path} ({kind}) as a {replacement}" for path, kind, replacement in approximated], 4)
     return f"States, poles, zeros and steps have an approximation without history: {parts}. Frequency responses and " \
         "margins are exact." if approximated else ""
 
@@ -161,9 +161,9 @@ def approximations(approximated: Sequence[tuple[str, str, str]]) -> str:
 def stuck(assembly: Assembly, point: Point) -> list[str]:
     """A sentence for each friction that is linearised in its transition around rest, and what to type for one that slides.
 
-    A smoothed friction F(v) of width v_t has the slope F/v_t at rest, as a damper far stiffer than any in the machine.
-    Looked for are components that may be an effect, with amplitudes that are not zero, and with a width in the unit of one
-    of their own variables which is below it.
+    A smoothed friction F(v) of width v_t has the slope F/v_t at rest, as a damper far stiffer than any in the machine. A
+    component is listed if it may be an effect, has amplitudes other than zero, and has a width in the unit of one of its
+    variables, which is below this width in magnitude.
     """
     flat = assembly.flat
     values = np.array(assembly.values(*point.values())).ravel()
@@ -188,8 +188,8 @@ def stuck(assembly: Assembly, point: Point) -> list[str]:
 
 
 def _steady(model: Model) -> Model:
-    """The diagram started in its steady state: what another start asks for becomes a guess, unless parameters are solved
-    for it."""
+    """The diagram started in its steady state: conditions of another start become guesses, unless parameters are solved for
+    them."""
     initial = model.initial
     if initial.mode == STEADY or initial.solve:
         return replace(model, initial=replace(initial, mode=STEADY))
@@ -216,7 +216,7 @@ def _held_still(u: Array) -> Array:
 
 
 def _still(assembly: Assembly, equations: StartEquations, point: Point) -> Point:
-    """The same point with the time at rest: its algebraic unknowns by Newton's method once more."""
+    """The point with the time rate 0: its algebraic unknowns are solved again by Newton's method."""
     point = replace(point, rate=0.0)
     for _ in range(MOST_STEPS if len(point.z) else 0):
         residual, jacobian = equations.algebraic.at(point)

@@ -4,13 +4,13 @@ An eigenvalue s of the machine linearised at its operating point is scored by
 
     r = (Re s + eps w) / sqrt(|s|**2 + 1/T**2),
 
-minus its damping ratio where it is fast against the time T of the run; w is the fastest rate, eps = 1e-6. Eigenvalues of
+minus its damping ratio if it is fast against the time T of the run; w is the fastest rate, eps = 1e-6. Eigenvalues of
 zero (bodies that nothing holds, integrators outside of every loop) have no score. The limit is a smooth maximum over all
-scores, log(sum exp(rho r))/rho, which stays differentiable where one mode takes over from another; G. Kreisselmeier, R.
+scores, log(sum exp(rho r))/rho, which is differentiable when another mode becomes the largest; G. Kreisselmeier, R.
 Steinhauser, Systematic control design by optimizing a vector performance index, IFAC Symposium, Zurich 1979, 113-117.
 
 A machine with dry friction is judged as modelled, while all dry friction slides, and with the slopes that it has over the
-motion of the case (see `describing_function`). What holds at all slopes between is told beside it.
+motion of the case (see `describing_function`). The sentences add the verdict over all slopes between these.
 """
 
 from __future__ import annotations
@@ -42,21 +42,20 @@ STABLE = "stable"
 class RestStabilityConstants:
     """The constants of the stability at rest, a smooth function of the parameters for searches.
 
-    smoothing: distance of a real pole from zero, over the fastest, that counts as kept. Origin: rounding of
-        eigenvalues. Doubled: nothing.
-    sharpness: exponent of the smooth maximum over modes: n equal scores lie log(n)/sharpness above them, a damping
-        ratio of some 0.0005. Origin: small against damping ratios that matter. Doubled: half of that, stiffer
-        gradients.
-    min_damping: damping ratio that a search keeps. Origin: twice what a limit may be exceeded by. Doubled: searches
-        keep farther from the boundary.
-    at_rest: change of a state in a second of the run's time, over its size, below which it is at rest. Origin:
-        tolerances. Doubled: nothing.
+    smoothing: distance of a real pole from zero, over the fastest, that counts as kept. Origin: rounding of eigenvalues.
+        Doubled: nothing.
+    sharpness: exponent of the smooth maximum over modes: n equal scores lie log(n)/sharpness above them, a damping ratio of
+        some 0.0005. Origin: small against damping ratios that matter. Doubled: half of that, stiffer gradients.
+    min_damping: damping ratio that a search keeps. Origin: twice the tolerance of a limit. Doubled: searches keep farther
+        from the boundary.
+    at_rest: change of a state in a second of the run's time, over its size, below which it is at rest. Origin: tolerances.
+        Doubled: nothing.
     min_weight: weight in the smooth maximum below which a mode is left out. Origin: it does not move the sum. Doubled:
         nothing.
-    max_factor: factor on a gain, up or down, within which a stability boundary is looked for. Origin: two decades.
-        Doubled: boundaries farther away are found.
-    factor_ratio: ratio of successive factors in that search. Origin: 9 for each decade. Doubled (in its excess over 1):
-        two crossings close to each other are missed.
+    max_factor: factor on a gain, up or down, within which a stability boundary is looked for. Origin: two decades. Doubled:
+        boundaries farther away are found.
+    factor_ratio: ratio of successive factors in that search. Origin: 9 for each decade. Doubled (in its excess over 1): two
+        crossings close to each other are missed.
     rank_one: singular value, over the largest, below which a friction acts on one direction. Origin: rounding of a
         linearisation. Doubled: nothing.
     """
@@ -97,16 +96,16 @@ class Variant:
         return sum(1 + mode.swings for mode in self.modes if not mode.value)
 
     def score(self, mode: Mode, base: float) -> float:
-        """r, above 0 for an eigenvalue that grows; that of a real one that decays knows no eps."""
+        """r, positive for an eigenvalue that grows; a decaying real eigenvalue is scored without eps."""
         s = mode.value
-        kept = REST_STABILITY.smoothing * self.fastest if s.imag or s.real > 0 else 0.0
-        return float((s.real + kept) / np.hypot(abs(s), base))
+        margin = REST_STABILITY.smoothing * self.fastest if s.imag or s.real > 0 else 0.0
+        return float((s.real + margin) / np.hypot(abs(s), base))
 
 
 @dataclass(frozen=True)
 class OperatingPointStability:
-    """A machine at its operating point: as modelled, and where it has dry friction, with the slopes of the case and while
-    that slides; `first` is the start that was linearised, None where the point was found from it."""
+    """A machine at its operating point: as modelled, and if it has dry friction, with the slopes of the case and while
+    that slides; `first` is the start that was linearised, None if the point was found from it."""
 
     first: Start | None
     variants: tuple[Variant, ...]
@@ -138,52 +137,57 @@ class RestStability:
     def at(self, values: Mapping[str, float | str]) -> OperatingPointStability | None:
         """The machine at rest with these parameters set, None without an equilibrium; StartError without a start."""
         first = self.modes.start(values)
-        point, own = self.modes.point(first), True
+        point, at_start = self.modes.point(first), True
         if not self._rests(point):
-            found = self._equilibrium(point)
-            if found is None:
+            equilibrium = self._equilibrium(point)
+            if equilibrium is None:
                 return None
-            point, own = found, False
+            point, at_start = equilibrium, False
         variants = [self._variant(point, share) for share in ((1.0, 0.0) if self.frictions.names else (1.0,))]
         # a friction of no force, or one that slides already, is the same whatever its slope at rest
         if len(variants) > 1 and np.array_equal(variants[0].linear.a, variants[1].linear.a):
             variants = variants[:1]
         elif self.shares is not None:
             variants.insert(1, self._variant(point, self.shares))
-        return OperatingPointStability(first if own else None, tuple(variants), self.base)
+        return OperatingPointStability(first if at_start else None, tuple(variants), self.base)
 
-    def unstable_shares(self, found: OperatingPointStability) -> tuple[float, float] | None:
+    def unstable_shares(self, operating: OperatingPointStability) -> tuple[float, float] | None:
         """The slopes of all dry friction, as shares of those at rest, between which the machine is not stable."""
-        if len(found.variants) < 2:
+        if len(operating.variants) < 2:
             return None
-        point = found.variants[0].point  # with the slopes as modelled
+        point = operating.variants[0].point  # with the slopes as modelled
         bad = [share for share in SHARES if not OperatingPointStability(None, (self._variant(point, share),),
                                                                         self.base).worst < 0]
         return (min(bad), max(bad)) if bad else None
 
     def limit(self, values: Mapping[str, float | str], named: Sequence[str]) -> tuple[float, Array]:
-        """The limit, above zero where less than the least damping ratio is left, and its slope by parameters (m,); -1 where
-        stability at rest has no meaning."""
-        found = self.at(values)
-        if found is None:
+        """The limit, positive if the damping ratio is below the least one, and its derivatives by parameters (m,); -1 if
+        stability at rest is not defined."""
+        operating = self.at(values)
+        if operating is None:
             return -1.0, np.zeros(len(named))
-        value = found.smooth
-        if any(variant.linear.period is not None for variant in found.variants):
+        value = operating.smooth
+        if any(variant.linear.period is not None for variant in operating.variants):
             return value + REST_STABILITY.min_damping, self._differences(values, named)
         slope = np.zeros(len(named))
-        for variant in found.variants if named and found.first is not None else ():
+        for variant in operating.variants if named and operating.first is not None else ():
             for mode in variant.modes:
                 r = variant.score(mode, self.base) if mode.value else -np.inf
                 if (weight := float(np.exp(REST_STABILITY.sharpness * (r - value)))) > REST_STABILITY.min_weight:
-                    slope += weight * self._slope(found.first, variant, mode, named)
+                    assert operating.first is not None
+                    ds = self.modes.slope(operating.first, mode, named, variant.point)
+                    s, size = mode.value, float(np.hypot(abs(mode.value), self.base))
+                    excess = variant.score(mode, self.base) * size
+                    score_slope = ds.real / size - excess * (s.real * ds.real + s.imag * ds.imag) / size**3
+                    slope += weight * np.where(np.isfinite(score_slope), score_slope, 0.0)
         return value + REST_STABILITY.min_damping, slope
 
     def _differences(self, values: Mapping[str, float | str], named: Sequence[str]) -> Array:
         """The slope (m,) of the limit of a sampled system, by central differences."""
-        now, slope = self.assembly.with_parameters(values).parameter_values, np.zeros(len(named))
+        present, slope = self.assembly.with_parameters(values).parameter_values, np.zeros(len(named))
         for k, name in enumerate(named):
-            step = DIFFERENCE * (abs(now[name]) or 1.0)
-            ends = [self.at({**values, name: now[name] + sign * step}) for sign in (-1, 1)]
+            step = DIFFERENCE * (abs(present[name]) or 1.0)
+            ends = [self.at({**values, name: present[name] + sign * step}) for sign in (-1, 1)]
             if all(end is not None for end in ends):
                 low, high = (end.smooth for end in ends if end is not None)
                 slope[k] = (high - low) / (2 * step)
@@ -194,14 +198,6 @@ class RestStability:
         point = replace(point, p=self.frictions.sliding(point.p, shares))
         linear = self.modes.linearisation.at(point)
         return Variant(tuple(shares), point, linear, tuple(linear.modes()))
-
-    def _slope(self, first: Start | None, variant: Variant, mode: Mode, named: Sequence[str]) -> Array:
-        assert first is not None
-        moved = self.modes.slope(first, mode, named, variant.point)
-        s, size = mode.value, float(np.hypot(abs(mode.value), self.base))
-        excess = variant.score(mode, self.base) * size
-        found = moved.real / size - excess * (s.real * moved.real + s.imag * moved.imag) / size**3
-        return np.where(np.isfinite(found), found, 0.0)
 
     @cached_property
     def _rates(self) -> Buffered:
@@ -216,7 +212,7 @@ class RestStability:
         return sides.ravel(), jacobian
 
     def _rests(self, point: Point) -> bool:
-        """Whether no state changes there, or each as it would for ever: a shaft that turns at a constant speed."""
+        """True if no state changes at the point, or only at a constant rate: a shaft that turns at a constant speed."""
         n_x, sizes = len(point.x), self.assembly.x_nominal
         rates = self._at(replace(point, rate=0.0))[0][:n_x]
         if not np.all(np.isfinite(rates)) or not self._samples_rest(point):
@@ -232,7 +228,7 @@ class RestStability:
         return bool(np.all(scaled <= REST_STABILITY.at_rest * max(fastest, self.base) * self.base))
 
     def _samples_rest(self, point: Point) -> bool:
-        """Whether samples set what they set to the value that it has."""
+        """True if samples set their variables to the present values."""
         updates = self.modes.linearisation.updates(point)
         if updates is None:
             return True
@@ -255,8 +251,8 @@ class RestStability:
             return sides, jacobian * sizes
 
         low, high = self.modes.equations.bounds
-        found = newton(system, np.concatenate([point.x, point.z]), Scaling(sizes, low[:len(sizes)], high[:len(sizes)]))
-        return replace(point, x=found.y[:n_x], z=found.y[n_x:], rate=0.0) if found.good else None
+        result = newton(system, np.concatenate([point.x, point.z]), Scaling(sizes, low[:len(sizes)], high[:len(sizes)]))
+        return replace(point, x=result.y[:n_x], z=result.y[n_x:], rate=0.0) if result.good else None
 
 
 # -- what is told of a tuned machine -------------------------------------------------------------------------------------
@@ -274,14 +270,14 @@ class Loop:
 
 @dataclass(frozen=True)
 class Stability:
-    """The stability of a tuned machine. `decided` by its `equilibrium`, its `periodic run` or `` (not decided); `stable` is
-    None where it is not decided. `damping` is the least damping ratio as modelled, `sliding` that with dry friction that
-    slides and `in_case` that with the slopes of the case (None without dry friction); `slowest` the frequency (Hz) and
-    damping ratio of the slowest mode that oscillates; `shares` the slopes of dry friction, as shares of those at rest,
-    between which the machine is unstable, which need not be those of the case; `marginal` the
-    number of free bodies and integrators; `boundary` the factors by which each free parameter may fall and grow; `case` the
-    least stable case; `multiplier` the largest Floquet multiplier; `undecided` the held variables that take the verdict, and
-    `held` all of them with their treatment."""
+    """The stability of a tuned machine. `decided` is the basis of the verdict: `equilibrium`, `periodic run` or `` (not
+    decided); `stable` is None if it is not decided. `damping` is the least damping ratio as modelled, `sliding` the one with
+    sliding dry friction and `in_case` the one with the slopes of the case (None without dry friction); `slowest` the
+    frequency (Hz) and damping ratio of the slowest mode that oscillates; `shares` the slopes of dry friction, as shares of
+    those at rest, between which the machine is unstable, which need not include those of the case; `marginal` the number of
+    free bodies and integrators; `boundary` the factors by which each free parameter may fall and grow; `case` the least
+    stable case; `multiplier` the largest Floquet multiplier; `undecided` the held variables that make the stability
+    undecided, and `held` all of them with their treatment."""
 
     decided: str
     stable: bool | None
@@ -302,31 +298,31 @@ class Stability:
 
 
 def least_damping(variant: Variant) -> float:
-    """The least damping ratio of all modes but those of zero."""
+    """The least damping ratio of all modes except those with eigenvalue zero."""
     return min((mode.damping for mode in variant.modes if mode.value), default=1.0)
 
 
-def describe(machine: RestStability, found: OperatingPointStability, case: str, named: Sequence[str],
+def describe(machine: RestStability, operating: OperatingPointStability, case: str, named: Sequence[str],
              values: Mapping[str, float],
              boundary: Mapping[str, tuple[float | None, float | None]]) -> Stability:
     """The margins of the machine of one case at its operating point."""
-    modelled, slid = found.variants[0], found.variants[-1]
+    modelled, slid = operating.variants[0], operating.variants[-1]
     oscillating = [mode for mode in modelled.modes if mode.swings]
-    bad = tuple(not OperatingPointStability(None, (v,), found.base).worst < 0 for v in found.variants)
-    friction = machine.frictions if len(found.variants) > 1 else NO_FRICTION
-    case_too = len(found.variants) > 2
+    bad = tuple(not OperatingPointStability(None, (v,), operating.base).worst < 0 for v in operating.variants)
+    friction = machine.frictions if len(operating.variants) > 1 else NO_FRICTION
+    case_too = len(operating.variants) > 2
     return Stability(
         "equilibrium", not any(bad), least_damping(modelled), least_damping(slid) if friction.names else None,
-        least_damping(found.variants[1]) if case_too else None,
+        least_damping(operating.variants[1]) if case_too else None,
         (oscillating[0].frequency, oscillating[0].damping) if oscillating else None, friction.names, friction.fixed,
-        machine.unstable_shares(found), modelled.zeros,
+        machine.unstable_shares(operating), modelled.zeros,
         None if any(bad) else loop(machine, slid, named, values), boundary, case)
 
 
 def loop(machine: RestStability, variant: Variant, named: Sequence[str], values: Mapping[str, float]) -> Loop | None:
-    """The margins of the loop through those of the parameters that belong to signals, where all of them together scale one
-    loop: A(k) = A_0 + k M with M of rank one, M = B C, so that L(s) = -C (s - A_0)^-1 B. With a phase of phi in the loop the
-    poles are the eigenvalues of A_0 + exp(-j phi) M. That of a sampled system is its Delta."""
+    """The margins of the loop through those parameters that belong to signals, if all of them together scale one loop: A(k)
+    = A_0 + k M with M of rank one, M = B C, so that L(s) = -C (s - A_0)^-1 B. With a phase of phi in the loop the poles are
+    the eigenvalues of A_0 + exp(-j phi) M. For a sampled system A is its Delta."""
     gains = [name for name in named if values[name] and _of_signals(machine.assembly, name)]
     if not gains:
         return None
@@ -368,7 +364,7 @@ def loop(machine: RestStability, variant: Variant, named: Sequence[str], values:
 
 
 def _moving(poles: NDArray[Any], zeros: int) -> NDArray[Any]:
-    """The poles without so many that are zero but for rounding."""
+    """The poles without this number of smallest ones, which are zero except for rounding."""
     return poles[np.argsort(np.abs(poles))[zeros:]]
 
 
@@ -379,84 +375,81 @@ def _of_signals(assembly: Assembly, name: str) -> bool:
     takers = {path for path in leaves if name.rpartition(".")[0] == path} | {
         key.rpartition(".")[0] for key, expression in assembly.flat.constants.items()
         if key != name and isinstance(expression, ca.SX) and ca.depends_on(expression, symbol)}
-    found = [leaves[path].component for path in takers if path in leaves]
-    return bool(found) and all(any(port.direction == "out" for port in c.signals.values()) for c in found)
+    components = [leaves[path].component for path in takers if path in leaves]
+    return bool(components) and all(any(port.direction == "out" for port in c.signals.values()) for c in components)
 
 
 def crossing(score: Callable[[float], float], up: bool) -> float | None:
-    """The factor, above or below 1, at which a score changes its sign; None where it does not within a factor of 100."""
+    """The factor, above or below 1, at which a score changes its sign; None if it does not within a factor of 100."""
     from scipy.optimize import brentq
 
     near, first = 1.0, score(1.0)
     while 1 / REST_STABILITY.max_factor < near < REST_STABILITY.max_factor and np.isfinite(first):
         far = near * REST_STABILITY.factor_ratio if up else near / REST_STABILITY.factor_ratio
-        here = score(far)
-        if not np.isfinite(here):
+        score_here = score(far)
+        if not np.isfinite(score_here):
             return None
-        if (here < 0) != (first < 0):
+        if (score_here < 0) != (first < 0):
             return float(brentq(score, near, far, xtol=1e-4))
         near = far
     return None
 
 
-def stability_sentences(found: Stability, *, asked: bool = True) -> Iterator[str]:
-    """What is to be said of the stability of a tuned machine."""
-    if found.undecided:
-        yield f"stability not decided: {'; '.join(found.undecided)}"
-    elif not found.decided:
+def stability_sentences(stability: Stability, *, asked: bool = True) -> Iterator[str]:
+    """Sentences on the stability of a tuned machine."""
+    if stability.undecided:
+        yield f"stability not decided: {'; '.join(stability.undecided)}"
+    elif not stability.decided:
         yield "stability not decided: no equilibrium was found from the start, and the run does not end in a period or " \
             "has events"
-    if not found.decided:
-        yield from found.held
+    if not stability.decided:
+        yield from stability.held
         return
-    if found.decided != "equilibrium":
-        assert found.multiplier is not None
-        yield f"{'stable' if found.stable else 'NOT STABLE'} by its periodic run: the largest Floquet multiplier is " \
-              f"{found.multiplier:.4g}"
-        yield from found.held
+    if stability.decided != "equilibrium":
+        assert stability.multiplier is not None
+        yield f"{'stable' if stability.stable else 'NOT STABLE'} by its periodic run: the largest Floquet multiplier is " \
+              f"{stability.multiplier:.4g}"
+        yield from stability.held
         return
-    assert found.damping is not None
-    if found.stable:
-        yield f"stable at its operating point: {_dampings(found)}"
-    elif not found.frictions:
-        yield f"NOT STABLE at its operating point: the least damping ratio is {found.damping:.3g}; a run that looks well " \
-            "is held by limits or by its short time, not by the gains"
+    assert stability.damping is not None
+    if stability.stable:
+        yield f"stable at its operating point: {_dampings(stability)}"
+    elif not stability.frictions:
+        yield f"NOT STABLE at its operating point: the least damping ratio is {stability.damping:.3g}; a run that looks " \
+            "well is held by limits or by its short time, not by the gains"
     else:
-        yield f"NOT STABLE: {_dampings(found)}"
-    if found.shares is not None:
-        yield _between(found.shares)
+        yield f"NOT STABLE: {_dampings(stability)}"
+    if stability.shares is not None:
+        low, high = stability.shares
+        slopes = f"below {high:.2g}" if low == 0 else f"from {low:.2g} to {high:.2g}"
+        yield f"over the amplitude: unstable where the slope of its dry friction is {slopes} of that at rest; motions " \
+            "grow there until their amplitude gives it another slope"
     if not asked:
         yield "stability was not asked for (`stable: off`)"
-    yield from found.held
-    if found.slowest is not None:
-        yield f"slowest oscillating mode: {found.slowest[0]:.4g} Hz, damping ratio {found.slowest[1]:.3g}"
-    if found.marginal:
-        yield f"{found.marginal} eigenvalue{'s' * (found.marginal > 1)} of zero not counted (free bodies, integrators " \
-            "outside of every loop)"
-    if found.fixed:
-        yield f"the dry friction of {', '.join(found.fixed)} follows from other parameters and was taken as modelled"
-    if found.loop is not None:
-        yield _loop_words(found.loop)
+    yield from stability.held
+    if stability.slowest is not None:
+        yield f"slowest oscillating mode: {stability.slowest[0]:.4g} Hz, damping ratio {stability.slowest[1]:.3g}"
+    if stability.marginal:
+        yield f"{stability.marginal} eigenvalue{'s' * (stability.marginal > 1)} of zero not counted (free bodies, " \
+            "integrators outside of every loop)"
+    if stability.fixed:
+        yield f"the dry friction of {', '.join(stability.fixed)} follows from other parameters and was taken as modelled"
+    if stability.loop is not None:
+        yield _loop_words(stability.loop)
 
 
-def summary_sentences(found: Stability, *, asked: bool = True) -> list[str]:
+def summary_sentences(stability: Stability, *, asked: bool = True) -> list[str]:
     """Whether it is stable, and the margins of its loop."""
-    return [next(stability_sentences(found, asked=asked)), *([_loop_words(found.loop)] if found.loop is not None else [])]
+    return [next(stability_sentences(stability, asked=asked)), *([_loop_words(stability.loop)]
+                                                                 if stability.loop is not None else [])]
 
 
-def _dampings(found: Stability) -> str:
-    said = f"least damping ratio {found.damping:.3g}"
-    if found.sliding is None:
-        return said
-    in_case = f", {found.in_case:.3g} with its slope over the motion of the run" if found.in_case is not None else ""
-    return f"{said} as modelled{in_case}, {found.sliding:.3g} while its dry friction slides"
-
-
-def _between(shares: tuple[float, float]) -> str:
-    low, high = shares
-    slopes = f"below {high:.2g}" if low == 0 else f"from {low:.2g} to {high:.2g}"
-    return f"over the amplitude: unstable where the slope of its dry friction is {slopes} of that at rest; motions grow " \
-        "there until their amplitude gives it another slope"
+def _dampings(stability: Stability) -> str:
+    text = f"least damping ratio {stability.damping:.3g}"
+    if stability.sliding is None:
+        return text
+    in_case = f", {stability.in_case:.3g} with its slope over the motion of the run" if stability.in_case is not None else ""
+    return f"{text} as modelled{in_case}, {stability.sliding:.3g} while its dry friction slides"
 
 
 def _loop_words(loop: Loop) -> str:

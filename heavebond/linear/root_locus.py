@@ -26,10 +26,10 @@ POINTS = 81
 @dataclass(frozen=True)
 class RootLocus:
     """Poles (N, n) in 1/s at the values (N,) of a parameter in SI, each column following one pole; `limits` are values at
-    which the last growing mode appears or goes (the stability boundary). `stability` judges each value: free modes stay at
-    exactly zero and are no limit. The poles of a sampled system are log(z)/T; `periods` (N,) are T in s. `filled` describes
-    the volumes added to nodes that store nothing; `held` lists the variables that are constant in the linear system, at the
-    first value."""
+    which the last growing mode appears or vanishes (the stability boundary). `stability` is the verdict on each value: free
+    modes remain exactly zero and give no limit. The poles of a sampled system are log(z)/T; `periods` (N,) are T in s.
+    `filled` describes the volumes added to nodes without capacity; `held` lists the variables that are constant in the
+    linear system, at the first value."""
 
     parameter: str
     unit: str
@@ -51,10 +51,9 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
                ) -> RootLocus:
     """The poles of a diagram over a span of a parameter: `root_locus(model, "controller.K_p", "0 .. 10 1/m")`.
 
-    The `points` values of `parameter` are evenly spaced over `span`; poles are in 1/s, those of sampled systems
-    log(z)/T. `model` is linearised at the
-    operating point `at`, as by `state_space`. Raises UsageError for an unknown parameter, a span in another unit, or
-    where fewer than two values have an operating point.
+    The `points` values of `parameter` are evenly spaced over `span`; poles are in 1/s, those of sampled systems log(z)/T.
+    `model` is linearised at the operating point `at`, as by `state_space`. Raises UsageError for an unknown parameter, a
+    span in another unit, or if fewer than two values have an operating point.
     """
     span = si_range(span, parameter)
     operating = OperatingPoints(loaded(model), at)
@@ -65,14 +64,14 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
     def linear(value: float) -> Linear:
         return linearisation.at(operating.at({parameter: value}))
 
-    tried, found, judged, periods, failed, held = [], [], [], list[float | None](), "", tuple[HeldVariable, ...]()
+    tried, poles, judged, periods, failed, held = [], [], [], list[float | None](), "", tuple[HeldVariable, ...]()
     for value in np.linspace(span.low, span.high, points).tolist():
         try:
             near = linear(value)
         except HeavebondError as error:
             failed = str(error)
             continue
-        found.append(near.poles())
+        poles.append(near.poles())
         periods.append(near.period)
         judged.append(near.stability())
         tried.append(value)
@@ -86,7 +85,7 @@ def root_locus(model: ModelOrFile, parameter: str, span: Range | str, *, at: Tim
     index = operating.assembly.parameter_names.index(parameter)
     unit = operating.assembly.flat.parameters[index].unit.text
     sampled = None if None in periods else np.array(periods, dtype=float)
-    return RootLocus(parameter, unit, values, _followed(found, sampled), tuple(limits), tuple(judged), operating.filled,
+    return RootLocus(parameter, unit, values, _followed(poles, sampled), tuple(limits), tuple(judged), operating.filled,
                      held, sampled)
 
 
@@ -109,7 +108,8 @@ def _limit(judged: Callable[[float], Stability], span: tuple[float, float], ends
 
 
 def _followed(found: Sequence[NDArray[np.complex128]], periods: Array | None) -> NDArray[np.complex128]:
-    """The poles in such order that each column moves little from row to row; those of a sampled system in the z-plane."""
+    """The poles in an order with the least changes of each column from row to row; poles of a sampled system in the
+    z-plane."""
     from scipy.optimize import linear_sum_assignment
 
     rows = [found[0][np.lexsort((found[0].imag, found[0].real))]]

@@ -4,11 +4,10 @@ Between samples the variables h that samples set are constant. With the states x
 
     x' = A x + B h + E w,    h' = 0:    z(t + dt) = z + phi(G dt) dt (G z + F w),    phi(M) = M^-1 (exp(M) - 1).
 
-At an instant the blocks of the clocks that coincide there set h_i (or a state) to R_i z + N_i z_new + S_i w: along the
-data flow a block reads the new values of other blocks (N); it reads states and its own variables as before the instant (R;
-see `numerics.update_order`).
-The product of all these maps over the hyperperiod T, the least common multiple of the periods, is the monodromy matrix Phi;
-its eigenvalues z = exp(s T) decide on the stability. Inputs are constant over the hyperperiod.
+At an instant the blocks of the coincident clocks set h_i (or a state) to R_i z + N_i z_new + S_i w: along the data flow a
+block reads the new values of other blocks (N); it reads states and its own variables as before the instant (R; see
+`numerics.update_order`). The product of all these maps over the hyperperiod T, the least common multiple of the periods, is
+the monodromy matrix Phi; its eigenvalues z = exp(s T) decide on the stability. Inputs are constant over the hyperperiod.
 
 The matrices are kept less the identity, Delta = (Phi - 1)/T, as slow modes would be lost in the rounding of Phi.
 
@@ -69,7 +68,7 @@ class Schedule:
 
     @property
     def same(self) -> float:
-        """How near to each other two instants are one, in s."""
+        """The time difference in s below which two instants are identical."""
         return SAMPLING.same * self.period / max(len(self.instants), 1)
 
 
@@ -83,10 +82,10 @@ def schedule(events: Sequence[FlatEvent], first: Sequence[float], periods: Seque
     number = sum(int(whole / f) for f in shares)
     if not all(exact) or number > SAMPLING.max_instants:
         rates = dict(zip(periods, events, strict=True))
-        told = [f"'{event.name}' every {readable(p, 's')}" for p, event in rates.items()]
+        listed = [f"'{event.name}' every {readable(p, 's')}" for p, event in rates.items()]
         common = f"only after {readable(float(whole) * shortest, 's')}, with {number} instants" if all(exact) else "never"
         raise UsageError([Problem(
-            "hyperperiod", f"the sampled blocks in the loops have periods that meet {common}: {listing(told, 6)}",
+            "hyperperiod", f"the sampled blocks in the loops have periods that meet {common}: {listing(listed, 6)}",
             next(iter(rates.values())).place,
             "Give them periods with a short common multiple, such as 1 ms, 2 ms and 10 ms. "
             "To judge the loop of the fastest blocks alone, give the slower ones a constant input.")])
@@ -157,7 +156,7 @@ class Hybrid:
 
 @dataclass(frozen=True)
 class Discrete:
-    """z[k+1] = a z[k] + b w[k], y[k] = c z[k] + d w[k] in the states that are left, with delta = (a - 1)/period; z is taken
+    """z[k+1] = a z[k] + b w[k], y[k] = c z[k] + d w[k] in the remaining states, with delta = (a - 1)/period; z is taken
     right before the instants k, y right after them."""
 
     period: float
@@ -248,22 +247,23 @@ def discretised(system: Hybrid, begin: float | None = None, given: Input = Input
         else:
             out[number_of * k:(number_of + 1) * k] = system.c @ whole + system.d @ current
     change = _flown(system, flows, change, start[:n], current, period - time)
-    left = sorted(((when, row) for when, row in queue if when >= period - same), key=lambda item: item[0])
-    rows = np.vstack([current, *(row for _, row in left)]) if stored else np.zeros((0, width))
+    remaining = sorted(((when, row) for when, row in queue if when >= period - same), key=lambda item: item[0])
+    rows = np.vstack([current, *(row for _, row in remaining)]) if stored else np.zeros((0, width))
     less = np.vstack([change, rows - start[n:]])
     names = (*system.names, *(f"input[{j}]" for j in range(stored)))
     sizes, rigid = np.concatenate([system.sizes, np.ones(stored)]), (*system.rigid, *([False] * stored))
     # variables whose value before a hyperperiod nothing reads, those of a hold that is set at its begin, are left out
-    kept, states = np.arange(n + stored), n + stored
-    while unread := [k for k in kept.tolist() if less[k, k] == -1 and np.count_nonzero(less[kept, k]) == 1
+    state_rows, states = np.arange(n + stored), n + stored
+    while unread := [k for k in state_rows.tolist() if less[k, k] == -1 and np.count_nonzero(less[state_rows, k]) == 1
                      and not out[:, k].any()]:
-        kept = np.setdiff1d(kept, unread)
-    return Discrete(period, tuple(names[k] for k in kept), sizes[kept], tuple(rigid[k] for k in kept),
-                    less[np.ix_(kept, kept)] / period, less[kept, states:], out[:, kept], out[:, states:])
+        state_rows = np.setdiff1d(state_rows, unread)
+    return Discrete(period, tuple(names[k] for k in state_rows), sizes[state_rows], tuple(rigid[k] for k in state_rows),
+                    less[np.ix_(state_rows, state_rows)] / period, less[state_rows, states:], out[:, state_rows],
+                    out[:, states:])
 
 
 def _merged(steps: Sequence[tuple[float, int, int]], same: float) -> list[tuple[float, int, int]]:
-    """Steps in the order of their times, those of one instant at one time and in the order of their kinds."""
+    """Steps in the order of their times; those of one instant in the order of their kinds."""
     merged: list[tuple[float, int, int]] = []
     for time, kind, number in sorted(steps):
         merged.append((merged[-1][0] if merged and time - merged[-1][0] <= same else max(time, 0.0), kind, number))
@@ -272,7 +272,7 @@ def _merged(steps: Sequence[tuple[float, int, int]], same: float) -> list[tuple[
 
 def _flown(system: Hybrid, flows: dict[float, tuple[Array, Array]], change: Array, start: Array, current: Array,
            length: float) -> Array:
-    """The change of z after so many seconds."""
+    """The change of z over a time in s."""
     from scipy.linalg import expm
 
     if length <= 0.0:
@@ -297,9 +297,9 @@ def equivalent(z: NDArray[np.complex128] | complex, period: float) -> NDArray[np
 class SampledUpdates:
     """The samples that a linear system contains: their variables, new values and instants.
 
-    `held` are the exact ones of the held variables of an assembly (see `held_variables`). `symbols` are those of them that
-    are no states, and `after` the same after an instant, as further inputs of the continuous system; `values` are the new
-    values, as further outputs of it, in the order of the run at the parameters p (see `numerics.update_order`).
+    `held` are the exact ones of the held variables of an assembly (see `held_variables`). `symbols` are their symbols,
+    without states, and `after` their symbols after an instant, as further inputs of the continuous system; `values` are the
+    new values, as further outputs of it, in the order of the run at the parameters p (see `numerics.update_order`).
     """
 
     def __init__(self, structure: HeldStructure, held: Sequence[HeldVariable], p: Array):
@@ -340,8 +340,8 @@ class SampledUpdates:
         changes of all updates."""
         t, x, z, p, u, rate = self._assembly.arguments
         inner, n_x = stack([x, z, self.symbols]), x.numel()
-        now = stack([x, self.symbols])
-        changes = ca.substitute(self.values, self.after, self.symbols) - stack([now[k] for k in self.target])
+        variables = stack([x, self.symbols])
+        changes = ca.substitute(self.values, self.after, self.symbols) - stack([variables[k] for k in self.target])
         rates, last = split(self._assembly.ode), split(changes)
         held = [last[self.target.index(n_x + k)] for k in range(self.number)]
         for row, k in enumerate(self.target):
@@ -351,8 +351,8 @@ class SampledUpdates:
         return ca.Function("rest", [t, x, z, p, u, rate], [ca.densify(sides), ca.densify(ca.jacobian(sides, inner))])
 
     def at_rest(self, point: Point, bounds: tuple[Array, Array]) -> Point | None:
-        """The equilibrium, also of the samples, that Newton's method finds from a point with the inputs held still; `bounds`
-        are those of states and algebraic unknowns."""
+        """The equilibrium, including the samples, by Newton's method from a point with the inputs held constant; `bounds`
+        are the bounds of states and algebraic unknowns."""
         assembly, n_x, n = self._assembly, len(point.x), len(point.x) + len(point.z)
         slopes = np.abs(np.array(self.rest(*point.values())[1]))[-len(self.target):, :n_x] @ assembly.x_nominal
         held = [max((slopes[i] for i, t in enumerate(self.target) if t == n_x + k), default=0.0) or 1.0
@@ -370,8 +370,8 @@ class SampledUpdates:
 
         low, high = (np.append(end[:n], np.full(len(sizes) - n, free))
                      for end, free in zip(bounds, (-np.inf, np.inf), strict=True))
-        found = newton(system, np.concatenate([point.x, point.z, point.p[self.indices]]), Scaling(sizes, low, high))
-        return at(found.y) if found.good else None
+        result = newton(system, np.concatenate([point.x, point.z, point.p[self.indices]]), Scaling(sizes, low, high))
+        return at(result.y) if result.good else None
 
     def sampled(self, point: Point) -> tuple[HeldVariable, ...]:
         """All variables that samples set, with their shortest periods."""
@@ -383,7 +383,7 @@ class SampledUpdates:
 
     @property
     def number(self) -> int:
-        """How many variables are no states."""
+        """The number of variables that are not states."""
         return len(self.held)
 
     def hybrid(self, point: Point, names: Sequence[str], sizes: Array, rigid: Sequence[bool], a: Array, b: Array, c: Array,

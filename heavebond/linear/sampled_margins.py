@@ -1,18 +1,18 @@
 """Stability margins of sampled loops, cut where the signal is sampled or held.
 
-With w = (r - C z)/D at a signal s = C z + D w (see `margins`) what reads the signal reads r alone. A signal that only
-sampled blocks read is taken at their instants; one that only sampled blocks set is taken at theirs, and is constant between.
-With one instant in a period T the loop is L(z), and
+With w = (r - C z)/D at a signal s = C z + D w (see `margins`) the readers of the signal receive r alone. A signal that
+only sampled blocks read is taken at their instants; one that only sampled blocks set is taken at theirs, and is constant
+between. With one instant in a period T the loop is L(z), and
 
     v = 2/T (z - 1)/(z + 1)
 
-maps the unit circle to the imaginary axis exactly: at z = exp(j w T) v = 2j/T tan(w T/2). Crossings of L are those of a
-transfer function of v, and the Nyquist frequency is at infinity. With n instants L(z) is an n by n matrix. With the factor
+maps the unit circle to the imaginary axis exactly: at z = exp(j w T) v = 2j/T tan(w T/2). Crossings of L are crossings of
+a transfer function of v, and the Nyquist frequency is at infinity. With n instants L(z) is an n by n matrix. With the factor
 k at all of them the closed loop has the monodromy matrix A - B (1 + k D)^-1 k C; margins are real k, or k = exp(j phi), that
 put an eigenvalue on the unit circle, and 1/Ms is the least singular value of 1 + L.
 
-A further delay is no power of z between whole periods: it moves the instants at which the signal acts. The delay margin is
-the shortest delay with an eigenvalue of that system on the unit circle.
+A further delay is not a power of z between whole periods: it changes the instants at which the signal acts. The delay
+margin is the shortest delay with an eigenvalue of that system on the unit circle.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class SampledMarginConstants:
         rounding. Doubled: margins larger by some 1e-7.
     max_gain: factor on a gain up to which a margin is looked for. Origin: six decades. Doubled: margins farther away are
         found.
-    gain_steps: steps for each decade of this search. Origin: 2 % in gain. Doubled: closer crossings are told apart.
+    gain_steps: steps for each decade of this search. Origin: 2 % in gain. Doubled: closer crossings are distinguished.
     phase_steps: steps of the search for a phase margin up to 180 degrees. Origin: half a degree. Doubled: as above.
     delay_steps: steps of the search up to the delay that the phase margin suggests. Origin: 4 %. Doubled: as above.
     max_delay_steps: steps of this search up to its end, twice that delay and two periods. Origin: time. Doubled: as above.
@@ -72,12 +72,12 @@ SAMPLED_MARGINS = SampledMarginConstants()
 
 
 def cut_at(closed: Hybrid, name: str, direct: float) -> SampledLoop:
-    """A loop from the hybrid system between what is added to a signal and the signal itself; UsageError where it cannot be
+    """A loop from the hybrid system between the disturbance of a signal and the signal itself; UsageError if it cannot be
     cut there."""
     c, d = closed.c, float(closed.d[0, 0])
     if abs(d) < direct:
-        raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': what is added there acts on itself "
-                                  "at once", None, "Cut it at another signal, such as a controller's output.")])
+        raise UsageError([Problem("loop-not-cut", f"the loop cannot be cut at '{name}': a signal added there acts on "
+                                  "itself without delay", None, "Cut it at another signal, such as a controller's output.")])
     read = closed.s @ c / d  # by updates, through the signal
     new = closed.after != 0
     system = replace(closed, g=_clear(closed.g - closed.f @ c / d, closed.g, closed.f @ c / d), f=closed.f / d, c=-c / d,
@@ -101,7 +101,7 @@ def cut_at(closed: Hybrid, name: str, direct: float) -> SampledLoop:
 
 
 def _no_loop(name: str) -> UsageError:
-    return UsageError([Problem("loop-none", f"'{name}' is in no loop: what is added to it does not come back")])
+    return UsageError([Problem("loop-none", f"'{name}' is in no loop: a signal added to it does not return")])
 
 
 def _clear(difference: Array, *parts: Array) -> Array:
@@ -111,14 +111,15 @@ def _clear(difference: Array, *parts: Array) -> Array:
 
 
 def opened(closed: StateSpace, loop: SampledLoop, name: str, inside: str, delay: float = 0.0) -> StateSpace:
-    """The open loop as a system; UsageError where nothing comes back."""
-    found = loop.open(delay)
+    """The open loop as a system; UsageError if the signal is in no loop."""
+    open_loop = loop.open(delay)
     units = dict(zip(closed.states, closed.units[0], strict=True))
     signal = closed.units[1]
-    states = tuple(units.get(n, signal[0] if n.startswith("input[") else "") for n in found.names)
-    system = replace(closed, states=found.names, inputs=(inside,), outputs=(name,), a=found.a, b=found.b, c=found.c,
-                     d=found.d, higher=np.zeros((2, 1, 1)), sizes=found.sizes, rigid=found.rigid,
-                     units=(states, signal, signal), shown=signal, period=found.period, delta=found.delta, cut=loop,
+    states = tuple(units.get(n, signal[0] if n.startswith("input[") else "") for n in open_loop.names)
+    system = replace(closed, states=open_loop.names, inputs=(inside,), outputs=(name,), a=open_loop.a, b=open_loop.b,
+                     c=open_loop.c,
+                     d=open_loop.d, higher=np.zeros((2, 1, 1)), sizes=open_loop.sizes, rigid=open_loop.rigid,
+                     units=(states, signal, signal), shown=signal, period=open_loop.period, delta=open_loop.delta, cut=loop,
                      hybrid=None)
     frequencies = np.linspace(0, system.highest, 200)[1:]
     if not np.any(np.abs(system.lifted(np.asarray(2j * np.pi * frequencies, dtype=complex))) > SAMPLED_MARGINS.direct):
@@ -153,7 +154,7 @@ def crossings_of_several(loop: Discrete) -> tuple[list[tuple[float, float]], lis
     def turned(angle: float) -> complex:
         return complex(np.exp(-1j * angle))
 
-    gain = [found for values in (1 / gains, gains) for found in _boundaries(loop, values, complex)]
+    gain = [crossing for values in (1 / gains, gains) for crossing in _boundaries(loop, values, complex)]
     phase = [(float(np.degrees(angle)), f) for values in (angles, -angles) for angle, f in _boundaries(loop, values, turned)]
     scaled = replace(loop, delta=loop.delta * loop.sizes / loop.sizes[:, None], b=loop.b / loop.sizes[:, None],
                      c=loop.c * loop.sizes)
@@ -177,7 +178,8 @@ def crossings_of_several(loop: Discrete) -> tuple[list[tuple[float, float]], lis
 
 
 def _boundaries(loop: Discrete, values: Array, factor: Callable[[float], complex]) -> list[tuple[float, float]]:
-    """Where the number of growing modes changes while a factor in the loop moves, and the frequency in Hz of the mode."""
+    """The values of a factor in the loop at which the number of growing modes changes, and the frequency in Hz of the
+    mode."""
     def eigenvalues(value: float) -> NDArray[np.complex128]:
         return np.linalg.eigvals(loop.closed(factor(value))).astype(complex)
 
@@ -203,20 +205,20 @@ def _boundary(eigenvalues: Callable[[float], NDArray[np.complex128]], span: tupl
     z = complex(at[np.argmin(np.abs(np.abs(at) - 1 - SAMPLED_MARGINS.grows))])
     value, before = high, high - 1e-4 * (span[1] - span[0])
     for _ in range(SAMPLED_MARGINS.secants):
-        found = eigenvalues(before)
-        other = complex(found[np.argmin(np.abs(found - z))])
-        if value == before or abs(abs(other) - abs(z)) < SAMPLED_MARGINS.still:
+        eigenvalues_there = eigenvalues(before)
+        nearest = complex(eigenvalues_there[np.argmin(np.abs(eigenvalues_there - z))])
+        if value == before or abs(abs(nearest) - abs(z)) < SAMPLED_MARGINS.still:
             break
-        before, value = value, float(np.clip(value - (abs(z) - 1) * (value - before) / (abs(z) - abs(other)), *span))
-        found = eigenvalues(value)
-        z = complex(found[np.argmin(np.abs(found - z))])
+        before, value = value, float(np.clip(value - (abs(z) - 1) * (value - before) / (abs(z) - abs(nearest)), *span))
+        eigenvalues_there = eigenvalues(value)
+        z = complex(eigenvalues_there[np.argmin(np.abs(eigenvalues_there - z))])
     return value, float(abs(np.angle(z)) / (2 * np.pi * period))
 
 
 def least_delay(loop: SampledLoop, phases: Sequence[tuple[float, float]], dead_time: float = 0.0
                 ) -> tuple[float, float] | None:
-    """The shortest delay in s, beside the dead time, that brings a stable loop to its stability boundary, and the frequency
-    in Hz there; `phases` are its phase margins in degrees with their frequencies."""
+    """The shortest delay in s, in addition to the dead time, that brings a stable loop to its stability boundary, and the
+    frequency in Hz at the boundary; `phases` are its phase margins in degrees with their frequencies."""
     suggested = [(angle % 360.0 / 360.0 / f, f) for angle, f in phases if f > 0]
     if not suggested:
         return None

@@ -1,9 +1,9 @@
 """The slowest modes of a large machine, and a search for growing ones, from sparse matrices.
 
-With v = (x, z) the linearised equations are M v' = J v, M = diag(1, 0), J = [[f_x, f_z], [g_x, g_z]]: the eigenvalues s of
-A = f_x - f_z g_z^-1 g_x are those of J v = s M v. A product (A - a)^-1 x is the upper part of (J - a M)^-1 (x, 0), solved
-with the sparse factors of J - a M; A itself, which is full, is never formed. Arnoldi's method (R. B. Lehoucq,
-D. C. Sorensen, C. Yang, ARPACK Users' Guide, SIAM 1998) finds
+With v = (x, z) the linearised equations are M v' = J v, M = diag(1, 0), J = [[f_x, f_z], [g_x, g_z]]: the eigenvalues s
+of A = f_x - f_z g_z^-1 g_x solve J v = s M v. A product (A - a)^-1 x is the upper part of (J - a M)^-1 (x, 0), solved with
+the sparse factors of J - a M; A itself, which is full, is never formed. Arnoldi's method (R. B. Lehoucq, D. C. Sorensen, C.
+Yang, ARPACK Users' Guide, SIAM 1998) finds
 
 * the modes nearest to a point a close to 0, as the largest eigenvalues 1/(s - a) of that product;
 * growing modes, as eigenvalues theta = (s + a)/(s - a) of I + 2 a (A - a)^-1 (Cayley transform): |theta| > 1 exactly where
@@ -11,10 +11,10 @@ D. C. Sorensen, C. Yang, ARPACK Users' Guide, SIAM 1998) finds
   doi:10.1007/BF01935650). As a goes from the slowest to the fastest rate of the machine, each growing mode is among the
   largest at some a, unless it grows by a small share of its frequency only and many undamped modes hide it.
 
-What is found is computed again by two-sided inverse iteration with a shift next to it (A. M. Ostrowski, Arch. Rational
-Mech. Anal. 3 (1959) 325-340, doi:10.1007/BF00284184), which gives both vectors and the bound of its rounding
-delta |l|^T |J| |v| / |l^H M v|, where the entries of J are known to a share delta: a mode with |Re s| below it does not
-grow, and one with |s| below it is free.
+Each estimate is refined by two-sided inverse iteration with a shift next to it (A. M. Ostrowski, Arch. Rational Mech.
+Anal. 3 (1959) 325-340, doi:10.1007/BF00284184), which gives both vectors and the bound of its rounding delta |l|^T |J| |v| /
+|l^H M v|, where the entries of J are known to a share delta: a mode with |Re s| below it does not grow, and one with |s|
+below it is free.
 
 A group of equal eigenvalues (parts of one kind that do not act on each other) may be found fewer times than it occurs.
 """
@@ -46,16 +46,16 @@ class SlowModesConstants:
     count: modes that are computed of larger machines. Origin: a page. Doubled: a longer table.
     near: distance of the shift from zero, as a share of 1/T of the run's time T. Origin: far below the modes that a run
         shows, far above the rounding of its rates. Doubled: nothing measurable.
-    next: distance of the shift from an eigenvalue that is computed again, as a share of it. Origin: two iterations
-        converge, and the factors are not singular. Doubled: nothing measurable.
+    next: distance of the shift from an eigenvalue that is computed again, as a share of it. Origin: two iterations converge,
+        and the factors are not singular. Doubled: nothing measurable.
     iterations: such iterations. Origin: each gains six digits and more. Doubled: time.
     ratio: ratio of successive shifts of the search for growing modes. Origin: at a ratio of 1.8 of |s| to a the transform
         shows 0.85 of the growth that it shows at a. Doubled: half of the time, weak growth missed.
     candidates: eigenvalues of the transform that are computed again at each shift. Origin: few modes grow. Doubled: time.
-    basis_growing: vectors of Arnoldi's basis in that search. Origin: a second for 10 000 states. Doubled: four times that
+    basis_growing: vectors of Arnoldi's basis in that search. Origin: a second for 10 000 states. Doubled: four times as long
         for large machines, weaker growth found.
-    certain: residual of an estimate, over the excess of its magnitude above 1, from which on it is no eigenvalue yet.
-        Origin: vectors are far from orthogonal where motions decay. Doubled: a few more are computed again in vain.
+    certain: residual of an estimate, over the excess of its magnitude above 1, up to which it may be an eigenvalue. Origin:
+        vectors are far from orthogonal where motions decay. Doubled: a few more are computed again in vain.
     basis: vectors of Arnoldi's basis in the search for the slowest. Origin: twice the usual number. Doubled: time.
     restarts: restarts in that search. Origin: a bound; modes apart from each other need a few, and of hundreds that differ
         by 1e-9, as of equal pieces damped alike, not each is found. Doubled: time.
@@ -85,9 +85,9 @@ SLOW_MODES = SlowModesConstants()
 
 @dataclass(frozen=True)
 class SlowModes:
-    """The slowest modes, the slowest first; growing ones that were found beyond them; and the rates in 1/s between which
-    these were looked for; `unstable` is the number of growing ones among all, `states` that of all eigenvalues. Free modes
-    have the value 0."""
+    """The slowest modes, the slowest first; growing modes beyond them; and the rates in 1/s between which growing modes were
+    searched; `unstable` is the number of all growing eigenvalues, `states` the number of all eigenvalues. Free modes have
+    the value 0."""
 
     slowest: list[Mode]
     growing: list[Mode]
@@ -97,12 +97,12 @@ class SlowModes:
 
     @property
     def modes(self) -> list[Mode]:
-        """All of them."""
+        """All modes."""
         return [*self.slowest, *self.growing]
 
     @property
     def computed(self) -> int:
-        """How many eigenvalues the slowest are, two for a pair."""
+        """The number of the slowest eigenvalues, two for a pair."""
         return sum(1 + mode.swings for mode in self.slowest)
 
     @property
@@ -113,20 +113,28 @@ class SlowModes:
 
 def slow_modes(linearisation: Linearisation, point: Point, span: float, count: int = SLOW_MODES.count) -> SlowModes:
     """The `count` slowest eigenvalues near a point, and growing ones; `span` is the time in s of a run, whose inverse is the
-    slowest rate that matters. UsageError where an algebraic loop is singular there, or there are not so many modes."""
+    slowest rate that matters. UsageError if an algebraic loop is singular at the point, or if there are not so many
+    modes."""
     pencil = _Pencil(linearisation, point)
     if not 0 < count < pencil.n - 1:
         raise UsageError([Problem("modes-count", f"{count} modes of {pencil.n} states cannot be chosen", None,
                                   f"Take 1 to {max(pencil.n - 2, 1)}, or all of them.")])
     near = pencil.shifted(SLOW_MODES.near / span)
     inverse, vectors = _largest(near, pencil.n, count)
-    found = [pencil.mode(near.shift + 1 / mu, vectors[:, k], near.shift.real) for k, mu in enumerate(inverse)
+    modes = [pencil.mode(near.shift + 1 / mu, vectors[:, k], near.shift.real) for k, mu in enumerate(inverse)
              if (near.shift + 1 / mu).imag >= 0]
-    slowest = sorted((mode for mode, _ in found), key=lambda mode: (abs(mode.value), mode.value.real))
+    slowest = sorted((mode for mode, _ in modes), key=lambda mode: (abs(mode.value), mode.value.real))
     slow = min((abs(mode.value) for mode in slowest if mode.value), default=1 / span)
     fastest = max(pencil.fastest(), slow)
-    growing = _distinct(_growing(pencil, slow, fastest), slowest)
-    slow_unstable = sum(mode.value.real > accuracy for mode, accuracy in found)
+    # the modes that are not among the known ones, each once
+    candidates = _growing(pencil, slow, fastest)
+    distinct: list[Mode] = []
+    for mode in candidates:
+        if all(abs(mode.value - known_mode.value) > SLOW_MODES.next * abs(mode.value) for known_mode in (*slowest,
+                                                                                                         *distinct)):
+            distinct.append(mode)
+    growing = sorted(distinct, key=lambda mode: -mode.value.real)
+    slow_unstable = sum(mode.value.real > accuracy for mode, accuracy in modes)
     return SlowModes(slowest, growing, (slow, fastest), slow_unstable + len(growing), pencil.n)
 
 
@@ -147,15 +155,6 @@ def _growing(pencil: _Pencil, slow: float, fastest: float) -> Iterator[Mode]:
                 yield mode
 
 
-def _distinct(found: Iterator[Mode], known: list[Mode]) -> list[Mode]:
-    """The modes that are not among the known ones, each once."""
-    kept: list[Mode] = []
-    for mode in found:
-        if all(abs(mode.value - other.value) > SLOW_MODES.next * abs(mode.value) for other in (*known, *kept)):
-            kept.append(mode)
-    return sorted(kept, key=lambda mode: -mode.value.real)
-
-
 class _Pencil:
     """J - s M near a point, its columns in the nominal sizes of states and algebraic unknowns, the rows of the loops with
     entries up to one."""
@@ -173,11 +172,12 @@ class _Pencil:
         self.mass = csc_array(diags_array(np.repeat([1.0, 0.0], [self.n, len(sizes) - self.n])))
 
     def shifted(self, shift: complex) -> _Shifted:
-        """The solutions with J - shift M, the shift moved a little where it is an eigenvalue."""
+        """The solutions with J - shift M; the shift is changed slightly if it is an eigenvalue."""
         for factor in (1.0, 1.0 + SLOW_MODES.near):
-            if (found := _factors(self.jacobian - shift * factor * self.mass)) is not None:
-                return _Shifted(shift * factor, found, self.n)
-        raise UsageError([Problem("loop-singular", "an algebraic loop is singular here, so that nothing follows from it",
+            if (factorised := _factors(self.jacobian - shift * factor * self.mass)) is not None:
+                return _Shifted(shift * factor, factorised, self.n)
+        raise UsageError([Problem("loop-singular", "an algebraic loop is singular here, so that its unknowns are "
+                                  "undetermined",
                                   None, "Linearise at another state.")])
 
     def fastest(self) -> float:
@@ -240,7 +240,7 @@ class _Shifted:
 
 
 def _factors(matrix: Any) -> Any:
-    """Its sparse triangular factors; None where it is exactly singular."""
+    """The sparse triangular factors of a matrix; None if it is exactly singular."""
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
 
@@ -265,10 +265,10 @@ def _largest(product: Product, n: int, count: int) -> tuple[Complex, Complex]:
 
 
 def _ritz(product: Product, n: int) -> tuple[Complex, Complex]:
-    """Estimates (k,) of the largest eigenvalues of magnitude above 1, imaginary part >= 0, of a product (n,) -> (n,), and
-    of their vectors (n, k), by Arnoldi's method without restarts: it shows one that stands apart early, however many others
-    have the magnitude 1. Estimates with a residual that is more than a small share of what they are above 1 are left
-    out."""
+    """Estimates (k,) of the largest eigenvalues of magnitude above 1, imaginary part >= 0, of a product (n,) -> (n,), and of
+    their vectors (n, k), by Arnoldi's method without restarts: a separate eigenvalue appears early, however many others have
+    the magnitude 1. Estimates are omitted if their residual is more than a small share of the excess of their magnitude over
+    1."""
     m = min(SLOW_MODES.basis_growing, n)
     basis, small = np.zeros((m + 1, n)), np.zeros((m + 1, m))
     basis[0] = _first(n) / np.linalg.norm(_first(n))

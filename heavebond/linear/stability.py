@@ -1,18 +1,19 @@
 """Stability of an equilibrium: eigenvalues classified as decaying, free (zero), undamped or growing, with their states.
 
-A zero eigenvalue is a state that nothing leads back: a body that may stand anywhere (rigid-body mode), an integrator. It is
-mostly a double one (position and velocity of a free body) without as many eigenvectors, and any method for all eigenvalues
-then finds two numbers of the size sqrt(rounding) |A| anywhere around zero. So the zeros are taken out first:
+A zero eigenvalue is a state without a restoring effect: a body that may be at rest anywhere (rigid-body mode), an
+integrator. It is mostly double (position and velocity of a free body) with one eigenvector, and any method for all
+eigenvalues then gives two numbers of the size sqrt(rounding) |A| anywhere around zero. The zeros are therefore separated
+first:
 
-1. A is split into the diagonal blocks of its strongly connected states; its eigenvalues are theirs, and what is stiff in one
-   block does not blur another.
+1. A is split into the diagonal blocks of its strongly connected states; its eigenvalues are the eigenvalues of the
+   blocks, and a stiff block does not affect the accuracy of another.
 2. Each block is balanced (E. E. Osborne; B. N. Parlett, C. Reinsch, doi:10.1007/BF02165404).
-3. Its null vectors are split off by an orthogonal change of coordinates, A -> [[0, *], [0, A_1]], then those of A_1, until
-   what is left is regular (the staircase for the Jordan chains of one eigenvalue: V. N. Kublanovskaya 1966; G. H. Golub,
-   J. H. Wilkinson, SIAM Review 18 (1976) 578-619, doi:10.1137/1018113). Its eigenvalues are well determined.
+3. Its null vectors are split off by an orthogonal change of coordinates, A -> [[0, *], [0, A_1]], then those of A_1,
+   until a regular matrix remains (the staircase for the Jordan chains of one eigenvalue: V. N. Kublanovskaya 1966; G. H.
+   Golub, J. H. Wilkinson, SIAM Review 18 (1976) 578-619, doi:10.1137/1018113). Its eigenvalues are well determined.
 
-The other eigenvalues are known up to delta |l|^T |A| |v| / |l^H v| where the entries of A are known to a share delta. What
-is nearer to the imaginary axis than that is undamped: neither its decay nor its growth is more than rounding.
+The other eigenvalues are known up to delta |l|^T |A| |v| / |l^H v| where the entries of A are known to a share delta. An
+eigenvalue closer to the imaginary axis than this is undamped: neither its decay nor its growth exceeds rounding.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ class StabilityConstants:
 
     coupled: singular value of a closely coupled block, over the largest, that is zero. Origin: entries carry some 5000
         roundings of 2e-16. Doubled: nothing.
-    rounding: share of the largest singular value of the whole matrix to which those of a block are known. Origin:
-        double precision. Doubled: nothing.
+    rounding: share of the largest singular value of the whole matrix to which the singular values of a block are known.
+        Origin: double precision. Doubled: nothing.
     multiple: imaginary part over the real one up to which a pair may be a multiple real eigenvalue. Origin: five in a row
         are split by 1e-15**(1/5) = 1e-3; a pair at it decays by exp(-600) within a period. Doubled: nothing.
     min_participation: participation below which a state is not named. Origin: readability. Doubled: fewer names.
@@ -55,9 +56,9 @@ STABLE, MARGINAL, UNSTABLE, UNDECIDED = "stable", "marginally stable", "unstable
 
 @dataclass(frozen=True)
 class Eigenvalue:
-    """An eigenvalue in 1/s (of a pair the one with an imaginary part above 0; exactly 0 for a free mode), the bound of its
-    rounding, the states that take part in it, the largest first, and how often a free one counts (2 for a body that may
-    stand anywhere and, once pushed, moves on)."""
+    """An eigenvalue in 1/s (of a pair the one with a positive imaginary part; exactly 0 for a free mode), the bound of its
+    rounding, the participating states, the largest first, and the multiplicity of a free mode (2 for a body that may be at
+    rest anywhere and, once pushed, moves on)."""
 
     value: complex
     accuracy: float
@@ -67,17 +68,17 @@ class Eigenvalue:
 
     @property
     def free(self) -> bool:
-        """Whether it is zero."""
+        """True if it is zero."""
         return self.value == 0
 
     @property
     def undamped(self) -> bool:
-        """Whether it lies on the imaginary axis as far as numbers can tell, away from zero."""
+        """True if it is on the imaginary axis up to rounding, away from zero."""
         return not self.free and abs(self.value.real) <= self.accuracy
 
     @property
     def grows(self) -> bool:
-        """Whether its motion grows."""
+        """True if its motion grows."""
         return self.value.real > self.accuracy
 
     @property
@@ -93,16 +94,16 @@ class Eigenvalue:
 
 @dataclass(frozen=True)
 class Stability:
-    """All eigenvalues at an operating point, zeros first; `undecided` says why they do not decide on the stability of the
-    machine (see `held_variables`)."""
+    """All eigenvalues at an operating point, zeros first; `undecided` are the reasons why they do not determine the
+    stability of the machine (see `held_variables`)."""
 
     eigenvalues: tuple[Eigenvalue, ...]
     undecided: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
-        """`stable` where every eigenvalue decays, `marginally stable` where free or undamped modes are beside those,
-        `unstable` where one grows; `stability not decided` with reasons for that."""
+        """`stable` if every eigenvalue decays, `marginally stable` with free or undamped modes in addition, `unstable` if
+        one grows; `stability not decided` with reasons."""
         if self.undecided:
             return UNDECIDED
         if self.growing:
@@ -121,12 +122,12 @@ class Stability:
 
     @property
     def undamped(self) -> tuple[Eigenvalue, ...]:
-        """Those on the imaginary axis, away from zero."""
+        """The eigenvalues on the imaginary axis, away from zero."""
         return tuple(e for e in self.eigenvalues if e.undamped)
 
     @property
     def growing(self) -> tuple[Eigenvalue, ...]:
-        """Those that grow."""
+        """The growing eigenvalues."""
         return tuple(e for e in self.eigenvalues if e.grows)
 
     @property
@@ -145,31 +146,31 @@ class Stability:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """A phrase for each mode that keeps it from being stable, or why it is not decided."""
+        """A phrase for each mode that prevents stability, or the reasons for an undecided verdict."""
         return self.undecided or tuple(e.text for e in (*self.growing, *self.undamped, *self.free))
 
 
 def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[bool] = (), period: float | None = None
               ) -> Stability:
-    """The stability of x' = A x, A (n, n) in SI with states of these usual sizes (n,) and names; `rigid` tells which states
+    """The stability of x' = A x, A (n, n) in SI with the usual sizes (n,) and names of the states; `rigid` marks states that
     are positions and speeds of bodies. With a period T in s A is (Phi - 1)/T of x[k+1] = Phi x[k]."""
     scaled = a * sizes / sizes[:, None]
-    found: list[Eigenvalue] = []
+    eigenvalues_of: list[Eigenvalue] = []
     motion = rigid or [False] * len(states)
     whole = float(np.linalg.norm(balanced(scaled)[0], 2)) if len(a) else 0.0
     free: dict[tuple[bool, frozenset[str]], list[Eigenvalue]] = {}
     for block in strong_blocks(scaled):
         names, body = [states[k] for k in block], all(motion[k] for k in block)
         matrix, scale = balanced(scaled[np.ix_(block, block)])
-        rest, null, zeros = _without_zeros(matrix, STABILITY.rounding * len(a) * whole)
+        regular, null, zeros = _without_zeros(matrix, STABILITY.rounding * len(a) * whole)
         if zeros:
             taking = _largest(np.abs(null * scale[:, None]) / np.abs(null * scale[:, None]).max(axis=0), names)
-            own = Eigenvalue(0j, 0.0, taking, body or all(motion[states.index(n)] for n in taking), zeros)
-            free.setdefault((own.rigid, frozenset(n.rpartition(".")[0] for n in taking)), []).append(own)
-        found += _regular(rest, matrix, names, zeros)
+            eigenvalue = Eigenvalue(0j, 0.0, taking, body or all(motion[states.index(n)] for n in taking), zeros)
+            free.setdefault((eigenvalue.rigid, frozenset(n.rpartition(".")[0] for n in taking)), []).append(eigenvalue)
+        eigenvalues_of += _regular(regular, matrix, names, zeros)
     if period is not None:
-        found = [_continued(e, period) for e in found]
-    return Stability((*(_joined(links) for links in free.values()), *sorted(found, key=lambda e: abs(e.value))))
+        eigenvalues_of = [_continued(e, period) for e in eigenvalues_of]
+    return Stability((*(_joined(links) for links in free.values()), *sorted(eigenvalues_of, key=lambda e: abs(e.value))))
 
 
 def _continued(of: Eigenvalue, period: float) -> Eigenvalue:
@@ -201,27 +202,28 @@ def _regular_parts(a: Array) -> list[tuple[Array, int]]:
     whole = float(np.linalg.norm(balanced(a)[0], 2)) if len(a) else 0.0
     parts = [_without_zeros(balanced(a[np.ix_(block, block)])[0], STABILITY.rounding * len(a) * whole)
              for block in strong_blocks(a)]
-    return [(rest, zeros) for rest, _, zeros in parts]
+    return [(regular, zeros) for regular, _, zeros in parts]
 
 
 def _eigenvalues(parts: Sequence[tuple[Array, int]]) -> Complex:
     """All eigenvalues (n,) of these blocks."""
-    found = []
-    for rest, zeros in parts:
-        values, right = np.linalg.eig(rest)
-        found += [np.zeros(zeros, complex), real_within_rounding(values, right, np.linalg.pinv(right).conj().T, rest)]
-    return np.concatenate(found) if found else np.zeros(0, complex)
+    values_of_blocks = []
+    for regular, zeros in parts:
+        values, right = np.linalg.eig(regular)
+        values_of_blocks += [np.zeros(zeros, complex), real_within_rounding(values, right, np.linalg.pinv(right).conj().T,
+                                                                            regular)]
+    return np.concatenate(values_of_blocks) if values_of_blocks else np.zeros(0, complex)
 
 
 def real_within_rounding(values: Complex | Array, right: Array | Complex, left: Array | Complex, a: Array) -> Complex:
-    """Eigenvalues (n,) of a matrix (n, n) with right and left vectors in columns (n, n), where a pair that rounding does not
-    tell from a multiple real eigenvalue is real. Rounding splits a real one of multiplicity m without as many vectors into m
-    numbers on a circle, of a radius that grows as the m-th root of the rounding."""
-    found = values.astype(complex)
-    near = np.abs(found.imag) <= STABILITY.multiple * np.abs(found.real)
-    if np.any(near & (found.imag != 0)):
-        near &= np.abs(found.imag) <= _accuracy(right, left, a)
-    return np.where(near, found.real, found)
+    """Eigenvalues (n,) of a matrix (n, n) with right and left vectors in columns (n, n), in which a pair is real if rounding
+    cannot distinguish it from a multiple real eigenvalue. Rounding splits a real one of multiplicity m without as many
+    vectors into m numbers on a circle, of a radius that grows as the m-th root of the rounding."""
+    result = values.astype(complex)
+    near = np.abs(result.imag) <= STABILITY.multiple * np.abs(result.real)
+    if np.any(near & (result.imag != 0)):
+        near &= np.abs(result.imag) <= _accuracy(right, left, a)
+    return np.where(near, result.real, result)
 
 
 def _accuracy(right: Array | Complex, left: Array | Complex, a: Array) -> Array:
@@ -237,9 +239,9 @@ def with_zeros(values: Complex, a: Array) -> Complex:
     if not any(zeros for _, zeros in parts):
         return values
     exact = _eigenvalues(parts)
-    found = values.astype(complex)
-    found[_matched(exact, values)] = exact
-    return found
+    result = values.astype(complex)
+    result[_matched(exact, values)] = exact
+    return result
 
 
 def balanced(a: Array) -> tuple[Array, Array]:
@@ -263,23 +265,23 @@ class ZeroStaircase:
 
 
 def zero_staircase(a: Array, least: float, steps: Sequence[int] | None = None) -> ZeroStaircase:
-    """The zero eigenvalues of a matrix (n, n) apart from the others; singular values up to `least` are 0, or so many of them
-    as `steps` say."""
-    rest, bound, counts, zeros = a, least, list[int](), 0
+    """Separate the zero eigenvalues of a matrix (n, n) from the others; singular values up to `least` count as 0, or the
+    numbers of them in `steps`."""
+    remaining, bound, counts, zeros = a, least, list[int](), 0
     turn = np.eye(len(a))
-    while len(rest) and (steps is None or len(counts) < len(steps)):
-        sizes = np.linalg.svd(rest, compute_uv=False)
+    while len(remaining) and (steps is None or len(counts) < len(steps)):
+        sizes = np.linalg.svd(remaining, compute_uv=False)
         bound = max(bound, STABILITY.coupled * float(sizes[0])) if not zeros else bound
         k = int(np.count_nonzero(sizes <= bound)) if steps is None else steps[len(counts)]
         if not k:
             break
-        turned = np.linalg.svd(rest)[2][::-1].T
+        turned = np.linalg.svd(remaining)[2][::-1].T
         turn[:, zeros:] = turn[:, zeros:] @ turned
-        rest, zeros = (turned.T @ rest @ turned)[k:, k:], zeros + k
+        remaining, zeros = (turned.T @ remaining @ turned)[k:, k:], zeros + k
         counts.append(k)
     whole, step = turn.T @ a @ turn, np.repeat(np.arange(len(counts)), counts)
     nilpotent = np.where(step[:, None] < step[None, :], whole[:zeros, :zeros], 0.0)
-    return ZeroStaircase(turn, nilpotent, whole[:zeros, zeros:], rest, tuple(counts))
+    return ZeroStaircase(turn, nilpotent, whole[:zeros, zeros:], remaining, tuple(counts))
 
 
 def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
@@ -288,29 +290,29 @@ def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
     return stairs.regular, stairs.turn[:, :sum(stairs.steps[:1])], len(stairs.nilpotent)
 
 
-def _regular(rest: Array, whole: Array, names: Sequence[str], zeros: int) -> list[Eigenvalue]:
-    """The eigenvalues of what is left of a block, with the states that take part and the bounds of their rounding."""
-    if not len(rest):
+def _regular(regular: Array, whole: Array, names: Sequence[str], zeros: int) -> list[Eigenvalue]:
+    """The eigenvalues of the regular part of a block, with the participating states and the bounds of their rounding."""
+    if not len(regular):
         return []
-    values, right = np.linalg.eig(rest if not zeros else whole)
+    values, right = np.linalg.eig(regular if not zeros else whole)
     left = np.linalg.pinv(right).conj().T
-    exact = np.linalg.eigvals(rest).astype(complex) if zeros else values.astype(complex)
+    exact = np.linalg.eigvals(regular).astype(complex) if zeros else values.astype(complex)
     columns = _matched(exact, values.astype(complex)) if zeros else np.arange(len(values))
     accuracy = _accuracy(right, left, whole)
-    found = []
+    eigenvalues_of_block = []
     for value, k in zip(exact.tolist(), columns.tolist(), strict=True):
         if value.imag < 0:
             continue
         shares = np.abs(left[:, k] * right[:, k])
-        found.append(Eigenvalue(complex(value), float(accuracy[k]), _largest(shares[:, None], names)))
-    return found
+        eigenvalues_of_block.append(Eigenvalue(complex(value), float(accuracy[k]), _largest(shares[:, None], names)))
+    return eigenvalues_of_block
 
 
-def _matched(wanted: Complex, found: Complex) -> NDArray[np.int64]:
-    """For each of the wanted values the place of its own in those that were found."""
+def _matched(wanted: Complex, computed: Complex) -> NDArray[np.int64]:
+    """For each of the wanted values the index of the nearest computed one, each used once."""
     from scipy.optimize import linear_sum_assignment
 
-    return np.asarray(linear_sum_assignment(np.abs(wanted[:, None] - found[None, :]))[1])
+    return np.asarray(linear_sum_assignment(np.abs(wanted[:, None] - computed[None, :]))[1])
 
 
 def _largest(shares: Array, names: Sequence[str]) -> tuple[str, ...]:
@@ -321,6 +323,6 @@ def _largest(shares: Array, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _joined(links: Sequence[Eigenvalue]) -> Eigenvalue:
-    """Free modes of the same parts as one: the position and the speed of a body that nothing holds."""
+    """Combine free modes of the same parts: position and speed of a free body."""
     states = tuple(dict.fromkeys(name for link in links for name in link.states))
     return Eigenvalue(0j, 0.0, states, links[0].rigid, sum(link.multiplicity for link in links))

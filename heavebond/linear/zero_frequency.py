@@ -31,8 +31,8 @@ class ZeroFrequencyConstants:
         and the elimination of algebraic unknowns. Doubled: cancellations of ill-conditioned systems are accepted earlier.
     rounding: share of the largest entries of a block to which its staircase is exact. Origin: some roundings of 1e-16.
         Doubled: as with `entries`.
-    samples: solutions with entries disturbed by that share. Origin: a chance below 1e-9 that each is nearer to a rounding
-        error than a hundredth of the usual. Doubled: time.
+    samples: solutions with entries disturbed by that share. Origin: a chance below 1e-9 that each deviation is below a
+        hundredth of the usual one. Doubled: time.
     beyond: multiple of the largest deviation of these solutions up to which a coefficient is 0. Origin: the usual one.
         Doubled: as with `entries`.
     """
@@ -68,13 +68,13 @@ class Leading:
 
 def states_between(a: Array, b: Array, c: Array) -> NDArray[np.int64]:
     """The states on the paths from the input (b (n,)) to the output (c (n,))."""
-    reached, seen = b != 0, c != 0
+    reached, shown = b != 0, c != 0
     for _ in range(len(a)):
-        further = reached | ((a != 0) @ reached), seen | ((a != 0).T @ seen)
-        if np.array_equal(further[0], reached) and np.array_equal(further[1], seen):
+        further = reached | ((a != 0) @ reached), shown | ((a != 0).T @ shown)
+        if np.array_equal(further[0], reached) and np.array_equal(further[1], shown):
             break
-        reached, seen = further
-    return np.asarray(np.flatnonzero(reached & seen))
+        reached, shown = further
+    return np.asarray(np.flatnonzero(reached & shown))
 
 
 def leading(a: Array, b: Array, c: Array, direct: Array, highest: int = 0) -> Leading:
@@ -82,8 +82,8 @@ def leading(a: Array, b: Array, c: Array, direct: Array, highest: int = 0) -> Le
 
     a (n, n), b (n,) and c (n,) are of one channel, with states in their nominal sizes.
     """
-    kept = states_between(a, b, c)
-    a, b, c = a[np.ix_(kept, kept)], b[kept], c[kept]
+    selected = states_between(a, b, c)
+    a, b, c = a[np.ix_(selected, selected)], b[selected], c[selected]
     blocks = _blocks_in_order(a)
     exact, steps = _series(a, b, c, direct, highest, blocks)
     generator, spread = np.random.default_rng(0), np.zeros_like(exact)
@@ -101,8 +101,9 @@ def leading(a: Array, b: Array, c: Array, direct: Array, highest: int = 0) -> Le
 def _series(a: Array, b: Array, c: Array, direct: Array, highest: int, blocks: list[list[int]],
             steps: list[tuple[int, ...]] | None = None, generator: np.random.Generator | None = None
             ) -> tuple[Array, list[tuple[int, ...]]]:
-    """The coefficients of the Laurent series up to a power, from that of all zero eigenvalues on, and the staircases of the
-    blocks; with the `steps` of known staircases, and with blocks disturbed by the rounding of a staircase (`generator`)."""
+    """The coefficients of the Laurent series up to a power, from the power of all zero eigenvalues on, and the staircases of
+    the blocks; with the `steps` of known staircases, and with blocks disturbed by the rounding of a staircase
+    (`generator`)."""
     matrix, scale = balanced(a)
     least = STABILITY.rounding * len(a) * (float(np.linalg.norm(matrix, 2)) if len(a) else 0.0)
     stairs = []
@@ -119,14 +120,14 @@ def _series(a: Array, b: Array, c: Array, direct: Array, highest: int, blocks: l
     for block, s in zip(blocks, stairs, strict=True):
         z = len(s.nilpotent)
         r = s.turn.T @ (right[block] + matrix[block] @ x)
-        inverse, found = np.linalg.inv(s.regular), np.zeros_like(r)
+        inverse, coefficients = np.linalg.inv(s.regular), np.zeros_like(r)
         for k in range(r.shape[1]):
-            found[z:, k] = inverse @ ((found[z:, k - 1] if k else 0.0) - r[z:, k])
-        integrated = r[:z] + s.coupling @ found[z:]
+            coefficients[z:, k] = inverse @ ((coefficients[z:, k - 1] if k else 0.0) - r[z:, k])
+        integrated = r[:z] + s.coupling @ coefficients[z:]
         for j in range(1, z + 1):
-            found[:z, :-j] += integrated[:, j:]
+            coefficients[:z, :-j] += integrated[:, j:]
             integrated = s.nilpotent @ integrated
-        x[block] = s.turn @ found
+        x[block] = s.turn @ coefficients
     y = (c * scale) @ x
     y[zeros:zeros + len(direct)] += direct[:len(y) - zeros]
     return y[:zeros + highest + 1], [s.steps for s in stairs]
@@ -134,9 +135,9 @@ def _series(a: Array, b: Array, c: Array, direct: Array, highest: int, blocks: l
 
 def with_zeros_at_zero(zeros: NDArray[np.complex128], number: int) -> NDArray[np.complex128]:
     """The zeros with the `number` smallest of them exactly 0: QZ scatters a multiple zero around 0."""
-    found = zeros.copy()
-    found[np.argsort(np.abs(found), kind="stable")[:max(number, 0)]] = 0.0
-    return found
+    result = zeros.copy()
+    result[np.argsort(np.abs(result), kind="stable")[:max(number, 0)]] = 0.0
+    return result
 
 
 def _blocks_in_order(a: Array) -> list[list[int]]:
@@ -153,17 +154,17 @@ def _blocks_in_order(a: Array) -> list[list[int]]:
         if i != j:
             needs[i].add(j)
     order: list[int] = []
-    done: set[int] = set()
+    finished: set[int] = set()
     for start in range(number):
         waiting = [start]
         while waiting:
             group = waiting[-1]
-            missing = [j for j in needs[group] if j not in done]
-            if missing and group not in done:
+            missing = [j for j in needs[group] if j not in finished]
+            if missing and group not in finished:
                 waiting += missing
                 continue
             waiting.pop()
-            if group not in done:
-                done.add(group)
+            if group not in finished:
+                finished.add(group)
                 order.append(group)
     return [np.flatnonzero(label == group).tolist() for group in order]

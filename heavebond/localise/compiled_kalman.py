@@ -1,7 +1,7 @@
 """The recursions of the Kalman filter and smoother in compiled code (`heavebond/c/kalman.c`).
 
-Between two samples a filter has a few dozen small products to form, of which each takes NumPy a hundred times as long as
-the arithmetic. Where no C compiler is present, NumPy does it.
+A filter forms a few dozen small products between two samples, for each of which NumPy needs a hundred times the time of
+the arithmetic. If no C compiler is present, NumPy is used.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class _System(ctypes.Structure):
 
 @lru_cache(maxsize=1)
 def program() -> ctypes.CDLL | None:
-    """The program, compiled at its first use; None where it cannot be."""
+    """The program, compiled at its first use; None if this is impossible."""
     library = loaded(SOURCE, FLAGS)
     for name in ("filter", "smooth") if library is not None else ():
         function = getattr(library, name)
@@ -41,12 +41,12 @@ def program() -> ctypes.CDLL | None:
 
 
 def serves(states: int) -> bool:
-    """Whether it can do so many states."""
+    """True if the program supports this number of states."""
     return states <= MOST_STATES and program() is not None
 
 
 def run(name: str, **arrays: Array) -> None:
-    """Call `filter` or `smooth` on arrays, each as C expects it (see `System` there); what it writes is in them."""
+    """Call `filter` or `smooth` on arrays in the layout of C (see `System` there); the results are written to the arrays."""
     library = program()
     assert library is not None
     count, places, n = arrays["gamma"].shape[0] + 1, *arrays["gamma"].shape[1:]
@@ -71,8 +71,8 @@ def responses(maps: Array, inputs: Array, means: Array, channels: int) -> Array:
     library = program()
     assert library is not None
     (count, rows, columns), width = maps.shape, inputs.shape[1]
-    given = [np.ascontiguousarray(array, float) for array in (maps, inputs, means)]
-    found, work = np.empty((count, channels, width)), np.empty((2, columns - 2, width))
-    assert given[1].shape == (count, width) and given[2].shape == (count - 1, width) and rows == channels + columns - 2
-    library.respond(count, channels, columns - 2, width, *(array.ctypes.data for array in (*given, found, work)))
-    return found
+    arrays = [np.ascontiguousarray(array, float) for array in (maps, inputs, means)]
+    response, work = np.empty((count, channels, width)), np.empty((2, columns - 2, width))
+    assert arrays[1].shape == (count, width) and arrays[2].shape == (count - 1, width) and rows == channels + columns - 2
+    library.respond(count, channels, columns - 2, width, *(array.ctypes.data for array in (*arrays, response, work)))
+    return response

@@ -1,15 +1,15 @@
-"""Laws of one or two variables for an unknown input, fitted to what the records show and validated on held-out data.
+"""Laws of one or two variables for an unknown input, fitted to the records and validated on held-out data.
 
-A law is linear in the coefficients of piecewise linear functions of its variables (of one, or of two with a coefficient at
-each pair of knots). What each of these functions, acting at a place, does to the outputs follows from the linear
+A law is linear in the coefficients of piecewise linear functions of its variables (of one, or of two with a coefficient
+at each pair of knots). The responses of the outputs to each of these functions, acting at a place, follow from the linear
 time-varying model (see `kalman_smoother.Unknown.innovations`); so the coefficients are estimated from the outputs
 themselves, together with the free parameters and their prior, and not from an estimated input. With L the sum of squared
 whitened innovations of n held-out samples, L_0 that with the parameters alone,
 
-    R2 = 1 - (L - n) / (L_0 - n)        share of the misfit above the noise that the law takes away.
+    R2 = 1 - (L - n) / (L_0 - n)        share of the misfit above the noise that the law removes.
 
-Beside the free curve stand simple laws (a step, a line, a dead band, ...) fitted and tried alike: one that does as well as
-the free curve, with few numbers, names its shape.
+In addition to the free curve, simple laws (a step, a line, a dead band, ...) are fitted and validated in the same way. A
+law that fits as well as the free curve, with few numbers, names its shape.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ class Variable:
 class Curve:
     """The best law of one or two variables for an unknown input.
 
-    `r2` is that of the free curve (or of a law, where better) on the samples not learnt from, `shape` the name of the law
-    that does as well (or `curve`, or `loop`), `shape_r2` its own; x, y (K,) draw that law, in a loop its way up, `y_down`
-    its way down; `q` are the parameters with which it is so; `scores` the R2 of every variable by its formula, `units`
-    their units; `times` a signal by which the curve is multiplied; `second` another variable on which it depends: then
-    y is the curve where that is large and `y_down` where it is small. `covered` is the share of the samples not learnt from
-    at which its variables lie inside of those learnt from; `chance` the p value that it predicts no better there than the
-    parameters alone (Student's t of the mean over blocks of time, H. R. Kuensch, 1989, doi:10.1214/aos/1176347265).
+    `r2` is the R2 of the free curve (or of a better law) on the samples not learnt from, `shape` the name of the law that
+    fits as well (or `curve`, or `loop`), `shape_r2` its R2; x, y (K,) draw that law, in a loop its rising branch, `y_down`
+    its falling branch; `q` are the fitted parameters; `scores` the R2 of every variable by its formula, `units` their units;
+    `times` a signal by which the curve is multiplied; `second` another variable on which it depends: then y is the curve at
+    large and `y_down` at small values of it. `covered` is the share of the samples not learnt from whose variables lie in
+    the range of those learnt from; `chance` the p value that it predicts no better there than the parameters alone
+    (Student's t of the mean over blocks of time, H. R. Kuensch, 1989, doi:10.1214/aos/1176347265).
     """
 
     variable: Variable
@@ -98,9 +98,9 @@ class Regression:
 
     def of(self, index: Index) -> Regression:
         """With some of the coefficients alone."""
-        kept = np.concatenate([np.arange(1 + self.k), 1 + self.k + index])
+        indices = np.concatenate([np.arange(1 + self.k), 1 + self.k + index])
         penalty = self.penalty[np.ix_(index, index)] if isinstance(self.penalty, np.ndarray) else self.penalty
-        return replace(self._transformed(lambda form: form[np.ix_(kept, kept)]), penalty=penalty)
+        return replace(self._transformed(lambda form: form[np.ix_(indices, indices)]), penalty=penalty)
 
     def along(self, T: Array) -> Regression:
         """With coefficients a = T b in place of a."""
@@ -130,8 +130,8 @@ class Regression:
         return total
 
     def solved(self) -> tuple[Array, Array]:
-        """The q (k,) and coefficients that are learnt. The prior of q counts for more where the law leaves more than the
-        noise: what it leaves is correlated, and must not be mended by the parameters."""
+        """The learnt q (k,) and coefficients. The prior of q has more weight if the law leaves more than the noise: its
+        residuals are correlated, and parameters must not compensate for them."""
         k = self.k
         normal, slope = self.learn[1:, 1:].copy(), self.learn[1:, 0]
         normal[k:, k:] += self.penalty
@@ -139,17 +139,17 @@ class Regression:
         # a parameter of another record, and a function that does nothing, have no information
         scale = np.sqrt(np.maximum(np.diag(normal) + prior, 1e-100))
         mean = np.concatenate([self.mean, np.zeros(len(scale) - k)])
-        weight, found = 1.0, mean
+        weight, solution = 1.0, mean
         for _ in range(3):
             matrix = (normal + np.diag(weight * prior)) / scale[:, None] / scale + 1e-9 * np.eye(len(scale))
-            found = np.linalg.solve(matrix, (weight * prior * mean - slope) / scale) / scale
-            found[:k] = self.mean + np.clip(found[:k] - self.mean, -2.0, 2.0)
-            left = self._loss(self.learn, found) / max(self.samples[0], 1)
-            weight = 1.0 + CURVES.correlated_samples * max(left - 1.0, 0.0)
-        return found[:k], found[k:]
+            solution = np.linalg.solve(matrix, (weight * prior * mean - slope) / scale) / scale
+            solution[:k] = self.mean + np.clip(solution[:k] - self.mean, -2.0, 2.0)
+            excess = self._loss(self.learn, solution) / max(self.samples[0], 1)
+            weight = 1.0 + CURVES.correlated_samples * max(excess - 1.0, 0.0)
+        return solution[:k], solution[k:]
 
     def tried(self) -> float:
-        """The loss on the other samples."""
+        """The loss on the samples not learnt from."""
         return self._loss(self.other, self._applied())
 
     def chance(self) -> float:
@@ -163,20 +163,20 @@ class Regression:
         return float(stdtr(len(gains) - 1, -gains.mean() / error)) if error > 0 else float(gains.mean() <= 0)
 
     def _applied(self) -> Array:
-        """The (q, a) that are learnt; parameters that each record has for itself are those that suit the others best."""
+        """The learnt (q, a), with separate parameters of a record fitted to the other samples."""
         q, a = self.solved()
-        found = np.concatenate([q, a])
-        own = np.flatnonzero(np.diag(self.learn)[1:1 + self.k] == 0)
-        if len(own):
-            normal = self.other[np.ix_(1 + own, 1 + own)] + np.eye(len(own))
-            rest = np.delete(np.arange(len(found)), own)
-            slope = self.other[1 + own, 0] + self.other[np.ix_(1 + own, 1 + rest)] @ found[rest]
-            found[own] = np.linalg.solve(normal, self.mean[own] - slope)
-        return found
+        solution = np.concatenate([q, a])
+        separate = np.flatnonzero(np.diag(self.learn)[1:1 + self.k] == 0)
+        if len(separate):
+            normal = self.other[np.ix_(1 + separate, 1 + separate)] + np.eye(len(separate))
+            shared = np.delete(np.arange(len(solution)), separate)
+            slope = self.other[1 + separate, 0] + self.other[np.ix_(1 + separate, 1 + shared)] @ solution[shared]
+            solution[separate] = np.linalg.solve(normal, self.mean[separate] - slope)
+        return solution
 
     @staticmethod
-    def _loss(form: Array, found: Array) -> float:
-        full = np.concatenate([[1.0], found])
+    def _loss(form: Array, solution: Array) -> float:
+        full = np.concatenate([[1.0], solution])
         return float(max(full @ form @ full, 0.0))
 
     def learnt(self) -> float:
@@ -185,17 +185,17 @@ class Regression:
 
     @property
     def misfit(self) -> float:
-        """What the parameters alone leave above the noise, fitted or as they are known, whichever is less: moving a
-        parameter must not make something to explain."""
+        """The misfit above the noise with the parameters alone, fitted or at their known values, whichever is less: a change
+        of parameters must not create a misfit to explain."""
         alone = self.of(np.zeros(0, np.int64))
         return max(min(alone.tried(), self._loss(alone.other, self.mean)) - self.samples[1], 1e-300)
 
     def r2(self, misfit: float) -> float:
-        """The share of a `misfit` that the law takes away."""
+        """The share of a `misfit` that the law removes."""
         return self.share(self.tried(), misfit)
 
     def share(self, loss: float, misfit: float) -> float:
-        """The share of a `misfit` that is taken away where a `loss` is left."""
+        """The removed share of a `misfit` for a remaining `loss`."""
         return float(min(1.0, 1.0 - (loss - self.samples[1]) / misfit))
 
 
@@ -214,9 +214,9 @@ def regression(innovations: Array, learn: Mask, counts: Array, mean: Array) -> R
 
 
 class Design:
-    """The functions of the variables at a place: `columns` (N, K) over the samples, and where those of a variable, of its
-    rising branch and of a pair of variables stand. The `knots` of a variable are the `inner` ones, about the samples learnt
-    from, and the ends of all of its motion, so that a named law goes on where a free curve knows nothing."""
+    """The functions of the variables at a place: `columns` (N, K) over the samples, and the columns of each variable, of its
+    rising branch and of each pair of variables. The `knots` of a variable are the `inner` ones, in the range of the samples
+    learnt from, and the ends of its whole range, so that a named law continues beyond the free curve."""
 
     def __init__(self, variables: Sequence[Variable], learn: Mask):
         self.variables = list(variables)
@@ -226,15 +226,16 @@ class Design:
         self.pairs = list(self._pairs())[:CURVES.max_pairs]
         parts: list[Array] = []
         self._begin: dict[tuple[int, ...], int] = {}
-        own = [hats(v.values, k) for v, k in zip(variables, self.knots, strict=True)]
-        for i, basis in enumerate(own):
+        hats_of_variables = [hats(v.values, k) for v, k in zip(variables, self.knots, strict=True)]
+        for i, basis in enumerate(hats_of_variables):
             self._add(parts, (i,), basis)
         for i, v in enumerate(variables):
             if v.kind in ("position", "across"):
-                self._add(parts, (i, i), own[i] * v.rising[:, None])
+                self._add(parts, (i, i), hats_of_variables[i] * v.rising[:, None])
         for i, j in self.pairs:
-            other = hats(variables[j].values, self.ends(j))
-            self._add(parts, (i, j), (own[i][:, :, None] * other[:, None, :]).reshape(len(other), -1))
+            second_hats = hats(variables[j].values, self.ends(j))
+            self._add(parts, (i, j), (hats_of_variables[i][:, :, None] * second_hats[:, None, :]).reshape(len(second_hats),
+                                                                                                          -1))
         self.columns = np.concatenate(parts, axis=1) if parts else np.zeros((len(learn), 0))
 
     def _add(self, parts: list[Array], key: tuple[int, ...], basis: Array) -> None:
@@ -242,11 +243,11 @@ class Design:
         parts.append(basis)
 
     def _pairs(self) -> Iterator[tuple[int, int]]:
-        """Speed, pressure drop or position with what else may act there, the nearest first."""
-        for j, other in enumerate(self.variables):
+        """Pairs of speed, pressure drop or position with other variables at the place, the nearest first."""
+        for j, second in enumerate(self.variables):
             for i, first in enumerate(self.variables):
-                if i != j and first.kind in ("across", "position") and other.kind != "rate" \
-                        and not (first.kind == "position" and other.kind == "across"):
+                if i != j and first.kind in ("across", "position") and second.kind != "rate" \
+                        and not (first.kind == "position" and second.kind == "across"):
                     yield i, j
 
     def ends(self, j: int) -> Array:
@@ -259,31 +260,32 @@ class Design:
         return hats(self.knots[i], self.inner[i])
 
     def index(self, *key: int) -> Index:
-        """Where the functions of a variable (i), of its rising branch (i, i) or of a pair (i, j) stand."""
+        """The columns of the functions of a variable (i), of its rising branch (i, i) or of a pair (i, j)."""
         size = len(self.knots[key[0]]) * (3 if len(key) == 2 and key[0] != key[1] else 1)
         return self._begin[key] + np.arange(size)
 
 
-def best_curve(design: Design, found: Regression, learn: Mask) -> Curve | None:
-    """The variable whose curve explains most of the misfit (the first of those that do as well); a loop, with a branch for
-    each direction, or a law of two variables only if it explains clearly more. None where no variable moves."""
+def best_curve(design: Design, regression: Regression, learn: Mask) -> Curve | None:
+    """The variable whose curve explains most of the misfit (the first of equal ones); a loop, with a branch for
+    each direction, or a law of two variables only if it explains clearly more. None if no variable changes."""
     if not design.variables:
         return None
-    misfit = found.misfit
-    whole = [found.of(design.index(i)) for i in range(len(design.variables))]
+    misfit = regression.misfit
+    whole = [regression.of(design.index(i)) for i in range(len(design.variables))]
     free = [part.along(design.free(i)).smooth(_differences(len(design.inner[i]))) for i, part in enumerate(whole)]
     # of a force that is hardly seen a line tells more than a free curve
-    lines = [part.along(_line(k)) for part, k in zip(whole, design.knots, strict=True)]
+    lines = [part.along(np.stack([np.ones_like(k), k], axis=1)) for part, k in zip(whole, design.knots, strict=True)]
     losses = [min(part.tried(), line.tried()) for part, line in zip(free, lines, strict=True)]
-    r2 = [found.share(loss, misfit) for loss in losses]
+    r2 = [regression.share(loss, misfit) for loss in losses]
     scores = {v.formula: score for v, score in zip(design.variables, r2, strict=True)}
-    best = next(i for i, loss in enumerate(losses) if loss <= min(losses) + _as_good(min(losses), found.samples[1], misfit))
+    best = next(i for i, loss in enumerate(losses) if loss <= min(losses) + _as_good(min(losses), regression.samples[1],
+                                                                                     misfit))
     q, a = free[best].solved()
     variable, units = design.variables[best], {v.formula: v.unit for v in design.variables}
     curve = Curve(variable, r2[best], "curve", r2[best], design.inner[best], a, q, scores, units=units)
     curve = _named(curve, learn, design.knots[best], whole[best], misfit)
     enough = max(curve.r2, 0.0) + max(0.05, 0.2 * (1 - max(curve.r2, 0.0)))
-    richer = [*_of_two(design, found, misfit), *_loops(design, found, misfit)]
+    richer = [*_of_two(design, regression, misfit), *_loops(design, regression, misfit)]
     # a loop over the position says the same as one over the speed, and more
     more = max(richer, key=lambda f: f[0].r2 - CURVES.loop_margin * (f[0].loop and f[0].variable.kind == "across"),
                default=None)
@@ -298,14 +300,14 @@ def best_curve(design: Design, found: Regression, learn: Mask) -> Curve | None:
 
 
 def _as_good(least: float, samples: int, misfit: float) -> float:
-    """What a variable may leave more than the best, which leaves `least`, and explain as much: where that is noise by its
-    likelihood, elsewhere by its share of the misfit, as no law is exact then."""
+    """The loss up to which a variable counts as equal to the best one, with loss `least`: at noise level by its likelihood,
+    otherwise by its share of the misfit, as no law is exact then."""
     noise = least <= samples + 3 * np.sqrt(2 * samples)
     return CURVES.strong + CURVES.inexact * samples if noise else CURVES.exact * misfit
 
 
 def _tested(curve: Curve, law: Regression, design: Design, learn: Mask) -> Curve:
-    """The curve with what is known of it on the samples not learnt from."""
+    """The curve with its figures on the samples not learnt from."""
     names = {curve.variable.formula, curve.times, curve.second.formula if curve.second is not None else ""}
     inside = np.ones(len(learn), dtype=bool)
     for variable in design.variables:
@@ -320,33 +322,29 @@ def _differences(knots: int) -> Array:
     return np.asarray(np.diff(np.eye(knots), axis=0))
 
 
-def _line(knots: Array) -> Array:
-    return np.stack([np.ones_like(knots), knots], axis=1)
-
-
 # A law, the regression in the functions at its knots, the functions of a second variable, and the regression of the law.
 _Found = tuple[Curve, Regression, Array | None, Regression]
 
 
-def _loops(design: Design, found: Regression, misfit: float) -> Iterator[_Found]:
+def _loops(design: Design, regression: Regression, misfit: float) -> Iterator[_Found]:
     for i, variable in enumerate(design.variables):
         knots, coarse = design.knots[i], design.inner[i][::2]
         if variable.kind not in ("position", "across") or len(coarse) < 2:
             continue
         H = hats(knots, coarse)  # the falling branch is the whole less the rising one
         T = np.block([[np.zeros_like(H), H], [H, -H]])
-        part = found.of(np.concatenate([design.index(i), design.index(i, i)])).along(T)
+        part = regression.of(np.concatenate([design.index(i), design.index(i, i)])).along(T)
         part = part.smooth(np.asarray(np.kron(np.eye(2), _differences(len(coarse)))))
         q, a = part.solved()
         r2 = part.r2(misfit)
         yield Curve(variable, r2, "loop", r2, coarse, a[:len(coarse)], q, {}, a[len(coarse):]), part, None, part
 
 
-def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found]:
+def _of_two(design: Design, regression: Regression, misfit: float) -> Iterator[_Found]:
     """Curves times a second variable, and curves that change in proportion to it."""
     for i, j in design.pairs:
         variable, second, knots, ends = design.variables[i], design.variables[j], design.inner[i], design.ends(j)
-        part, first = found.of(design.index(i, j)), design.free(i)
+        part, first = regression.of(design.index(i, j)), design.free(i)
         affine = np.stack([np.ones(3), ends / max(float(np.abs(ends).max()), 1e-300)], axis=1)
         both, product = (part.along(np.asarray(np.kron(first, functions))).smooth(
             np.asarray(np.kron(_differences(len(knots)), np.eye(functions.shape[1]))))
@@ -362,18 +360,19 @@ def _of_two(design: Design, found: Regression, misfit: float) -> Iterator[_Found
             yield Curve(variable, r2, "curve", r2, knots, drawn[:, 2], q, {}, drawn[:, 0], second=second), part, affine, both
 
 
-def _named(curve: Curve, learn: Mask, knots: Array, found: Regression, misfit: float, second: Array | None = None) -> Curve:
-    """Of the laws that explain as much as the free curve does the best, each number in a law counting against it; the curve
-    as it is where none does. `second` (3, p) are the functions of a second variable at its knots, by each of which the law
-    is multiplied."""
+def _named(curve: Curve, learn: Mask, knots: Array, regression: Regression, misfit: float,
+           second: Array | None = None) -> Curve:
+    """The best of the laws that explain as much as the free curve, with a penalty for each number of a law; the curve itself
+    if there is none. `second` (3, p) are the functions of a second variable at its knots, by each of which the law is
+    multiplied."""
     v, r2 = curve.variable.values[learn], curve.r2
     enough = r2 - max(CURVES.simple_share, (CURVES.simple_factor - 1) * (1 - r2))
     size = float(np.quantile(np.abs(v), 0.98)) or 1.0
-    found = replace(found, folds=(), tests=())  # many are tried, and the sums do
+    regression = replace(regression, folds=(), tests=())  # many are tried, and the sums do
 
     def fitted(form: Form, kinks: Kinks) -> Regression:
         T = form.basis(knots, size, kinks)
-        return found.along(T if second is None else np.asarray(np.kron(T, second)))
+        return regression.along(T if second is None else np.asarray(np.kron(T, second)))
 
     def unlearnt(form: Form, kinks: Kinks) -> float:
         return -fitted(form, kinks).learnt()
@@ -390,7 +389,7 @@ def _named(curve: Curve, learn: Mask, knots: Array, found: Regression, misfit: f
             good.append(((CURVES.exact + 1 - tried) * CURVES.per_number**form.free, tried, form, kinks))
     if not good:
         return curve
-    _, tried, form, kinks = min(good, key=lambda found: found[0])
+    _, tried, form, kinks = min(good, key=lambda regression: regression[0])
     q, b = fitted(form, kinks).solved()
     drawn = form.basis(curve.x, size, kinks) @ b.reshape(len(b) // (1 if second is None else second.shape[1]), -1)
     if second is None:

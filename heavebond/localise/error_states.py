@@ -1,10 +1,11 @@
 """Dependence of a model error on time, channel and state of motion.
 
-The error of each channel is told by a curve of one variable after the other: the speeds, positions, pressures and signals of
-the run, the amplitude and the frequency of the channel. A curve is learnt on what is to be fitted and tried on what is held
-out. It explains the error beyond chance if its prediction there is correlated with the error more than N independent samples
-would be by chance; as neighbouring samples are alike, 1/N' = (1 + 2 sum_k r_k s_k) / N with the autocorrelations r, s of the
-two (M. S. Bartlett, 1935, doi:10.2307/2342284), and the chance is multiplied by the number of variables (Bonferroni).
+The error of each channel is predicted by curves of one variable at a time: the speeds, positions, pressures and signals
+of the run, the amplitude and the frequency of the channel. A curve is learnt on the fitted samples and tested on the
+held-out ones. It explains the error beyond chance if its prediction is correlated with the error of the held-out samples
+more than N independent samples would be by chance; since neighbouring samples are correlated, 1/N' = (1 + 2 sum_k r_k s_k) /
+N with the autocorrelations r, s of the two (M. S. Bartlett, 1935, doi:10.2307/2342284), and the chance is multiplied by the
+number of variables (Bonferroni).
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ class RecordSection:
 
 @dataclass(frozen=True)
 class State:
-    """How far one variable tells the error of a channel: R2 on the samples not learnt from, the chance of that, and the
-    curve of the error (in the channel's unit) over the variable (in SI)."""
+    """The prediction of a channel's error by one variable: R2 on the samples not learnt from, its p value, and the curve of
+    the error (in the channel's unit) over the variable (in SI)."""
 
     channel: str
     variable: str
@@ -55,8 +56,8 @@ def stretches(record: str, time: Array, errors: Mapping[str, Array], used: Mappi
 
 
 def states(channel: str, error: Array, variables: Mapping[str, tuple[str, Array]], learn: Mask) -> list[State]:
-    """The variables (name to unit and values (N,)) that tell the error (N,) of a channel beyond chance, best first."""
-    found = []
+    """The variables (name to unit and values (N,)) that predict the error (N,) of a channel beyond chance, best first."""
+    states_of_error = []
     for name, (unit, values) in variables.items():
         if not np.ptp(values[learn]):
             continue
@@ -66,17 +67,17 @@ def states(channel: str, error: Array, variables: Mapping[str, tuple[str, Array]
         inside = ~learn & (values >= knots[0]) & (values <= knots[-1])
         if inside.sum() < 20:
             continue
-        told, wrong = basis[inside] @ a, error[inside]
+        predicted, wrong = basis[inside] @ a, error[inside]
         total = float(np.sum((wrong - wrong.mean())**2))
-        r2 = 1 - float(np.sum((wrong - told)**2)) / total if total > 0 else 0.0
-        chance = min(1.0, len(variables) * _chance(told - told.mean(), wrong - wrong.mean()))
-        found.append(State(channel, name, unit, r2, chance, knots, a))
-    good = [s for s in found if s.r2 > INPUT_ESTIMATION.least_r2 and s.chance < 0.01]
+        r2 = 1 - float(np.sum((wrong - predicted)**2)) / total if total > 0 else 0.0
+        chance = min(1.0, len(variables) * _chance(predicted - predicted.mean(), wrong - wrong.mean()))
+        states_of_error.append(State(channel, name, unit, r2, chance, knots, a))
+    good = [s for s in states_of_error if s.r2 > INPUT_ESTIMATION.least_r2 and s.chance < 0.01]
     return sorted(good, key=lambda s: -s.r2)
 
 
 def _chance(a: Array, b: Array) -> float:
-    """The chance of a correlation as positive as that of a and b (N,), which have a memory."""
+    """The p value of a correlation as positive as between a and b (N,), which are autocorrelated."""
     from scipy.special import stdtr
 
     size = float(np.sqrt((a @ a) * (b @ b)))
@@ -90,7 +91,7 @@ def _chance(a: Array, b: Array) -> float:
 
 
 def envelope(values: Array, time: Array) -> tuple[Array, Array]:
-    """Amplitude (of a sine with the same mean square) and frequency (Hz) of a signal about two of its periods around."""
+    """Amplitude (of a sine with the same mean square) and frequency (Hz) of a signal, over a window of about two periods."""
     centred = values - values.mean()
     rate = np.gradient(centred, time)
     omega = float(np.sqrt(np.mean(rate**2) / max(float(np.mean(centred**2)), 1e-300)))

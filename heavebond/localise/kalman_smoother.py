@@ -1,16 +1,16 @@
 """Kalman filter and smoother for an unknown input, vectorised over places and intensities.
 
-The state is s = (dx, w): the deviation of a machine from a run and one unknown input as a random walk,
-w(t + h) = w(t) + e, e ~ N(0, r h), which acts on dx as a line between the samples. The measured errors have unit noise.
-Parameters q are regressors: every quantity is linear in them, x = x_0 + X q, innovations e = e_0 + E q with variances S that
-do not depend on q, so that columns for each parameter run beside the data through the same gains, and
+The state is s = (dx, w): the deviation of a machine from a run and one unknown input as a random walk, w(t + h) = w(t) +
+e, e ~ N(0, r h), which acts on dx as a line between the samples. The measured errors have unit noise. Parameters q are
+regressors: every quantity is linear in them, x = x_0 + X q, innovations e = e_0 + E q with variances S that do not depend on
+q, so that columns for each parameter pass with the data through the same gains, and
 
     -2 log L(q) = sum_i (log(2 pi S_i) + (e_0i + E_i q)^2 / S_i).
 
-A freer input pays for its freedom by larger S. Channels are taken one after another, so that nothing is inverted; backwards
-by the form of Bryson and Frazier, which needs no inverse either.
-P. de Jong, The diffuse Kalman filter, 1991, doi:10.1214/aos/1176348139; G. J. Bierman, Fixed interval smoothing with
-discrete measurements, Int. J. Control 18 (1973) 65-75, doi:10.1080/00207177308932487.
+A larger intensity is penalised by larger S. Channels are processed one after another, so that no matrix is inverted; the
+backward pass has the form of Bryson and Frazier, which needs no inverse either. P. de Jong, The diffuse Kalman filter, 1991,
+doi:10.1214/aos/1176348139; G. J. Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973)
+65-75, doi:10.1080/00207177308932487.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class Likelihood:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """Of G places, each quantity as [at q = 0, per unit of each q] in its last axis (1+k): w (N, G, 1+k) in SI, the states
-    (N, G, n, 1+k) and what is left of the errors (N, G, m, 1+k); the standard deviation of w (N, G)."""
+    """For G places, each quantity as [at q = 0, per unit of each q] in its last axis (1+k): w (N, G, 1+k) in SI, the states
+    (N, G, n, 1+k) and the remaining errors (N, G, m, 1+k); the standard deviation of w (N, G)."""
 
     w: Array
     deviation: Array
@@ -47,7 +47,7 @@ class Smoothed:
     left: Array
 
     def at(self, place: int, q: Array) -> tuple[Array, Array, Array]:
-        """w (N,), states (N, n) and what is left (N, m) at one place with parameters q (k,)."""
+        """w (N,), states (N, n) and remaining errors (N, m) at one place with parameters q (k,)."""
         full = np.concatenate([[1.0], q])
         return self.w[:, place] @ full, self.state[:, place] @ full, self.left[:, place] @ full
 
@@ -72,7 +72,7 @@ class Unknown:
         self.error = np.concatenate([error[:, :, None], -system.c[:, :, self.n:]], axis=2)  # (N, m, 1+k)
 
     def _first(self) -> tuple[Array, Array]:
-        """The state at the first sample: the start moves with the parameters; w unknown."""
+        """The state at the first sample: the start depends on the parameters; w is unknown."""
         n, count = self.n, len(self.sizes)
         x = np.zeros((count, n + 1, 1 + self.k))
         x[:, :n, 1:] = self.system.start
@@ -81,7 +81,7 @@ class Unknown:
         return x, p
 
     def filtered(self, intensity: Array, keep: _FilterPass | None = None) -> Likelihood:
-        """One pass forwards with `intensity` (G,), per second, of each place; an intensity of 0 is no input at all."""
+        """One forward pass with `intensity` (G,), per second, of each place; an intensity of 0 means no input."""
         n = self.n
         x, p = self._first()
         p[:, -1, -1] = np.where(intensity > 0, INPUT_ESTIMATION.first_input**2, 0.0)
@@ -123,43 +123,44 @@ class Unknown:
         return _likelihood(constant, squares)
 
     def _given(self, intensity: Array) -> dict[str, Array]:
-        """What the compiled program reads."""
-        given = {"phi": self.system.phi, "c": self.system.c, "gamma": self.gamma, "d": self.d, "moved": self.moved,
-                 "error": self.error, "growth": intensity * np.diff(self.system.time)[:, None]}
-        return {name: np.ascontiguousarray(values, float) for name, values in given.items()}
+        """The input of the compiled program."""
+        arguments = {"phi": self.system.phi, "c": self.system.c, "gamma": self.gamma, "d": self.d, "moved": self.moved,
+                     "error": self.error, "growth": intensity * np.diff(self.system.time)[:, None]}
+        return {name: np.ascontiguousarray(values, float) for name, values in arguments.items()}
 
     def smoothed(self, intensity: Array) -> Smoothed:
-        """Forwards and back: the best estimate of everything at every sample from the whole record."""
+        """Forward and backward pass: the best estimate of all quantities at every sample from the whole record."""
         count, m, n = len(self.system.time), self.error.shape[1], self.n
-        kept = _FilterPass(count, m, len(self.sizes), n + 1, 1 + self.k)
-        self.filtered(intensity, kept)
-        states, variance = np.empty_like(kept.x), np.empty(kept.x.shape[:2])
+        filtered = _FilterPass(count, m, len(self.sizes), n + 1, 1 + self.k)
+        self.filtered(intensity, filtered)
+        states, variance = np.empty_like(filtered.x), np.empty(filtered.x.shape[:2])
         if compiled_kalman.serves(self.n):
-            compiled_kalman.run("smooth", **self._given(intensity), **kept.arrays, states=states, variance=variance)
+            compiled_kalman.run("smooth", **self._given(intensity), **filtered.arrays, states=states, variance=variance)
         else:
-            self._back(kept, states, variance)
+            self._back(filtered, states, variance)
         w = states[:, :, -1]
-        seen = np.einsum("kmj,kgjq->kgmq", self.system.c[:, :, :n], states[:, :, :n]) + self.d[:, :, :, None] * w[:, :, None]
+        predicted = np.einsum("kmj,kgjq->kgmq", self.system.c[:, :, :n], states[:, :, :n]) + self.d[:, :, :, None] * w[:, :,
+                                                                                                                       None]
         return Smoothed(w * self.sizes[:, None], np.sqrt(np.maximum(variance, 0)) * self.sizes, states[:, :, :n],
-                        self.error[:, None] - seen)
+                        self.error[:, None] - predicted)
 
-    def _back(self, kept: _FilterPass, states: Array, variance: Array) -> None:
-        """Write the states (N, G, n+1, 1+k) and the variance of w (N, G) from what a filter left."""
+    def _back(self, filtered: _FilterPass, states: Array, variance: Array) -> None:
+        """Write the states (N, G, n+1, 1+k) and the variance of w (N, G) from the results of a filter."""
         count, m, n = len(self.system.time), self.error.shape[1], self.n
-        adjoint = np.zeros(kept.x.shape[1:])
-        information = np.zeros(kept.p.shape[1:])
+        adjoint = np.zeros(filtered.x.shape[1:])
+        information = np.zeros(filtered.p.shape[1:])
         step = np.broadcast_to(np.eye(n + 1), information.shape).copy()
         for i in range(count - 1, -1, -1):
-            p = kept.p[i]
-            states[i] = kept.x[i] - p @ adjoint
+            p = filtered.p[i]
+            states[i] = filtered.x[i] - p @ adjoint
             last = p[:, -1, :]
             variance[i] = last[:, -1] - np.einsum("gi,gij,gj->g", last, information, last)
             for c in range(m - 1, -1, -1):
-                row, gain = kept.rows[i, c], kept.gain[i, c]
+                row, gain = filtered.rows[i, c], filtered.gain[i, c]
                 through = (gain[:, None, :] @ adjoint)[:, 0]
-                adjoint = adjoint - row[:, :, None] * (kept.wrong[i, c] + through)[:, None, :]
+                adjoint = adjoint - row[:, :, None] * (filtered.wrong[i, c] + through)[:, None, :]
                 turned = (information @ gain[:, :, None])[:, :, 0]
-                size = (gain * turned).sum(axis=1) + kept.weight[i, c]
+                size = (gain * turned).sum(axis=1) + filtered.weight[i, c]
                 cross = row[:, :, None] * turned[:, None, :]
                 information = information - cross - np.swapaxes(cross, 1, 2) \
                     + size[:, None, None] * (row[:, :, None] * row[:, None, :])
@@ -185,7 +186,7 @@ def _likelihood(constant: Array, squares: Array) -> Likelihood:
 
 
 class _FilterPass:
-    """What a filter leaves for the way back."""
+    """The results of a filter for the backward pass."""
 
     def __init__(self, count: int, m: int, places: int, size: int, columns: int):
         self.x, self.p = np.empty((count, places, size, columns)), np.empty((count, places, size, size))
@@ -194,7 +195,7 @@ class _FilterPass:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """By the names that the compiled program has for them."""
+        """The arrays by their names in the compiled program."""
         return {"all_x": self.x, "all_p": self.p, "rows": self.rows, "gains": self.gain, "wrong": self.wrong,
                 "weight": self.weight}
 

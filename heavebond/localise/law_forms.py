@@ -16,25 +16,25 @@ class CurveConstants:
     """The constants of the laws that are learnt from an estimated input.
 
     knots: knots of a free curve. Origin: enough for the shapes that are named. Doubled: rougher curves.
-    correlated_samples: samples over which what a law leaves above the noise is correlated, by which the prior of the
-        parameters then counts for more. Origin: residuals of a wrong law are slow. Doubled: parameters stay nearer to
-        the data sheet beside a law that leaves much.
-    step_width: width of a step, over the span of its variable, on either side of zero. Origin: resolution of an
-        estimate. Doubled: steep lines count as steps.
+    correlated_samples: samples over which the residuals of a law above the noise are correlated; the prior of the parameters
+        has more weight by this factor. Origin: residuals of a wrong law are slow. Doubled: parameters stay nearer to the
+        data sheet with a law that leaves much.
+    step_width: width of a step, over the span of its variable, on either side of zero. Origin: resolution of an estimate.
+        Doubled: steep lines count as steps.
     simple_share: share of the variance by which a simple law may leave more than the free curve. Origin: errors of the
         estimate. Doubled: simpler laws are named.
-    simple_factor: the same as a factor on what the free curve leaves. Origin: as above. Doubled (in its excess over 1):
+    simple_factor: the same as a factor on the residual of the free curve. Origin: as above. Doubled (in its excess over 1):
         simpler laws.
-    strong: chi-square by which a variable must leave more than one that leaves noise to be told from it. Origin: strong
-        evidence, 2 ln B = 10 (R. E. Kass, A. E. Raftery, 1995). Doubled: the first of two variables is named where the
-        second explains more.
+    strong: chi-square by which the residual of a variable must exceed that of a variable at noise level to be distinguished.
+        Origin: strong evidence, 2 ln B = 10 (R. E. Kass, A. E. Raftery, 1995). Doubled: the first of two variables is named
+        where the second explains more.
     inexact: the same as a share of the samples, besides. Origin: no law is exact. Doubled: as above, for long records.
-    exact: share of the misfit that counts as left beside what a law leaves when laws are compared. Origin: no law is
-        exact, nor is the linear model. Doubled: simpler laws are named.
-    per_number: factor on the share left by which a law with one number more must be better. Origin: as above.
-        Doubled (in its excess over 1): simpler laws.
-    loop_margin: R2 by which a loop over the speed must beat one over the position. Origin: hysteresis acts over
-        positions. Doubled: fewer loops over speeds.
+    exact: share of the misfit that is added to the residual of a law when laws are compared. Origin: no law is exact, nor is
+        the linear model. Doubled: simpler laws are named.
+    per_number: factor on the share left by which a law with one number more must be better. Origin: as above. Doubled (in
+        its excess over 1): simpler laws.
+    loop_margin: R2 by which a loop over the speed must beat one over the position. Origin: hysteresis acts over positions.
+        Doubled: fewer loops over speeds.
     max_pairs: pairs of variables that are tried. Origin: time; they are ordered by nearness. Doubled: twice the time,
         farther second variables.
     folds: blocks of time of the cross-validation within the samples that are learnt from. Origin: usual. Doubled: twice the
@@ -43,8 +43,8 @@ class CurveConstants:
         for a t value, and longer than residuals are correlated. Doubled: smaller errors where residuals are slow.
     smoothness: penalties of differences of coefficients that are tried, over their mean information. Origin: from none to a
         constant. Doubled: smoother curves.
-    crossed: share of samples on either side of zero from which a variable crosses it. Origin: below, a step at zero
-        cannot be seen. Doubled: fewer steps.
+    crossed: share of samples on either side of zero from which a variable crosses it. Origin: below, a step at zero cannot
+        be seen. Doubled: fewer steps.
     """
 
     knots: int = 16
@@ -71,8 +71,8 @@ Basis = Callable[[Array, float, Kinks], Array]
 
 @dataclass(frozen=True)
 class Form:
-    """A simple law w = sum_k a_k basis_k(v, size of v, kinks): `free` counts its numbers, the `kinks` among them; `crossing`
-    tells that it is one only where v takes both signs, `kind` of which kind of variable alone it is one."""
+    """A simple law w = sum_k a_k basis_k(v, size of v, kinks): `free` is the number of its parameters, including the
+    `kinks`; with `crossing` the law applies only if v takes both signs, `kind` restricts the kind of variable."""
 
     name: str
     basis: Basis
@@ -94,8 +94,8 @@ def hats(v: Array, knots: Array) -> Array:
 
 
 def knots_of(v: Array) -> Array:
-    """Quantiles of v, evenly spaced ones among them so that a rarely visited end is not bridged by one line,
-    and some about zero, where a step may be."""
+    """Quantiles of v, with evenly spaced ones among them so that one line does not bridge a rarely visited end, and some
+    about zero, where a step may occur."""
     low, high = np.quantile(v, [0.002, 0.998])
     size = float(np.quantile(np.abs(v), 0.98))
     about_zero = CURVES.step_width * size * np.arange(-2.0, 3.0) if low < 0 < high else np.zeros(0)
@@ -107,7 +107,7 @@ def knots_of(v: Array) -> Array:
 
 
 def solved(basis: Array, w: Array, weight: Array) -> Array:
-    """Weighted least squares, with a trace on the diagonal so that an empty stretch does no harm."""
+    """Weighted least squares, with a small diagonal term so that an interval without samples is not singular."""
     scaled = basis * weight[:, None]
     normal = scaled.T @ basis
     normal[np.diag_indices_from(normal)] += 1e-9 * np.trace(normal) / len(normal) + 1e-300
@@ -115,7 +115,7 @@ def solved(basis: Array, w: Array, weight: Array) -> Array:
 
 
 def best_kinks(learnt: Callable[[Kinks], float], count: int, v: Array) -> Kinks:
-    """The kinks (increasing) with which a law is learnt best; none if the variable has too few different values."""
+    """The kinks (increasing) of the best fit of a law; none if the variable has too few different values."""
     if not count:
         return ()
     grid = np.unique(np.concatenate([np.quantile(v, [0.03, 0.1, 0.25, 0.5, 0.75, 0.9, 0.97]),
@@ -132,7 +132,7 @@ def best_kinks(learnt: Callable[[Kinks], float], count: int, v: Array) -> Kinks:
 
 
 def crosses_zero(v: Array, size: float) -> bool:
-    """Whether a variable is on either side of zero in a fair share of its samples."""
+    """True if a variable has a considerable share of its samples on either side of zero."""
     return bool(min(np.mean(v > 0.02 * size), np.mean(v < -0.02 * size)) > CURVES.crossed)
 
 

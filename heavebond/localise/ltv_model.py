@@ -1,12 +1,12 @@
 """Linear time-varying model of small deviations from a run of a record.
 
-Along a simulated run, with dx the deviation of the states, q that of the free parameters (in standard deviations of what is
-known of them) and w_n what enters node n (see `places`),
+Along a simulated run, with dx the deviation of the states, q of the free parameters (in standard deviations of their
+priors) and w_n the input at node n (see `places`),
 
     dx' = A(t) dx + A_q(t) q + sum_n B_n(t) dw_n,     dy = C(t) dx + C_q(t) q + sum_n D_n(t) dw_n,
 
-A = f_x - f_z g_z^-1 g_x and so on, as algebraic unknowns follow at once. From one sample to the next, over h, with the
-matrices of its middle, the solution is exact: dx(t + h) = exp(A h) dx(t) + G (A_q q + B dw), G = int_0^h exp(A s) ds.
+A = f_x - f_z g_z^-1 g_x and so on, since algebraic unknowns follow without delay. From one sample to the next, over h, with
+the matrices of its middle, the solution is exact: dx(t + h) = exp(A h) dx(t) + G (A_q q + B dw), G = int_0^h exp(A s) ds.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ AT_ONCE = 128  # points at which one call evaluates a function: what maps it tak
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a free parameter before: value = centre + deviation * q, or centre * exp(deviation * q) where
-    `logarithmic`, with q normal."""
+    """The prior of a free parameter: value = centre + deviation * q, or centre * exp(deviation * q) if `logarithmic`, with q
+    normal."""
 
     name: str
     centre: float
@@ -57,8 +57,8 @@ class Known:
 
     def place_of(self, value: float) -> float:
         """The q of a value."""
-        moved = np.log(value / self.centre) if self.logarithmic else value - self.centre
-        return float(moved / self.deviation)
+        deviation = np.log(value / self.centre) if self.logarithmic else value - self.centre
+        return float(deviation / self.deviation)
 
     def value_of(self, q: float) -> float:
         """The value of a q, within the range."""
@@ -92,8 +92,8 @@ class LocalSignal:
 
 @dataclass(frozen=True)
 class LtvModel:
-    """A record beside a run, and the linear system about the run. Shapes: N samples, n states (each by its nominal size),
-    k free parameters, m channels (each by its noise), M nodes, L local signals; all else in SI.
+    """A record with its run, and the linear system about the run. Shapes: N samples, n states (each by its nominal size), k
+    free parameters, m channels (each by its noise), M nodes, L local signals; all else in SI.
 
     `phi` (N-1, n, n+k) and `gamma` (N-1, n, M) step (dx, q) and dw; `error` (N, m) is measured - run; `c` (N, m, n+k) and
     `d` (N, m, M) give dy; `used` (N, m) are the samples that there are (the others are zero in all three); `local` (N, L),
@@ -120,7 +120,7 @@ class LtvModel:
 
     @cached_property
     def whitening(self) -> Whitening:
-        """Its Kalman filter where nothing unknown acts."""
+        """Its Kalman filter without an unknown input."""
         n = self.phi.shape[1]
         return Whitening.of(self.phi[:, :, :n], self.c[:, :, :n], self.start_deviation)
 
@@ -132,14 +132,14 @@ class SourcedRecord:
     def __init__(self, experiment: Experiment, record: Record, folder: Path,
                  sources: Callable[[Flat], dict[str, Node]] = nodes_of):
         self.experiment, self.record = experiment, record
-        found = measure(experiment, record)
-        self.time = found.grid
+        measured = measure(experiment, record)
+        self.time = measured.grid
         outputs = list(experiment.outputs.values())
         units = [read_unit(o.shown.unit) for o in outputs]
-        values, counts, checking = found.on_grid()
+        values, counts, checking = measured.on_grid()
         self.used = (counts | checking).T
         self.measured = np.where(self.used, values.T, 0.0)
-        self.noise = np.array([c.noise * u.scale for u, c in zip(units, found.channels.values(), strict=True)])
+        self.noise = np.array([c.noise * u.scale for u, c in zip(units, measured.channels.values(), strict=True)])
         self.learn = _learnt(np.any(counts, axis=0, keepdims=True)[0], np.any(checking, axis=0, keepdims=True)[0], record)
         wanted = {n.text for o in outputs for n in names_in(o.shown.expr)}
         wanted |= {name.removeprefix("initial.") for name in experiment.free if name.startswith("initial.")}
@@ -175,22 +175,24 @@ class SourcedRecord:
         index = [assembly.parameter_names.index(k.name) for k in known]
         directions = np.zeros((len(assembly.p), len(known)))
         directions[index, range(len(known))] = slopes
-        moved = tangent(assembly.once("start", lambda: StartEquations(assembly)), result.start, result.u[:, 0], directions)
-        a, b, _, _, _, _, _, _ = self._jacobians.at(result, np.arange(1, len(fine), 2), moved.p)
-        _, _, y, c, d, local, local_c, local_d = self._jacobians.at(result, np.arange(0, len(fine), 2), moved.p)
+        start_tangent = tangent(assembly.once("start", lambda: StartEquations(assembly)), result.start, result.u[:, 0],
+                                directions)
+        a, b, _, _, _, _, _, _ = self._jacobians.at(result, np.arange(1, len(fine), 2), start_tangent.p)
+        _, _, y, c, d, local, local_c, local_d = self._jacobians.at(result, np.arange(0, len(fine), 2), start_tangent.p)
         phi, gamma = stepped(a, b, np.diff(self.time))
         x = result.x / assembly.x_nominal[:, None]
         # what was not sampled tells nothing
         weight = self.used / self.noise
         return LtvModel(
             self.record.name, self.time, phi, gamma, (self.measured - y) * weight, c * weight[:, :, None],
-            d * weight[:, :, None], self.used, local, local_c, local_d, driven, moved.x / assembly.x_nominal[:, None],
+            d * weight[:, :, None], self.used, local, local_c, local_d, driven, start_tangent.x / assembly.x_nominal[:,
+                                                                                                                     None],
             INPUT_ESTIMATION.start_deviation * np.ptp(x, axis=1) + 1e-9,
             np.array([k.place_of(p[k.name]) for k in known]), result)
 
 
 def _learnt(counts: Mask, checking: Mask, record: Record) -> Mask:
-    """Which times (N,) belong to what is fitted: a held-out stretch and a record to be validated do not."""
+    """True for times (N,) of samples to be fitted: not for held-out stretches and validation records."""
     if record.use != "fit" or not checking.any():
         return np.full(len(counts), record.use == "fit")
     known = np.flatnonzero(counts | checking)
@@ -227,35 +229,36 @@ class _Jacobians:
 
     def at(self, result: Result, samples: NDArray[np.int64], along: Array) -> tuple[Array, ...]:
         """A with A_q, B, y, C with C_q, D, the local signals and theirs, at some samples of a run."""
-        given = [np.ascontiguousarray(part[:, samples]) for part in columns(result)]
-        rows = mapped(self._values, given)[:, 0].T
-        whole = self._without_algebraic(np.ascontiguousarray(mapped(self._along, given, along).transpose(2, 0, 1)))
+        arguments = [np.ascontiguousarray(part[:, samples]) for part in columns(result)]
+        rows = mapped(self._values, arguments)[:, 0].T
+        whole = self._without_algebraic(np.ascontiguousarray(mapped(self._along, arguments, along).transpose(2, 0, 1)))
         n, outputs = self.n, self.n + self.z + self.outputs
         scale = np.concatenate([self.nominal, np.ones(self.k)])
         inner = whole[:, :, :n + self.k] * scale
-        own = whole[:, :, n + self.k:]
+        input_columns = whole[:, :, n + self.k:]
         first = slice(n + self.z, outputs)
-        return (inner[:, :n] / self.nominal[:, None], own[:, :n] / self.nominal[:, None], rows[:, first], inner[:, first],
-                own[:, first], rows[:, outputs:], inner[:, outputs:], own[:, outputs:])
+        return (inner[:, :n] / self.nominal[:, None], input_columns[:, :n] / self.nominal[:, None], rows[:, first], inner[:,
+                                                                                                                          first],
+                input_columns[:, first], rows[:, outputs:], inner[:, outputs:], input_columns[:, outputs:])
 
     def _without_algebraic(self, whole: Array) -> Array:
         n, z = self.n, self.z
         if not z:
             return whole
-        rest = np.delete(whole, np.s_[n:n + z], axis=2)
-        follows = np.linalg.solve(whole[:, n:n + z, n:n + z], rest[:, n:n + z])
-        return np.asarray(rest - whole[:, :, n:n + z] @ follows)
+        remaining = np.delete(whole, np.s_[n:n + z], axis=2)
+        follows = np.linalg.solve(whole[:, n:n + z, n:n + z], remaining[:, n:n + z])
+        return np.asarray(remaining - whole[:, :, n:n + z] @ follows)
 
 
-def mapped(function: Buffered, given: Sequence[Array], *same: Array) -> Array:
-    """The values (rows, columns, N) of a function of `AT_ONCE` points at N points, whose arguments (n, N) are `given`, and
-    those that are the `same` everywhere behind them."""
-    count, found, repeated = given[0].shape[1], [], [np.tile(part, (1, AT_ONCE)) for part in same]
+def mapped(function: Buffered, arguments: Sequence[Array], *same: Array) -> Array:
+    """The values (rows, columns, N) of a function of `AT_ONCE` points at N points, whose first inputs are `arguments`
+    (n, N), and whose other inputs are the `same` everywhere."""
+    count, outputs, repeated = arguments[0].shape[1], [], [np.tile(part, (1, AT_ONCE)) for part in same]
     for begin in range(0, count, AT_ONCE):
         points = np.minimum(np.arange(begin, begin + AT_ONCE), count - 1)
-        values, = function(*(part[:, points] for part in given), *repeated).values()
-        found.append(values.reshape(len(values), -1, AT_ONCE, order="F"))
-    return np.concatenate(found, axis=2)[:, :, :count]
+        values, = function(*(part[:, points] for part in arguments), *repeated).values()
+        outputs.append(values.reshape(len(values), -1, AT_ONCE, order="F"))
+    return np.concatenate(outputs, axis=2)[:, :, :count]
 
 
 def stepped(a: Array, b: Array, h: Array) -> tuple[Array, Array]:

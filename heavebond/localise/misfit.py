@@ -23,18 +23,18 @@ from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_e
 from heavebond.estimation.fitting import Fit
 from heavebond.estimation.records import measure
 from heavebond.localise.constants import INPUT_ESTIMATION
-from heavebond.localise.curves import Curve, Design, Mask, Regression, Variable, best_curve, regression
+from heavebond.localise.curves import Curve, Design, Mask, Variable, best_curve, regression
 from heavebond.localise.error_states import RecordSection, State, envelope, states, stretches, worst
 from heavebond.localise.input_estimation import Estimate, Ranked, Search, misfit
 from heavebond.localise.kalman_smoother import Unknown
-from heavebond.localise.ltv_model import LtvModel, SourcedRecord, known_of
+from heavebond.localise.ltv_model import SourcedRecord, known_of
 from heavebond.localise.regressors import Regressors, estimated
 from heavebond.numerics.dae import Array, Assembly
 
 
 @dataclass(frozen=True)
 class ImpliedInput:
-    """What would have to act at a place in one record: `value` (N,) with its standard deviation, in SI (`unit`); what stands
+    """The implied input at a place in one record: `value` (N,) with its standard deviation, in SI (`unit`); the variables
     around it by formula (`local`), in SI."""
 
     record: str
@@ -47,11 +47,11 @@ class ImpliedInput:
 
 @dataclass(frozen=True)
 class PlaceEstimate:
-    """A place, and how well something there would explain the misfit.
+    """A place, and the quality with which an input there explains the misfit.
 
-    explained: share of the way from the parameters alone to nothing but noise, freedom counted; behind: log likelihood by
-    which it is behind the best; alike: names of places that the records cannot tell from it by its effect; curve: the
-    variable that tells best what acts, with R2 on samples not learnt from; implied: what acts, by record.
+    explained: share of the log likelihood between the parameters alone and pure noise, with the penalty; behind: difference
+    of its log likelihood to the best; alike: names of places that the records cannot distinguish from it; curve: the
+    variable that best predicts the input, with R2 on samples not learnt from; implied: the input, by record.
     """
 
     place: Place
@@ -75,29 +75,29 @@ class PlaceEstimate:
     def as_dict(self) -> dict[str, object]:
         """The figures, for machines."""
         curve = self.curve
-        told = None if curve is None else {
+        curve_figures = None if curve is None else {
             "variable": curve.variable.formula, "kind": curve.variable.kind, "r2": curve.r2, "shape": curve.shape,
             "shape_r2": curve.shape_r2, "times": curve.times, "second": curve.second.formula if curve.second else "",
             "scores": curve.scores, "x": curve.x.tolist(), "y": curve.y.tolist(), "y_down": curve.y_down.tolist()}
         return {"place": self.place.name, "nodes": [n.name for n in self.place.nodes],
                 "components": list(self.place.components), "explained": self.explained, "behind": self.behind,
                 "alike": list(self.alike), "unit": self.place.unit.text, "rms": self.rms, "deviation": self.deviation,
-                "curve": told, "words": self.words}
+                "curve": curve_figures, "words": self.words}
 
 
 def _told(suspect: PlaceEstimate) -> str:
-    """A place and how well its best variable tells what acts there."""
+    """A place and the quality with which its best variable predicts its input."""
     curve = suspect.curve
-    told = f" (R2 {max(curve.r2, 0.0):.2f} with {curve.variable.formula})" if curve is not None else ""
-    return suspect.place.words + told
+    curve_text = f" (R2 {max(curve.r2, 0.0):.2f} with {curve.variable.formula})" if curve is not None else ""
+    return suspect.place.words + curve_text
 
 
 @dataclass(frozen=True)
 class Localization:
     """The location of a model error: when it occurs and the places that may cause it, the likeliest first.
 
-    `missing` tells whether there is more than parameters and noise explain, `chance` is the p value of the opposite;
-    `chi2` is the reduced chi-square of the runs with `values` (by record, in SI) on the fitted records.
+    `missing` is true if there is more than parameters and noise explain, `chance` is the p value of the opposite; `chi2` is
+    the reduced chi-square of the runs with `values` (by record, in SI) on the fitted records.
     """
 
     experiment: Experiment
@@ -118,19 +118,20 @@ class Localization:
     def words(self) -> tuple[str, ...]:
         """The result in sentences."""
         if not self.missing:
-            return ("No effect is missing at any place: what the parameters leave is noise.",) if self.chi2 < 1.5 else (
-                "The residual is no force or flow at any place of this diagram.",)
+            return ("No effect is missing at any place: the residual of the fitted parameters is noise.",
+                    ) if self.chi2 < 1.5 else (
+                "The residual is not a force or flow at any place of this diagram.",)
         best = self.suspects[0]
-        found = [best.words]
+        sentences = [best.words]
         same = [s for s in self.suspects if s.place.name in best.alike]
         if same:
-            found.append("By its effect on these records it could as well act " + "; ".join(map(_told, same)) + ".")
+            sentences.append("By its effect on these records it could as well act " + "; ".join(map(_told, same)) + ".")
         rivals = [s for s in self.suspects[1:] if s.behind < INPUT_ESTIMATION.distinct and s.place.name not in best.alike]
         if rivals:
-            found.append("As likely: " + "; ".join(map(_told, rivals)) + ".")
+            sentences.append("As likely: " + "; ".join(map(_told, rivals)) + ".")
         if not self.foreseen:
-            found.append("The machine is far from linear in what acts there: its size and shape are approximate.")
-        return tuple(found)
+            sentences.append("The machine is far from linear in the input there: its size and shape are approximate.")
+        return tuple(sentences)
 
     def implied(self, place: str) -> dict[str, ImpliedInput]:
         """Estimated unknown input at a place for each record, on its time grid (N,), in SI.
@@ -162,26 +163,27 @@ def localize(experiment: ExperimentOrFile, *, values: Fit | Mapping[str, float |
     """Localise a model error: when, in what state of motion and at which place of its diagram a model fails its records.
 
     The unknown input at each place (in SI) is estimated together with the free parameters and initial values of
-    `experiment`, beginning at the diagram's own parameters or at `values` (a fit, or values by name, in SI or as text
-    with a unit), so that no fit is needed before. Of long records the beginning is used (see `estimation.excerpts`).
-    With `besides`, names of nodes, only places that are about as likely as the best and those at just these nodes are
-    estimated in full. `progress` is called with a text at each step. Raises what `compare` raises.
+    `experiment`, beginning at the parameters of the diagram or at `values` (a fit, or values by name, in SI or as text with
+    a unit), so that no fit is needed before. The beginning of long records is used (see `estimation.excerpts`). With
+    `besides`, names of nodes, only places that are about as likely as the best and those at just these nodes are estimated
+    in full. `progress` is called with a text at each step. Raises the errors of `compare`.
     """
     say = progress or (lambda text: None)
     experiment = beginning(with_noise(load_experiment(experiment)), values)
     with tempfile.TemporaryDirectory() as folder:
-        search, found = estimated_inputs(experiment, Path(folder), values, say, besides)
-    say("looking for what it follows")
-    missing = found.chance < INPUT_ESTIMATION.level
-    suspects = [s for k, ranked in enumerate(found.full) for s in _group(search, found, k, ranked)] if missing else []
-    return Localization(experiment, missing, found.chance, misfit(found.base, search.fitted), tuple(suspects),
-                        tuple(p.name for p in found.unseen), *_when(experiment, search, found), found.values, found.foreseen)
+        search, estimate = estimated_inputs(experiment, Path(folder), values, say, besides)
+    say("searching for the variables of the input")
+    missing = estimate.chance < INPUT_ESTIMATION.level
+    suspects = [s for k, ranked in enumerate(estimate.full) for s in _group(search, estimate, k, ranked)] if missing else []
+    return Localization(experiment, missing, estimate.chance, misfit(estimate.base, search.fitted), tuple(suspects),
+                        tuple(p.name for p in estimate.unseen), *_when(experiment, search, estimate), estimate.values,
+                        estimate.foreseen)
 
 
 def estimated_inputs(experiment: Experiment, folder: Path, values: Fit | Mapping[str, float | str] | None, say: Progress,
                      besides: Collection[Set[str]] | None = None) -> tuple[Search, Estimate]:
-    """The records beside their machine, and the input estimated at each place; `folder` holds files of the runs for as long
-    as the result is used, all else as for `localize`."""
+    """The records with their machines, and the estimated input at each place; `folder` holds files of the runs while the
+    result is used, the other arguments as in `localize`."""
     records = sorted(experiment.records.values(), key=lambda r: r.use != "fit")
     sides = [SourcedRecord(experiment, record, folder) for record in records]
     if not sides[0].places:
@@ -204,7 +206,7 @@ def _in_full(ranked: Sequence[Ranked], besides: Collection[Set[str]] | None) -> 
 
 
 def beginning(experiment: Experiment, values: Fit | Mapping[str, float | str] | None) -> Experiment:
-    """The beginning of long records, the whole of others: what is estimated grows with samples times places."""
+    """The beginning of long records, other records unchanged: the effort grows with samples times places."""
     if sum(len(measure(experiment, r).grid) for r in experiment.records.values() if r.use == "fit") <= EXCERPTS.long:
         return experiment
     return excerpt(experiment, values.after if isinstance(values, Fit) else compare(experiment, parameters=values))
@@ -218,58 +220,72 @@ def _given(values: Fit | Mapping[str, float | str] | None, record: str, assembly
 
 
 def _learn(search: Search) -> list[Mask]:
-    """Which samples of each record are learnt from: those to be fitted."""
+    """True for samples of each record that are learnt from: those to be fitted."""
     return [side.learn for side in search.sides]
 
 
 # -- where in the diagram ------------------------------------------------------------------------------------------------
-def _group(search: Search, found: Estimate, k: int, ranked: Ranked) -> list[PlaceEstimate]:
-    """The places of one group, the one whose own variables tell best what acts there first."""
-    w, deviation, moved, around = input_at(search, found, k, ranked)
-    suspects = [_suspect(search, found, ranked, k, w, deviation, moved, around)
+def _group(search: Search, estimate: Estimate, k: int, ranked: Ranked) -> list[PlaceEstimate]:
+    """The places of one group, first the one whose variables best predict the input."""
+    w, deviation, by_parameters, around = input_at(search, estimate, k, ranked)
+    suspects = [_suspect(search, estimate, ranked, k, w, deviation, by_parameters, around)
                 for k in range(len(ranked.group.places))]
     # a pair of nodes says more than a node; it stands first and keeps its place unless another is clearly better
     return sorted(suspects, key=lambda s: -round(s.curve.r2 if s.curve else 0.0, 2))
 
 
-def input_at(search: Search, found: Estimate, k: int, ranked: Ranked) -> tuple[Array, Array, Array, Regressors]:
-    """The input estimated at the first place of the k-th group: w (N,) with the parameters as they are known, its standard
-    deviation (N,), how w moves with the parameters (N, q), and the signals around it, over all records one after another."""
-    mean = -search.centre(found.systems)
+def input_at(search: Search, estimate: Estimate, k: int, ranked: Ranked) -> tuple[Array, Array, Array, Regressors]:
+    """The input estimated at the first place of the k-th group: w (N,) with the parameters at their known values, its
+    standard deviation (N,), its derivatives by the parameters (N, q), and the signals around it, over all records one after
+    another."""
+    mean = -search.centre(estimate.systems)
     side, first = search.sides[0], ranked.group.places[0]
     vector = np.array([first.weights.get(node, 0.0) for node in side.nodes])
-    parts, moved, signals = [], [], []
+    parts, by_parameters, signals = [], [], []
     for s in search.sides:
         name = s.record.name
-        columns, smoothed = search.columns(name), found.smoothed[name]
+        columns, smoothed = search.columns(name), estimate.smoothed[name]
         w, states_, _ = smoothed.at(k, mean[columns])
         both = np.concatenate([states_, np.tile(mean[columns], (len(w), 1))], axis=1)
-        signals.append(estimated(found.systems[name], s.locals, both, w[:, None] * vector))
+        signals.append(estimated(estimate.systems[name], s.locals, both, w[:, None] * vector))
         wide = np.zeros((len(w), search.width))
         wide[:, columns] = smoothed.w[:, k, 1:]
         parts.append((w, smoothed.deviation[:, k]))
-        moved.append(wide)
+        by_parameters.append(wide)
     around = Regressors(side.assembly.flat, side.nodes, {n: np.concatenate([s[n] for s in signals]) for n in signals[0]},
                         [s.time for s in search.sides])
     w, deviation = (np.concatenate(both) for both in zip(*parts, strict=True))
-    return w, deviation, np.concatenate(moved), around
+    return w, deviation, np.concatenate(by_parameters), around
 
 
-def _suspect(search: Search, found: Estimate, ranked: Ranked, k: int, w: Array, deviation: Array, moved: Array,
+def _suspect(search: Search, estimate: Estimate, ranked: Ranked, k: int, w: Array, deviation: Array, by_parameters: Array,
              around: Regressors) -> PlaceEstimate:
-    """The k-th place of a group: w (N,) is what acts at its first with the parameters as they are known, and `moved` (N, k)
-    how that moves with them."""
+    """The k-th place of a group: w (N,) is the input at its first place with the parameters at their known values, and
+    `by_parameters` (N, k) its derivatives by them."""
     place, ratio = ranked.group.places[k], ranked.group.ratios[k]
     alike = tuple(p.name for p in ranked.group.places if p is not place)
     variables, learn = around.variables(place), np.concatenate(_learn(search))
     design = Design(variables, learn)
-    mean = -search.centre(found.systems)
-    curve = best_curve(design, _regression(search, found.systems, place, design, learn, mean), learn)
-    value = (w + moved @ (curve.q - mean) if curve is not None else w) * ratio
+    mean = -search.centre(estimate.systems)
+    # the responses of the outputs of all records to the functions of a design at a place
+    parts, counts = [], []
+    begin = 0
+    for s in search.sides:
+        system, end = estimate.systems[s.record.name], begin + len(s.time)
+        innovations = Unknown(system, list(s.nodes), [place], np.ones(1)).innovations(design.columns[begin:end])
+        wide = np.zeros((*innovations.shape[:2], 1 + search.width + design.columns.shape[1]))
+        wide[:, :, [0, *(1 + search.columns(s.record.name))]] = innovations[:, :, :1 + len(search.known)]
+        wide[:, :, 1 + search.width:] = innovations[:, :, 1 + len(search.known):]
+        parts.append(wide)
+        counts.append(s.used.sum(axis=1))
+        begin = end
+    curve = best_curve(design, regression(np.concatenate(parts), learn, np.concatenate(counts), mean), learn)
+    value = (w + by_parameters @ (curve.q - mean) if curve is not None else w) * ratio
     implied = implied_inputs(search, place, value, deviation * abs(ratio), variables)
-    made = PlaceEstimate(place, found.explained(ranked), found.ranked[0].likelihood - ranked.likelihood, alike, curve,
-                         implied, "")
-    return replace(made, words=words_of(made))
+    place_estimate = PlaceEstimate(place, estimate.explained(ranked), estimate.ranked[0].likelihood - ranked.likelihood,
+                                   alike, curve,
+                                   implied, "")
+    return replace(place_estimate, words=words_of(place_estimate))
 
 
 def implied_inputs(search: Search, place: Place, value: Array, deviation: Array, variables: Sequence[Variable]
@@ -282,30 +298,13 @@ def implied_inputs(search: Search, place: Place, value: Array, deviation: Array,
             for s, a, b in zip(search.sides, ends[:-1], ends[1:], strict=True)}
 
 
-def _regression(search: Search, systems: Mapping[str, LtvModel], place: Place, design: Design, learn: Mask, mean: Array
-                ) -> Regression:
-    """What the functions of a design do to the outputs of all records where they act at a place."""
-    parts, counts = [], []
-    begin = 0
-    for s in search.sides:
-        system, end = systems[s.record.name], begin + len(s.time)
-        own = Unknown(system, list(s.nodes), [place], np.ones(1)).innovations(design.columns[begin:end])
-        wide = np.zeros((*own.shape[:2], 1 + search.width + design.columns.shape[1]))
-        wide[:, :, [0, *(1 + search.columns(s.record.name))]] = own[:, :, :1 + len(search.known)]
-        wide[:, :, 1 + search.width:] = own[:, :, 1 + len(search.known):]
-        parts.append(wide)
-        counts.append(s.used.sum(axis=1))
-        begin = end
-    return regression(np.concatenate(parts), learn, np.concatenate(counts), mean)
-
-
 # -- when, and in what state of motion -----------------------------------------------------------------------------------
-def _when(experiment: Experiment, search: Search, found: Estimate) -> tuple[tuple[RecordSection, ...], tuple[State, ...]]:
+def _when(experiment: Experiment, search: Search, estimate: Estimate) -> tuple[tuple[RecordSection, ...], tuple[State, ...]]:
     parts: list[RecordSection] = []
-    told: list[State] = []
+    states_of_errors: list[State] = []
     learn = np.concatenate(_learn(search))
     locals_ = search.sides[0].locals
-    systems = [found.base[s.record.name] for s in search.sides]
+    systems = [estimate.base[s.record.name] for s in search.sides]
     for s, system in zip(search.sides, systems, strict=True):
         parts += stretches(s.record.name, s.time, dict(zip(experiment.outputs, system.error.T, strict=True)),
                            dict(zip(experiment.outputs, s.used.T, strict=True)))
@@ -317,16 +316,16 @@ def _when(experiment: Experiment, search: Search, found: Estimate) -> tuple[tupl
         error = np.concatenate([system.error[u, c] * s.noise[c]
                                 for s, u, system in zip(search.sides, used, systems, strict=True)])
         both = [envelope(s.measured[u, c], s.time[u]) for s, u in zip(search.sides, used, strict=True)]
-        own = {f"amplitude of {name}": (_base_unit(output.shown.unit), np.concatenate([a for a, _ in both])),
-               f"frequency of {name}": ("Hz", np.concatenate([f for _, f in both]))}
+        amplitudes = {f"amplitude of {name}": (_base_unit(output.shown.unit), np.concatenate([a for a, _ in both])),
+                      f"frequency of {name}": ("Hz", np.concatenate([f for _, f in both]))}
         every = np.concatenate(used)
-        here = {n: (text, values[every]) for n, (text, values) in signals.items()}
-        told += states(name, error / unit.scale, {**here, **own}, learn[every])[:3]
-    return tuple(parts), tuple(told)
+        signals_here = {n: (text, values[every]) for n, (text, values) in signals.items()}
+        states_of_errors += states(name, error / unit.scale, {**signals_here, **amplitudes}, learn[every])[:3]
+    return tuple(parts), tuple(states_of_errors)
 
 
 def _base_unit(text: str) -> str:
-    """The SI unit of what is measured in `text`."""
+    """The SI unit of a unit in `text`."""
     return dimension_text(read_unit(text).dimension)
 
 
@@ -339,7 +338,7 @@ SHAPES = {
     "one-sided above": "on one side only, above a certain value",
     "one-sided below": "on one side only, below a certain value",
     "dead band": "beyond a dead band only", "saturation": "up to certain values, beyond which it stays",
-    "loop": "along a loop, one way going up and another going down", "curve": "along a curve of its own",
+    "loop": "along a loop, one way going up and another going down", "curve": "along an unnamed curve",
 }
 LOOKS = {
     ("across", "step"): "dry friction", ("across", "step and line"): "dry friction", ("across", "line"): "a damper",
@@ -369,23 +368,23 @@ def _pressed(suspect: PlaceEstimate, curve: Curve) -> bool:
 
 
 def noun(suspect: PlaceEstimate) -> str:
-    """What is missing at a place in one word: force, volume flow, current."""
+    """The missing quantity at a place in one word: force, volume flow, current."""
     node = suspect.place.nodes[0]
     return node.domain.members[node.through].noun
 
 
 def shape_words(curve: Curve) -> str:
-    """How an unknown input follows its variables."""
+    """The dependence of an unknown input on its variables, in words."""
     return SHAPES[curve.shape] + (f", times {curve.times}" if curve.times else "") + \
         (f", and changes with the {curve.second.phrase}" if curve.second is not None else "")
 
 
 def words_of(suspect: PlaceEstimate) -> str:
-    """One place in sentences."""
+    """Sentences on one place."""
     place, curve = suspect.place, suspect.curve
-    what = noun(suspect)
+    quantity = noun(suspect)
     size = readable(suspect.rms, place.unit.text, 2)
-    first = f"{place.words[:1].upper()}{place.words[1:]} a {what} is missing (rms {size}); "
+    first = f"{place.words[:1].upper()}{place.words[1:]} a {quantity} is missing (rms {size}); "
     if curve is None or curve.r2 < INPUT_ESTIMATION.explains:
         best = f" (at best {curve.variable.phrase}, R2 {max(curve.r2, 0):.2f})" if curve is not None else ""
         rest = "it is hardly larger than its uncertainty." if suspect.rms < 2 * suspect.deviation else \
@@ -399,27 +398,28 @@ def words_of(suspect: PlaceEstimate) -> str:
     return first + f"it follows the {curve.variable.phrase} (R2 {number(curve.r2, 2)} on data not used), {shape}{end}"
 
 
-def summary(found: Localization) -> list[str]:
+def summary(localization: Localization) -> list[str]:
     """When and in what state of motion the model fails, in sentences."""
     lines = []
-    if found.stretches:
-        part = worst(found.stretches)
+    if localization.stretches:
+        part = worst(localization.stretches)
         channel = max(part.chi2, key=lambda n: part.chi2[n])
-        lines.append(f"The model misses most in {part.record} from {part.begin:.4g} s to {part.end:.4g} s, in {channel} "
+        lines.append(f"The error is largest in {part.record} from {part.begin:.4g} s to {part.end:.4g} s, in {channel} "
                      f"(reduced chi-square {number(part.chi2[channel], 3)}).")
-    for channel in dict.fromkeys(s.channel for s in found.states):
-        own = [s for s in found.states if s.channel == channel]
-        lines.append(f"The error of {channel} follows " + ", ".join(f"{s.variable} (R2 {s.r2:.2f})" for s in own) + ".")
+    for channel in dict.fromkeys(s.channel for s in localization.states):
+        states_of_channel = [s for s in localization.states if s.channel == channel]
+        lines.append(f"The error of {channel} follows " + ", ".join(f"{s.variable} (R2 {s.r2:.2f})"
+                                                                    for s in states_of_channel) + ".")
     return lines
 
 
-def best_of_each_group(found: Localization) -> Sequence[PlaceEstimate]:
+def best_of_each_group(localization: Localization) -> Sequence[PlaceEstimate]:
     """The best place of each group."""
     groups: set[frozenset[str]] = set()
-    kept = []
-    for suspect in found.suspects:
+    places = []
+    for suspect in localization.suspects:
         key = frozenset((suspect.place.name, *suspect.alike))
         if key not in groups:
             groups.add(key)
-            kept.append(suspect)
-    return kept
+            places.append(suspect)
+    return places

@@ -17,14 +17,14 @@ from heavebond.numerics.dae import Array
 
 def estimated(system: LtvModel, locals_: Sequence[LocalSignal], state: Array, driven: Array) -> dict[str, Array]:
     """The local signals (N,) of a record in SI as they were with the estimated state (N, n+k) and input (N, M)."""
-    moved = np.einsum("klj,kj->kl", system.local_c, state) + np.einsum("klj,kj->kl", system.local_d, driven - system.driven)
-    return dict(zip((s.name for s in locals_), (system.local + moved).T, strict=True))
+    deviations = np.einsum("klj,kj->kl", system.local_c, state) + np.einsum("klj,kj->kl", system.local_d,
+                                                                            driven - system.driven)
+    return dict(zip((s.name for s in locals_), (system.local + deviations).T, strict=True))
 
 
 def smooth_rate(values: Array, time: Array) -> Array:
-    """The derivative (N,) of an estimated signal: of cubics through a sixth of its mean period about each sample, as
-    differences of neighbours would be mostly those of its errors (A. Savitzky, M. J. E. Golay, 1964,
-    doi:10.1021/ac60214a047)."""
+    """The derivative (N,) of an estimated signal, from cubics over a sixth of its mean period about each sample; differences
+    of neighbours would mostly show the errors of the signal (A. Savitzky, M. J. E. Golay, 1964, doi:10.1021/ac60214a047)."""
     step = float(np.median(np.diff(time)))
     rate = np.gradient(values, time)
     omega = float(np.sqrt(np.mean(rate**2) / max(float(np.var(values)), 1e-300)))
@@ -53,16 +53,16 @@ class Regressors:
     times: Sequence[Array]
 
     def variables(self, place: Place) -> list[Variable]:
-        """First what acts with the through variable (speed, pressure drop), then its integral or position, its rate, then
-        the same of other ports of the components there, and their signals; what stands still is left out."""
-        found = self._across(place.nodes)
+        """First the conjugate variable of the through variable (speed, pressure drop), then its integral or position, its
+        rate, then the same of other ports of the components there, and their signals; constant variables are left out."""
+        candidates = self._across(place.nodes)
         for component in place.components:
-            found += self._neighbours(place, component)
-        kept: dict[str, Variable] = {}
-        for variable in found:
+            candidates += self._neighbours(place, component)
+        variables: dict[str, Variable] = {}
+        for variable in candidates:
             if np.ptp(variable.values) > INPUT_ESTIMATION.still * max(float(np.abs(variable.values).max()), 1e-12):
-                kept.setdefault(variable.formula, variable)
-        return list(kept.values())[:INPUT_ESTIMATION.max_regressors]
+                variables.setdefault(variable.formula, variable)
+        return list(variables.values())[:INPUT_ESTIMATION.max_regressors]
 
     def _across(self, nodes: tuple[Node, ...], own: bool = True) -> list[Variable]:
         node = nodes[0]
@@ -72,20 +72,20 @@ class Regressors:
         phrase = word if node.mechanical or len(nodes) == 1 else f"{word} drop"
         unit = domain.members[name].unit
         kind = "across" if own else "speed" if node.mechanical else "pressure"
-        found = [self._variable(kind, f"{phrase} {formula}", formula, unit.text, values)]
+        variables = [self._variable(kind, f"{phrase} {formula}", formula, unit.text, values)]
         if domain.position:
             place, its = self._position(nodes, domain.position, values, formula)
-            found.append(self._variable("position" if own else "place", f"position {its}", its,
-                                        domain.members[domain.position].unit.text, place))
+            variables.append(self._variable("position" if own else "place", f"position {its}", its,
+                                            domain.members[domain.position].unit.text, place))
         if own:
             rate = np.concatenate([smooth_rate(part, t) for part, t in zip(self._parts(values), self.times, strict=True)])
             per_second = "m/s**2" if unit.text == "m/s" else f"{unit.text}/s"
             rate_phrase = f"acceleration der({formula})" if node.mechanical else f"rate of the {phrase} {formula}"
-            found.append(self._variable("rate", rate_phrase, f"der({formula})", per_second, rate))
+            variables.append(self._variable("rate", rate_phrase, f"der({formula})", per_second, rate))
             if not domain.position and len(nodes) == 2:
-                found += [self._variable("pressure", f"{word} {n.name}.{name}", f"{n.name}.{name}", unit.text,
+                variables += [self._variable("pressure", f"{word} {n.name}.{name}", f"{n.name}.{name}", unit.text,
                                    self.signals[f"{n.name}.{name}"]) for n in nodes]
-        return found
+        return variables
 
     def _between(self, nodes: tuple[Node, ...], member: str) -> tuple[Array, str]:
         """The difference of an across variable over a place: b - a of mechanical ports, else a - b."""
@@ -103,7 +103,7 @@ class Regressors:
         return values, f"{first.name}.{member} - {second.name}.{member}"
 
     def _position(self, nodes: tuple[Node, ...], member: str, speed: Array, formula: str) -> tuple[Array, str]:
-        """The position, or where the diagram has none the integral of the speed about its mean."""
+        """The position, or without one in the diagram the integral of the speed about its mean."""
         if all(f"{n.name}.{member}" in self.signals for n in nodes):
             return self._between(nodes, member)
         parts = []
@@ -121,22 +121,23 @@ class Regressors:
 
     def _neighbours(self, place: Place, component: str) -> list[Variable]:
         """The ports of a component in other domains, and its signals."""
-        others: dict[str, list[Node]] = {}
+        other_nodes: dict[str, list[Node]] = {}
         for node in self.nodes.values():
             if node.domain.name != place.nodes[0].domain.name and any(p.rpartition(".")[0] == component for p in node.ports):
-                others.setdefault(node.domain.name, []).append(node)
-        found: list[Variable] = []
-        for nodes in others.values():
+                other_nodes.setdefault(node.domain.name, []).append(node)
+        variables: list[Variable] = []
+        for nodes in other_nodes.values():
             if nodes[0].mechanical and len(nodes) == 2:
-                found += self._across((nodes[0], nodes[1]), own=False)
+                variables += self._across((nodes[0], nodes[1]), own=False)
             else:
                 for node in nodes:
-                    found += self._across((node,), own=False)
+                    variables += self._across((node,), own=False)
         leaf = self.flat.expanded.leaves.get(component)
         for name in (leaf.component.signals if leaf else {}):
             index = self.flat.names.get(f"{component}.{name}")
             if index is not None and self.flat.unknowns[index].name in self.signals:
                 unknown = self.flat.unknowns[index]
-                found.append(self._variable("signal", f"signal {component}.{name}", f"{component}.{name}", unknown.unit.text,
-                                            self.signals[unknown.name]))
-        return found
+                variables.append(self._variable("signal", f"signal {component}.{name}", f"{component}.{name}",
+                                                unknown.unit.text,
+                                                self.signals[unknown.name]))
+        return variables

@@ -1,11 +1,11 @@
 """The Kalman filter of a linear system as linear maps of its errors, for many inputs at once.
 
-Gains and variances do not depend on the data. They are computed once for a system; what the filter makes of any number of
-inputs is then one recursion of products,
+Gains and variances do not depend on the data. They are computed once for a system; the innovations for any number of
+inputs are then one recursion of products,
 
     v_i = W_i (e_i - C_i x_i),      x_(i+1) = A_i x_i + B_i e_i + u_i,
 
-with e (N, m) the errors, x the predicted states, u what else drives them, W_i the inverse of the lower triangular root of
+with e (N, m) the errors, x the predicted states, u their further inputs, W_i the inverse of the lower triangular root of
 the variance of e_i - C_i x_i (unit noise), and v the innovations over their standard deviations, channel after channel.
 """
 
@@ -31,7 +31,8 @@ class Whitening:
 
     @classmethod
     def of(cls, phi: Array, c: Array, deviation: Array) -> Whitening:
-        """Of transitions phi (N-1, n, n), rows c (N, m, n) and independent states of this `deviation` (n,) at the start."""
+        """The maps for transitions phi (N-1, n, n), rows c (N, m, n) and independent states of this `deviation` (n,) at
+        the start."""
         (count, m, n), p = c.shape, np.diag(deviation**2)
         by_state, by_error = np.zeros((count, m, n)), np.zeros((count, m, m))
         steps, gains = np.empty((count - 1, n, n)), np.empty((count - 1, n, m))
@@ -58,17 +59,17 @@ class Whitening:
 
     def innovations(self, error: Array, first: Array, driven: Array) -> Array:
         """v (N, m, K) of errors (N, m, K), from the states first (n, K), with driven (N-1, n, K) = u."""
-        moved = self.gain @ error[:-1] + driven
+        driven_states = self.gain @ error[:-1] + driven
         states = np.empty((len(error), *first.shape))
         states[0] = x = first
-        for i, (step, more) in enumerate(zip(self.step, moved, strict=True), 1):
+        for i, (step, more) in enumerate(zip(self.step, driven_states, strict=True), 1):
             states[i] = x = step @ x + more
         return np.asarray(self.by_error @ error + self.by_state @ states)
 
     def responses(self, inputs: Array, gamma: Array, d: Array, means: Array | None = None) -> Array:
-        """v (N, m, K) of inputs (N, K) from rest that act as u = gamma (N-1, n) times their mean over a step, and as -d
-        (N, m) on the errors: one product a sample, of [v_i; x_(i+1)] from [x_i; input_i; mean_i]. The `means` (N-1, K) over
-        the steps are those of their ends if none are given."""
+        """v (N, m, K) of inputs (N, K) from rest that act as u = gamma (N-1, n) times their mean over a step, and as -d (N,
+        m) on the errors: one product a sample, of [v_i; x_(i+1)] from [x_i; input_i; mean_i]. The `means` (N-1, K) over the
+        steps default to the means of their ends."""
         (count, m, n), width = self.by_state.shape, inputs.shape[1]
         means = (inputs[1:] + inputs[:-1]) / 2 if means is None else means
         maps = np.zeros((count, m + n, n + 2))
@@ -77,9 +78,9 @@ class Whitening:
         maps[:-1, m:, n] = -(self.gain @ d[:-1, :, None])[:, :, 0]
         if compiled_kalman.program() is not None:
             return compiled_kalman.responses(maps, inputs, means, m)
-        given, made, found = np.zeros((n + 2, width)), np.empty((m + n, width)), np.empty((count, m, width))
+        arguments, products, response = np.zeros((n + 2, width)), np.empty((m + n, width)), np.empty((count, m, width))
         for i in range(count):
-            given[n], given[n + 1] = inputs[i], means[min(i, count - 2)]
-            np.matmul(maps[i], given, out=made)
-            found[i], given[:n] = made[:m], made[m:]
-        return found
+            arguments[n], arguments[n + 1] = inputs[i], means[min(i, count - 2)]
+            np.matmul(maps[i], arguments, out=products)
+            response[i], arguments[:n] = products[:m], products[m:]
+        return response

@@ -1,7 +1,8 @@
-"""The FMUs of a diagram while it runs: the one place where code from a file is executed, where the user allows it.
+"""Co-simulation of the FMUs of a diagram. This is the only module that executes code from a file, with the user's
+permission.
 
-At each communication point t_k an FMU has got from t_{k-1} to t_k with the inputs of t_{k-1}; its outputs are taken over,
-and it is given its inputs at t_k, as they were before the instant. At the start it is initialised and gives first outputs.
+An FMU advances from t_{k-1} to t_k with the inputs of t_{k-1}. At t_k its outputs are read, and it receives its inputs at
+t_k, as they were before the instant. At the start it is initialised, and its first outputs are read.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ def foreign_parts(flat: Flat) -> dict[str, Foreign]:
 
 
 def check_allowed(flat: Flat, allowed: bool, sensitivities: Sequence[str]) -> None:
-    """UsageError for a diagram with FMUs where their code must not be run, or where derivatives through them are wanted."""
+    """Raise UsageError for a diagram with FMUs if their code must not be executed, or if derivatives through them are
+    needed."""
     parts = foreign_parts(flat)
     if not parts:
         return
@@ -42,8 +44,8 @@ def check_allowed(flat: Flat, allowed: bool, sensitivities: Sequence[str]) -> No
             "If you trust it: `heavebond run MODEL --allow-fmu`, or `simulate(model, allow_fmu=True)`. Other commands do "
             "not run FMUs.")])
     if sensitivities:
-        raise UsageError([Problem("fmu-sensitivity", f"there are no derivatives through {files}: an FMU does not tell how "
-                                  "its outputs move with its inputs", None, "Run it without sensitivities.")])
+        raise UsageError([Problem("fmu-sensitivity", f"there are no derivatives through {files}: an FMU does not "
+                                  "provide the derivatives of its outputs", None, "Run it without sensitivities.")])
 
 
 @dataclass
@@ -67,14 +69,14 @@ class Partners:
     def __init__(self, assembly: Assembly, rows: Sequence[Sequence[int]]):
         self.parts: dict[int, _Partner] = {}
         parts = foreign_parts(assembly.flat)
-        for event, (flat_event, own) in enumerate(zip(assembly.flat.events, rows, strict=True)):
+        for event, (flat_event, reset_rows) in enumerate(zip(assembly.flat.events, rows, strict=True)):
             path = flat_event.name.rpartition(".")[0]
             if path in parts:
-                self.parts[event] = _Partner(path, parts[path], own, _given(assembly, path, parts[path]))
+                self.parts[event] = _Partner(path, parts[path], reset_rows, _given(assembly, path, parts[path]))
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """A run: each FMU begins anew, and none is left behind."""
+        """Context of a run: open and initialise each FMU, and terminate all of them at the end."""
         if not self.parts:
             yield
             return
@@ -88,12 +90,13 @@ class Partners:
                     _close(part)
 
     def outputs(self, point: Point, fired: Sequence[int]) -> dict[int, float]:
-        """The outputs, by the rows of the resets, of the FMUs whose events happen at a point, which each has reached."""
-        found: dict[int, float] = {}
+        """The outputs of the FMUs whose events happen at a point, by the rows of the resets; each FMU has reached the
+        point."""
+        outputs: dict[int, float] = {}
         for part in (self.parts[event] for event in fired if event in self.parts):
             with _failing(part, point.t):
-                found.update(zip(part.rows, _reached(part, point), strict=True))
-        return found
+                outputs.update(zip(part.rows, _reached(part, point), strict=True))
+        return outputs
 
     def give_inputs(self, point: Point, fired: Sequence[int]) -> None:
         """Set the inputs, for their next steps, of the FMUs whose events have happened, at the point after these."""
@@ -124,22 +127,22 @@ def _open(part: _Partner, folder: str) -> None:
         part.version, part.said, part.reached = description.fmiVersion, [], np.nan
         part.instance = _instance(part, folder, description)
     except Exception as error:  # wrong platform, missing libraries, refused instance: all are the FMU's own
-        said = (str(error).splitlines() or [""])[0]
+        first_line = (str(error).splitlines() or [""])[0]
         raise SimulationError([Problem("fmu-not-loaded", f"{name} cannot be loaded on this machine", None,
                                        "It needs a binary for this platform among its `binaries/`.",
-                                       (*part.said, said.replace(folder, name)))]) from error
+                                       (*part.said, first_line.replace(folder, name)))]) from error
 
 
 def _instance(part: _Partner, folder: str, description: Any) -> Any:
     from fmpy import fmi2, fmi3
 
-    given = {"guid": description.guid, "unzipDirectory": folder, "modelIdentifier": part.foreign.identifier,
-             "instanceName": part.path}
+    arguments = {"guid": description.guid, "unzipDirectory": folder, "modelIdentifier": part.foreign.identifier,
+                         "instanceName": part.path}
     if part.version.startswith("2"):
         def heard2(_: object, __: object, status: int, ___: object, message: bytes) -> None:
             part.said.append(message.decode(errors="replace"))
 
-        instance = fmi2.FMU2Slave(**given)
+        instance = fmi2.FMU2Slave(**arguments)
         part.callbacks = callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(heard2)
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
@@ -150,7 +153,7 @@ def _instance(part: _Partner, folder: str, description: Any) -> Any:
     def heard3(_: object, status: int, __: object, message: bytes) -> None:
         part.said.append(message.decode(errors="replace"))
 
-    instance = fmi3.FMU3Slave(**given)
+    instance = fmi3.FMU3Slave(**arguments)
     instance.instantiate(logMessage=heard3)
     return instance
 
@@ -169,7 +172,7 @@ def _close(part: _Partner) -> None:
 
 @contextmanager
 def _failing(part: _Partner, time: float) -> Iterator[None]:
-    """SimulationError with the messages of an FMU where it fails."""
+    """Context: raise SimulationError with the messages of an FMU if it fails."""
     try:
         yield
     except Exception as error:
@@ -179,7 +182,7 @@ def _failing(part: _Partner, time: float) -> Iterator[None]:
 
 
 def _reached(part: _Partner, point: Point) -> list[float]:
-    """The outputs (n,) in SI at a communication point, to which the FMU is taken with the inputs of the last one."""
+    """Advance an FMU to a communication point with the inputs of the previous one; its outputs (n,) in SI."""
     if np.isnan(part.reached):
         inputs, parameters = (np.array(v).ravel() for v in part.given(*point.values()))
         _begin(part, point.t, inputs, parameters)
@@ -205,11 +208,11 @@ def _begin(part: _Partner, time: float, inputs: Array, parameters: Array) -> Non
 
 
 def _set(instance: Any, variable: ForeignVariable, value: float) -> None:
-    own = float((value - variable.offset) / variable.scale)
-    plain = own if variable.type in REALS else own > 0.5 if variable.type == "Boolean" else round(own)
+    raw = float((value - variable.offset) / variable.scale)
+    plain = raw if variable.type in REALS else raw > 0.5 if variable.type == "Boolean" else round(raw)
     getattr(instance, f"set{variable.type}")([variable.reference], [plain])
 
 
 def _get(instance: Any, variable: ForeignVariable) -> float:
-    own = float(getattr(instance, f"get{variable.type}")([variable.reference])[0])
-    return own * variable.scale + variable.offset
+    raw = float(getattr(instance, f"get{variable.type}")([variable.reference])[0])
+    return raw * variable.scale + variable.offset

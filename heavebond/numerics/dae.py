@@ -1,4 +1,4 @@
-"""The reduced model as CasADi functions: scaled, with what depends on parameters alone computed once a run."""
+"""The reduced model as CasADi functions: scaled, with expressions of parameters alone evaluated once a run."""
 
 from __future__ import annotations
 
@@ -75,13 +75,14 @@ class Assembly:
 
     def __reduce__(self) -> tuple[Callable[..., Assembly], tuple[object, ...]]:
         """Pickle the diagram and the numbers: another process assembles them again, as CasADi's functions stay in theirs.
-        TypeError for an assembly whose equations are no longer those of the diagram."""
+        Raises TypeError if the equations of the assembly are no longer those of the diagram."""
         if self.flat.options is None:
             raise TypeError("an assembly with equations that its diagram does not have cannot be pickled")
         return _assembled_again, (self.model, self.flat.options, self.reduced.states, self.p, dict(self.sizes))
 
     def once(self, key: object, make: Callable[[], T]) -> T:
-        """What is made of the equations alone, whatever the values of the parameters, and asked for at every run."""
+        """Values derived from the equations alone, independent of parameter values, and needed in every run; computed
+        once."""
         if key not in self.memo:
             self.memo[key] = make()
         return cast(T, self.memo[key])
@@ -127,31 +128,32 @@ class Assembly:
         return dict(zip(self.parameter_names, self.p.tolist(), strict=True))
 
     def with_parameters(self, values: Mapping[str, float | str]) -> Assembly:
-        """The same equations with other numbers; other equations only where a delay becomes zero or is zero no more, or a
-        parameter of `zeros` gets a value (see `at_zero`). UsageError for a name that is no independent parameter, ModelError
-        for a value that its component does not allow."""
+        """The same equations with other parameter values. The equations change only if a delay becomes or ceases to be zero,
+        or if a parameter of `zeros` becomes nonzero (see `at_zero`). Raises UsageError if a name is not an independent
+        parameter, ModelError for a value that its component does not allow."""
         p = self.p.copy()
-        for (name, given), k in zip(values.items(), self.parameter_indices(values), strict=True):
-            p[k] = self._number(name, given, k)
+        for (name, new_value), k in zip(values.items(), self.parameter_indices(values), strict=True):
+            p[k] = self._number(name, new_value, k)
         self.flat.limits.check(p, values)
         if self.flat.other_delays(p) or any(p[k] != 0 for k in self.parameter_indices(self.flat.zeros)):
             # a variable that equals its source has other equations than one that is delayed
             known = dict(zip(self.parameter_names, p.tolist(), strict=True))
             changed: dict[str, float | str] = {name: value for name, value in known.items() if name in values}
             positions = [u.name for u in self.flat.unknowns if u.role == "position"]
-            made = assemble(self.model.with_parameters(changed), positions)
-            return replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
+            assembly = assemble(self.model.with_parameters(changed), positions)
+            return replace(assembly, p=np.array([known.get(name, value) for name,
+                                                 value in assembly.parameter_values.items()]))
         return replace(self, p=p)
 
     def parameter_indices(self, names: Iterable[str]) -> list[int]:
-        """The places of independent parameters in p; UsageError for a name that cannot be set."""
+        """The indices of independent parameters in p; UsageError for a name that cannot be set."""
         index = self.once("parameter indices", lambda: {q.name: k for k, q in enumerate(self.flat.parameters)})
         indices = []
         for name in names:
             if name not in index:
                 held = any(name == h.name for h in self.flat.held)
                 dependent = name in self.flat.constants
-                hint = f"What it starts at is called 'initial.{name}'." if held else \
+                hint = f"Its initial value is called 'initial.{name}'." if held else \
                     "It follows from other parameters by a formula." if dependent else suggest(name, index) or NAMES_LISTED
                 raise UsageError([Problem("parameter-unknown", f"'{name}' cannot be set", None, hint)])
             indices.append(index[name])
@@ -165,17 +167,17 @@ class Assembly:
                 for columns in (reduced.states, reduced.algebraic))
         return replace(self, x_nominal=x, z_nominal=z, sizes=dict(sizes), memo={})
 
-    def _number(self, name: str, given: float | str, index: int) -> float:
-        if not isinstance(given, str):
-            if not isfinite(given):
-                raise UsageError([Problem("value-not-finite", f"{name} = {given} has no finite value", None,
+    def _number(self, name: str, value: float | str, index: int) -> float:
+        if not isinstance(value, str):
+            if not isfinite(value):
+                raise UsageError([Problem("value-not-finite", f"{name} = {value} has no finite value", None,
                                           "Give a finite number.")])
-            return float(given)
+            return float(value)
         try:
-            number, unit = parse_quantity(given)
-            check_unit(unit, self.flat.parameters[index].unit, number, given)
+            number, unit = parse_quantity(value)
+            check_unit(unit, self.flat.parameters[index].unit, number, value)
             if unit is not None and unit.offset and self.flat.origins.of_name(name.removeprefix("initial.")) == 0:
-                raise UnitProblem("unit-offset", f"'{given}' is a temperature, and this is a difference",
+                raise UnitProblem("unit-offset", f"'{value}' is a temperature, and this is a difference",
                                   f"Write '{interval_text(number, unit)}'.")
         except UnitProblem as problem:
             raise UsageError([Problem(problem.code, f"{name}: {problem.message}", None, problem.hint)]) from None
@@ -189,11 +191,11 @@ class Assembly:
     def point(self, t: float, x: Array, z: Array, p: Array, u: Array, rate: float = 1.0) -> dict[int, float]:
         """The values of all raw symbols of the flat model by their hashes, at values of the arguments."""
         reduced = self.reduced
-        found = {self.arguments[0].element_hash(): t, self.arguments[5].element_hash(): rate}
+        values_by_hash = {self.arguments[0].element_hash(): t, self.arguments[5].element_hash(): rate}
         for symbols, values in ((reduced.symbols, np.array(self._raw(t, x, z, p, u, rate)).ravel()), (reduced.x, x),
                                 (reduced.z, z), (self.flat.p, p)):
-            found |= {s.element_hash(): float(v) for s, v in zip(split(symbols), values, strict=True)}
-        return found
+            values_by_hash |= {s.element_hash(): float(v) for s, v in zip(split(symbols), values, strict=True)}
+        return values_by_hash
 
     def resolver(self) -> Resolver:
         """Names of the diagram to raw symbols and units."""
@@ -206,31 +208,32 @@ class Assembly:
         return self.once(("expression", expr), lambda: self.express(self.resolver().evaluate(expr)))
 
     def express(self, raw: ca.SX) -> ca.SX:
-        """Raw symbols put in terms of (t, x, z, p, u, rate); a derivative that no equation has by the chain rule."""
-        found = self.reduced.express(raw)
+        """Substitute (t, x, z, p, u, rate) for raw symbols; a derivative that no equation contains follows by the chain
+        rule."""
+        expression = self.reduced.express(raw)
         if self.flat.zeros:  # the power of a volume of 0 needs no rate of its pressure
             left_out = stack([self.flat.constants[name] for name in self.flat.zeros])
-            found = ca.densify(ca.sparsify(ca.substitute(found, left_out, ca.SX.zeros(left_out.shape))))
-        missing = [s for s in ca.symvar(found) if s.element_hash() not in self._available]
+            expression = ca.densify(ca.sparsify(ca.substitute(expression, left_out, ca.SX.zeros(left_out.shape))))
+        missing = [s for s in ca.symvar(expression) if s.element_hash() not in self._available]
         if missing:
-            found = ca.substitute(found, stack(missing), stack([self._rate_of(s) for s in missing]))
-        return substitute_inputs(found, self.flat, self.arguments[0], self.arguments[4])
+            expression = ca.substitute(expression, stack(missing), stack([self._rate_of(s) for s in missing]))
+        return substitute_inputs(expression, self.flat, self.arguments[0], self.arguments[4])
 
     @cached_property
     def _available(self) -> set[int]:
         """The hashes of the symbols that an expression may have in the end: the arguments and the measured inputs."""
         t, x, z, _, u, rate = self.arguments
-        others = (t, x, z, u, rate, *(k.symbols for k in self.flat.driving))
-        return {*self.flat.places, *(s.element_hash() for a in others for s in ca.symvar(a))}
+        known = (t, x, z, u, rate, *(k.symbols for k in self.flat.driving))
+        return {*self.flat.places, *(s.element_hash() for a in known for s in ca.symvar(a))}
 
     def _derivative_name(self, symbol: ca.SX) -> str:
         """`dddcrown.x` of the symbol of a derivative."""
-        flat, own = self.flat, symbol.element_hash()
+        flat, key = self.flat, symbol.element_hash()
         return next(("d" * k + flat.unknowns[j].name for k, level in enumerate(flat.levels) for j, s in enumerate(level)
-                     if s.element_hash() == own), "a derivative")
+                     if s.element_hash() == key), "a derivative")
 
     def _rate_of(self, symbol: ca.SX) -> ca.SX:
-        """d/dt of an unknown whose derivative stands in no equation."""
+        """d/dt of an unknown whose derivative does not occur in the equations, by the chain rule."""
         first = {s.element_hash(): j for j, s in enumerate(self.flat.levels[1])}
         j = first.get(symbol.element_hash())
         if j is None:
@@ -250,9 +253,8 @@ def assemble(model: ModelOrFile | Assembly, also: Iterable[str] = (), widths: fl
 
     `model` is a diagram, or the path or bundled name of one; an Assembly, which serves many runs, is returned as it is.
     `also` names positions that no equation uses; `widths` is a factor on the widths of all regularised transitions. Raises
-    ModelError with all that is wrong in the diagram. Sources: C. C. Pantelides, 1988, doi:10.1137/0909014; S. E. Mattsson,
-    G. Soederlind, 1993,
-    doi:10.1137/0914043.
+    ModelError with all problems of the diagram. Sources: C. C. Pantelides, 1988, doi:10.1137/0909014; S. E. Mattsson, G.
+    Soederlind, 1993, doi:10.1137/0914043.
     """
     if isinstance(model, Assembly):
         return model
@@ -260,9 +262,9 @@ def assemble(model: ModelOrFile | Assembly, also: Iterable[str] = (), widths: fl
         diagram, wanted = loaded(model), sorted(set(also))
         reduced = reduce_flattened(lambda corners: _checked(flatten(diagram, wanted, widths, corners)))
         check()
-        made = build(reduced)
+        assembly = build(reduced)
         check()
-        return made
+        return assembly
 
 
 def at_zero(assembly: Assembly, free: Iterable[str] = (), flattened: Callable[[Mapping[int, int]], Flat] | None = None
@@ -270,35 +272,36 @@ def at_zero(assembly: Assembly, free: Iterable[str] = (), flattened: Callable[[M
     """The assembly with the equations that hold where parameters are 0: terms that these multiply are left out, as if their
     component did not have them.
 
-    An assembly divides by coefficients such as a mass. Where parameters of value 0 make one of these vanish, the model has
-    fewer states or another index: a body without mass on a spring and a damper has no speed of its own, a lag of 0 s passes
-    its input. It is then `flattened` (by default from its diagram) and reduced again without these parameters. The assembly
-    itself is returned where no coefficient vanishes, where the equations without them are singular, and where a `free`
-    parameter, whose value may change, is among them. Their values remain parameters with the value 0; a sensitivity by them
-    does not exist.
+    An assembly divides by coefficients such as a mass. If a parameter of value 0 makes one of these vanish, the model has
+    fewer states or another index: the speed of a body without mass on a spring and a damper is not a state; a lag of 0 s
+    passes its input. It is then `flattened` (by default from its diagram) and reduced again without these parameters. The
+    assembly itself is returned if no coefficient vanishes, if the equations without the parameters are singular, or if a
+    `free` parameter, whose value may change, is among them. Their values remain parameters with the value 0; a sensitivity
+    by them does not exist.
     """
     if flattened is None:
         if assembly.flat.options is None:  # equations that the diagram does not have
             return assembly
         flattened = partial(_flattened, assembly.model, assembly.flat.options)
-    kept, zeros, known = set(free), list[str](), assembly.parameter_values
-    made = assembly
-    while found := _vanishing(made):
-        zeros += found
-        if not kept.isdisjoint(found):
+    nonzero, zeros, known = set(free), list[str](), assembly.parameter_values
+    result = assembly
+    while vanishing := _vanishing(result):
+        zeros += vanishing
+        if not nonzero.isdisjoint(vanishing):
             return assembly
         try:
             with put_off():
-                made = build(reduce_flattened(partial(_left_out, flattened, tuple(zeros))))
+                result = build(reduce_flattened(partial(_left_out, flattened, tuple(zeros))))
         except ModelError:
             check()
             return assembly
-        made = replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
-    return made
+        result = replace(result, p=np.array([known.get(name, value) for name, value in result.parameter_values.items()]))
+    return result
 
 
 def other_states(assembly: Assembly) -> UsageError:
-    """The error for a value of a parameter that is 0 in the diagram, in computations whose equations are those of 0."""
+    """The error for a nonzero value of a parameter that is 0 in the diagram, in computations with the equations for the
+    value 0."""
     zeros = listing(assembly.flat.zeros)
     return UsageError([Problem("zero-left", f"{zeros} = 0 in the diagram is to have another value, with which the model has "
                                "other states", None, "Give a value other than 0 in the diagram.")])
@@ -316,8 +319,8 @@ def _left_out(flattened: Callable[[Mapping[int, int]], Flat], zeros: tuple[str, 
 
 
 def _vanishing(assembly: Assembly) -> list[str]:
-    """The parameters of value 0 without which a coefficient that is divided by is zero, or the algebraic equations have no
-    solution, whatever the other numbers are."""
+    """The parameters whose value 0 makes a divisor zero or the algebraic equations singular for all values of the other
+    parameters."""
     flat, (_, _, z, *_) = assembly.flat, assembly.arguments
     symbols_of_p = split(flat.p)
     zero = {symbols_of_p[k].element_hash(): k for k in np.flatnonzero(assembly.p == 0).tolist()}
@@ -332,10 +335,10 @@ def _vanishing(assembly: Assembly) -> list[str]:
     def without(expression: ca.SX, symbols: Sequence[ca.SX]) -> ca.SX:
         return ca.sparsify(ca.substitute(expression, stack(symbols), ca.SX.zeros(len(symbols))))
 
-    found = dict[int, None]()
+    vanishing = dict[int, None]()
     for pivot in assembly.reduced.pivots:
         if not pivot.derived and (symbols := own(pivot.coefficient)) and without(pivot.coefficient, symbols).nnz() == 0:
-            found |= dict.fromkeys(zero[s.element_hash()] for s in symbols)
+            vanishing |= dict.fromkeys(zero[s.element_hash()] for s in symbols)
     slopes = assembly.once("algebraic slopes", lambda: ca.jacobian(assembly.alg, z))
     if symbols := own(slopes):
         def rank(left_out: Sequence[ca.SX]) -> int:
@@ -346,8 +349,8 @@ def _vanishing(assembly: Assembly) -> list[str]:
             for symbol in symbols:  # those that make no difference remain
                 fewer = [s for s in needed if s is not symbol]
                 needed = fewer if fewer and rank(fewer) == lost else needed
-            found |= dict.fromkeys(zero[s.element_hash()] for s in needed)
-    return [assembly.parameter_names[k] for k in found]
+            vanishing |= dict.fromkeys(zero[s.element_hash()] for s in needed)
+    return [assembly.parameter_names[k] for k in vanishing]
 
 
 def _assembled_again(model: Model, options: tuple[tuple[str, ...], float, tuple[str, ...]],
@@ -383,25 +386,25 @@ def build(reduced: Reduced) -> Assembly:
     _check_smoothness(reduced, [reduced.ode, reduced.alg, values])
     ode, alg, values = (with_inputs(e) for e in (reduced.ode, reduced.alg, values))
     pivots = with_inputs(stack([q.coefficient for q in reduced.pivots]))
-    made = Assembly(
+    assembly = Assembly(
         reduced, np.array([q.value for q in flat.parameters]),
         np.array([flat.unknowns[j].nominal for j, _ in reduced.states]),
         np.array([flat.unknowns[j].nominal for j, _ in reduced.algebraic]),
         arguments, ode, alg, ca.Function("rates", list(arguments), [ode, alg]),
         ca.Function("values", list(arguments), [values]), ca.Function("pivots", list(arguments), [pivots]))
     if flat.events:
-        made.update_order.at(made.p)  # ModelError for a loop of sampled parts
-    return made
+        assembly.update_order.at(assembly.p)  # ModelError for a loop of sampled parts
+    return assembly
 
 
 def _check_events(reduced: Reduced) -> None:
-    """What events set are states, and periods are above zero; ModelError otherwise."""
+    """Raise ModelError if an event sets a variable that is not a state, or if a period is not positive."""
     flat, problems = reduced.flat, Problems()
     states = {j for j, order in reduced.states if order == 0}
     for event in flat.events:
         for reset in (r for r in event.resets if r.unknown is not None and r.unknown not in states):
             names = listing([reduced.name(c) for c in reduced.states] or ["none"], 20)
-            problems.add("reset-no-state", f"'{event.name}' sets '{reset.name}', which is no state: it follows from the "
+            problems.add("reset-no-state", f"'{event.name}' sets '{reset.name}', which is not a state: it follows from the "
                          "states", reset.place, hint=f"States of this diagram: {names}.")
         if event.period is not None:
             p = [q.value for q in flat.parameters]
@@ -413,7 +416,7 @@ def _check_events(reduced: Reduced) -> None:
 
 
 def _check_smoothness(reduced: Reduced, expressions: list[ca.SX]) -> None:
-    """A held input has no derivative, a linear one no second; ModelError where the equations need one."""
+    """Raise ModelError if the equations need the derivative of a held input or the second derivative of a linear one."""
     if not reduced.flat.inputs:
         return
     used = {s.element_hash() for e in expressions for s in ca.symvar(e)}
@@ -454,21 +457,17 @@ def substitute_inputs(expression: ca.SX, flat: Flat, t: ca.SX, u: ca.SX) -> ca.S
         symbols.append(known.symbols)
         pieces += [c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2 * c2 + s * 3 * c3), 2 * c2 + 6 * s * c3, 6 * c3]
     for k, delayed in enumerate(flat.delays):
-        own = u[measured_rows(flat) + DELAY_ROWS * k:measured_rows(flat) + DELAY_ROWS * (k + 1)]
-        s, scale, terms = own[2] * (t - own[1]), ca.SX(1), split(own[DELAY_ROWS - DELAY_TERMS:])
+        rows = u[measured_rows(flat) + DELAY_ROWS * k:measured_rows(flat) + DELAY_ROWS * (k + 1)]
+        s, scale, terms = rows[2] * (t - rows[1]), ca.SX(1), split(rows[DELAY_ROWS - DELAY_TERMS:])
         symbols.append(delayed.symbols)
         for order in range(delayed.symbols.numel()):
-            pieces.append(scale * _horner(terms, s) + ((1 - own[0]) * flat.p[delayed.index] if order == 0 else 0))
-            terms, scale = [i * c for i, c in enumerate(terms)][1:], scale * own[2]
+            # sum(terms[i] s**i)
+            value = terms[-1]
+            for term in reversed(terms[:-1]):
+                value = term + s * value
+            pieces.append(scale * value + ((1 - rows[0]) * flat.p[delayed.index] if order == 0 else 0))
+            terms, scale = [i * c for i, c in enumerate(terms)][1:], scale * rows[2]
     return ca.substitute(expression, stack(symbols), stack(pieces))
-
-
-def _horner(terms: Sequence[ca.SX], s: ca.SX) -> ca.SX:
-    """sum(terms[i] s**i)."""
-    value = terms[-1]
-    for term in reversed(terms[:-1]):
-        value = term + s * value
-    return value
 
 
 @dataclass(frozen=True)
@@ -483,10 +482,10 @@ class Factors:
 class Integrand:
     """What CasADi's integrators take, in scaled unknowns; `hoist` maps (p, directions) to the integrand's parameters.
 
-    Terms that depend on parameters alone (the amplitudes of a sea's hundred sines) are computed once a run, what several
-    components compute alike (an elongation) once a step. With m directions, x and z hold the model's own unknowns first
-    and then m blocks of their sensitivities. No step is longer than `longest` (s; 0 for no limit). A pivot of the Newton
-    matrix below `smallest_pivot` is zero.
+    Terms that depend on parameters alone (the amplitudes of a sea's hundred sines) are computed once a run, common
+    subexpressions (an elongation) once a step. With m directions, x and z hold the model's own unknowns first and then m
+    blocks of their sensitivities. No step is longer than `longest` (s; 0 for no limit). A pivot of the Newton matrix below
+    `smallest_pivot` is zero.
     """
 
     dae: dict[str, ca.SX]
@@ -499,16 +498,17 @@ def smallest_pivot(assembly: Assembly) -> float:
     """The size below which a pivot of the integrator's Newton matrix is zero: SMALLEST_PIVOT, or less where the gradients
     of a loop are tiny from the beginning, as the residuals of loops are not scaled.
 
-    The gradients are those at equal pressures, where the regularised laws are steepest. A loop without gradient there, as
-    at an open contact, has no size.
+    The gradients are taken at equal pressures, where the regularised laws are steepest. A loop without a gradient at that
+    point, such as an open contact, does not count.
     """
     rows = _row_sizes(assembly) * _row_scales(assembly)
     return min(SMALLEST_PIVOT, LOST_GRADIENT * float(np.min(rows, where=np.isfinite(rows) & (rows > 0.0), initial=np.inf)))
 
 
 def _row_scales(assembly: Assembly) -> Array:
-    """Factors (n_z,) of the residuals of loops: powers of two that bring gradients far from 1 to it, else 1. These gradients
-    are far from 1 both where all unknowns are zero, as a temperature never is, and where they have their sizes."""
+    """Factors (n_z,) of the residuals of loops: powers of two that bring gradients far from 1 to it, else 1. A row is scaled
+    only if its gradient is far from 1 both at zero unknowns and at unknowns of their nominal sizes (a temperature is never
+    zero)."""
     rows = np.stack([_row_sizes(assembly, share) for share in (0.0, 1.0)])
     near = np.exp2(np.floor(np.log2(np.where(np.isfinite(rows) & (rows > 0.0), rows, 1.0))))
     steep, flat = near.min(axis=0), near.max(axis=0)
@@ -516,7 +516,7 @@ def _row_scales(assembly: Assembly) -> Array:
 
 
 def _row_sizes(assembly: Assembly, share: float = 0.0) -> Array:
-    """The largest gradient in each residual of a loop, per size of an unknown, where the unknowns have this share of their
+    """The largest gradient in each residual of a loop, per size of an unknown, with the unknowns at a given share of their
     sizes; 0 in large systems."""
     n_z = assembly.alg.numel()
     if not 0 < n_z < LARGE:
@@ -524,15 +524,15 @@ def _row_sizes(assembly: Assembly, share: float = 0.0) -> Array:
     slopes = assembly.once("slopes of loops", lambda: ca.Function(
         "slopes", list(assembly.arguments), [ca.jacobian(assembly.alg, assembly.arguments[2])]))
     u = np.zeros(assembly.arguments[4].shape)
-    found = slopes(assembly.begin, share * assembly.x_nominal, share * assembly.z_nominal, assembly.p, u, 1.0)
-    return np.asarray(np.abs(np.array(found) * assembly.z_nominal).max(axis=1))
+    gradients = slopes(assembly.begin, share * assembly.x_nominal, share * assembly.z_nominal, assembly.p, u, 1.0)
+    return np.asarray(np.abs(np.array(gradients) * assembly.z_nominal).max(axis=1))
 
 
 def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float) -> list[ca.SX]:
     """Expressions (columns) with the time counted from the begin of a run (s).
 
-    A straight line a*time + b in them becomes a*time + (a*begin + b): where the begin is large, as that of a UNIX clock, the
-    difference to another instant is then as exact as a short time, and a step is not rounded.
+    A straight line a*time + b becomes a*time + (a*begin + b). If the begin is large, such as the time of a UNIX clock, the
+    difference to another instant is then as exact as a short time, and steps are not rounded.
     """
     columns = list(expressions)
     sizes = [c.numel() for c in columns]
@@ -609,12 +609,12 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
     x_s, z_s, replaced = _augmented(x_s, z_s, p[rows], dp, replaced, u[coefficients], du)
     sizes = [r.numel() for r in replaced]
     stacked, = ca.cse([stack(replaced)])
-    given, parametric = stack([p, ca.vec(dp)]), ca.SX(0, 1)
-    constants = given
+    parameters, parametric = stack([p, ca.vec(dp)]), ca.SX(0, 1)
+    constants = parameters
     if p.numel():
-        stacked, symbols, expressions = ca.extract_parametric(stacked, given)
-        constants, parametric = stack([given, *symbols]), stack(expressions)
-    hoisted, = ca.substitute([stack([given, parametric])], [ca.vec(dp)], [ca.vec(whole[rows, :])])
+        stacked, symbols, expressions = ca.extract_parametric(stacked, parameters)
+        constants, parametric = stack([parameters, *symbols]), stack(expressions)
+    hoisted, = ca.substitute([stack([parameters, parametric])], [ca.vec(dp)], [ca.vec(whole[rows, :])])
     hoist = ca.Function("hoist", [p, whole], [hoisted])
     parts = ca.vertsplit(stacked, [0, *np.cumsum(sizes).tolist()])
     if not x_s.numel():  # an integrator needs a state: one that stays zero
@@ -628,50 +628,51 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
 
 def _augmented(x: ca.SX, z: ca.SX, p: ca.SX, dp: ca.SX, right: list[ca.SX], u: ca.SX, du: ca.SX
                ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """x, z and the right sides (ode, alg, quadratures) with the forward sensitivities along each column of dp, the moves of
-    some parameters p, and of du, those of some inputs u."""
+    """x, z and the right sides (ode, alg, quadratures) with forward sensitivities along each column of dp (directions of
+    some parameters p) and du (directions of some inputs u)."""
     columns = dp.shape[1]
     if not columns:
         return x, z, right
     x_along, z_along = ca.SX.sym("X", x.numel(), columns), ca.SX.sym("Z", z.numel(), columns)
     # one Jacobian serves all columns, so that each partial derivative is written once
-    moved = ca.jacobian(stack(right), stack([x, z, p, u])) @ ca.vertcat(x_along, z_along, dp, du)
+    derivatives = ca.jacobian(stack(right), stack([x, z, p, u])) @ ca.vertcat(x_along, z_along, dp, du)
     ends = np.cumsum([0, *(side.numel() for side in right)]).tolist()
-    both = [stack([side, ca.vec(moved[begin:end, :])]) for side, begin, end in zip(right, ends[:-1], ends[1:], strict=True)]
+    both = [stack([side, ca.vec(derivatives[begin:end, :])]) for side, begin, end in zip(right, ends[:-1], ends[1:],
+                                                                                         strict=True)]
     return stack([x, ca.vec(x_along)]), stack([z, ca.vec(z_along)]), both
 
 
-def summed(made: Integrand, factors: Factors | None) -> Integrand:
-    """Quadratures as states after the others: those of IDAS are left out of its choice of order, so that a run whose
-    states are straight lines would take its quadratures by first-order steps."""
-    dae = dict(made.dae)
+def summed(original: Integrand, factors: Factors | None) -> Integrand:
+    """Append the quadratures to the states: IDAS excludes quadratures from its choice of order, so that a run whose states
+    are straight lines would integrate its quadratures by first-order steps."""
+    dae = dict(original.dae)
     if "quad" not in dae:
-        return made
+        return original
     if factors is not None:
         dae["u"] = stack([dae["u"], factors.symbols])
     rates = dae.pop("quad")
     dae["x"], dae["ode"] = stack([dae["x"], ca.SX.sym("integral", rates.numel())]), stack([dae["ode"], rates])
-    return replace(made, dae=dae)
+    return replace(original, dae=dae)
 
 
-def newton_loops(made: Integrand) -> ca.Function | None:
-    """Newton's method for the algebraic unknowns, given (t, x, p, u); None where there are none."""
-    dae = made.dae
+def newton_loops(loops_dae: Integrand) -> ca.Function | None:
+    """Newton's method for the algebraic unknowns, given (t, x, p, u); None if there are none."""
+    dae = loops_dae.dae
     if not dae["z"].numel():
         return None
     return solved_loops(dae["z"], stack([dae["t"], dae["x"], dae["p"], dae["u"]]), dae["alg"], MOST_NEWTON)
 
 
-def solved_loops(z: ca.SX, given: ca.SX, residuals: ca.SX, most: int) -> ca.Function:
+def solved_loops(z: ca.SX, arguments: ca.SX, residuals: ca.SX, most: int) -> ca.Function:
     """(z, given) to the z near by with residuals (n_z,) = 0, by at most so many steps of Newton's method.
 
-    CasADi's method leaves out the last step, one of less than 1e-12: it is taken here, as 1e-12 of an acceleration moves a
-    very large mass by a force.
+    CasADi's method leaves out the last step, one of less than 1e-12: it is taken here, because an acceleration of 1e-12
+    times a very large mass is a considerable force.
     """
-    newton = ca.rootfinder("newton", "newton", {"x": z, "p": given, "g": residuals},
+    newton = ca.rootfinder("newton", "newton", {"x": z, "p": arguments, "g": residuals},
                            {"error_on_fail": False, "abstol": 1e-14, "max_iter": most})
-    linear = ca.Function("linear", [z, given], [residuals, ca.jacobian(residuals, z)])
-    first, fixed = ca.MX.sym("z", z.numel()), ca.MX.sym("given", given.numel())
+    linear = ca.Function("linear", [z, arguments], [residuals, ca.jacobian(residuals, z)])
+    first, fixed = ca.MX.sym("z", z.numel()), ca.MX.sym("given", arguments.numel())
     near = newton(first, fixed)
-    rest, slopes = linear(near, fixed)
-    return ca.Function("loops", [first, fixed], [near - ca.solve(slopes, rest)])
+    residual, slopes = linear(near, fixed)
+    return ca.Function("loops", [first, fixed], [near - ca.solve(slopes, residual)])

@@ -33,20 +33,20 @@ class DelayConstants:
 
     samples: intervals of a window in which sources are sampled, at least. Origin: a window of one polynomial piece has
         several stencils. Doubled: short delays cost twice as many points, with smaller errors.
-    mean_steps: steps of the integrator between two samples, on the average, at most. Origin: a step at rtol 1e-8 is 0.06
-        rad of an oscillation, in which the interpolation errs by 1e-10. Doubled: by 1e-8, half of the evaluations.
-    stencil: samples of an interpolating polynomial. Origin: its order is above that of the integrator. Doubled: it
+    mean_steps: steps of the integrator between two samples, on the average, at most. Origin: a step at rtol 1e-8 is 0.06 rad
+        of an oscillation, in which the interpolation errs by 1e-10. Doubled: by 1e-8, half of the evaluations.
+    stencil: samples of an interpolating polynomial. Origin: an order above the order of the integrator. Doubled: it
         oscillates where the samples are rounded.
     apart: distance of two samples of a stencil, at least, over that of the two around a time. Origin: rounding is magnified
         by some hundred at most. Doubled: fewer of close samples, with errors of a wider stencil.
-    tolerance: error of the polynomial pieces in the equations, over the tolerance of the integrator. Origin: it is not to
-        add to the error of the integrator. Doubled: slightly longer pieces.
+    tolerance: error of the polynomial pieces in the equations, over the tolerance of the integrator. Origin: well below the
+        error of the integrator. Doubled: slightly longer pieces.
     parts: samples and pieces of one window, at most: a shorter window resolves a short transient in the history. Origin:
         memory of a call. Doubled: fewer windows.
     halvings: halvings of a piece, at most. Origin: rounding of time. Doubled: nothing.
     max_windows: windows of a run, at most. Origin: some minutes. Doubled: shorter delays are possible.
-    beside: distance from a discontinuity at which sources are evaluated on either side, in instants that count as one.
-        Origin: a function of time has its value on the other side at the instant itself. Doubled: nothing.
+    beside: distance from a discontinuity at which sources are evaluated on both sides, in units of `same_instant`. Origin: a
+        function of time has its value on the other side at the instant itself. Doubled: nothing.
     """
 
     samples: int = 32
@@ -114,26 +114,26 @@ class Stretch:
             lower = np.searchsorted(known, known[left] - apart, side="right") - 1
             upper = np.searchsorted(known, known[right] + apart, side="left")
             nearer = middle - known[lower] <= known[np.clip(upper, 0, number - 1)] - middle
-            here = (lower >= 0) & ((upper >= number) | nearer)
-            there = ~here & (upper < number)
-            left, right = np.where(here, lower, left), np.where(there, upper, right)
-            stencil.append(np.where(here, lower, right))
-            valid.append(here | there)
+            shift_left = (lower >= 0) & ((upper >= number) | nearer)
+            shift_right = ~shift_left & (upper < number)
+            left, right = np.where(shift_left, lower, left), np.where(shift_right, upper, right)
+            stencil.append(np.where(shift_left, lower, right))
+            valid.append(shift_left | shift_right)
         chosen, used = np.column_stack(stencil), np.column_stack(valid)
         nodes = known[chosen]
         scale = (known[right] - known[left])[:, None]
         away, between = (times[:, None] - nodes) / scale, (nodes[:, :, None] - nodes[:, None, :]) / scale[:, :, None]
         weights = np.where(used, 1.0, 0.0)
         for j in range(DELAYS.stencil):
-            other = used[:, j:j + 1] & (np.arange(DELAYS.stencil) != j) & used
-            weights = np.where(other, weights * away[:, j:j + 1] / np.where(other, between[:, :, j], 1.0), weights)
+            others = used[:, j:j + 1] & (np.arange(DELAYS.stencil) != j) & used
+            weights = np.where(others, weights * away[:, j:j + 1] / np.where(others, between[:, :, j], 1.0), weights)
         return np.asarray(np.einsum("nk,nkr->rn", weights, self.values[chosen][:, :, rows]))
 
 
 @dataclass(frozen=True)
 class Return:
-    """A discontinuity that returns in the delayed variable of a number: its sensitivity (m,), and the column of u with the
-    value right after it."""
+    """A discontinuity that returns in a delayed variable (index): its sensitivity (m,), and the column of u just after
+    it."""
 
     delay: int
     late: Array
@@ -163,9 +163,9 @@ class Delays:
         """Begin at a time with parameters (n_p,) and their directions (n_p, m); SimulationError for a delay that is too
         short to be integrated."""
         self.begin, columns = t, np.column_stack([np.zeros(len(p)), dp])
-        found = [np.array(v) for v in self._lengths(np.tile(p[:, None], (1, 1 + self.m)), columns)]
-        self.lengths: Array = found[0][:, 0]
-        self.moved: Array = found[1][:, 1:]  # dT (n, m)
+        lengths = [np.array(v) for v in self._lengths(np.tile(p[:, None], (1, 1 + self.m)), columns)]
+        self.lengths: Array = lengths[0][:, 0]
+        self.moved: Array = lengths[1][:, 1:]  # dT (n, m)
         for delay, length in zip(self.delays, self.lengths.tolist(), strict=True):
             if not length >= max(2 * self.same, (end - t) / DELAYS.max_windows):
                 raise SimulationError([Problem(
@@ -191,22 +191,23 @@ class Delays:
             values = assembly.express(stack(d.source for d in self.delays))
             _, x, z, p, u, _ = arguments = list(assembly.arguments)
             directions = [ca.SX.sym("d", a.numel()) for a in (x, z, p, u)]
-            moved = ca.jtimes(values, stack([x, z, p, u]), stack(directions))
+            changes = ca.jtimes(values, stack([x, z, p, u]), stack(directions))
             self._sources[id(assembly)] = (ca.Function("sources", arguments, [values]),
-                                           ca.Function("along", [*arguments, *directions], [moved]))
+                                           ca.Function("along", [*arguments, *directions], [changes]))
         return self._sources[id(assembly)]
 
     def values(self, assembly: Assembly, t: Array, x: Array, z: Array, p: Array, dp: Array, u: Array, along: Array) -> Array:
         """Sources and their sensitivities (n (1 + m), N) at points; x and z are (., 1 + m, N), `along` the sensitivities
         (n_u, m, N) of u."""
         n = len(t)
-        whole, moved = self.sources(assembly)
+        function, along_function = self.sources(assembly)
         columns = (t[None, :], x[:, 0], z[:, 0], np.tile(p[:, None], (1, n)), u, np.ones((1, n)))
-        found = [np.array(whole(*columns)).reshape(self.n, n)]
+        samples = [np.array(function(*columns)).reshape(self.n, n)]
         for k in range(self.m):
-            found.append(np.array(moved(*columns, x[:, 1 + k], z[:, 1 + k], np.tile(dp[:, k:k + 1], (1, n)), along[:, k])
-                                  ).reshape(self.n, n))
-        return np.vstack(found)
+            samples.append(np.array(along_function(*columns, x[:, 1 + k], z[:, 1 + k], np.tile(dp[:, k:k + 1], (1, n)),
+                                                   along[:, k])
+                                    ).reshape(self.n, n))
+        return np.vstack(samples)
 
     def sample(self, times: Array, values: Array) -> None:
         """Add samples (n (1 + m), N) to the present stretch; one at its last time takes the place of the last."""
@@ -219,30 +220,30 @@ class Delays:
             stretch.add(times[new], values[:, new])
             self.largest = np.maximum(self.largest, np.abs(values[:, new]).max(axis=1))
 
-    def cut(self, t: float, moved: Array) -> None:
-        """A discontinuity at a time, whose sensitivity is `moved` (m,): a new stretch begins."""
+    def cut(self, t: float, sensitivity: Array) -> None:
+        """A discontinuity at a time, whose sensitivity is `sensitivity` (m,): a new stretch begins."""
         if self.stretches and not self.stretches[-1].number:
             return
         self.stretches.append(Stretch())
         self.starts.append(t)
-        self.breaks.append((t, moved))
+        self.breaks.append((t, sensitivity))
 
     def _history(self, k: int, times: Array) -> Array:
         """The source of a delay, with sensitivities, at times of its history (1 + m, N)."""
         rows = self._rows[k]
-        found = np.tile(self.before[rows][:, None], (1, len(times)))
+        history = np.tile(self.before[rows][:, None], (1, len(times)))
         first, last = (bisect_right(self.starts, float(at)) - 1 for at in (times.min(), times.max()))
         number = np.full(len(times), first)
         if first != last:
             number = first + np.searchsorted(self.starts[first + 1:last + 1], times, side="right")
         for stretch in np.unique(number[number >= 0]):
             at = number == stretch
-            found[:, at] = self.stretches[stretch].at(times[at], rows)
-        return found
+            history[:, at] = self.stretches[stretch].at(times[at], rows)
+        return history
 
     def _felt(self, k: int, number: int) -> bool:
-        """Whether the source of a delay has a discontinuity, in itself or in a derivative that counts, at the begin of a
-        stretch: the polynomial before it does not continue it."""
+        """True if the source of a delay, or a relevant derivative of it, is discontinuous at the begin of a stretch: the
+        polynomial before it does not continue the values after it."""
         rows, begin = self._rows[k], self.starts[number]
         after = self.stretches[number]
         before = self.stretches[number - 1] if number else None
@@ -260,15 +261,15 @@ class Delays:
         return bool(np.any(differ > self._allowed(k)))
 
     def _allowed(self, k: int) -> Array:
-        """The error (1 + m,) that counts for a delay and its sensitivities."""
+        """The admissible errors (1 + m,) of a delayed variable and its sensitivities."""
         scale = self.largest[self._rows[k]]
         return np.asarray(DELAYS.tolerance * (self.rtol * scale + self.atol[k] * np.where(np.arange(1 + self.m), 0.0, 1.0)
                                               ) + 1e-13 * scale + 1e-300)
 
     # -- windows ---------------------------------------------------------------------------------------------------
     def open(self, t: float, limit: float) -> tuple[float, float]:
-        """Open a window at a time: its end, and the longest interval in it that one polynomial follows. The pieces in it are
-        those of `inputs` from here on."""
+        """Open a window at a time: its end, and the longest interval in it that one polynomial follows. `inputs` then gives
+        the pieces in this window."""
         end = min(limit, t + float(self.lengths.min()))
         for k, length in enumerate(self.lengths.tolist()):
             while self._next[k] < len(self.breaks):
@@ -281,36 +282,36 @@ class Delays:
             end = limit
         self.windows += 1
         pieces = [self._fitted(k, t, end) for k in range(self.n)]
-        shortest = min(b - a for found in pieces for a, b, _ in found)
+        shortest = min(b - a for fitted in pieces for a, b, _ in fitted)
         while shortest * DELAYS.parts < end - t:  # up to where a short transient in the history begins, or through it
             end = max(t + (end - t) / 2, t + 2 * shortest)
             pieces = [self._fitted(k, t, end) for k in range(self.n)]
-            shortest = min(b - a for found in pieces for a, b, _ in found)
-        for k, found in enumerate(pieces):
+            shortest = min(b - a for fitted in pieces for a, b, _ in fitted)
+        for k, fitted in enumerate(pieces):
             starts, columns = self.starts_of_pieces[k], self.pieces[k]
             while starts and starts[-1] >= t - self.same:
                 starts.pop()
                 columns.pop()
-            starts += [a for a, _, _ in found]
-            columns += [column for _, _, column in found]
+            starts += [a for a, _, _ in fitted]
+            columns += [column for _, _, column in fitted]
         return end, shortest
 
     def returned(self, t: float) -> list[Return]:
         """The discontinuities that return at a time, in the order in which they happened."""
-        found = []
+        returns = []
         for k, length in enumerate(self.lengths.tolist()):
             at = self._next[k]
             while at < len(self.breaks) and self.breaks[at][0] + length <= t + self.same:
                 if self.breaks[at][0] + length >= t - self.same:
                     column = np.zeros(DELAY_ROWS)
                     column[:4] = 1.0, t, 0.0, self.stretches[at].values[0, k]
-                    found.append(Return(k, self.breaks[at][1] + self.moved[k], column))
+                    returns.append(Return(k, self.breaks[at][1] + self.moved[k], column))
                 at += 1
-        return found
+        return returns
 
     def check_jump(self, k: int, t: float, before: Array, after: Array) -> None:
-        """SimulationError where a delayed variable jumps, from one of its columns of u to another, whose rate the equations
-        need: what follows from the impulse would be wrong in silence."""
+        """Raise SimulationError if a delayed variable jumps from one column of u to another and the equations need its rate:
+        the impulse would be ignored without a warning."""
         first, then = (float((1 - u[0]) * self.before[k] + np.polyval(u[:2:-1], u[2] * (t - u[1]))) for u in (before, after))
         delay = self.delays[k]
         if self.rated[k] and abs(then - first) > EVENTS.continuous * delay.nominal:
@@ -321,7 +322,7 @@ class Delays:
 
     def _fitted(self, k: int, begin: float, end: float) -> list[tuple[float, float, Array]]:
         """Polynomial pieces (begin, end, column) of a delayed variable over a window."""
-        found, waiting, length = [], [(begin, end, 0)], float(self.lengths[k])
+        fitted, waiting, length = [], [(begin, end, 0)], float(self.lengths[k])
         if end - length <= self.begin + self.same:
             return [(begin, end, np.zeros(DELAY_ROWS + DELAY_TERMS * self.m))]
         allowed = self._allowed(k)
@@ -331,8 +332,8 @@ class Delays:
             if depth < DELAYS.halvings and np.any(error > allowed) and (b - a) > 8 * self.same:
                 waiting += [((a + b) / 2, b, depth + 1), (a, (a + b) / 2, depth + 1)]
             else:
-                found.append((a, b, column))
-        return found
+                fitted.append((a, b, column))
+        return fitted
 
     def _piece(self, k: int, a: float, b: float) -> tuple[Array, Array]:
         """The column of a piece, v, t_0, r, then the coefficients of the variable and of its sensitivities; and the errors
@@ -385,7 +386,7 @@ class Delays:
 
     def along(self, coefficients: Array, n_u: int) -> Array:
         """The sensitivities (n_u, m, N) of u by the coefficients (m n DELAY_TERMS, N)."""
-        found = np.zeros((n_u, self.m, coefficients.shape[1]))
+        sensitivities = np.zeros((n_u, self.m, coefficients.shape[1]))
         each = coefficients.reshape(self.m, len(self.coefficients), coefficients.shape[1])
-        found[self.coefficients] = each.transpose(1, 0, 2)
-        return found
+        sensitivities[self.coefficients] = each.transpose(1, 0, 2)
+        return sensitivities

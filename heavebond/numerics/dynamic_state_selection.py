@@ -1,9 +1,9 @@
-"""Several choices of states for one diagram, and the way from one to another during a run.
+"""Dynamic state selection: several choices of states for one diagram, and the change between them during a run.
 
-Where constraints tie unknowns together, some of these are states and the others follow (`state_selection`). That holds in
-a part of the motion only: a pendulum's height follows from its place sideways until the rod lies flat. One choice
-with what follows from it is a chart in the sense of geometry. All charts of a diagram are reductions of the same equations
-in the same symbols, so that in each of them the states of another are expressions.
+If constraints relate unknowns, some of these are states and the others depend on them (`state_selection`). A choice of
+states is valid in a part of the motion only: the height of a pendulum follows from its horizontal position until the rod is
+horizontal. A choice of states with its dependent unknowns is a chart in the sense of geometry. All charts of a diagram are
+reductions of the same equations in the same symbols, so that in each of them the states of another are expressions.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from heavebond.numerics.start_equations import Point
 
 @dataclass(frozen=True)
 class StateSelectionConstants:
-    """The constants of the dynamic state selection. Strain: by how many times as much as the states the dependent unknowns
-    move.
+    """The constants of the dynamic state selection. Strain: ratio of the changes of the dependent unknowns to the changes of
+    the states.
 
     max_strain: strain above which other states are chosen. Origin: with 3 a pendulum turns 18 degrees before; errors of
         its states are three times as large in the others. Doubled: fewer changes of states, larger errors between them.
@@ -50,15 +50,15 @@ STATE_SELECTION = StateSelectionConstants()
 
 @dataclass(frozen=True)
 class ChoiceCondition:
-    """How strained a chart is at points (N,), and the signs (n_parts, N) that change where it ends."""
+    """The strain of a chart at points (N,), and the signs (n_parts, N) that change where the chart ends."""
 
     worst: Array
     signs: Array
 
 
 class StateChoice:
-    """One choice of states: an assembly, the parts of its constraints that may go bad in a run, and the entries (equation,
-    unknown) of these that move."""
+    """One choice of states: an assembly, the parts of its constraints that may become singular in a run, and their entries
+    (equation, unknown) that vary."""
 
     def __init__(self, assembly: Assembly):
         self.assembly = assembly
@@ -72,8 +72,8 @@ class StateChoice:
         self._passages: dict[int, _StateTransform] = {}
 
     def _follows_for_ever(self, part: Part) -> bool:
-        """Whether the dummies of a part follow from its states in every position: one block after the other, each with
-        coefficients that stay, as the points of a link follow from its angle and lengths between them from the points."""
+        """True if the dependent unknowns of a part follow from its states in every position: they are solved block by block
+        with constant coefficients. Example: the points of a link follow from its angle."""
         place = {j: k for k, (j, _) in enumerate(part.dummies)}
         pattern = [[place[j] for j in self.constraints.rows.get(i, []) if j in place] for i in part.rows]
         matching = maximum_matching(pattern, len(place))
@@ -92,50 +92,51 @@ class StateChoice:
         return np.array(self._values(*columns)).reshape(len(self.constraints.entries), columns[0].shape[1])
 
     def strain(self, columns: Sequence[Array]) -> ChoiceCondition:
-        """How near this chart is to its end at points given by columns; a chart without parts has none."""
+        """The strain of this chart at points given by columns; zero for a chart without parts."""
         numbers = self.numbers(columns)
-        found = [strain(part, numbers) for part in self.parts]
-        worst = np.array([worst for worst, _ in found]).reshape(len(found), numbers.shape[1])
-        return ChoiceCondition(worst.max(axis=0, initial=0.0), np.array([sign for _, sign in found]).reshape(worst.shape))
+        strains = [strain(part, numbers) for part in self.parts]
+        worst = np.array([worst for worst, _ in strains]).reshape(len(strains), numbers.shape[1])
+        return ChoiceCondition(worst.max(axis=0, initial=0.0), np.array([sign for _, sign in strains]).reshape(worst.shape))
 
     def folded(self, point: Point) -> bool:
-        """Whether the constraints themselves, in whatever states, are about to depend on each other at a point."""
+        """True if the constraints are nearly dependent at a point, for every choice of states."""
         numbers = self.numbers(point.columns())
         values = [np.linalg.svd(part.matrices(numbers, part.columns)[0], compute_uv=False) for part in self.parts]
         return any(v[-1] < STATE_SELECTION.folded * v[0] for v in values if np.all(np.isfinite(v)))
 
     def better(self, point: Point) -> list[tuple[int, int]] | None:
-        """States that suit a point better than those of this chart; None where there are none."""
+        """A choice of states with less strain at a point; None if there is none."""
         numbers = self.numbers(point.columns())[:, 0]
         states = chosen_states(self.constraints, np.where(np.isfinite(numbers), numbers, 0.0), self._asked)
         free = {j for j, order in states if order == 0}
         mine = {j for j, order in self.assembly.reduced.states if order == 0}
         if set(states) == set(self.assembly.reduced.states) or (self.constraints.settable & mine) - free:
             return None
-        other = _worst(parts_of(self.constraints, states), numbers)
-        return states if other * STATE_SELECTION.improvement < _worst(self.parts, numbers) else None
+        worst = _worst(parts_of(self.constraints, states), numbers)
+        return states if worst * STATE_SELECTION.improvement < _worst(self.parts, numbers) else None
 
-    def values_in(self, other: StateChoice, columns: Sequence[Array]) -> Array:
+    def values_in(self, target: StateChoice, columns: Sequence[Array]) -> Array:
         """The other chart's states and algebraic unknowns (n_x + n_z, N) at points of this one given by columns."""
-        return self._to(other).values(columns)
+        return self._to(target).values(columns)
 
-    def along_in(self, other: StateChoice, columns: Sequence[Array], dx: Array, dz: Array, dp: Array) -> Array:
-        """How these move (n_x + n_z, N) where this chart's states and algebraic unknowns move along dx (n_x, N), dz
-        (n_z, N), and the parameters along dp (n_p, N)."""
-        return self._to(other).along(columns, dx, dz, dp)
+    def along_in(self, target: StateChoice, columns: Sequence[Array], dx: Array, dz: Array, dp: Array) -> Array:
+        """The derivatives of `values_in` (n_x + n_z, N) along directions dx (n_x, N), dz (n_z, N) and dp (n_p, N) of this
+        chart's states, algebraic unknowns and parameters."""
+        return self._to(target).along(columns, dx, dz, dp)
 
-    def _to(self, other: StateChoice) -> _StateTransform:
-        if id(other) not in self._passages:
-            self._passages[id(other)] = _StateTransform(self.assembly, other.assembly)
-        return self._passages[id(other)]
+    def _to(self, target: StateChoice) -> _StateTransform:
+        if id(target) not in self._passages:
+            self._passages[id(target)] = _StateTransform(self.assembly, target.assembly)
+        return self._passages[id(target)]
 
     def why(self, other: StateChoice, point: Point) -> str:
-        """Why another chart suits a point better, in words."""
-        own, others = self.assembly.reduced.states, other.assembly.reduced.states
+        """The reason why another chart has less strain at a point, in words."""
+        before, others = self.assembly.reduced.states, other.assembly.reduced.states
         worst, name = self.strain(point.columns()).worst[0], self.assembly.reduced.name
-        gone, new = (listing(name(c) for c in mine if c not in theirs) for mine, theirs in ((own, others), (others, own)))
+        removed, new = (listing(name(c) for c in mine if c not in theirs) for mine, theirs in ((before, others), (others,
+                                                                                                                  before)))
         grade = f"{worst:.3g} times" if np.isfinite(worst) else "infinitely"
-        return f"{new} moves {grade} as much as {gone}, from which it would follow"
+        return f"{new} moves {grade} as much as {removed}, from which it would follow"
 
 
 class StateChoices:
@@ -147,12 +148,12 @@ class StateChoices:
 
     @property
     def needed(self) -> bool:
-        """Whether a constraint that decides on the states changes in a run; without, one chart does for all of it. An FMU is
-        asked in the states of the diagram only."""
+        """True if a constraint that determines the states varies in a run; otherwise one chart serves for the whole run.
+        Diagrams with an FMU keep their states."""
         return bool(self.home.parts) and not foreign_parts(self.home.assembly.flat)
 
     def with_states(self, states: list[tuple[int, int]]) -> StateChoice:
-        """The chart of these states; ModelError where events set what is none of them."""
+        """The chart with these states; ModelError if events set a variable that is not among them."""
         key = frozenset(states)
         if key not in self._made:
             self._made[key] = StateChoice(
@@ -166,11 +167,11 @@ class _StateTransform:
     def __init__(self, begin: Assembly, end: Assembly):
         arguments = list(begin.arguments)
         _, x, z, p, _, _ = arguments
-        there = begin.express(stack([end.reduced.x, end.reduced.z]))
-        self._values = ca.Function("there", arguments, [there])
+        target = begin.express(stack([end.reduced.x, end.reduced.z]))
+        self._values = ca.Function("there", arguments, [target])
         directions = [ca.SX.sym("d", a.numel()) for a in (x, z, p)]
         self._along = ca.Function("along", [*arguments, *directions],
-                                  [ca.jtimes(there, stack([x, z, p]), stack(directions))])
+                                  [ca.jtimes(target, stack([x, z, p]), stack(directions))])
 
     def values(self, columns: Sequence[Array]) -> Array:
         return np.array(self._values(*columns)).reshape(-1, columns[0].shape[1])
@@ -181,15 +182,15 @@ class _StateTransform:
 
 def _moving(assembly: Assembly) -> set[tuple[int, int]]:
     """The entries of the constraints that change in a run."""
-    flat, found = assembly.flat, assembly.reduced.choices.constraints
-    if not found.entries:
+    flat, constraints = assembly.flat, assembly.reduced.choices.constraints
+    if not constraints.entries:
         return set()
     still = flat.constant_hashes | {flat.rate.element_hash()}
-    moving = stack(s for s in ca.symvar(found.values) if s.element_hash() not in still)
+    moving = stack(s for s in ca.symvar(constraints.values) if s.element_hash() not in still)
     if not moving.numel():
         return set()
-    depends = ca.which_depends(found.values, moving, 1, True)
-    return {entry for entry, does in zip(found.entries, depends, strict=True) if does}
+    depends = ca.which_depends(constraints.values, moving, 1, True)
+    return {entry for entry, does in zip(constraints.entries, depends, strict=True) if does}
 
 
 def _worst(parts: Sequence[Part], numbers: Array) -> float:

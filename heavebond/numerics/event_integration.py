@@ -1,10 +1,10 @@
-"""Runs that are cut: at events, and where other states must be integrated from there on.
+"""Integration in stretches: through events, delays and changes of the integrated states.
 
-The next instant is found, the integrator stops there, the event acts, and it begins anew. Time events are known beforehand
-and met exactly. For the others the indicators of all conditions are looked at in every point of a stretch; where one passes
-zero, the crossing is found by integrating again from the point before; the points follow the steps of the integrator
-(`looks`). In the same points it is looked at how well the states decide the other unknowns (`dynamic_state_selection`);
-shortly before they do not any more, the run goes on in others.
+The integrator stops at the next event, the event sets its values, and the integrator restarts. The instants of time
+events are known in advance and met exactly. For other events the indicators of all conditions are evaluated at every point
+of a stretch; if one passes zero, the crossing is located by integrating again from the point before. The points follow the
+steps of the integrator (`looks`). At the same points the strain of the states is evaluated (`dynamic_state_selection`);
+before they become singular, the run continues in other states.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ Build = Callable[[str, Integrand, Looks], Integrator]
 class RunEnded(Exception):
     """A run ends at a state, as its condition is met."""
 
-    def __init__(self, now: EventState):
+    def __init__(self, state: EventState):
         super().__init__()
-        self.now = now
+        self.now = state
 
 
 @dataclass(frozen=True)
 class Failures:
-    """How often the integrator has failed, and crawled, since so many changes of a run."""
+    """Numbers of failures and of halved stretches since the last change of a run."""
 
     changes: int
     number: int = 0
@@ -62,25 +62,26 @@ class Failures:
 
 @dataclass(frozen=True)
 class IntegratorCall:
-    """The last call of the integrator: where it began, and the length of a unit of its own time."""
+    """The last call of the integrator: its begin, and the unit of its scaled time."""
 
     begin: EventState
     step: float
 
     def time(self, s: float) -> float:
-        """The time of the integrator's own time."""
+        """The time (s) at a value of the scaled time."""
         return self.begin.t + self.step * s
 
 
 class EventIntegration:
-    """The runs of a simulator whose diagram has events, or constraints that one choice of states may not do for.
+    """The runs of a simulator whose diagram has events, delays, or constraints for which one choice of states may not
+    suffice.
 
-    `framed` makes the equations in a chart, with `integrals` (integrals and their sensitivities) after the other states;
-    `inputs` gives at times the integrator's inputs, the first `n_u` of them those of the assembly, the others factors of the
-    integrals; `build` makes an integrator by its name that stops at times, `solver` is the name of the first. With `changes`
-    the other solver goes on where one stops (see `other`). With `dense` points between the stops are kept. At the `kinks` of
-    functions of time, which are among the stops, the integrator begins anew. `sampled` makes the compiled program for runs
-    of many samples.
+    `framed` gives the equations in a chart, with `integrals` (integrals and their sensitivities) after the other states.
+    `inputs` gives the integrator's inputs at times: the first `n_u` are inputs of the assembly, the others factors of the
+    integrals. `build` makes a named integrator with stops; `solver` is the name of the first. With `changes` the alternative
+    solver continues if one fails (see `other`). With `dense` points between the stops are kept. At the `kinks` of functions
+    of time, which are among the stops, the integrator begins anew. `sampled` makes the compiled program for runs of many
+    samples.
     """
 
     def __init__(self, charts: StateChoices, framed: Callable[[StateChoice], Frame], integrals: int, stops: Array,
@@ -108,102 +109,99 @@ class EventIntegration:
         self.reached = 0.0  # by the integrator in its own time where it failed
 
     # -- the run ---------------------------------------------------------------------------------------------------
-    def run(self, first: Start, moved: Tangent | None) -> Trace:
-        """One run; RuntimeError where the integrator fails (see `last`), SimulationError where events do."""
+    def run(self, first: Start, start_tangent: Tangent | None) -> Trace:
+        """One run; RuntimeError if the integrator fails (see `last`), SimulationError if events do."""
         with self.home.equations.partners.running():
-            return self._run(first, moved)
+            if self.delays is not None:
+                dp = np.zeros((len(first.p), 0)) if start_tangent is None else start_tangent.p
+                self.delays.begin_run(first.t, float(self.stops[-1]), first.p, dp)
+            state = self._begin(first, start_tangent)
+            self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
+            record = Record(state, self.stops, self.same, self.dense)
+            self._write(state, record)
+            if self.delays is not None:
+                state = self._cut(state, np.zeros(state.blocks - 1))
+            try:
+                self._to_the_end(state, record)
+            except RunEnded as ended:
+                record.end(ended.now)
+            trace = record.trace(self.integrals, self._driven(record.stops))
+            return replace(trace, between=partial(record.between, self.integrals, self._driven)) if self.dense else trace
 
-    def _run(self, first: Start, moved: Tangent | None) -> Trace:
-        if self.delays is not None:
-            dp = np.zeros((len(first.p), 0)) if moved is None else moved.p
-            self.delays.begin_run(first.t, float(self.stops[-1]), first.p, dp)
-        now = self._begin(first, moved)
-        self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
-        record = Record(now, self.stops, self.same, self.dense)
-        self._write(now, record)
-        if self.delays is not None:
-            now = self._cut(now, np.zeros(now.blocks - 1))
-        try:
-            self._to_the_end(now, record)
-        except RunEnded as ended:
-            record.end(ended.now)
-        trace = record.trace(self.integrals, self._driven(record.stops))
-        return replace(trace, between=partial(record.between, self.integrals, self._driven)) if self.dense else trace
-
-    def _to_the_end(self, now: EventState, record: Record) -> None:
-        equations, begin, end = self.home.equations, now.t, float(self.stops[-1])
-        coming = timetable(equations.events, equations.instants(now.p, now.dp), now.t, end)
+    def _to_the_end(self, state: EventState, record: Record) -> None:
+        equations, begin, end = self.home.equations, state.t, float(self.stops[-1])
+        coming = timetable(equations.events, equations.instants(state.p, state.dp), state.t, end)
         through = self._through_samples(coming)
         k, n = 0, len(coming.times)
         while True:
             if record.true_at_start is None and (k == n or coming.times[k] > begin + self.same):  # the first may set it
-                record.true_at_start = self._true_at_start(now)
+                record.true_at_start = self._true_at_start(state)
             if through is not None and record.true_at_start is not None:
-                now, k = through(now, k, record)
+                state, k = through(state, k, record)
             if k == n:
                 break
             time, events, delays = coming.at(k)
-            now = self._happen(self._over_kinks(now, self._stop(time), record), events, delays, record)
+            state = self._happen(self._over_kinks(state, self._stop(time), record), events, delays, record)
             k += 1
-        self._over_kinks(now, end, record)
+        self._over_kinks(state, end, record)
 
     def _through_samples(self, coming: Timetable) -> Callable[[EventState, int, Record], tuple[EventState, int]] | None:
-        """Go on by the compiled program from a state before an instant of a number, as far as it gets: to a state, and the
-        next instant. None for a run of few instants, and where the program does not serve."""
+        """Continue with the compiled program from a state before an instant (index) as far as possible; the state reached,
+        and the next instant. None for a run of few instants, and if the program is not applicable."""
         if len(coming.times) < SAMPLED_RUNS.least or self._make_sampled is None or self.charts.needed \
                 or self.delays is not None or self.home.equations.partners.parts or coming.moved.any():
             return None
-        if self.sampled is None and (made := self._make_sampled()) is not None:
-            self.sampled = made
+        if self.sampled is None and (sampled := self._make_sampled()) is not None:
+            self.sampled = sampled
         if (program := self.sampled) is None:
             return None
         program.begin_run()
         schedule = Schedule(coming, self.stops, self.kinks, self.same)
         misses = waiting = 0
 
-        def through(now: EventState, k: int, record: Record) -> tuple[EventState, int]:
+        def through(state: EventState, k: int, record: Record) -> tuple[EventState, int]:
             nonlocal misses, waiting
             waiting -= 1
-            while waiting <= 0 and now.frame is self.home and now.t < self.stops[-1] - self.same \
-                    and (k == len(coming.times) or schedule.instants[k] > now.t + self.same):
-                targets = schedule.targets(now.t, k, lambda times: self.inputs(times)[:self.n_u])
-                found = program.go_on(now, targets)
-                if len(found.y):
-                    now = self._passed_samples(now, targets, found, coming, record)
-                    k = int(np.searchsorted(schedule.instants, now.t + self.same, side="right"))
-                misses = 0 if len(found.y) > 1 or found.complete else min(max(2 * misses, 1), SAMPLED_RUNS.most_misses)
+            while waiting <= 0 and state.frame is self.home and state.t < self.stops[-1] - self.same \
+                    and (k == len(coming.times) or schedule.instants[k] > state.t + self.same):
+                targets = schedule.targets(state.t, k, lambda times: self.inputs(times)[:self.n_u])
+                passed = program.go_on(state, targets)
+                if len(passed.y):
+                    state = self._passed_samples(state, targets, passed, coming, record)
+                    k = int(np.searchsorted(schedule.instants, state.t + self.same, side="right"))
+                misses = 0 if len(passed.y) > 1 or passed.complete else min(max(2 * misses, 1), SAMPLED_RUNS.most_misses)
                 waiting = misses
-                if not found.complete:
+                if not passed.complete:
                     break
-            return now, k
+            return state, k
 
         return through
 
-    def _passed_samples(self, now: EventState, targets: Targets, found: Passed, coming: Timetable, record: Record
+    def _passed_samples(self, state: EventState, targets: Targets, passed: Passed, coming: Timetable, record: Record
                         ) -> EventState:
-        """Record what the compiled program passed; the state at its last target."""
-        n, assembly, equations = len(found.y), now.frame.assembly, now.frame.equations
-        times, m = targets.times[:n], now.blocks - 1
+        """Record the points that the compiled program passed; the state at its last target."""
+        n, assembly, equations = len(passed.y), state.frame.assembly, state.frame.equations
+        times, m = targets.times[:n], state.blocks - 1
         counts = np.diff(targets.ends[:n], prepend=0)
         at = np.flatnonzero(counts)
         # in the order of time: the points before each target, what is there before its events, and after them
-        p_before = np.concatenate([now.p[None], found.p[:-1]])
-        dp_before = np.concatenate([now.dp[None], found.dp[:-1]])
-        between = found.target
-        parts = [(found.times, found.point_y, found.point_z, p_before[between], dp_before[between], between, 0),
-                 (times[at], found.y_before[at], found.z_before[at], p_before[at], dp_before[at], at, 1),
-                 (times, found.y, found.z, found.p, found.dp, np.arange(n), 2)]
+        p_before = np.concatenate([state.p[None], passed.p[:-1]])
+        dp_before = np.concatenate([state.dp[None], passed.dp[:-1]])
+        between = passed.target
+        parts = [(passed.times, passed.point_y, passed.point_z, p_before[between], dp_before[between], between, 0),
+                 (times[at], passed.y_before[at], passed.z_before[at], p_before[at], dp_before[at], at, 1),
+                 (times, passed.y, passed.z, passed.p, passed.dp, np.arange(n), 2)]
         order = np.lexsort((np.concatenate([np.arange(len(part[0])) for part in parts]),
                             np.repeat([part[-1] for part in parts], [len(part[0]) for part in parts]),
                             np.concatenate([part[5] for part in parts])))
         t, y, z, p, dp = (np.concatenate([part[k] for part in parts])[order] for k in range(5))
-        record.keep_many(now.frame, t, y.T, z.T, p.T, np.moveaxis(dp, 0, -1))
-        record.steps, record.compiled = record.steps + found.steps, record.compiled + n
+        record.keep_many(state.frame, t, y.T, z.T, p.T, np.moveaxis(dp, 0, -1))
+        record.steps, record.compiled = record.steps + passed.steps, record.compiled + n
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         sizes, z_sizes = assembly.x_nominal, assembly.z_nominal
         u = np.ascontiguousarray(targets.at[:, :n].T)
-        x_first, x_then = (values[:, :n_x] * sizes for values in (found.y_before, found.y))
-        z_first, z_then = (values[:, :n_z] * z_sizes for values in (found.z_before, found.z))
+        x_first, x_then = (values[:, :n_x] * sizes for values in (passed.y_before, passed.y))
+        z_first, z_then = (values[:, :n_z] * z_sizes for values in (passed.z_before, passed.z))
         names: dict[tuple[int, ...], tuple[str, ...]] = {}
         for k in at.tolist():
             end = int(targets.ends[k])
@@ -212,12 +210,12 @@ class EventIntegration:
                 names[events] = tuple(equations.events[i].name for i in events)
             time = float(times[k])
             before = Point(time, x_first[k], z_first[k], p_before[k], u[k], 1.0)
-            after = Point(time, x_then[k], z_then[k], found.p[k], u[k], 1.0)
+            after = Point(time, x_then[k], z_then[k], passed.p[k], u[k], 1.0)
             equations.check_continuous(before, after, events)
             record.instants.append(Instant(time, names[events], before, after, assembly, np.zeros((len(events), m))))
         check()
-        return replace(now, t=float(times[-1]), y=found.y[-1], z=found.z[-1], p=found.p[-1], dp=found.dp[-1],
-                       given=now.frame.hoist(found.p[-1], found.dp[-1])["o0"], true=found.true)
+        return replace(state, t=float(times[-1]), y=passed.y[-1], z=passed.z[-1], p=passed.p[-1], dp=passed.dp[-1],
+                       given=state.frame.hoist(passed.p[-1], passed.dp[-1])["o0"], true=passed.true)
 
     def _driven(self, times: Array) -> Driven:
         """The inputs at times, and their sensitivities."""
@@ -241,160 +239,162 @@ class EventIntegration:
             return inputs
         return np.vstack([inputs[:self.delays.offset], self.delays.call_inputs(begin, times), inputs[self.n_u:]])
 
-    def _begin(self, first: Start, moved: Tangent | None) -> EventState:
+    def _begin(self, first: Start, start_tangent: Tangent | None) -> EventState:
         frame, assembly = self.home, self.home.assembly
         x, z = first.x / assembly.x_nominal, first.z / assembly.z_nominal
         dp = np.zeros((len(first.p), 0))
-        if moved is not None:
-            x = np.concatenate([x, (moved.x / assembly.x_nominal[:, None]).T.ravel()])
-            z = np.concatenate([z, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
-            dp = moved.p
+        if start_tangent is not None:
+            x = np.concatenate([x, (start_tangent.x / assembly.x_nominal[:, None]).T.ravel()])
+            z = np.concatenate([z, (start_tangent.z / assembly.z_nominal[:, None]).T.ravel()])
+            dp = start_tangent.p
         y = np.append(x, np.zeros(frame.made.dae["x"].numel() - len(x)))
-        now = EventState(frame, first.t, y, z, first.p, dp, frame.hoist(first.p, dp)["o0"], np.zeros(0, bool))
-        return replace(now, true=self._true(now))
+        state = EventState(frame, first.t, y, z, first.p, dp, frame.hoist(first.p, dp)["o0"], np.zeros(0, bool))
+        return replace(state, true=self._true(state))
 
-    def _true(self, now: EventState) -> NDArray[np.bool_]:
-        """The conditions that are true at a point. That of a breakaway never is: it happens whenever it is met."""
-        return np.asarray((self._indicators(now)[0] > 0) & ~self.breakaways)
+    def _true(self, state: EventState) -> NDArray[np.bool_]:
+        """The conditions that are true at a point. The condition of a breakaway counts as false: the event happens whenever
+        it is met."""
+        return np.asarray((self._indicators(state)[0] > 0) & ~self.breakaways)
 
-    def _true_at_start(self, now: EventState) -> list[str]:
-        """The events whose condition is true at the start, which is no change and lets nothing happen, and which would have
-        set something to another value; SimulationError if the run was to end there."""
-        if not now.true.any():
+    def _true_at_start(self, state: EventState) -> list[str]:
+        """The events whose condition is true at the start, and which would set a variable to another value. They do not
+        happen, as the condition does not become true. SimulationError if such an event ends the run."""
+        if not state.true.any():
             return []
-        events, point = [self.conditions[c] for c in np.flatnonzero(now.true)], self._point(now)
-        for event in (now.frame.equations.events[i] for i in events):
+        events, point = [self.conditions[c] for c in np.flatnonzero(state.true)], self._point(state)
+        for event in (state.frame.equations.events[i] for i in events):
             if event.ends:
                 raise SimulationError([Problem(
                     "event-until", f"the run would end as it begins: {event.text} is true at the start", event.place,
                     "A run ends when its condition becomes true: write one that is false at the start.")])
-        return [now.frame.equations.events[i].name for i in events if now.frame.equations.would_change(point, i)]
+        return [state.frame.equations.events[i].name for i in events if state.frame.equations.would_change(point, i)]
 
     def _stop(self, time: float) -> float:
-        """The stop that is meant by a time, or the time itself."""
+        """The stop that equals a time up to rounding, or the time itself."""
         near = float(self.stops[np.abs(self.stops - time).argmin()])
         return near if abs(near - time) <= self.same else time
 
-    def _over_kinks(self, now: EventState, limit: float, record: Record) -> EventState:
-        """Go on to a time, from kink to kink."""
-        for kink in self.kinks[(self.kinks > now.t + self.same) & (self.kinks < limit - self.same)].tolist():
-            now = self._through(now, kink, record)
+    def _over_kinks(self, state: EventState, limit: float, record: Record) -> EventState:
+        """Integrate to a time, with a restart at each kink."""
+        for kink in self.kinks[(self.kinks > state.t + self.same) & (self.kinks < limit - self.same)].tolist():
+            state = self._through(state, kink, record)
             if self.delays is not None:
-                self._sample(now, np.array([now.t]), now.y[:, None], now.z[:, None], -DELAYS.beside * self.same)
-                now = self._cut(now, np.zeros(now.blocks - 1))
-        return self._through(now, limit, record)
+                self._sample(state, np.array([state.t]), state.y[:, None], state.z[:, None], -DELAYS.beside * self.same)
+                state = self._cut(state, np.zeros(state.blocks - 1))
+        return self._through(state, limit, record)
 
     # -- delays ----------------------------------------------------------------------------------------------------
-    def _through(self, now: EventState, limit: float, record: Record) -> EventState:
-        """Go on to a time, from window to window where there are delays."""
+    def _through(self, state: EventState, limit: float, record: Record) -> EventState:
+        """Integrate to a time, in windows if there are delays."""
         if self.delays is None:
-            return self._until(now, limit, record)
-        while now.t < limit - self.same:
-            end, shortest = self.delays.open(now.t, limit)
-            self.ahead.longest = min(shortest, (end - now.t) / DELAYS.samples)
-            now = self._until(now, end, record)
-            if returned := self.delays.returned(now.t):
-                now = self._returned(now, returned, record)
-        return now
+            return self._until(state, limit, record)
+        while state.t < limit - self.same:
+            end, shortest = self.delays.open(state.t, limit)
+            self.ahead.longest = min(shortest, (end - state.t) / DELAYS.samples)
+            state = self._until(state, end, record)
+            if returned := self.delays.returned(state.t):
+                state = self._returned(state, returned, record)
+        return state
 
-    def _returned(self, now: EventState, returned: list[Return], record: Record) -> EventState:
-        """Pass discontinuities of delayed variables: the states are continuous, what follows from them is solved for anew,
-        and conditions may become true."""
+    def _returned(self, state: EventState, returned: list[Return], record: Record) -> EventState:
+        """Pass discontinuities of delayed variables: the states are continuous, the algebraic unknowns are solved again, and
+        conditions may become true."""
         assert self.delays is not None
-        delays, equations, moved, point = self.delays, now.frame.equations, self._moved(now), self._point(now)
-        delays.open(now.t, np.inf)
-        after, factors = self._driven(np.array([now.t])), self.inputs(np.array([now.t]))[self.n_u:, 0]
-        x, q, rates = moved.x.copy(), moved.q.copy(), equations.rates(point, factors) if now.blocks > 1 else None
+        delays, equations, sensitivity, point = self.delays, state.frame.equations, self._moved(state), self._point(state)
+        delays.open(state.t, np.inf)
+        after, factors = self._driven(np.array([state.t])), self.inputs(np.array([state.t]))[self.n_u:, 0]
+        x, q, rates = sensitivity.x.copy(), sensitivity.q.copy(), equations.rates(point,
+                                                                                  factors) if state.blocks > 1 else None
         for at in returned:
             u, first = point.u.copy(), delays.offset + DELAY_ROWS * at.delay
             u[first:first + DELAY_ROWS] = at.column
-            delays.check_jump(at.delay, now.t, point.u[first:first + DELAY_ROWS], at.column)
+            delays.check_jump(at.delay, state.t, point.u[first:first + DELAY_ROWS], at.column)
             point = equations.settled(replace(point, u=u), [])
             if rates is not None:
                 then = equations.rates(point, factors)
                 x, q = x + np.outer(rates[0] - then[0], at.late), q + np.outer(rates[1] - then[1], at.late)
                 rates = then
         point = equations.settled(replace(point, u=after.u[:, 0]), [])
-        moved = PointSensitivity(x, q, moved.p, after.along[:, :, 0].T)
-        return self._happen(now.standing(point, moved), [], [at.late for at in returned], record)
+        sensitivity = PointSensitivity(x, q, sensitivity.p, after.along[:, :, 0].T)
+        return self._happen(state.standing(point, sensitivity), [], [at.late for at in returned], record)
 
-    def _cut(self, now: EventState, late: Array) -> EventState:
+    def _cut(self, state: EventState, late: Array) -> EventState:
         """A discontinuity at a point, with its sensitivity: the history of the delays begins a new stretch."""
         assert self.delays is not None
-        self.delays.cut(now.t, late)
-        self._sample(now, np.array([now.t]), now.y[:, None], now.z[:, None], DELAYS.beside * self.same)
-        return now
+        self.delays.cut(state.t, late)
+        self._sample(state, np.array([state.t]), state.y[:, None], state.z[:, None], DELAYS.beside * self.same)
+        return state
 
-    def _sample(self, now: EventState, times: Array, y: Array, z: Array, beside: float = 0.0) -> None:
+    def _sample(self, state: EventState, times: Array, y: Array, z: Array, beside: float = 0.0) -> None:
         """Add points (n,) to the history of the delays; functions of time are taken so much later."""
         if self.delays is None or not len(times):
             return
-        assembly, n, driven = now.frame.assembly, len(times), self._driven(times)
-        x, z = (np.einsum("bin,i->ibn", values[:len(size) * now.blocks, :n].reshape(now.blocks, len(size), n), size)
+        assembly, n, driven = state.frame.assembly, len(times), self._driven(times)
+        x, z = (np.einsum("bin,i->ibn", values[:len(size) * state.blocks, :n].reshape(state.blocks, len(size), n), size)
                 for values, size in ((y, assembly.x_nominal), (z, assembly.z_nominal)))
-        self.delays.sample(times, self.delays.values(assembly, times + beside, x, z, now.p, now.dp, driven.u,
+        self.delays.sample(times, self.delays.values(assembly, times + beside, x, z, state.p, state.dp, driven.u,
                                                      driven.along.transpose(1, 0, 2)))
 
-    def _until(self, now: EventState, limit: float, record: Record) -> EventState:
-        """Go on to a time, through the events of conditions on the way; what is passed is written down."""
+    def _until(self, state: EventState, limit: float, record: Record) -> EventState:
+        """Integrate to a time through the events of conditions on the way, and record the points."""
         ahead, halvings = self.ahead, 0
         ahead.restart(self.changes)
-        while now.t < limit - self.same:
-            looks = ahead.coming(now.t, limit, halvings)
+        while state.t < limit - self.same:
+            looks = ahead.coming(state.t, limit, halvings)
             times, steps = looks.times, record.steps
             try:
                 if ahead.crawling:
                     word = CRAWLS[self.solver == "cvodes"]
                     raise RuntimeError(f"{word}: so many steps that it would not come to an end")
-                y, z = self._advance(now, looks, record)
+                y, z = self._advance(state, looks, record)
             except RuntimeError as error:
-                now, halvings = self._mended(now, looks, halvings, error, record)
+                state, halvings = self._mended(state, looks, halvings, error, record)
                 continue
-            reached = self._in_chart(now, times, y, z)
-            if not reached and (turned := self._turned(now, halvings, record)) is not None:
-                now, halvings = turned
+            reached = self._in_chart(state, times, y, z)
+            if not reached and (turned := self._turned(state, halvings, record)) is not None:
+                state, halvings = turned
                 continue
             reached = reached or len(times)  # no other states are better: on with these
-            found = self._first_event(now, times[:reached], y[:, :reached], z[:, :reached], record)
-            if found is not None:
-                record.write(now, times[:found[0]], y, z)
-                self._sample(now, times[:found[0]], y, z)
-                now, halvings = self._happen(found[1], found[2], found[3], record, condition=True), 0
+            event = self._first_event(state, times[:reached], y[:, :reached], z[:, :reached], record)
+            if event is not None:
+                record.write(state, times[:event[0]], y, z)
+                self._sample(state, times[:event[0]], y, z)
+                state, halvings = self._happen(event[1], event[2], event[3], record, condition=True), 0
                 ahead.restart(self.changes)
                 continue
-            self._passed(now, looks, reached, y, z, record, record.steps - steps)
-            self._sample(now, times[:reached], y, z)
+            self._passed(state, looks, reached, y, z, record, record.steps - steps)
+            self._sample(state, times[:reached], y, z)
             if not halvings and reached == len(times):
-                ahead.accept(now.t, looks, record.steps - steps)
+                ahead.accept(state.t, looks, record.steps - steps)
             else:
                 ahead.points = 1
-            now = replace(now, t=float(times[reached - 1]), y=y[:, reached - 1], z=z[:, reached - 1])
-            now = replace(now, true=self._true(now))
+            state = replace(state, t=float(times[reached - 1]), y=y[:, reached - 1], z=z[:, reached - 1])
+            state = replace(state, true=self._true(state))
             halvings = max(halvings - 1, 0)
-        return now
+        return state
 
-    def _passed(self, now: EventState, looks: Looks, reached: int, y: Array, z: Array, record: Record, steps: int) -> None:
-        """Write down the points of a call that took so many steps. Where points between the stops are kept and these points
-        are far apart, the call is made again with points between."""
+    def _passed(self, state: EventState, looks: Looks, reached: int, y: Array, z: Array, record: Record, steps: int) -> None:
+        """Record the points of a call with its number of steps. If points between the stops are kept and these points are
+        far apart, the call is repeated with points between."""
         times, whole = looks.times[:reached], reached == len(looks.times)
-        parts = self._parts(looks, float(looks.times[-1] - now.t), steps) if self.dense and whole else 1
+        parts = self._parts(looks, float(looks.times[-1] - state.t), steps) if self.dense and whole else 1
         if parts == 1:
-            record.write(now, times, y, z)
+            record.write(state, times, y, z)
             return
-        record.write_stops(now, times, y, z)
-        even = np.linspace(now.t, float(times[-1]), looks.even * parts + 1)[1:]
+        record.write_stops(state, times, y, z)
+        even = np.linspace(state.t, float(times[-1]), looks.even * parts + 1)[1:]
         even[parts - 1::parts] = times[len(times) - looks.even:]
         with suppress(RuntimeError):
             counted = record.steps
-            inner, unknowns = self._advance(now, Looks.at(even), record)
+            inner, unknowns = self._advance(state, Looks.at(even), record)
             record.steps = counted
-            record.keep(now, even, inner, unknowns)
+            record.keep(state, even, inner, unknowns)
             return
         check()
-        record.keep(now, times, y[:, :reached], z[:, :reached])
+        record.keep(state, times, y[:, :reached], z[:, :reached])
 
     def _parts(self, looks: Looks, length: float, steps: int) -> int:
-        """Into how many parts the intervals of a call are divided, a power of two."""
+        """The number of parts of each interval of a call, a power of two."""
         if self.ahead.dense:  # its points follow the steps
             return 1
         by_steps = (steps - EVENTS.steps_at_begin) / looks.even / EVENTS.steps_between_points
@@ -402,46 +402,49 @@ class EventIntegration:
         wanted = min(max(by_steps, by_span), EVENTS.max_points / looks.even)
         return 2 ** int(np.ceil(np.log2(wanted))) if wanted > 1 else 1
 
-    def _mended(self, now: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
+    def _mended(self, state: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
                 ) -> tuple[EventState, int]:
-        """As `_failed`; where that finds no event and no other chart, the other solver goes on from here, once."""
+        """As `_failed`; if that finds neither an event nor another chart, the alternative solver continues from this point,
+        once."""
         try:
-            return self._failed(now, looks, halvings, error, record)
+            # the state and the number of halvings with which to continue after a failure of the integrator: an unknown event
+            # or the end of a chart may lie within the stretch, and the equations may have no solution beyond it
+            ahead, one = self.ahead, self.ahead.points == 1
+            interrupted, crawls = _says(error, INTERRUPTED), _says(error, CRAWLS)
+            if crawls and looks.limited and not ahead.crawling:
+                ahead.refine(state.t, looks, self.reached)
+                return state, halvings
+            if interrupted or not (self.charts.needed or self.conditions) or ahead.crawling \
+                    or self._hopeless(crawls and one, record):
+                raise error
+            if self.charts.needed and self._strain(state) >= STATE_SELECTION.enough_strain and \
+                    (changed := self._changed(state, record)) is not None:
+                ahead.restart(True)
+                return changed, 0
+            if looks.times[0] - state.t <= EVENTS.approach * self.same:
+                ahead.restart(True)
+                # the event just before which the integrator fails; the RuntimeError of the integrator if none is near
+                values, rates = self._indicators(state)
+                near = (values + rates * EVENTS.approach**2 * self.same > 0) & ~state.true
+                if not near.any():
+                    raise RuntimeError("the equations have no solution behind this point")
+                condition = int(np.flatnonzero(near)[0])
+                return self._happen(state, *self._met(state, condition), record, condition=True), 0
+            ahead.points = 1
+            return state, halvings + one
         except RuntimeError as final:
-            said = str(final)
-            if not self.changes or _says(final, INTERRUPTED) or now.t <= self.failed_at \
+            message = str(final)
+            if not self.changes or _says(final, INTERRUPTED) or state.t <= self.failed_at \
                     or len(record.solver_changes) >= (1 if self.ahead.crawling else EVENTS.max_solver_changes):
                 raise
-        before, self.failed_at = self.solver, now.t
-        self.solver = other(before, bool(len(now.z)))
-        record.solver_changes.append(SolverChange(now.t, before, self.solver, reason(said)))
+        before, self.failed_at = self.solver, state.t
+        self.solver = other(before, bool(len(state.z)))
+        record.solver_changes.append(SolverChange(state.t, before, self.solver, reason(message)))
         self.ahead.points, self.ahead.spent = 1, 0
-        return now, 0
-
-    def _failed(self, now: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
-                ) -> tuple[EventState, int]:
-        """Where to go on after the integrator has failed, and with how many halvings: what comes after an event that is not
-        known yet, or after the end of a chart, may be out of its equations' reach."""
-        ahead, one = self.ahead, self.ahead.points == 1
-        interrupted, crawls = _says(error, INTERRUPTED), _says(error, CRAWLS)
-        if crawls and looks.limited and not ahead.crawling:
-            ahead.refine(now.t, looks, self.reached)
-            return now, halvings
-        if interrupted or not (self.charts.needed or self.conditions) or ahead.crawling \
-                or self._hopeless(crawls and one, record):
-            raise error
-        if self.charts.needed and self._strain(now) >= STATE_SELECTION.enough_strain and \
-                (changed := self._changed(now, record)) is not None:
-            ahead.restart(True)
-            return changed, 0
-        if looks.times[0] - now.t <= EVENTS.approach * self.same:
-            ahead.restart(True)
-            return self._forced(now, record), 0
-        ahead.points = 1
-        return now, halvings + one
+        return state, 0
 
     def _hopeless(self, crawled: bool, record: Record) -> bool:
-        """Whether the integrator has failed or crawled too often since something last changed."""
+        """True if the integrator has failed or halved its stretch too often since the last change."""
         changes = len(record.instants) + len(record.changes) + len(record.solver_changes)
         if changes != self.failures.changes:
             self.failures = Failures(changes)
@@ -449,35 +452,26 @@ class EventIntegration:
         return self.failures.number > EVENTS.max_failures or \
             (self.failures.crawls > EVENTS.max_crawls and not self.charts.needed)
 
-    def _forced(self, now: EventState, record: Record) -> EventState:
-        """The event right before which the integrator fails; its RuntimeError where none is near."""
-        values, rates = self._indicators(now)
-        near = (values + rates * EVENTS.approach**2 * self.same > 0) & ~now.true
-        if not near.any():
-            raise RuntimeError("the equations have no solution behind this point")
-        condition = int(np.flatnonzero(near)[0])
-        return self._happen(now, *self._met(now, condition), record, condition=True)
-
     # -- charts ----------------------------------------------------------------------------------------------------
-    def _strain(self, now: EventState) -> float:
-        return float(now.frame.chart.strain(self._point(now).columns()).worst[0])
+    def _strain(self, state: EventState) -> float:
+        return float(state.frame.chart.strain(self._point(state).columns()).worst[0])
 
-    def _in_chart(self, now: EventState, times: Array, y: Array, z: Array) -> int:
-        """How many of the points lie in the chart before its end."""
+    def _in_chart(self, state: EventState, times: Array, y: Array, z: Array) -> int:
+        """The number of points before the end of the chart."""
         if not self.charts.needed:
             return len(times)
-        t = np.append(now.t, times)
-        x, inner, u = self._columns(now.frame, t, np.column_stack([now.y, y]), np.column_stack([now.z, z]))
-        p = np.tile(now.p[:, None], (1, len(t)))
-        found = now.frame.chart.strain((t[None, :], x, inner, p, u, np.ones((1, len(t)))))
-        out = (found.worst > STATE_SELECTION.max_strain) | (found.signs != found.signs[:, :1]).any(axis=0)
+        t = np.append(state.t, times)
+        x, inner, u = self._columns(state.frame, t, np.column_stack([state.y, y]), np.column_stack([state.z, z]))
+        p = np.tile(state.p[:, None], (1, len(t)))
+        strain = state.frame.chart.strain((t[None, :], x, inner, p, u, np.ones((1, len(t)))))
+        out = (strain.worst > STATE_SELECTION.max_strain) | (strain.signs != strain.signs[:, :1]).any(axis=0)
         return 0 if out[0] else int(np.argmax(out)) - 1 if out.any() else len(times)
 
-    def _turned(self, now: EventState, halvings: int, record: Record) -> tuple[EventState, int] | None:
-        """Where to go on at a point after which its chart ends: in another, or nearer to the end; None where no other is
-        better, as where a mechanism passes a point in which its links lie in one line."""
-        if self._strain(now) >= STATE_SELECTION.enough_strain:
-            changed = self._changed(now, record)
+    def _turned(self, state: EventState, halvings: int, record: Record) -> tuple[EventState, int] | None:
+        """The state with which to continue at a point after which its chart ends: in another chart, or nearer to the end.
+        None if no other chart is better, as at a dead centre of a mechanism."""
+        if self._strain(state) >= STATE_SELECTION.enough_strain:
+            changed = self._changed(state, record)
             if changed is None:
                 return None
             self.ahead.restart(True)
@@ -485,11 +479,11 @@ class EventIntegration:
         if halvings >= EVENTS.max_halvings:
             return None
         self.ahead.points = 1
-        return now, halvings + 1
+        return state, halvings + 1
 
-    def _changed(self, now: EventState, record: Record) -> EventState | None:
-        """The same moment in states that suit it better; None where there are none."""
-        point, old = self._point(now), now.frame.chart
+    def _changed(self, state: EventState, record: Record) -> EventState | None:
+        """The same point in states with less strain; None if there are none."""
+        point, old = self._point(state), state.frame.chart
         states = old.better(point)
         if states is None:
             return None
@@ -497,47 +491,50 @@ class EventIntegration:
         if id(chart) not in self._frames:
             self._frames[id(chart)] = self._framed(chart)
         values = old.values_in(chart, point.columns())[:, 0]
-        n_x, moved = len(point.x), self._moved(now)
-        if m := now.blocks - 1:
+        n_x, sensitivity = len(point.x), self._moved(state)
+        if m := state.blocks - 1:
             if self.delays is not None:
                 raise SimulationError([Problem(
-                    "delay-states-change", f"at t = {now.t:.6g} s the run goes on in other states, and it has sensitivities "
-                    "and delayed variables", self.delays.delays[0].place, "Approximate the delays without history (for a "
+                    "delay-states-change", f"at t = {state.t:.6g} s the run continues in other states, and it has "
+                    "sensitivities and delayed variables", self.delays.delays[0].place,
+                    "Approximate the delays without history (for a "
                     "Delay `m: 3`), or run without sensitivities.")])
-            along = old.along_in(chart, point.columns(m), moved.x, now.unscaled()[1][:, 1:], now.dp)
-            moved = replace(moved, x=along[:n_x])
-        changed = replace(now, frame=self._frames[id(chart)]).standing(replace(point, x=values[:n_x], z=values[n_x:]), moved)
-        settled = self._settled(changed, changed.y[:, None], changed.z[:, None], np.array([now.t]))[:, 0]
+            along = old.along_in(chart, point.columns(m), sensitivity.x, state.unscaled()[1][:, 1:], state.dp)
+            sensitivity = replace(sensitivity, x=along[:n_x])
+        changed = replace(state, frame=self._frames[id(chart)]).standing(replace(point, x=values[:n_x], z=values[n_x:]),
+                                                                         sensitivity)
+        settled = self._settled(changed, changed.y[:, None], changed.z[:, None], np.array([state.t]))[:, 0]
         changed = replace(changed, z=settled)
         before, after = (tuple(c.assembly.state_names) for c in (old, chart))
-        record.changes.append(StateChange(now.t, before, after, old.why(chart, point)))
+        record.changes.append(StateChange(state.t, before, after, old.why(chart, point)))
         self._write(changed, record)
         return changed
 
     # -- the integrator --------------------------------------------------------------------------------------------
-    def _advance(self, now: EventState, looks: Looks, record: Record) -> tuple[Array, Array]:
+    def _advance(self, state: EventState, looks: Looks, record: Record) -> tuple[Array, Array]:
         """y and z at the points (n,) of a call of the integrator."""
-        times, n, integrators = looks.times, len(looks.times), now.frame.integrators
-        self.last = IntegratorCall(now, float(times[-1] - now.t) / looks.even)
-        longest = now.frame.longest_in(looks.even, self.last.step)
+        times, n, integrators = looks.times, len(looks.times), state.frame.integrators
+        self.last = IntegratorCall(state, float(times[-1] - state.t) / looks.even)
+        longest = state.frame.longest_in(looks.even, self.last.step)
         key = (self.solver, n, looks.limited, longest)
         if key not in integrators:
-            integrators[key] = self._build(self.solver, now.frame.own_time(longest), looks)
-        a, d = np.full(n, now.t - self.stops[0]), np.full(n, self.last.step)
+            integrators[key] = self._build(self.solver, state.frame.own_time(longest), looks)
+        a, d = np.full(n, state.t - self.stops[0]), np.full(n, self.last.step)
         try:
-            found = integrators[key](x0=now.y, z0=now.z, p=now.given, u=np.vstack([self._call_inputs(now.t, times), a, d]))
+            results = integrators[key](x0=state.y, z0=state.z, p=state.given, u=np.vstack([self._call_inputs(state.t,
+                                                                                                             times), a, d]))
         except RuntimeError as error:
             if looks.limited and _says(error, CRAWLS):
                 self.reached = float(integrators[key].stats()["tcur"])
             raise
-        y, z = np.array(found["xf"]).reshape(len(now.y), n), np.array(found["zf"]).reshape(len(now.z), n)
+        y, z = np.array(results["xf"]).reshape(len(state.y), n), np.array(results["zf"]).reshape(len(state.z), n)
         if not np.all(np.isfinite(y)):
             raise RuntimeError("a value became infinite or not a number")
         record.steps += int(integrators[key].stats().get("nsteps", 0))
-        return y, self._settled(now, y, z, times)
+        return y, self._settled(state, y, z, times)
 
-    def _settled(self, now: EventState, y: Array, z: Array, times: Array) -> Array:
-        return settled(now.frame.loops, y, z, now.given, times - self.stops[0], self._inputs(times))
+    def _settled(self, state: EventState, y: Array, z: Array, times: Array) -> Array:
+        return settled(state.frame.loops, y, z, state.given, times - self.stops[0], self._inputs(times))
 
     def before(self, stretch: IntegratorCall, stopped: float) -> Point:
         """A point of a stretch in which the integrator failed, shortly before it did if that can be reached."""
@@ -557,31 +554,31 @@ class EventIntegration:
         x_size, z_size = frame.assembly.x_nominal, frame.assembly.z_nominal
         return y[: len(x_size)] * x_size[:, None], z[: len(z_size)] * z_size[:, None], self._inputs(t)[: self.n_u]
 
-    def _indicators(self, now: EventState) -> tuple[Array, Array]:
+    def _indicators(self, state: EventState) -> tuple[Array, Array]:
         """Indicators and rates (n_c,) at one point."""
         if not self.conditions:
             return np.zeros(0), np.zeros(0)
-        t = np.array([now.t])
-        x, z, u = self._columns(now.frame, t, now.y[:, None], now.z[:, None])
-        values, rates = now.frame.equations.indicators(t, x, z, now.p, u)
+        t = np.array([state.t])
+        x, z, u = self._columns(state.frame, t, state.y[:, None], state.z[:, None])
+        values, rates = state.frame.equations.indicators(t, x, z, state.p, u)
         return values[:, 0], rates[:, 0]
 
-    def _first_event(self, now: EventState, times: Array, y: Array, z: Array, record: Record
+    def _first_event(self, state: EventState, times: Array, y: Array, z: Array, record: Record
                      ) -> tuple[int, EventState, list[int], list[Array]] | None:
         """How many points lie before the first event, the point where it happens, the events there and their delays."""
         if not self.conditions:
             return None
-        t = np.append(now.t, times)
-        y, z = np.column_stack([now.y, y]), np.column_stack([now.z, z])
-        x, inner, u = self._columns(now.frame, t, y, z)
-        values, rates = now.frame.equations.indicators(t, x, inner, now.p, u)
-        found = suspects(t, values, rates, now.true)
-        for k in found.intervals:
-            true = now.true if k == 0 else (values[:, k] > 0) & ~self.breakaways
-            begin = replace(now, t=float(t[k]), y=y[:, k], z=z[:, k], true=true)
+        t = np.append(state.t, times)
+        y, z = np.column_stack([state.y, y]), np.column_stack([state.z, z])
+        x, inner, u = self._columns(state.frame, t, y, z)
+        values, rates = state.frame.equations.indicators(t, x, inner, state.p, u)
+        intervals = suspects(t, values, rates, state.true)
+        for k in intervals.intervals:
+            true = state.true if k == 0 else (values[:, k] > 0) & ~self.breakaways
+            begin = replace(state, t=float(t[k]), y=y[:, k], z=z[:, k], true=true)
             crossed = [self._crossing(begin, c, float(t[k + 1]), values[c, k],
-                                      (float(found.highest[c, k]), float(found.lowest[c, k])), certain, record)
-                       for c in range(len(values)) if (certain := bool(found.certain[c, k])) or found.possible[c, k]]
+                                      (float(intervals.highest[c, k]), float(intervals.lowest[c, k])), certain, record)
+                       for c in range(len(values)) if (certain := bool(intervals.certain[c, k])) or intervals.possible[c, k]]
             known = [c for c in crossed if c is not None]
             if known:
                 at, condition = min(known, key=lambda c: c[0].t)
@@ -590,7 +587,7 @@ class EventIntegration:
 
     def _crossing(self, begin: EventState, condition: int, end: float, first: float, extremes: tuple[float, float],
                   certain: bool, record: Record) -> tuple[EventState, int] | None:
-        """Where a condition becomes true after a point, and the condition; None where it does not."""
+        """The time at which a condition first becomes true after a point, and the condition; None if none does."""
         reached = begin
 
         def indicator(time: float) -> tuple[float, float]:
@@ -618,56 +615,57 @@ class EventIntegration:
         return reached, condition
 
     def _met(self, at: EventState, condition: int) -> tuple[list[int], list[Array]]:
-        """The events at a crossing, those included that are met at the same instant, and their delays."""
+        """The events at a crossing, with those whose conditions become true at the same instant, and the sensitivities of
+        their times."""
         values, rates = self._indicators(at)
         soon = values + rates * self.same > 0
         met = [c for c in range(len(values)) if c == condition or (soon[c] and rates[c] > 0 and not at.true[c])]
-        point, moved = self._point(at), self._moved(at)
+        point, sensitivity = self._point(at), self._moved(at)
         return ([self.conditions[c] for c in met],
-                [at.frame.equations.delays(point, moved, c, float(rates[c])) for c in met])
+                [at.frame.equations.delays(point, sensitivity, c, float(rates[c])) for c in met])
 
     # -- what happens ----------------------------------------------------------------------------------------------
-    def _point(self, now: EventState) -> Point:
-        t = np.array([now.t])
-        x, z, u = self._columns(now.frame, t, now.y[:, None], now.z[:, None])
-        return Point(now.t, x[:, 0], z[:, 0], now.p, u[:, 0], 1.0)
+    def _point(self, state: EventState) -> Point:
+        t = np.array([state.t])
+        x, z, u = self._columns(state.frame, t, state.y[:, None], state.z[:, None])
+        return Point(state.t, x[:, 0], z[:, 0], state.p, u[:, 0], 1.0)
 
-    def _moved(self, now: EventState) -> PointSensitivity:
-        m, n_q = now.blocks - 1, self.integrals // now.blocks
-        q = now.y[len(now.y) - self.integrals + n_q:].reshape(m, n_q).T if n_q else np.zeros((0, m))
-        u = self._driven(np.array([now.t])).along[:, :, 0].T if self.delays is not None else np.zeros((self.n_u, m))
-        return PointSensitivity(now.unscaled()[0][:, 1:], q, now.dp, u)
+    def _moved(self, state: EventState) -> PointSensitivity:
+        m, n_q = state.blocks - 1, self.integrals // state.blocks
+        q = state.y[len(state.y) - self.integrals + n_q:].reshape(m, n_q).T if n_q else np.zeros((0, m))
+        u = self._driven(np.array([state.t])).along[:, :, 0].T if self.delays is not None else np.zeros((self.n_u, m))
+        return PointSensitivity(state.unscaled()[0][:, 1:], q, state.dp, u)
 
-    def _happen(self, now: EventState, events: list[int], delays: list[Array], record: Record,
+    def _happen(self, state: EventState, events: list[int], delays: list[Array], record: Record,
                 condition: bool = False) -> EventState:
-        """The events act, then those whose conditions become true by it; what stands there after all is written down.
-        Without events a delayed variable has jumped, with its sensitivities in `delays`."""
-        equations, begun = now.frame.equations, now
+        """Apply the events, then those whose conditions become true by them, and record the point after all of them. Without
+        events a delayed variable has jumped, with its sensitivities in `delays`."""
+        equations, begun = state.frame.equations, state
         if events:
-            record.keep(now, np.array([now.t]), now.y[:, None], now.z[:, None])
-            self._sample(now, np.array([now.t]), now.y[:, None], now.z[:, None], -DELAYS.beside * self.same)
-        before = point = self._point(now)
-        moved, happened, late, first = self._moved(now), list[int](), list[Array](), delays[0]
-        factors = self.inputs(np.array([now.t]))[self.n_u:, 0]
+            record.keep(state, np.array([state.t]), state.y[:, None], state.z[:, None])
+            self._sample(state, np.array([state.t]), state.y[:, None], state.z[:, None], -DELAYS.beside * self.same)
+        before = point = self._point(state)
+        sensitivity, happened, late, first = self._moved(state), list[int](), list[Array](), delays[0]
+        factors = self.inputs(np.array([state.t]))[self.n_u:, 0]
         if condition:
-            self._check_chatter(now.t, events, record)
+            self._check_chatter(state.t, events, record)
             # what ends at the same instant, to rounding, has ended: the event may make it true again
-            values, rates = self._indicators(now)
-            begun = replace(now, true=now.true & (values + rates * self.same > 0))
+            values, rates = self._indicators(state)
+            begun = replace(state, true=state.true & (values + rates * self.same > 0))
         for _ in range(EVENTS.max_cascades):
             point, broken = equations.breaking(point, events)
             known = dict(zip(events, delays, strict=False))
             events, delays = broken, [known.get(i, first) for i in broken]
-            point, moved, yielded = equations.fire(point, moved, events, delays, factors,
-                                                   EVENTS.impact_time * min(self.span, 1.0))
+            point, sensitivity, yielded = equations.fire(point, sensitivity, events, delays, factors,
+                                                         EVENTS.impact_time * min(self.span, 1.0))
             happened, late = happened + yielded + events, late + [first] * len(yielded) + delays
-            now = begun.standing(point, moved)
-            values, rates = self._indicators(now)
+            state = begun.standing(point, sensitivity)
+            values, rates = self._indicators(state)
             # what happened just now is true unless it is left at once; what else is true now became so by the reset
             fired = np.array([i in (*events, *yielded) for i in self.conditions], dtype=bool)
             true = (values + rates * self.same > 0) & (fired | (values > 0))
             set_off = (true & ~begun.true & ~fired) | (self.breakaways & (values > 0))
-            begun = replace(now, true=true & ~self.breakaways)
+            begun = replace(state, true=true & ~self.breakaways)
             events = [self.conditions[c] for c in np.flatnonzero(set_off)]
             loosened, broken = equations.breaking(point, events)
             if not events and not broken and np.array_equal(loosened.p, point.p):
@@ -676,13 +674,13 @@ class EventIntegration:
             delays = [first] * len(events)
         else:
             again = [i for i in dict.fromkeys(happened) if happened.count(i) > 1]
-            raise self._chattering(now.t, again or events, "set off each other without end")
+            raise self._chattering(state.t, again or events, "set off each other without end")
         if not happened:  # contacts at their limits only: no speed and no force jumps
             self._write(begun, record)
             return begun if self.delays is None else self._cut(begun, first)
         equations.check_continuous(before, point, happened)
         names = tuple(equations.events[i].name for i in happened)
-        record.instants.append(Instant(now.t, names, before, point, now.frame.assembly, np.array(late)))
+        record.instants.append(Instant(state.t, names, before, point, state.frame.assembly, np.array(late)))
         self._write(begun, record)
         if any(equations.events[i].ends for i in happened):
             raise RunEnded(begun)
@@ -699,49 +697,51 @@ class EventIntegration:
                 raise self._chattering(time, events, f"happens {most} times within {time - passed[-most][0]:.2g} s")
 
     def _sliding(self, time: float, record: Record) -> SimulationError:
-        """What switches to and fro so fast that the run would not come to its end."""
-        found = [self.home.equations.events[i] for i in dict.fromkeys(i for _, events in record.passed for i in events)]
+        """The message on the part whose conditions alternate so fast that the run would not end."""
+        named_events = [self.home.equations.events[i] for i in dict.fromkeys(i for _, events in record.passed
+                                                                             for i in events)]
         took = time - record.passed[0][0]
         whole = self.span / took * EVENTS.sliding_events
         return SimulationError([Problem(
-            "event-sliding", f"{either(event.name for event in found)} switched {EVENTS.sliding_events} times "
+            "event-sliding", f"{either(event.name for event in named_events)} switched {EVENTS.sliding_events} times "
             f"within {took:.2g} s, at t = {time:.6g} s: at this rate the run would take {whole:.1g} of them",
-            found[0].place,
-            "What it switches drives it back at once. Make its band (of a Relay, `u_on` and `u_off`) as wide as that of the "
-            "real part, give what it drives an inertia or a lag, or let a Saturation with a steep Gain take its place.",
-            tuple(event.text for event in found))])
+            named_events[0].place,
+            "The part that it switches reverses it at once. Make its band (of a Relay, `u_on` and `u_off`) as wide as in "
+            "the real part, give the driven part an inertia or a lag, or replace it by a Saturation with a steep Gain.",
+            tuple(event.text for event in named_events))])
 
-    def _chattering(self, time: float, events: Sequence[int], what: str) -> SimulationError:
-        found = [self.home.equations.events[i] for i in events]
-        names = " and ".join(f"'{event.name}'" for event in found)
+    def _chattering(self, time: float, events: Sequence[int], phrase: str) -> SimulationError:
+        events_of = [self.home.equations.events[i] for i in events]
+        names = " and ".join(f"'{event.name}'" for event in events_of)
         leaves = self.home.assembly.flat.expanded.leaves
-        chart = any((leaf := leaves.get(e.name.rpartition(".")[0])) and leaf.component.states for e in found)
+        chart = any((leaf := leaves.get(e.name.rpartition(".")[0])) and leaf.component.states for e in events_of)
         return SimulationError([Problem(
-            "event-chatter", f"{names} {what}, at t = {time:.6g} s", found[0].place,
+            "event-chatter", f"{names} {phrase}, at t = {time:.6g} s", events_of[0].place,
             "Give one of these transitions the time that its state lasts, `{when: ..., after: T}`, or let their conditions "
             "exclude each other." if chart else
-            "Let what it sets lead away from its condition for a while: a band between switching on and off, or a speed "
-            "below which a body rests.", tuple(event.text for event in found))])
+            "Choose values that make its condition false for a while: a band between switching on and off, or a speed "
+            "below which a body rests.", tuple(event.text for event in events_of))])
 
-    def _write(self, now: EventState, record: Record) -> None:
-        """The point where it is a stop."""
-        record.write(now, np.array([now.t]), now.y[:, None], now.z[:, None])
+    def _write(self, state: EventState, record: Record) -> None:
+        """Record the point if it is a stop."""
+        record.write(state, np.array([state.t]), state.y[:, None], state.z[:, None])
 
 
 def _says(error: RuntimeError, words: Sequence[str]) -> bool:
     return any(word in str(error) for word in words)
 
 
-def reason(said: str) -> str:
-    """The solver's own word for why it stopped."""
-    return next(iter(re.findall(r"(?:IDA|CV)_[A-Z_]+", said)), said.strip().splitlines()[-1][:160] if said.strip() else "")
+def reason(message: str) -> str:
+    """The reason of the failure in the words of the solver."""
+    return next(iter(re.findall(r"(?:IDA|CV)_[A-Z_]+", message)), message.strip().splitlines()[-1][:160]
+                if message.strip() else "")
 
 
 def settled(loops: ca.Function | None, x: Array, z: Array, p: ca.DM | Array, times: Array, inputs: Array) -> Array:
     """Algebraic unknowns solved anew at every point, with times counted as in the equations: between its steps IDAS only
-    interpolates them, and where the states are quiet its steps are long (and at a jump of an input they belong to the time
-    before it)."""
+    interpolates them, and if the states hardly change its steps are long (and at a jump of an input the interpolated values
+    belong to the time before it)."""
     if loops is None:
         return z
-    found = np.array(loops(z, np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), inputs])))
-    return np.where(np.isfinite(found).all(axis=0), found, z)
+    solved = np.array(loops(z, np.vstack([times[None, :], x, np.tile(np.array(p), (1, len(times))), inputs])))
+    return np.where(np.isfinite(solved).all(axis=0), solved, z)

@@ -1,9 +1,9 @@
 """Extremes and means of a signal between the points of a run.
 
 A signal is known at times t (n,), in which the time of an event occurs twice, with the values before and after it. Events
-divide it into pieces. Within a piece an extreme is that of the polynomial through five points around the extreme point, if
-the signal is curved about alike over these; else, as at a kink, it is the extreme point itself. Integrals are those of the
-cubics through values and slopes at the points, of order 4.
+divide it into pieces. Within a piece an extreme is taken from the polynomial through five points around the extreme point,
+if the curvature of the signal is about equal over these; otherwise, as at a kink, it is the extreme point itself. Integrals
+are taken over the cubics through values and slopes at the points, of order 4.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class ExtremeConstants:
 
     points: points of the polynomial. Origin: at 0.3 rad of an oscillation between two of them the error is 1e-5 of the
         amplitude. Doubled: it oscillates at kinks.
-    evenness: least curvature among the five points, as a share of the largest. Origin: a limited signal has no curvature
-        on one side of its kink, an oscillation about the same on both. Doubled: extremes of strongly damped motions are
-        those of the points.
+    evenness: least curvature among the five points, as a share of the largest. Origin: a limited signal has no curvature on
+        one side of its kink, an oscillation about the same on both. Doubled: extremes of strongly damped motions are taken
+        at the points.
     samples: points at which the polynomial is evaluated. Origin: an error of 1e-4 of the excess. Doubled: a quarter of it.
     candidates: local extremes that are refined, at most, the largest of the signal. Origin: time. Doubled: of hundreds of
         equal extremes more are refined.
@@ -60,7 +60,15 @@ def signal_figures(time: Array, values: Array) -> SignalFigures:
     """The figures of a signal (n,) at times (n,), n > 0, over the times at which it is determined (not NaN); NaN if it
     becomes infinite or is never determined."""
     if (missing := np.isnan(values)).any() and not missing.all():
-        return _with_gaps(time, values, missing)
+        # the figures of a signal without its values that are missing (n,)
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], missing, [True]]).astype(int)))
+        stretches = [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
+        parts = [signal_figures(time[at], values[at]) for at in stretches]
+        weights = np.array([time[at][-1] - time[at][0] for at in stretches])
+        weights = weights / weights.sum() if weights.any() else np.full(len(parts), 1 / len(parts))
+        return SignalFigures(min(p.least for p in parts), max(p.most for p in parts),
+                             float(weights @ [p.mean for p in parts]),
+                             float(np.sqrt(weights @ [p.rms**2 for p in parts])), float(values[-1]))
     if not np.all(np.isfinite(values)):
         rms = float(np.sqrt(np.mean(values**2)))
         return SignalFigures(float(values.min()), float(values.max()), float(values.mean()), rms, float(values[-1]))
@@ -70,19 +78,8 @@ def signal_figures(time: Array, values: Array) -> SignalFigures:
                          float(values[-1]))
 
 
-def _with_gaps(time: Array, values: Array, missing: NDArray[np.bool_]) -> SignalFigures:
-    """The figures of a signal without its values that are missing (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], missing, [True]]).astype(int)))
-    stretches = [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
-    parts = [signal_figures(time[at], values[at]) for at in stretches]
-    weights = np.array([time[at][-1] - time[at][0] for at in stretches])
-    weights = weights / weights.sum() if weights.any() else np.full(len(parts), 1 / len(parts))
-    return SignalFigures(min(p.least for p in parts), max(p.most for p in parts), float(weights @ [p.mean for p in parts]),
-                         float(np.sqrt(weights @ [p.rms**2 for p in parts])), float(values[-1]))
-
-
 def mean(time: Array, values: Array) -> float:
-    """The mean over time of a signal (n,); that of its values where no time passes."""
+    """The mean over time of a signal (n,); the mean of its values if all times are equal."""
     length = float(time[-1] - time[0])
     if length == 0:
         return float(values.mean())
@@ -97,7 +94,7 @@ def mean(time: Array, values: Array) -> float:
 
 
 def pieces(time: Array) -> Iterator[slice]:
-    """The pieces between equal times."""
+    """The slices of the pieces between times that occur twice."""
     cuts = np.flatnonzero(np.diff(time) <= 0) + 1
     for begin, end in pairwise([0, *cuts.tolist(), len(time)]):
         yield slice(begin, end)
@@ -105,8 +102,8 @@ def pieces(time: Array) -> Iterator[slice]:
 
 @dataclass(frozen=True)
 class Extreme:
-    """An extreme as a sum of weights (k,) times the values at points (k,): so is its derivative by a parameter, as the
-    slope over time is zero there."""
+    """An extreme as a sum of weights (k,) times the values at points (k,). Its derivative by a parameter is the same sum of
+    derivatives, as the slope over time is zero at the extreme."""
 
     at: NDArray[np.intp]
     weights: Array
@@ -115,9 +112,9 @@ class Extreme:
         """The sum for values (n,)."""
         return float(values[self.at] @ self.weights)
 
-    def along(self, moved: Array) -> Array:
+    def along(self, derivatives: Array) -> Array:
         """The sums for values (m, n)."""
-        return np.asarray(moved[:, self.at] @ self.weights)
+        return np.asarray(derivatives[:, self.at] @ self.weights)
 
 
 def lowest(time: Array, values: Array) -> Extreme:
@@ -140,13 +137,13 @@ def highest(time: Array, values: Array) -> Extreme:
 
 
 def _candidates(values: Array, most: float) -> list[int]:
-    """Local maxima (indices) that may lie between points higher than the largest value: by no more than by what the values
-    next to them are lower."""
+    """Local maxima (indices) between whose points the signal may exceed the largest value: the excess is at most the
+    difference to the neighbouring values."""
     left, right = np.append(values[:1], values[:-1]), np.append(values[1:], values[-1:])
     drop = values - np.minimum(left, right)
-    found = np.flatnonzero((values >= left) & (values >= right) & (values + drop > most) & (drop > 0))
-    order = np.argsort(-values[found], kind="stable")[:EXTREMES.candidates]
-    return [int(k) for k in found[order]]
+    candidates = np.flatnonzero((values >= left) & (values >= right) & (values + drop > most) & (drop > 0))
+    order = np.argsort(-values[candidates], kind="stable")[:EXTREMES.candidates]
+    return [int(k) for k in candidates[order]]
 
 
 def _refined(time: Array, values: Array, k: int, begin: int, end: int) -> Extreme | None:
@@ -171,6 +168,6 @@ def _lagrange(nodes: Array, t: Array) -> Array:
     """The values (k, n) of the Lagrange polynomials of nodes (k,) at times (n,)."""
     weights = np.ones((len(nodes), len(t)))
     for j, node in enumerate(nodes):
-        others = np.delete(nodes, j)
-        weights[j] = np.prod((t[None, :] - others[:, None]) / (node - others)[:, None], axis=0)
+        other_nodes = np.delete(nodes, j)
+        weights[j] = np.prod((t[None, :] - other_nodes[:, None]) / (node - other_nodes)[:, None], axis=0)
     return weights

@@ -43,8 +43,8 @@ _TIME = re.compile(r"[Aa]t t ?= ?([-+.\deE]+)")
 
 @dataclass(frozen=True)
 class Stop:
-    """Where an integrator gave up: at time `t` (s, NaN if it did not say), in the states of `assembly`, shortly after the
-    point `last` (None if none could be reached); `folded` where a mechanism lies in one line there."""
+    """A failure of the integrator at time `t` (s, NaN if it was not reported), in the states of `assembly`, shortly after
+    the point `last` (None if none could be reached); `folded` if a mechanism is at a dead centre."""
 
     assembly: Assembly
     t: float
@@ -52,15 +52,16 @@ class Stop:
     folded: bool = False
 
 
-def stop_times(said: str) -> list[float]:
-    """The times (s) that an integrator names in what it says of a failure."""
-    return [float(t) for t in _TIME.findall(said)]
+def stop_times(message: str) -> list[float]:
+    """The times (s) in the message of an integrator on a failure."""
+    return [float(t) for t in _TIME.findall(message)]
 
 
-def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> SimulationError:
-    """The error for a run from `first` that stopped; `said` is what the integrator said, `rtol` its relative tolerance."""
+def explain_failure(stop: Stop, first: Start, message: str, rtol: float) -> SimulationError:
+    """The error for a run from `first` that failed; `message` is the message of the integrator, `rtol` its relative
+    tolerance."""
     notes: list[str] = []
-    loosen, stopped = _loosen(rtol), stop.t
+    loosen, stopped = (", or loosen the tolerances (--rtol 1e-6)" if rtol < TIGHT else ""), stop.t
     hint = f"Check the parameters of these components{loosen}."
     if stop.last is not None:
         cause, notes = _cause(stop.assembly, first, stop.last, loosen)
@@ -69,27 +70,27 @@ def explain_failure(stop: Stop, first: Start, said: str, rtol: float) -> Simulat
         if lawless := [path for path, leaf in stop.assembly.flat.expanded.leaves.items() if leaf.component.placeholder]:
             have = f"{listing(lawless, 4)} {'have' if len(lawless) > 1 else 'has'}"
             hint = f"{have} no law, and what placeholders give is constant: write the laws first. {hint}"
-    words = [line for line in said.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
-    solver = re.findall(r"\b(?:IDA|CV)_[A-Z_]+", said)
+    words = [line for line in message.splitlines() if "IDA" in line or "SUNDIALS" in line.upper()]
+    solver = re.findall(r"\b(?:IDA|CV)_[A-Z_]+", message)
     integrator = "CVODES" if solver and solver[0].startswith("CV") else "IDAS"
     notes.append(f"{integrator} said: " + (", ".join(dict.fromkeys(solver)) or (words[0][:160] if words else "nothing")))
     return SimulationError([Problem("integration-failed", stop_message(stopped), None, hint, tuple(notes))])
 
 
 def stop_message(t: float) -> str:
-    """That the integrator gave up at time t (s, NaN if it did not say)."""
+    """The sentence that the integrator failed at time t (s, NaN if it is not known)."""
     return "the integration stopped" + (f" at t = {t:.6g} s" if np.isfinite(t) else "")
 
 
 def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> None:
-    """SimulationError where a run went on although nothing decided an algebraic unknown any more: what it shows of it from
-    there on is chance. `slopes` is d(algebraic equations)/d(algebraic unknowns) in the arguments of the assembly; it is
-    looked at in some of the output points `at`.
+    """Raise SimulationError if a run continued although no equation determined an algebraic unknown any more: its values
+    after that time are arbitrary. `slopes` is d(algebraic equations)/d(algebraic unknowns) in the arguments of the assembly;
+    it is evaluated at some of the output points `at`.
     """
     assembly, n_z = result.assembly, len(result.assembly.z_nominal)
     chosen = at[np.unique(np.linspace(0, len(at) - 1, LOOKED_AT).astype(int))]
-    given = [a[:, chosen] for a in columns(result)]
-    matrices = np.array(slopes(*given)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
+    arguments = [a[:, chosen] for a in columns(result)]
+    matrices = np.array(slopes(*arguments)).reshape(n_z, len(chosen), n_z).transpose(1, 0, 2) * assembly.z_nominal
     largest = np.abs(matrices).max(axis=2, keepdims=True)
     sound = np.isfinite(matrices).all(axis=(1, 2)) & (largest > 0).all(axis=(1, 2))
     for k, matrix in enumerate(matrices / np.where(largest > 0, largest, 1.0)):
@@ -97,15 +98,15 @@ def check_decided(result: Result, at: NDArray[np.intp], slopes: ca.Function) -> 
             continue
         values = np.linalg.svd(matrix, compute_uv=False)
         if not sound[k] or values[-1] <= SINGULAR * values[0]:
-            here = [a[:, k] for a in given]
-            t = float(here[0][0])
-            point = assembly.point(t, here[1], here[2], here[3], here[4])
-            found = losses(assembly.reduced.system, point)
-            raise structural_messages.undecided(assembly.flat, found, assembly.algebraic_names, f"at t = {t:.6g} s")
+            point_arguments = [a[:, k] for a in arguments]
+            t = float(point_arguments[0][0])
+            point = assembly.point(t, point_arguments[1], point_arguments[2], point_arguments[3], point_arguments[4])
+            losses_there = losses(assembly.reduced.system, point)
+            raise structural_messages.undecided(assembly.flat, losses_there, assembly.algebraic_names, f"at t = {t:.6g} s")
 
 
 def _without_mass(assembly: Assembly, last: Point) -> str:
-    """What to add at the node that moves fastest where no mass decides its speed; empty if its speed is a state."""
+    """The element to add at the fastest node if no mass determines its speed; empty if its speed is a state."""
     flat, reduced = assembly.flat, assembly.reduced
     rates = np.abs(np.array(assembly.rates(*last.values()[:5], 1.0)[0]).ravel()) / assembly.x_nominal
     k = int(np.argmax(np.nan_to_num(rates, nan=-1.0))) if rates.size else -1
@@ -127,11 +128,6 @@ def _without_mass(assembly: Assembly, last: Point) -> str:
             f"play opens. Add one: `{part}: {{is: {name}, {value}}}`, with its port `{part}.a` on the node.")
 
 
-def _loosen(rtol: float) -> str:
-    """The advice to loosen the tolerances, where they are tight."""
-    return ", or loosen the tolerances (--rtol 1e-6)" if rtol < TIGHT else ""
-
-
 def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[str, list[str]]:
     t, x, z, p, u = last.values()[:5]
     ode, alg = (np.array(v).ravel() for v in assembly.rates(t, x, z, p, u, 1.0))
@@ -149,10 +145,10 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
         return grown, notes
     if same and (limit := _at_limit(assembly, assembly.point(first.t, *begun, p, u), at)):
         return limit, notes
-    if said := _out_of_range(assembly, last):
-        return said, notes
-    if found := _lost(assembly, at, t):
-        return f"{found.message[:1].upper()}{found.message[1:]}.\n{found.hint}", [*notes, *found.notes]
+    if cause := _out_of_range(assembly, last):
+        return cause, notes
+    if problem := _lost(assembly, at, t):
+        return f"{problem.message[:1].upper()}{problem.message[1:]}.\n{problem.hint}", [*notes, *problem.notes]
     # one that has turned its sign was zero a moment before: a run may go on a little with a volume below zero
     small = [k for k, value in enumerate(pivots) if abs(value) < 1e-9 * max(abs(begin[k]), 1e-300) or value * begin[k] < 0]
     if small:
@@ -161,10 +157,10 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
                 "through zero there: a volume, an area or a lever arm vanishes.", notes)
     wild = _not_finite(assembly, t, x, z, p, u)
     if wild or not np.all(np.isfinite(ode)) or not np.all(np.isfinite(alg)):
-        which = listing(wild, 4) or "an equation"
+        equations = listing(wild, 4) or "an equation"
         has = "have" if len(wild) > 1 else "has"
-        return (f"From there on {which} {has} no finite value: a root or logarithm of a negative number, a division by 0.",
-                notes)
+        return (f"From there on {equations} {has} no finite value: a root or logarithm of a negative number, a "
+                "division by 0.", notes)
     if jumping := _jumping(assembly, at):
         return (f"{jumping}. Smooth it (smooth_sign(v, v_t) for sign(v)), or let it happen as an event (a DryFriction for "
                 f"friction, `when:` in a component){loosen}.", notes)
@@ -175,27 +171,27 @@ def _cause(assembly: Assembly, first: Start, last: Point, loosen: str) -> tuple[
         return f"{listing(names, 2)} run away: an instability, a wrong sign or a very stiff element.", notes
     fastest = names or assembly.algebraic_names
     verb = "changes" if len(fastest) == 1 else "change"
-    said = f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solvers cannot step over. "
+    cause = f"{listing(fastest, 2)} {verb} fastest: a kink or jump there that the solvers cannot step over. "
     parts = list(dict.fromkeys(part for name in fastest for part in _leaves(assembly, name)))
-    own = [part for part in parts if _of_the_user(assembly, part)]
-    if parts and not own:
-        return (f"{said}The parts there are {listing(parts, 4)}, all of the library: look for one whose size or rating does "
-                "not fit its neighbours, or for a volume, a mass or a time constant far below theirs"
+    user_parts = [part for part in parts if _of_the_user(assembly, part)]
+    if parts and not user_parts:
+        return (f"{cause}The parts there are {listing(parts, 4)}, all of the library: look for one whose size or rating "
+                "does not fit its neighbours, or for a volume, a mass or a time constant far below theirs"
                 f"{loosen}. If they are right, this is a fault of the library: please report it with the diagram.", notes)
-    return (f"{said}Smooth it{' in ' + listing(own, 4) if own else ''} (smooth_sign(v, v_t) for sign(v), signed_sqrt for a "
-            "root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, `when:` in a component)"
-            f"{loosen}.", notes)
+    return (f"{cause}Smooth it{' in ' + listing(user_parts, 4) if user_parts else ''} (smooth_sign(v, v_t) for sign(v), "
+            "signed_sqrt for a root), let it happen as an event (a Step for a jump in time, a DryFriction for a sign, "
+            f"`when:` in a component){loosen}.", notes)
 
 
 def _of_the_user(assembly: Assembly, part: str) -> bool:
-    """Whether a law of a part is the user's to change: a component of his own, or an input given by a formula."""
+    """True if the user can change a law of a part: a component file of the user, or an input given by a formula."""
     leaf = assembly.flat.expanded.leaves[part]
     written = (bound.value for bound in leaf.inputs.values() if bound.scope == "")
     return not is_bundled(leaf.component.path) or any(isinstance(value, Value) and value.formula for value in written)
 
 
 def _leaves(assembly: Assembly, name: str) -> list[str]:
-    """The parts in whose equations a state or an algebraic unknown stands."""
+    """The parts whose equations contain a state or an algebraic unknown."""
     flat, n = assembly.flat, len(assembly.flat.unknowns)
     reduced = assembly.reduced
     j = next((c[0] for c in (*reduced.states, *reduced.algebraic) if reduced.name(c) == name), None)
@@ -204,7 +200,7 @@ def _leaves(assembly: Assembly, name: str) -> list[str]:
 
 
 def _grown(assembly: Assembly, x: Array, t: float) -> str:
-    """What to say where states had left all bounds before the run stopped: what else is wrong there follows from that."""
+    """The message if states had exceeded all bounds before the run stopped: other faults at that point are consequences."""
     unknowns = [assembly.flat.unknowns[j] for j, _ in assembly.reduced.states]
     sizes = [min(RUNAWAY * typical_size(u, t), VALIDITY.worthless) for u in unknowns]
     grown = [name for name, value, size in zip(assembly.state_names, x, sizes, strict=True) if abs(value) > size]
@@ -214,8 +210,8 @@ def _grown(assembly: Assembly, x: Array, t: float) -> str:
 
 
 def _at_limit(assembly: Assembly, start: dict[int, float], at: dict[int, float]) -> str:
-    """What to say where a variable of a component has come to the end of its declared range: a piston at the end of its
-    stroke leaves no volume. With what the component, or the block that it stands in, does not model."""
+    """The message if a variable of a component has reached the end of its declared range: a piston at the end of its stroke
+    leaves no volume. It adds the restriction of the component, or of the block that contains it."""
     flat = assembly.flat
     for u, symbol in zip(flat.unknowns, flat.levels[0], strict=True):
         begin, value = start[symbol.element_hash()], at[symbol.element_hash()]
@@ -227,34 +223,35 @@ def _at_limit(assembly: Assembly, start: dict[int, float], at: dict[int, float])
         paths = [path for path in accumulate(u.name.split(".")[:-1], "{}.{}".format) if path in leaves]
         lacks = ((path, leaves[path].component.name, " ".join(re.findall(
             r"\bNo [^.]*\.", leaves[path].component.restrictions))) for path in paths)
-        told = next((f" {path} is a {kind}. {words}" for path, kind, words in lacks if words), "")
+        restriction = next((f" {path} is a {kind}. {words}" for path, kind, words in lacks if words), "")
         beyond = u.plausible.beyond
         advice = f" Beyond it {beyond}." if beyond and limit == u.low else ""
-        return (f"{u.name}{f' ({u.doc})' if u.doc else ''} comes to its limit {readable(limit, u.unit.text)} there, from "
-                f"{readable(begin, u.unit.text)} at the start.{told}{advice}")
+        return (f"{u.name}{f' ({u.doc})' if u.doc else ''} reaches its limit {readable(limit, u.unit.text)} there, from "
+                f"{readable(begin, u.unit.text)} at the start.{restriction}{advice}")
     return ""
 
 
 def _out_of_range(assembly: Assembly, last: Point) -> str:
-    """What to say where a variable is where its laws do not hold: oil below vacuum, or compressed as in no machine."""
-    found = next((f for f in at_point(assembly, last).findings if f.kind in ("physical", "range", "larger")), None)
-    if found is None or found.limit is None:
+    """The message on a variable outside the range of its laws: oil below vacuum, or at an unusual pressure."""
+    finding = next((f for f in at_point(assembly, last).findings if f.kind in ("physical", "range", "larger")), None)
+    if finding is None or finding.limit is None:
         return ""
-    value, limit = (readable(number, found.unit) for number in (found.value, found.limit))
-    return f"{found.name} is {value} there, beyond {limit}: {found.advice}."
+    value, limit = (readable(number, finding.unit) for number in (finding.value, finding.limit))
+    return f"{finding.name} is {value} there, beyond {limit}: {finding.advice}."
 
 
 def _lost(assembly: Assembly, at: dict[int, float], t: float) -> Problem | None:
-    """What is on its way to leave something undecided at a point shortly before the end, else what does so there."""
+    """The equations that are about to lose their rank at a point shortly before the end, otherwise those that have lost
+    it."""
     system = assembly.reduced.system
     vanishing = [loss for loss in losses(system, at, NEAR) if loss.zero]
-    found = structural_messages.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
-    return found[0] if found else None
+    problems = structural_messages.lost(assembly.flat, vanishing or losses(system, at), f"near t = {t:.4g} s")
+    return problems[0] if problems else None
 
 
 def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> list[str]:
-    """The variables that are no numbers at the state where the run stopped, or a little later in time, the state there or
-    on its way."""
+    """The variables without a finite value at the state where the run stopped, or slightly later, with the state unchanged
+    or extrapolated."""
     rates = np.array(assembly.rates(t, x, z, p, u, 1.0)[0]).ravel()
     for later, further in ((0.0, 0.0), (1e-6, 0.0), (1e-3, 0.0), (1e-6, 1.0), (1e-5, 1.0)):
         step = later * max(abs(t), 1.0)
@@ -267,31 +264,32 @@ def _not_finite(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: A
 
 
 def _jumping(assembly: Assembly, at: dict[int, float]) -> str:
-    """Laws that jump where the run stopped, as `if_else(v > 0, F, -F)` does at v = 0: their change over a short way of a
-    variable through the point is as large as over a tenth of that way, and a considerable part of that over its size."""
-    flat, found = assembly.flat, []
+    """Laws that are discontinuous where the run stopped, such as `if_else(v > 0, F, -F)` at v = 0. Their change over a short
+    distance of a variable through the point is as large as over a tenth of that distance, and a considerable part of the
+    change over the size of the variable."""
+    flat, jumps = assembly.flat, []
     known = {s.element_hash(): unknown for s, unknown in zip(flat.levels[0], flat.unknowns, strict=True)}
     for equation, residual in zip(flat.equations, flat.residuals, strict=True):
         if equation.kink is None:
             continue
         symbols = ca.symvar(residual)
         law = ca.Function("law", [stack(symbols)], [residual])
-        here = np.array([at.get(s.element_hash(), 0.0) for s in symbols])
+        center = np.array([at.get(s.element_hash(), 0.0) for s in symbols])
         for k, symbol in enumerate(symbols):
             if (unknown := known.get(symbol.element_hash())) is None:
                 continue
-            steps = np.eye(len(here))[k] * float(unknown.nominal)
-            wide, way, short = (abs(float(law(here + share * steps)) - float(law(here - share * steps)))
-                                for share in (1.0, PASSING, PASSING / 10))
-            if short > way / 2 and way > JUMP * wide:
-                found.append((equation, unknown, float(here[k])))
+            steps = np.eye(len(center))[k] * float(unknown.nominal)
+            wide, mean, short = (abs(float(law(center + share * steps)) - float(law(center - share * steps)))
+                                   for share in (1.0, PASSING, PASSING / 10))
+            if short > mean / 2 and mean > JUMP * wide:
+                jumps.append((equation, unknown, float(center[k])))
                 break
-    if not found:
+    if not jumps:
         return ""
-    equation, unknown, value = found[0]
-    others = listing(dict.fromkeys(e.owner for e, *_ in found[1:] if e.owner != equation.owner), 3)
+    equation, unknown, value = jumps[0]
+    other_owners = listing(dict.fromkeys(e.owner for e, *_ in jumps[1:] if e.owner != equation.owner), 3)
     return (f"{equation.owner} jumps in '{equation.text}' at {unknown.name} = {readable(value, unknown.unit.text)}, which "
-            f"the solvers cannot step over{f'; so do {others}' if others else ''}")
+            f"the solvers cannot step over{f'; so do {other_owners}' if other_owners else ''}")
 
 
 def _singular(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> bool:
@@ -304,10 +302,10 @@ def _singular(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Arr
 
 def _owners(assembly: Assembly) -> dict[str, str]:
     flat = assembly.flat
-    found = {}
+    owners = {}
     n = len(flat.unknowns)
     for name, (j, _) in zip(assembly.state_names, assembly.reduced.states, strict=True):
         using = [flat.equations[i].owner for i, row in enumerate(flat.entries)
                  if any(c % n == j for c, _ in row) and flat.equations[i].role is not EquationRole.RATE]
-        found[name] = listing(dict.fromkeys(using), 4)
-    return found
+        owners[name] = listing(dict.fromkeys(using), 4)
+    return owners

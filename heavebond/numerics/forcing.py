@@ -1,10 +1,10 @@
-"""Prescribed functions of time: the instants and the longest step with which no motion of one of them is passed over.
+"""Prescribed functions of time: the stops and the longest step with which the integrator misses none of their motions.
 
-A solver evaluates the equations only at the ends of its steps. Where a machine is at rest the steps grow without limit, and
+A solver evaluates the equations only at the ends of its steps. If a machine is at rest, the steps grow without limit, and
 a road bump, a pulse or a gust that begins and ends within one step is missed: the run ends without an error and without the
 motion. Before a run the functions of time in the equations are therefore searched. The integrator stops at their kinks and
-jumps (where an argument of `min`, `max`, `abs`, `sign`, `atan2` or a comparison changes its sign) and at points of motions
-that are shorter than the output intervals; its steps are limited by what the output points show of longer motions. A state
+jumps (where an argument of `min`, `max`, `abs`, `sign`, `atan2` or a comparison changes its sign) and at points within
+motions that are shorter than the output intervals. The longest step follows from the values at the output points. A state
 that is a polynomial of the time, as the position of a vehicle at constant speed, counts as a function of time.
 """
 
@@ -40,7 +40,7 @@ class ForcingConstants:
 
     share: excursion of a function within a step, over its range along the run, that limits the step. Origin: a step may
         contain a smaller one unnoticed; a sine allows steps of a seventh of its period, longer than any solver takes
-        at usual tolerances. Doubled: steps longer by two fifths where they are limited, and smaller motions unseen.
+        at usual tolerances. Doubled: steps longer by two fifths if they are limited, and smaller motions unseen.
     renewed_below: share of the present limit below which another set of parameters renews it. Origin: an integrator is
         not built again for a change that hardly matters. Doubled (one): it is built again at every smaller limit.
     """
@@ -54,8 +54,8 @@ FORCING = ForcingConstants()
 
 @dataclass(frozen=True)
 class Stops:
-    """Where the functions of time make the integrator stop (n,), its longest step (s; 0: no limit), and the functions for
-    which neither was found, as texts: they may have shorter motions."""
+    """The stops (n,) of the integrator at motions of the functions of time, its longest step (s; 0: no limit), and as texts
+    the functions for which neither could be determined: they may have shorter motions."""
 
     times: Array
     longest: float
@@ -168,9 +168,9 @@ class Forcing:
         return _longest(values[np.all(np.isfinite(values), axis=1)], float(np.median(np.diff(times))))
 
     def stops(self, times: Array, p: Array, x: Array | None = None) -> Stops:
-        """What the functions of time ask of an integrator between these output times (N,) with these parameters, from the
-        state `x` (n_x,) at the first time (without it 0). Few output times are replaced by POINTS intervals, so that a
-        longer motion between them is met, too."""
+        """The stops and the longest step that the functions of time require between these output times (N,) with these
+        parameters, from the state `x` (n_x,) at the first time (default 0). If there are few output times, POINTS intervals
+        replace them, so that longer motions between them are included."""
         if self._functions is None or len(times) < 2:
             return Stops(np.zeros(0), 0.0)
         felt, ends, unknown = self.felt(p, times[0], x), times[[0, -1]], list[str]()
@@ -199,7 +199,7 @@ class Forcing:
         return Stops(_within(np.append(kinks, motions), ends), longest, tuple(dict.fromkeys(unknown)))
 
     def felt(self, p: Array, begin: float, x: Array | None = None) -> Array:
-        """The values that the functions depend on: parameters, and the first time and values of states."""
+        """The values on which the functions depend: parameters, and the first time and values of states."""
         values = p[self._felt] if len(p) else p
         if not self.follows_states:
             return np.asarray(values)
@@ -235,11 +235,9 @@ def _parts(equations: ca.SX, time: ca.SX, p: ca.SX) -> list[ca.SX]:
 
 
 def switch_arguments(parts: list[ca.SX], time: ca.SX) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
-    """What changes its sign where functions of time have a kink or jump, as it is written; the same with each condition
-    inside
-    taken both ways, up to MOST_BRANCHES expressions, most of which are straight lines in time (where another branch holds,
-    they
-    change their sign to no effect); and the arguments of powers and exponentials in the same way."""
+    """The expressions whose sign changes at kinks and jumps of functions of time: as they are written; with each condition
+    inside taken both ways, up to MOST_BRANCHES expressions, most of which are straight lines in time (a sign change in an
+    inactive branch has no effect); and the arguments of powers and exponentials in the same way."""
     together = ca.cse(stack(parts))
     symbols = ca.symvar(together)
     function = ca.Function("f", [stack(symbols)], [together])
@@ -278,7 +276,7 @@ def switch_arguments(parts: list[ca.SX], time: ca.SX) -> tuple[list[ca.SX], list
             steep += args[-1] if op == ca.OP_DIV else args[0]
         written[outputs[0]] = whole
         work[outputs[0]] = moving, branches if moving and len(branches) <= MOST_BRANCHES else [whole]
-    first, second, third = ([s for s in found if ca.depends_on(s, time)] for found in (whole_switches, switches, steep))
+    first, second, third = ([s for s in group if ca.depends_on(s, time)] for group in (whole_switches, switches, steep))
     return first, second, third
 
 
@@ -325,11 +323,11 @@ def _curved(terms: list[ca.SX], time: ca.SX) -> list[bool]:
     degrees: dict[int, int] = {}  # 2 stands for all above 1
     results: dict[int, int] = {}  # the instruction whose result a place of the work vector holds
     waves: dict[int, tuple[int, int]] = {}  # -sin and -cos: the operation, and the instruction of their phase
-    found = [False] * len(terms)
+    curved = [False] * len(terms)
     for k in range(function.n_instructions()):
         op, inputs, outputs = (function.instruction_id(k), function.instruction_input(k), function.instruction_output(k))
         if op == ca.OP_OUTPUT:
-            found[outputs[1]] = degrees[inputs[0]] > 1
+            curved[outputs[1]] = degrees[inputs[0]] > 1
             continue
         if op in (ca.OP_INPUT, ca.OP_CONST):
             degrees[outputs[0]] = int(op == ca.OP_INPUT and symbols[inputs[1]].element_hash() == time.element_hash())
@@ -352,11 +350,11 @@ def _curved(terms: list[ca.SX], time: ca.SX) -> list[bool]:
         results[outputs[0]] = k
         if wave is not None:
             waves[outputs[0]] = wave
-    return found
+    return curved
 
 
 def _terms(part: ca.SX, time: ca.SX) -> list[ca.SX]:
-    """The terms of a sum that depend on the time; the sum itself where they are many."""
+    """The terms of a sum that depend on the time; the sum itself if they are many."""
     waiting, terms = [part], list[ca.SX]()
     while waiting:
         node = waiting.pop()

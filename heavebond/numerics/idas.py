@@ -63,36 +63,40 @@ def in_unit_of_time(dae: Mapping[str, Any], unit: float) -> dict[str, Any]:
     """A DAE in another unit of time (s)."""
     if unit == 1.0:
         return dict(dae)
-    rates, rest = [name for name in ("ode", "quad") if name in dae], [name for name in ("alg",) if name in dae]
-    sides = [*(unit * dae[name] for name in rates), *(dae[name] for name in rest)]
-    return {**dae, **dict(zip([*rates, *rest], ca.substitute(sides, [dae["t"]], [unit * dae["t"]]), strict=True))}
+    rates, unscaled = [name for name in ("ode", "quad") if name in dae], [name for name in ("alg",) if name in dae]
+    sides = [*(unit * dae[name] for name in rates), *(dae[name] for name in unscaled)]
+    return {**dae, **dict(zip([*rates, *unscaled], ca.substitute(sides, [dae["t"]], [unit * dae["t"]]), strict=True))}
 
 
 class Idas:
-    """Integrator of a system from the first stop to the others; RuntimeError where IDAS fails.
+    """Integrator of a system from the first stop to the others; RuntimeError if IDAS fails.
 
     The initial values are consistent, so that IDACalcIC only has to find x'. Its line search changes the algebraic unknowns
     together with the states predicted by x', and fails where they depend on the states steeply, as in mechanisms. The
     integration is then repeated without IDACalcIC, with a first step so short that x' is not needed.
     """
 
-    def __init__(self, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS,
+    def __init__(self, integrand: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS,
                  strict: bool = False):
-        """`strict` includes the algebraic unknowns in the error control: with shorter steps the predictor gives Newton's
-        method a closer initial guess."""
-        self._orders, unit = _orders(made.dae), time_unit(stops)
-        self._dae, self._begin = _ordered(in_unit_of_time(made.dae, unit), self._orders), float(stops[0] / unit)
+        """`strict` includes the algebraic unknowns in the error control: the steps are shorter, and the predictor gives
+        Newton's method a closer initial guess."""
+        self._orders, unit = _orders(integrand.dae), time_unit(stops)
+        # the equations with their unknowns permuted by `orders`
+        dae = in_unit_of_time(integrand.dae, unit)
+        rows = (("x", "x"), ("ode", "x"), ("z", "z"), ("alg", "z")) if self._orders else ()
+        permuted = {name: dae[name][self._orders[unknown]] for name, unknown in rows}
+        self._dae, self._begin = {**dae, **permuted}, float(stops[0] / unit)
         self._outputs = [float(t) for t in stops[1:] / unit] or [self._begin + 1.0]
-        self._options = {**integrator_options(self._dae, tolerances, made.smallest_pivot), "max_num_steps": most_steps,
-                         **({"max_step_size": made.longest / unit} if made.longest else {})}
+        self._options = {**integrator_options(self._dae, tolerances, integrand.smallest_pivot), "max_num_steps": most_steps,
+                         **({"max_step_size": integrand.longest / unit} if integrand.longest else {})}
         if strict:
             self._options["suppress_algebraic"] = False
         self._usual = self._last = self._made({})
         self._blind: Evaluated | None = None
 
     def _made(self, options: Mapping[str, Any]) -> Evaluated:
-        given = ("run", "idas", self._dae, self._begin, self._outputs)
-        return Evaluated(lambda more: ca.integrator(*given, {**self._options, **options, **more}), ("xf", "zf"))
+        arguments = ("run", "idas", self._dae, self._begin, self._outputs)
+        return Evaluated(lambda more: ca.integrator(*arguments, {**self._options, **options, **more}), ("xf", "zf"))
 
     def size1_in(self, name: str) -> int:
         """The number of elements of an input, as in `ca.Function`."""
@@ -102,25 +106,25 @@ class Idas:
         """See `Evaluated`."""
         self._usual.expect(seconds)
 
-    def __call__(self, **given: Any) -> dict[str, Array]:
+    def __call__(self, **arguments: Any) -> dict[str, Array]:
         """The states and algebraic unknowns (n, N) at the other stops."""
         if not self._orders:
-            return self._called(given)
-        places = {name: self._orders[name[0]] for name in ("x0", "z0") if name in given}
-        found = self._called({**given, **{name: np.asarray(given[name])[k] for name, k in places.items()}})
-        return {**found, **{name: found[name][np.argsort(self._orders[name[0]])] for name in ("xf", "zf")}}
+            return self._called(arguments)
+        places = {name: self._orders[name[0]] for name in ("x0", "z0") if name in arguments}
+        results = self._called({**arguments, **{name: np.asarray(arguments[name])[k] for name, k in places.items()}})
+        return {**results, **{name: results[name][np.argsort(self._orders[name[0]])] for name in ("xf", "zf")}}
 
-    def _called(self, given: Mapping[str, Any]) -> dict[str, Array]:
+    def _called(self, arguments: Mapping[str, Any]) -> dict[str, Array]:
         self._last = self._usual
         try:
-            return self._usual(**given)
+            return self._usual(**arguments)
         except RuntimeError as error:
             if "IDACalcIC" not in str(error):
                 raise
         if self._blind is None:
             self._blind = self._made({"calc_ic": False, "step0": FIRST_STEP * (self._outputs[0] - self._begin)})
         self._last = self._blind
-        return self._blind(**given)
+        return self._blind(**arguments)
 
     def stats(self) -> dict[str, Any]:
         """Counts of steps and evaluations of the last call."""
@@ -138,35 +142,28 @@ def _orders(dae: Mapping[str, ca.SX]) -> dict[str, list[int]]:
     return {"x": [k for k in order if k < n_x], "z": [k - n_x for k in order if k >= n_x]}
 
 
-def _ordered(dae: Mapping[str, ca.SX], orders: Mapping[str, list[int]]) -> dict[str, ca.SX]:
-    """The equations with their unknowns permuted by `orders`."""
-    moved = {name: dae[name][orders[unknown]] for name, unknown in (("x", "x"), ("ode", "x"), ("z", "z"), ("alg", "z"))
-             } if orders else {}
-    return {**dae, **moved}
-
-
 def at_rest(assembly: Assembly, t: float, x: Array, z: Array, p: Array, u: Array) -> Iterator[tuple[Array, Array]]:
     """Yield x (n_x,) and z (n_z,) of the transient with inputs and time frozen, at the instants RESTS; ends where IDAS
     fails."""
     symbols = assembly.arguments
     x_s, z_s = ca.SX.sym("x", len(x)), ca.SX.sym("z", len(z))
     x_size, z_size = assembly.x_nominal, assembly.z_nominal
-    given = (t, x_s * x_size, z_s * z_size, p, u, 0.0)
-    ode, alg = ca.substitute([assembly.ode / x_size, assembly.alg], list(symbols), [ca.SX(g) for g in given])
+    arguments = (t, x_s * x_size, z_s * z_size, p, u, 0.0)
+    ode, alg = ca.substitute([assembly.ode / x_size, assembly.alg], list(symbols), [ca.SX(g) for g in arguments])
     dae = {"x": x_s, "z": z_s, "ode": ode, "alg": alg}
     options = {**integrator_options(dae, Tolerances(1e-6, 1e-8), smallest_pivot(assembly)),
                "max_num_steps": MOST_STEPS_TO_REST, "suppress_algebraic": False}
-    now = x / x_size, z / z_size
+    scaled = x / x_size, z / z_size
     with caught_errors():
         for begin, end in zip((0.0, *RESTS[:-1]), RESTS, strict=True):
             try:
-                found = ca.integrator("rest", "idas", dae, begin, end, options)(x0=now[0], z0=now[1])
+                results = ca.integrator("rest", "idas", dae, begin, end, options)(x0=scaled[0], z0=scaled[1])
             except RuntimeError:
                 return
-            now = np.array(found["xf"]).ravel(), np.array(found["zf"]).ravel()
-            if not np.all(np.isfinite(np.concatenate(now))):
+            scaled = np.array(results["xf"]).ravel(), np.array(results["zf"]).ravel()
+            if not np.all(np.isfinite(np.concatenate(scaled))):
                 return
-            yield now[0] * x_size, now[1] * z_size
+            yield scaled[0] * x_size, scaled[1] * z_size
 
 
 def is_large(dae: Mapping[str, ca.SX]) -> bool:
@@ -175,7 +172,7 @@ def is_large(dae: Mapping[str, ca.SX]) -> bool:
 
 
 def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances, pivot: float) -> dict[str, Any]:
-    """The options of IDAS for a DAE; a smaller pivot of its Newton matrix is zero."""
+    """The options of IDAS for a DAE; pivots of its Newton matrix below `smallest_pivot` count as zero."""
     large = is_large(dae)
     return {
         "reltol": tolerances.rtol, "abstol": tolerances.atol, "max_num_steps": MOST_STEPS, "print_time": False,
@@ -189,14 +186,14 @@ def integrator_options(dae: Mapping[str, ca.SX], tolerances: Tolerances, pivot: 
 @contextmanager
 def caught_errors() -> Iterator[list[str]]:
     """Capture standard error. SUNDIALS reports the time and step of a failure only there, from C or, by CasADi, through
-    Python's `sys.stderr`. Both belong to the process, so that a lock admits one thread at a time."""
+    Python's `sys.stderr`. Both are shared by the whole process, so that a lock admits one thread at a time."""
     with _TURN:
         yield from _caught()
 
 
 def _caught() -> Iterator[list[str]]:
     sys.stderr.flush()
-    kept, file = os.dup(2), _file(os.getpid())
+    original, file = os.dup(2), _file(os.getpid())
     begin = os.lseek(file, 0, os.SEEK_END)
     heard: list[str] = []
     words = io.StringIO()
@@ -205,12 +202,12 @@ def _caught() -> Iterator[list[str]]:
         try:
             yield heard
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+            os.dup2(original, 2)
+            os.close(original)
             os.lseek(file, begin, os.SEEK_SET)
-            said = os.read(file, os.fstat(file).st_size - begin)
+            message = os.read(file, os.fstat(file).st_size - begin)
             os.ftruncate(file, begin)
-            heard.append(said.decode(errors="replace") + words.getvalue())
+            heard.append(message.decode(errors="replace") + words.getvalue())
 
 
 @lru_cache(maxsize=1)

@@ -1,7 +1,7 @@
-"""Impacts: what the impulse of a force does to all states at an instant.
+"""Impacts: the changes of all states by the impulse of a force at an instant.
 
-A force J that stands in the equations as a held variable moves the rates of the states, x' = f(t, x, z, p, J) with
-0 = g(t, x, z, p, J). Over an instant all other forces are negligible, so that an impulse P of it changes the states by B P,
+A force J that is a held variable in the equations changes the rates of the states, x' = f(t, x, z, p, J) with 0 = g(t, x,
+z, p, J). Over an instant all other forces are negligible, so that an impulse P of it changes the states by B P,
 
     B = f_J - f_z g_z^-1 g_J,        P = (new speed - speed) / (c B),      speed = c(x, z): c B = c_x B - c_z g_z^-1 g_x B.
 
@@ -24,7 +24,7 @@ from heavebond.language.symbols import split, stack
 
 
 def with_impulses(reduced: Reduced) -> Reduced:
-    """The same equations, the events with an impulse written as events that set states; ModelError where an impulse changes
+    """The same equations, the events with an impulse written as events that set states; ModelError if an impulse changes
     no state, or where the speed that it is to change follows from forces."""
     flat = reduced.flat
     if not any(event.impulse for event in flat.events):
@@ -64,21 +64,21 @@ def _written_out(event: FlatEvent, impulse: Impulse, reduced: Reduced, loops: _L
 
 
 def yielding(reduced: Reduced) -> list[str]:
-    """The events of other parts whose conditions an impulse may turn: of friction that sticks, of bodies at rest."""
-    loops, found = _Loops.of(reduced), []
+    """The events of other parts whose conditions an impulse may make true: sticking friction, bodies at rest."""
+    loops, names = _Loops.of(reduced), []
     conditions = [(e, reduced.express(e.indicator)) for e in reduced.flat.events if e.indicator is not None]
     for event in (e for e in reduced.flat.events if e.impulse is not None):
         force = reduced.flat.p[event.impulse.force] if event.impulse else ca.SX(0)
-        moved = stack([force, *(reduced.z[j] for j in loops.reached_by(force))])
-        own = event.name.rpartition(".")[0]
-        found += [e.name for e, condition in conditions if e.name.rpartition(".")[0] != own
-                  and any(ca.which_depends(condition, moved, 1, False))]
-    return list(dict.fromkeys(found))
+        affected = stack([force, *(reduced.z[j] for j in loops.reached_by(force))])
+        part = event.name.rpartition(".")[0]
+        names += [e.name for e, condition in conditions if e.name.rpartition(".")[0] != part
+                  and any(ca.which_depends(condition, affected, 1, False))]
+    return list(dict.fromkeys(names))
 
 
 @dataclass(frozen=True)
 class _Loops:
-    """The algebraic equations 0 = alg, one for each unknown of z, and which of the others each unknown needs."""
+    """The algebraic equations 0 = alg, one for each unknown of z, with the dependencies between the unknowns."""
 
     reduced: Reduced
     row: tuple[int, ...]
@@ -97,26 +97,26 @@ class _Loops:
     def reached_by(self, symbol: ca.SX) -> set[int]:
         """The unknowns that change with a symbol."""
         touched = ca.which_depends(self.reduced.alg, symbol, 1, True) if self.row else []
-        found = {j for j, row in enumerate(self.row) if touched[row]}
-        while more := {j for j, needs in enumerate(self.needs) if needs & found} - found:
-            found |= more
-        return found
+        reached = {j for j, row in enumerate(self.row) if touched[row]}
+        while more := {j for j, needs in enumerate(self.needs) if needs & reached} - reached:
+            reached |= more
+        return reached
 
     def needed_for(self, expression: ca.SX) -> set[int]:
         """The unknowns from which an expression follows."""
         inside = {s.element_hash() for s in ca.symvar(expression)}
-        found = {j for j, s in enumerate(split(self.reduced.z)) if s.element_hash() in inside}
-        while more := set().union(*(self.needs[j] for j in found)) - found:
-            found |= more
-        return found
+        needed = {j for j, s in enumerate(split(self.reduced.z)) if s.element_hash() in inside}
+        while more := set().union(*(self.needs[j] for j in needed)) - needed:
+            needed |= more
+        return needed
 
-    def response(self, unknowns: set[int], moved: ca.SX) -> ca.SX:
-        """How z (n_z, 1) changes where the residuals change by `moved` (n_z, 1): -g_z^-1 moved, within some unknowns."""
-        found = ca.SX(len(self.row), 1)
+    def response(self, unknowns: set[int], changes: ca.SX) -> ca.SX:
+        """The change of z (n_z, 1) for a change of the residuals (n_z, 1): -g_z^-1 moved, restricted to some unknowns."""
+        response = ca.SX(len(self.row), 1)
         if not unknowns:
-            return found
+            return response
         columns = sorted(unknowns)
         rows = [self.row[j] for j in columns]
         matrix = ca.jacobian(self.reduced.alg[rows], self.reduced.z[columns])
-        found[columns] = -ca.solve(matrix, ca.densify(moved[rows]))
-        return ca.sparsify(found)
+        response[columns] = -ca.solve(matrix, ca.densify(changes[rows]))
+        return ca.sparsify(response)

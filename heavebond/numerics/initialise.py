@@ -1,4 +1,4 @@
-"""Consistent initial values: a globalised Newton method of our own, which says what was asked and what was used."""
+"""Consistent initial values by a globalised Newton method; the result lists the requested and the used values."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ class Start:
 
 def start(assembly: Assembly, t: float | None = None, u: Array | None = None, equations: StartEquations | None = None,
           near: Start | None = None) -> Start:
-    """Solve for x, z and the parameters under `solve:`; StartError with the reason where that cannot be.
+    """Solve for x, z and the parameters under `solve:`; StartError with the reason if no solution is found.
 
-    Unknowns that no condition decides keep their guess: states do where the loops can be solved for the algebraic unknowns
-    alone; else all change as little as they can, in scaled variables. After `start: steady` a direction that no equation
-    determines is an error. The time is by default that at which runs begin; `equations` are those of the assembly where
-    they are compiled already. `near` is a start of the same equations with other parameters: a search follows it where the
-    equations determine all unknowns and the new start is close to it."""
+    Unknowns that no condition determines keep their guess: states keep it exactly if the loops can be solved for the
+    algebraic unknowns alone; otherwise all unknowns change by the least norm in scaled variables. After `start: steady` a
+    direction that no equation determines is an error. The time defaults to the begin of the runs; `equations` are the
+    compiled equations of the start, if they exist. `near` is a start of the same equations with other parameters: a search
+    follows it if the equations determine all unknowns and the new start is close to it."""
     t = assembly.begin if t is None else t
     if (p := clocks_at(assembly, t, assembly.p)) is not assembly.p:
         assembly = replace(assembly, p=p)
@@ -75,12 +75,12 @@ def start(assembly: Assembly, t: float | None = None, u: Array | None = None, eq
 
 def held_still(u: Array, t: float) -> Array:
     """The pieces of the measured inputs (see `dae.substitute_inputs`) with their values at t, and no derivatives: a spline
-    through samples has a slope at its end even where the machine was at rest, and a small one fills or empties a chamber
-    that hardly leaks."""
-    found = u.copy()
+    through samples has a slope at its end even if the machine was at rest, and a small slope fills or empties a chamber with
+    little leakage."""
+    pieces = u.copy()
     for k in range(1, len(u) - 3, 4):
-        found[k:k + 4] = np.polyval(u[k:k + 4][::-1], t - u[0]), 0.0, 0.0, 0.0
-    return found
+        pieces[k:k + 4] = np.polyval(u[k:k + 4][::-1], t - u[0]), 0.0, 0.0, 0.0
+    return pieces
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     """The derivative of the start along `directions` (n_p, m), by the implicit function theorem.
 
     With F(y, p) = 0 the equations of the start and dy_0 the change of the guess, dy = dy_0 - F_y^+ (F_p dp + F_y dy_0): the
-    least change in scaled unknowns, as `start` takes it, so that what no equation determines follows its guess. Parameters
-    under `solve:` follow the others.
+    least change in scaled unknowns, as in `start`, so that undetermined unknowns follow their guess. Parameters under
+    `solve:` follow the others.
     """
     n_x, n_z = len(first.x), len(first.z)
     sizes = equations.sizes(first.p)
@@ -125,13 +125,13 @@ def tangent(equations: StartEquations, first: Start, u: Array, directions: Array
     return Tangent(dx, dz, dp)
 
 
-def _least_change(at: tuple[Array, Matrix], moved: Array, sizes: Array) -> Array:
+def _least_change(at: tuple[Array, Matrix], changes: Array, sizes: Array) -> Array:
     """The change of the unknowns (n, m) that keeps the residuals while they are moved by (rows, m)."""
     residual, jacobian = at[0], scaled(at[1], None, sizes)
     if not jacobian.size:
-        return np.zeros((len(sizes), moved.shape[1]))
+        return np.zeros((len(sizes), changes.shape[1]))
     row = weights(residual, jacobian)
-    return least_change(scaled(jacobian, row), -moved * row[:, None]) * sizes[:, None]
+    return least_change(scaled(jacobian, row), -changes * row[:, None]) * sizes[:, None]
 
 
 class StartSearch:
@@ -143,7 +143,10 @@ class StartSearch:
         self.n_x, self.n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         self.nominal = equations.sizes(assembly.p)
         self.frame = Scaling(self.nominal, *equations.bounds)
-        self.y0 = self._guess()
+        values = self.equations.guess(self.assembly.p)
+        columns = (*self.assembly.reduced.states, *self.assembly.reduced.algebraic)
+        self.y0 = np.array([*(values[j] if order == 0 else 0.0 for j, order in columns),
+                            *self.assembly.p[self.equations.solved_for]])
         self.widening = 1.0
         self.shut_in: tuple[str, ...] = ()
         self.steps = 0
@@ -151,12 +154,6 @@ class StartSearch:
         # the residual of a condition such as x = 1 nm is below that of a solution at x = 0
         self.fine = bool(assembly.sizes) or equations.asks_tiny_values(assembly.p)
         self.of_components = False
-
-    def _guess(self) -> Array:
-        values = self.equations.guess(self.assembly.p)
-        columns = (*self.assembly.reduced.states, *self.assembly.reduced.algebraic)
-        return np.array([*(values[j] if order == 0 else 0.0 for j, order in columns),
-                         *self.assembly.p[self.equations.solved_for]])
 
     def _point(self, y: Array, rate: float | None = None) -> Point:
         p = self.assembly.p.copy()
@@ -203,31 +200,35 @@ class StartSearch:
             return None
 
     def _with_components(self, y: Array) -> Array:
-        """The start with the states that the initial values of the components decide; `y` itself if these have no solution,
-        as that of a lag in a loop with a gain of 1."""
+        """The start with the states that the initial values of the components determine; `y` itself if these have no
+        solution, such as a lag in a loop with gain 1."""
         sizes, system = self.equations.following(self.nominal), self.equations.with_components
 
         def at(y: Array) -> tuple[Array, Matrix]:
             residual, jacobian = system.at(self._point(y))
             return residual, scaled(jacobian, None, sizes)
 
-        found = newton(at, y, Scaling(sizes, *self.equations.bounds))
-        if not found.good:
+        result = newton(at, y, Scaling(sizes, *self.equations.bounds))
+        if not result.good:
             return y
         try:
-            whole = self._settle(found.y)
+            whole = self._settle(result.y)
         except StartError:
             check()
             return y
-        self.of_components, self.steps = True, self.steps + found.steps
+        self.of_components, self.steps = True, self.steps + result.steps
         return whole
 
     def _without_components(self) -> Array:
         y, equations = self.y0, self.equations
-        self._check_constants()
-        if equations.separate and (found := self._in_turn()) is not None:
+        # raise an error for coefficients of parameters alone that are zero: a mass or stiffness of 0 is reported before the
+        # equations are solved
+        constant, function = self.equations.constants
+        values = function(self.assembly.p)["o0"].ravel()
+        start_messages.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))
+        if equations.separate and (result := self._in_turn()) is not None:
             self.in_turn = True
-            return found
+            return result
         if equations.guesses:
             y = newton(self._scaled(equations.approach), y, self.frame).y
         y = self._search(y)
@@ -240,89 +241,100 @@ class StartSearch:
         a mechanism whose links do not meet at the guess."""
         y = self.y0
         for system in (self.equations.aims, self.equations.conditions):
-            found = newton(self._scaled(system), y, self.frame)
-            if self.fine and found.good:
-                found = sharpened(self._scaled(system), found, self.frame)
-            y = found.y
-            self.steps += found.steps
+            result = newton(self._scaled(system), y, self.frame)
+            if self.fine and result.good:
+                result = sharpened(self._scaled(system), result, self.frame)
+            y = result.y
+            self.steps += result.steps
         try:
-            return self._settle(y) if found.good else None
+            return self._settle(y) if result.good else None
         except StartError:
             return None
 
     def _search(self, first: Array) -> Array:
-        """The first of these that leads to a solution: Newton's method from the guess; continuation in the widths of
-        regularised laws; continuation in what is out of balance at the guess; for a steady start, letting the machine
-        settle; continuation with rounded corners, since where a contact is open or a valve shut at the guess its force has
-        no gradient there; integrating it until it rests; Newton's method from points around the guess."""
+        """The first of these methods that converges: Newton's method from the guess; continuation in the widths of
+        regularised laws; continuation in the residuals at the guess; for a steady start, pseudo-transient continuation;
+        continuation with rounded corners, since an open contact or a shut valve has no gradient at the guess; integration
+        until the machine is at rest; Newton's method from points around the guess."""
         system = self._scaled(self.equations.all)
         best: NewtonResult | None = None
         for attempt in range(6 + INITIALISATION.max_shifts):
-            found = self._attempt(system, first, attempt)
-            if self.fine and found.good:
-                found = sharpened(system, found, self.frame)
-            self.steps += found.steps
-            if found.good:
-                return self._nearest(system, first, found.y) if self.equations.steady else found.y
-            best = found if best is None or found.missed < best.missed else best
-            if self.equations.all.affine and self.frame.inside(found.y):
+            result = self._attempt(system, first, attempt)
+            if self.fine and result.good:
+                result = sharpened(system, result, self.frame)
+            self.steps += result.steps
+            if result.good:
+                return self._nearest(system, first, result.y) if self.equations.steady else result.y
+            best = result if best is None or result.missed < best.missed else best
+            if self.equations.all.affine and self.frame.inside(result.y):
                 break  # straight lines that meet nowhere
         assert best is not None
         raise start_messages.failure(self.equations, self._point(best.y), best.residual, self.equations.all, self.nominal)
 
     def _nearest(self, system: System, first: Array, y: Array) -> Array:
-        """Of several equilibria the nearest to the guess, in usual sizes of the states: Newton's method may step over it.
-        The path along which the imbalance at the guess vanishes leads to one nearby; if that is another than y, so does
-        the motion of the machine. A start in which shut volumes leave directions open stays as it is."""
+        """The equilibrium nearest to the guess, in usual sizes of the states, if there are several: Newton's method may step
+        over it. The path along which the residuals at the guess vanish leads to a near equilibrium. It replaces y if it
+        differs from y and the motion of the machine leads to it too. A start with undetermined pressures of shut volumes is
+        not changed."""
         if self.equations.all.affine:
             return y
-        found = continued(lambda done: system, first, self.frame)
-        if not found.good or self._apart(found.y, y) < SAME_EQUILIBRIUM:
+        result = continued(lambda share: system, first, self.frame)
+        if not result.good or self._apart(result.y, y) < SAME_EQUILIBRIUM:
             return y
         residual, jacobian = system(y)
         if null_space(scaled(jacobian, weights(residual, jacobian)), INITIALISATION.undetermined).size:
             return y
-        candidates = [found, settled(system, self._slowed, first, self.frame, SETTLED)]
+        candidates = [result, settled(system, self._slowed, first, self.frame, SETTLED)]
         return min((y, *(c.y for c in candidates if c.good)), key=lambda end: round(self._apart(end, first), 6))
 
-    def _apart(self, y: Array, other: Array) -> float:
+    def _apart(self, y: Array, point: Array) -> float:
         """The distance of two points in usual sizes of the states."""
-        return float(np.linalg.norm(((y - other) / self.nominal)[: self.n_x]))
+        return float(np.linalg.norm(((y - point) / self.nominal)[: self.n_x]))
 
     def at_rest_from(self, y: Array) -> Array | None:
         """The equilibrium to which the machine settles from y (x, z and solved parameters), if it does."""
-        found = settled(self._scaled(self.equations.all), self._slowed, y, self.frame, SETTLED)
-        return found.y if found.good else None
+        result = settled(self._scaled(self.equations.all), self._slowed, y, self.frame, SETTLED)
+        return result.y if result.good else None
 
     def _attempt(self, system: System, first: Array, attempt: int) -> NewtonResult:
         if attempt == 1:
             return self._narrowed(system, first)
         if attempt == 2:
-            return continued(lambda done: system, first, self.frame)
+            return continued(lambda share: system, first, self.frame)
         if attempt == 3 and self.equations.steady:
             return settled(system, self._slowed, first, self.frame)
         if attempt == 4:
-            return self._sharpened(system, first)
-        if attempt == 5 and self.equations.steady:
-            return self._come_to_rest(system, first)
-        return newton(system, first + self.nominal * self._shift(attempt - 5), self.frame)
+            # Newton's method with rounded corners, which become sharp step by step
+            whole = self.equations.all
+            widths = whole.corner_widths(self._point(first), self.nominal)
+            if not len(widths) or not np.all(np.isfinite(widths)):
+                return NewtonResult(first, np.full(1, np.inf), 0)
 
-    def _come_to_rest(self, system: System, first: Array) -> NewtonResult:
-        """Where the machine comes to rest by itself, by the integrator, from a consistent point at the guess: valves that
-        are shut there open as pressures rise, whatever gradient they had. Newton's method is tried from later points."""
-        y, found = first.copy(), NewtonResult(first, np.full(1, np.inf), 0)
-        inner = slice(self.n_x, self.n_x + self.n_z)
-        try:
-            y = self._settle(y)
-        except StartError:
-            return found
-        point = self._point(y)
-        for x, z in at_rest(self.assembly, self.t, y[: self.n_x], y[inner], point.p, point.u):
-            y[: self.n_x], y[inner] = x, z
-            found = newton(system, y, self.frame)
-            if found.good:
-                break
-        return found
+            def family(share: float) -> System:
+                def at(y: Array) -> tuple[Array, Matrix]:
+                    residual, jacobian = whole.rounded_at(self._point(y), (1 - share) * widths)
+                    return residual, scaled(jacobian, None, self.nominal)
+                return at if share < 1 else system
+
+            return continued(family, first, self.frame)
+        if attempt == 5 and self.equations.steady:
+            # the state of rest to which the machine settles by integration from a consistent point at the guess: valves that
+            # are shut at the guess open when pressures rise, even if they have no gradient there. Newton's method is tried
+            # from later points
+            y, result = first.copy(), NewtonResult(first, np.full(1, np.inf), 0)
+            inner = slice(self.n_x, self.n_x + self.n_z)
+            try:
+                y = self._settle(y)
+            except StartError:
+                return result
+            point = self._point(y)
+            for x, z in at_rest(self.assembly, self.t, y[: self.n_x], y[inner], point.p, point.u):
+                y[: self.n_x], y[inner] = x, z
+                result = newton(system, y, self.frame)
+                if result.good:
+                    break
+            return result
+        return newton(system, first + self.nominal * self._shift(attempt - 5), self.frame)
 
     def _slowed(self, before: Array, step: float) -> System:
         """The equations of a steady start with (x - before)/step for each rate that is to vanish."""
@@ -336,29 +348,14 @@ class StartSearch:
         return at
 
     def _narrowed(self, system: System, y: Array) -> NewtonResult:
-        """Newton's method with wide transitions, which are narrowed to their own width step by step."""
-        found = NewtonResult(y, np.full(1, np.inf), 0)
+        """Newton's method with widened transitions, which are narrowed step by step to their width."""
+        result = NewtonResult(y, np.full(1, np.inf), 0)
         if not self.equations.widths:
-            return found
+            return result
         for self.widening in WIDENINGS:
-            found = newton(system, found.y, self.frame)
+            result = newton(system, result.y, self.frame)
         self.widening = 1.0
-        return found
-
-    def _sharpened(self, system: System, y: Array) -> NewtonResult:
-        """Newton's method with rounded corners, which become sharp step by step."""
-        whole = self.equations.all
-        widths = whole.corner_widths(self._point(y), self.nominal)
-        if not len(widths) or not np.all(np.isfinite(widths)):
-            return NewtonResult(y, np.full(1, np.inf), 0)
-
-        def family(done: float) -> System:
-            def at(y: Array) -> tuple[Array, Matrix]:
-                residual, jacobian = whole.rounded_at(self._point(y), (1 - done) * widths)
-                return residual, scaled(jacobian, None, self.nominal)
-            return at if done < 1 else system
-
-        return continued(family, y, self.frame)
+        return result
 
     def _shift(self, number: int) -> Array:
         """Deterministic shifts of growing size, the first of none."""
@@ -379,12 +376,12 @@ class StartSearch:
             return residual, scaled(jacobian, None, self.assembly.z_nominal)
 
         frame = Scaling(self.assembly.z_nominal, self.frame.low[inner], self.frame.high[inner])
-        found = newton(at, y[inner], frame)
-        if found.good and (found.steps or self.fine):
-            found = sharpened(at, found, frame)
-        raw, jacobian = at(found.y)
-        if not found.good:
-            raise start_messages.failure(self.equations, self._point(whole, 1.0), found.residual, self.equations.algebraic,
+        result = newton(at, y[inner], frame)
+        if result.good and (result.steps or self.fine):
+            result = sharpened(at, result, frame)
+        raw, jacobian = at(result.y)
+        if not result.good:
+            raise start_messages.failure(self.equations, self._point(whole, 1.0), result.residual, self.equations.algebraic,
                                         self.assembly.z_nominal)
         if finite(jacobian):
             undecided = null_space(scaled(jacobian, weights(raw, jacobian)), INITIALISATION.singular)
@@ -394,22 +391,22 @@ class StartSearch:
 
     # -- the answer ------------------------------------------------------------------------------------------------
     def finished(self, y: Array) -> Start:
-        """The start with its table asked / used / why; StartError where a coefficient is zero there."""
+        """The start with its table asked / used / why; StartError if a coefficient is zero there."""
         assembly = self.assembly
         point = self._point(y, 1.0)
         self._check(point)
         table = []
         conditions = {assembly.flat.names.get(c.name, -1): c for c in self.equations.initial.conditions.values()}
-        own = {assembly.flat.names[row.name] for row in self.equations.component_rows if self.of_components}
+        component_unknowns = {assembly.flat.names[row.name] for row in self.equations.component_rows if self.of_components}
         for k, (j, order) in enumerate(assembly.reduced.states):
-            asked = conditions.get(j) if order == 0 else None
-            moved = abs(y[k] - self.y0[k]) > 1e-9 * self.nominal[k]
-            why = "asked for" if asked and not asked.guess else "solved from a guess" if asked else \
-                "initial value of the component" if j in own and order == 0 else \
+            condition = conditions.get(j) if order == 0 else None
+            changed = abs(y[k] - self.y0[k]) > 1e-9 * self.nominal[k]
+            why = "asked for" if condition and not condition.guess else "solved from a guess" if condition else \
+                "initial value of the component" if j in component_unknowns and order == 0 else \
                 "shut in: kept" if assembly.state_names[k] in self.shut_in else \
-                f"solved ({self.equations.initial.mode or 'conditions'})" if moved or self.equations.steady else \
+                f"solved ({self.equations.initial.mode or 'conditions'})" if changed or self.equations.steady else \
                 "declared start" if assembly.flat.unknowns[j].start else "default"
-            table.append(StartLine(assembly.state_names[k], asked.value.text if asked else "", float(point.x[k]),
+            table.append(StartLine(assembly.state_names[k], condition.value.text if condition else "", float(point.x[k]),
                                    assembly.flat.unknowns[j].unit.text + ("/s" * order), why))
         table += self._others(point, {line.name for line in table})
         for k in self.equations.solved_for:
@@ -418,22 +415,17 @@ class StartSearch:
         free = tuple(line.name for line in table if line.why == "default")
         return Start(self.t, point.x, point.z, point.p, tuple(table), free, self.steps, self.in_turn, self.of_components)
 
-    def _others(self, point: Point, told: set[str]) -> list[StartLine]:
-        """What was asked of variables that are no states."""
+    def _others(self, point: Point, listed: set[str]) -> list[StartLine]:
+        """The lines of the table on conditions for variables that are not states."""
         flat = self.assembly.flat
-        found = [(j, c) for name, c in self.equations.initial.conditions.items()
-                 if (j := flat.names.get(name)) is not None and flat.unknowns[j].name not in told and name not in told]
-        if not found:
+        remaining = [(j, c) for name, c in self.equations.initial.conditions.items()
+                     if (j := flat.names.get(name)) is not None and flat.unknowns[j].name not in listed
+                     and name not in listed]
+        if not remaining:
             return []
         values = self.assembly.values(*point.values()).full().ravel()
         return [StartLine(c.name, c.value.text, float(values[j]), flat.unknowns[j].unit.text,
-                          "solved from a guess" if c.guess else "asked for") for j, c in found]
-
-    def _check_constants(self) -> None:
-        """Coefficients of parameters alone that are zero: a mass or stiffness of 0 is told before anything is solved."""
-        constant, function = self.equations.constants
-        values = function(self.assembly.p)["o0"].ravel()
-        start_messages.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))
+                          "solved from a guess" if c.guess else "asked for") for j, c in remaining]
 
     def _check(self, point: Point) -> None:
         if self.equations.sound(point):

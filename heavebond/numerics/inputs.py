@@ -38,18 +38,18 @@ class Pieced:
 
 
 def pieced(flat: Flat, begin: float, end: float) -> Pieced:
-    """Read every measured input of a model; DataError with file and line for what is wrong in a record."""
+    """Read every measured input of a model; DataError with file and line for faults of a record."""
     if not flat.inputs:
         return Pieced(np.zeros(0), np.zeros((0, 0)), DELAY_ROWS * len(flat.delays))
     problems = Problems()
-    found: list[Pieces] = []
+    pieces_by_input: list[Pieces] = []
     for known in flat.inputs:
         try:
-            found.append(read_input(known, begin, end))
+            pieces_by_input.append(read_input(known, begin, end))
         except DataError as error:
             problems.extend(error)
     problems.raise_as(DataError)
-    breaks, coefficients = align(found, begin, end, names=[k.name for k in flat.inputs])
+    breaks, coefficients = align(pieces_by_input, begin, end, names=[k.name for k in flat.inputs])
     n_pieces = len(breaks) - 1
     columns = np.vstack([breaks[:-1][None, :], coefficients.reshape(n_pieces, -1).T])
     return Pieced(breaks, columns, DELAY_ROWS * len(flat.delays))
@@ -57,34 +57,34 @@ def pieced(flat: Flat, begin: float, end: float) -> Pieced:
 
 def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -> Pieces:
     """One measured signal in SI, of which the time from `begin` to `end` is wanted."""
-    given: FileInput = known.source
-    unit = read_unit(given.unit)
+    source: FileInput = known.source
+    unit = read_unit(source.unit)
     if unit.dimension != known.unit.dimension:
         raise DataError([Problem("unit-wrong", f"{known.name} is in {known.unit.text}; the record gives it in "
-                                 f"{given.unit}", given.place, hint=other_unit(unit, known.unit))])
+                                 f"{source.unit}", source.place, hint=other_unit(unit, known.unit))])
     problems = Problems()
-    check_turns(given.unit, known.unit, known.name, given.place, problems)
+    check_turns(source.unit, known.unit, known.name, source.place, problems)
     problems.raise_as(DataError)
-    time, values = input_samples(given, begin, end)
-    if given.seed is not None:
-        random = np.random.default_rng([given.seed, crc32(known.name.encode())])
-        values = values + given.noise * random.standard_normal(len(values))
-    if given.smooth is not None:
-        return smoothed_pieces(time, unit.to_si(values), given.interpolation, given.smooth)
-    return pieces(time, unit.to_si(values), given.interpolation)
+    time, values = input_samples(source, begin, end)
+    if source.seed is not None:
+        random = np.random.default_rng([source.seed, crc32(known.name.encode())])
+        values = values + source.noise * random.standard_normal(len(values))
+    if source.smooth is not None:
+        return smoothed_pieces(time, unit.to_si(values), source.interpolation, source.smooth)
+    return pieces(time, unit.to_si(values), source.interpolation)
 
 
-def input_samples(given: FileInput, begin: float = -np.inf, end: float = np.inf, *, table: Table | None = None
+def input_samples(source: FileInput, begin: float = -np.inf, end: float = np.inf, *, table: Table | None = None
                   ) -> tuple[Array, Array]:
-    """The times (n,) in s at which an input was sampled and its values (n,) in its own unit; rows without a value are
-    passed over. `table` is its file where that has been read. DataError for a gap between `begin` and `end` (see
-    `check_gaps`) that may not be bridged."""
-    table = table or read_table(given.file, place=given.place, beside=given.time_column)
-    name = given.time_column or table.header[0]
-    table = timed(table, name, unit=given.time_unit, zero=given.zero, place=given.place)
+    """The times (n,) in s and values (n,) of the samples of an input, in the unit of the input; rows without a value are
+    omitted. `table` is its file where that has been read. DataError for a gap between `begin` and `end` (see `check_gaps`)
+    that may not be bridged."""
+    table = table or read_table(source.file, place=source.place, beside=source.time_column)
+    name = source.time_column or table.header[0]
+    table = timed(table, name, unit=source.time_unit, zero=source.zero, place=source.place)
     check_time(table, name)
-    rows = samples(table, name, given.column, given.place, least=2)
-    scale = read_unit(given.time_unit).scale
-    if not given.bridge:
-        check_gaps(table, name, {given.column: rows}, begin=begin / scale, end=end / scale)
-    return table.columns[name][rows] * scale, column(table, given.column)[rows]
+    rows = samples(table, name, source.column, source.place, least=2)
+    scale = read_unit(source.time_unit).scale
+    if not source.bridge:
+        check_gaps(table, name, {source.column: rows}, begin=begin / scale, end=end / scale)
+    return table.columns[name][rows] * scale, column(table, source.column)[rows]

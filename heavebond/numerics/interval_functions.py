@@ -23,7 +23,7 @@ UNBOUNDED = (ca.SX(-ca.inf), ca.SX(ca.inf))
 
 @dataclass(frozen=True)
 class _Range:
-    """Bounds of an intermediate result; a point where it does not depend on time. It is `finite` where it cannot
+    """Bounds of an intermediate result; a point if it does not depend on time. It is `finite` if it cannot
     overflow."""
 
     low: ca.SX
@@ -92,7 +92,9 @@ def _ends(op: int, a: _Range, b: _Range, same: bool) -> tuple[ca.SX, ca.SX]:
     if op in (ca.OP_DIV, ca.OP_INV):
         one = _point(ca.SX(1))
         numerator, divisor = (one, a) if op == ca.OP_INV else (a, b)
-        return _product(numerator, _inverse(divisor))
+        one_sign = ca.logic_or(divisor.low > 0, divisor.high < 0)
+        low, high = (ca.if_else(one_sign, 1 / end, bound) for end, bound in ((divisor.high, -ca.inf), (divisor.low, ca.inf)))
+        return _product(numerator, _Range(low, high, True, False))
     if op in (ca.OP_FMIN, ca.OP_FMAX):
         return ca.SX.binary(op, al, bl), ca.SX.binary(op, ah, bh)
     if op == ca.OP_FABS:
@@ -158,11 +160,6 @@ def _product(a: _Range, b: _Range) -> tuple[ca.SX, ca.SX]:
     corners = [times(x, y) for x in a.ends for y in b.ends]
     return (reduce(lambda x, y: operation(ca.OP_FMIN, [x, y]), corners),
             reduce(lambda x, y: operation(ca.OP_FMAX, [x, y]), corners))
-
-
-def _inverse(b: _Range) -> _Range:
-    one_sign = ca.logic_or(b.low > 0, b.high < 0)
-    return _Range(ca.if_else(one_sign, 1 / b.high, -ca.inf), ca.if_else(one_sign, 1 / b.low, ca.inf), True, False)
 
 
 def _sine(low: ca.SX, high: ca.SX, peak: float, of: Callable[[ca.SX], ca.SX]) -> tuple[ca.SX, ca.SX]:

@@ -1,15 +1,15 @@
-"""Events as equations: when they happen, what they set, and how that moves with parameters.
+"""Events as equations: their conditions, the values that they set, and the derivatives of both by parameters.
 
-Between events x' = f(t, x, z, p, h), 0 = g(t, x, z, p, h); the held variables h stand among the parameters. At an instant T
-an event sets some of x and h to r(t, x, z, p, h), taken before it. Along a direction in the parameters, with X = dx/dp,
-H = dh/dp and a condition c(t, x, z, p, h) = 0 that is met at T,
+Between events x' = f(t, x, z, p, h), 0 = g(t, x, z, p, h); the held variables h are elements of the parameter vector. At
+an instant T an event sets some of x and h to r(t, x, z, p, h), taken before it. Along a direction in the parameters, with X
+= dx/dp, H = dh/dp and a condition c(t, x, z, p, h) = 0 that is met at T,
 
     dT = -(c_x X + c_z Z + c_p + c_h H) / (c_t + c_x x' + c_z z'),
     dr = r_x (X + x' dT) + r_z (Z + z' dT) + r_p + r_h H + r_t dT       (all before T),
     X after = dr - x' dT for what is set, X + (x' before - x' after) dT for the rest;   H after = dr.
 
-With `at: t_s` dT is that of the parameter, with `every: T_s` it is k dT_s at the k-th instant. Integrals are states that
-nothing sets. Hiskens and Pai, Trajectory sensitivity analysis of hybrid systems, 2000, doi:10.1109/81.828574.
+With `at: t_s` dT is the derivative of that parameter, with `every: T_s` it is k dT_s at the k-th instant. Integrals are
+states that nothing sets. Hiskens and Pai, Trajectory sensitivity analysis of hybrid systems, 2000, doi:10.1109/81.828574.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from heavebond.numerics.update_order import Updates
 
 @dataclass(frozen=True)
 class PointSensitivity:
-    """How a point moves along m directions: states (n_x, m), integrals (n_q, m), parameters and held variables (n_p, m), and
-    the pieces of delayed variables (n_u, m)."""
+    """The derivatives of a point along m directions: states (n_x, m), integrals (n_q, m), parameters and held variables
+    (n_p, m), and the pieces of delayed variables (n_u, m)."""
 
     x: Array
     q: Array
@@ -48,8 +48,8 @@ class PointSensitivity:
 
 
 class EventEquations:
-    """The conditions, instants and resets of an assembly, compiled once; `quadratures` are what is integrated along, in the
-    arguments of the assembly and `factors`."""
+    """The conditions, instants and resets of an assembly, compiled once; `quadratures` are the integrands of the integrals,
+    in the arguments of the assembly and `factors`."""
 
     def __init__(self, assembly: Assembly, quadratures: ca.SX, factors: ca.SX):
         self.assembly, self.events = assembly, assembly.flat.events
@@ -73,8 +73,9 @@ class EventEquations:
         self._by_z = ca.Function("by_z", arguments, [ca.densify(ca.jacobian(assembly.alg, z))])
         directions = [ca.SX.sym("d", a.numel()) for a in (t, x, z, p, u)]
         moving = 5 if assembly.flat.delays else 4
-        moved = ca.jtimes(stack([assembly.alg, indicators]), stack([t, x, z, p, u][:moving]), stack(directions[:moving]))
-        parts = ca.vertsplit(moved, np.cumsum([0, z.numel(), indicators.numel()]).tolist())
+        derivatives = ca.jtimes(stack([assembly.alg, indicators]), stack([t, x, z, p, u][:moving]),
+                                stack(directions[:moving]))
+        parts = ca.vertsplit(derivatives, np.cumsum([0, z.numel(), indicators.numel()]).tolist())
         self._along = ca.Function("along", [*arguments, *directions], parts)
         first, period = (assembly.express(stack(e.first for e in self.events)),
                          assembly.express(stack(ca.SX(0) if e.period is None else e.period for e in self.events)))
@@ -102,8 +103,8 @@ class EventEquations:
         first, period = (np.array(v).ravel() for v in self._instants(p, np.zeros(len(p)))[:2])
         if not m:
             return first, period, np.zeros((n, 0)), np.zeros((n, 0))
-        moved = self._instants(np.tile(p[:, None], (1, m)), dp)[2:]
-        return first, period, np.array(moved[0]).reshape(n, m), np.array(moved[1]).reshape(n, m)
+        derivatives = self._instants(np.tile(p[:, None], (1, m)), dp)[2:]
+        return first, period, np.array(derivatives[0]).reshape(n, m), np.array(derivatives[1]).reshape(n, m)
 
     def indicators(self, t: Array, x: Array, z: Array, p: Array, u: Array) -> tuple[Array, Array]:
         """The indicators (n_c, N) of the conditions and their rates along the motion, at N points given by columns; p
@@ -123,24 +124,21 @@ class EventEquations:
         n_z = len(columns[2])
         dz: Array = np.zeros((n_z, n))
         if self.has_loops:
-            moved = np.array(self._along(*columns, dt, dx, dz, dp, du)[0]).reshape(n_z, n)
+            along_z = np.array(self._along(*columns, dt, dx, dz, dp, du)[0]).reshape(n_z, n)
             by_z = np.array(self._by_z(*columns)).reshape(n_z, n, n_z).transpose(1, 0, 2)
             try:
-                dz = np.asarray(-np.linalg.solve(by_z, moved.T[:, :, None])[:, :, 0].T, float)
+                dz = np.asarray(-np.linalg.solve(by_z, along_z.T[:, :, None])[:, :, 0].T, float)
             except np.linalg.LinAlgError:
                 raise self._undecided(columns, by_z) from None
         return np.array(self._along(*columns, dt, dx, dz, dp, du)[1]).reshape(-1, n), dz
 
     def _undecided(self, columns: Sequence[Array], by_z: Array, when: str = "at") -> SimulationError:
-        """What to say where d(algebraic equations)/dz (N, n_z, n_z) is singular at the first of N points."""
+        """The message on undetermined unknowns if d(algebraic equations)/dz (N, n_z, n_z) is singular at the first of N
+        points."""
         k = int(np.argmin(np.abs(np.linalg.slogdet(by_z)[0])))
         t, x, z, p, u, _ = (column[:, k] for column in columns)
-        found = losses(self.assembly.reduced.system, self.assembly.point(float(t[0]), x, z, p, u))
-        return undecided(self.assembly.flat, found, self.assembly.algebraic_names, f"{when} t = {t[0]:.6g} s")
-
-    def _at_one(self, point: Point, dt: Array, dx: Array, dp: Array, du: Array) -> tuple[Array, Array]:
-        """As `_directed`, for m directions (dt (m,), dx (n_x, m), dp (n_p, m), du (n_u, m)) at one point."""
-        return self._directed(point.columns(dx.shape[1]), dt[None, :], dx, dp, du)
+        rank_losses = losses(self.assembly.reduced.system, self.assembly.point(float(t[0]), x, z, p, u))
+        return undecided(self.assembly.flat, rank_losses, self.assembly.algebraic_names, f"{when} t = {t[0]:.6g} s")
 
     def _updates_at(self, p: Array) -> _CompiledUpdates:
         """The updates with parameters p (n_p,)."""
@@ -167,51 +165,52 @@ class EventEquations:
         values[list(outputs)] = list(outputs.values())
         return values
 
-    def _new_along(self, point: Point, after: Array, moved: PointSensitivity, x_rate: Array, fired: Sequence[int],
+    def _new_along(self, point: Point, after: Array, sensitivity: PointSensitivity, x_rate: Array, fired: Sequence[int],
                    delays: Sequence[Array]) -> Array:
         """The derivatives (n_r, m) of the new values of the events `fired` along directions, one rank after the other: an
         update reads what others assign with its derivative. `after` are the parameters p after the instant."""
-        updates, m = self._updates_at(point.p), moved.x.shape[1]
-        new, d_after, columns = np.zeros((len(self.held), m)), moved.p.copy(), point.columns(m)
+        updates, m = self._updates_at(point.p), sensitivity.x.shape[1]
+        new, d_after, columns = np.zeros((len(self.held), m)), sensitivity.p.copy(), point.columns(m)
         after = np.tile(after[:, None], (1, m))
         for rank in updates.ranks:
             for event, delay in zip(fired, delays, strict=True):
                 rows = [row for row in self.rows[event] if row in rank]
                 if not rows:
                     continue
-                dx = moved.x + np.outer(x_rate, delay)
-                dz = self._directed(columns, delay[None, :], dx, moved.p, moved.u)[1]
-                found = np.array(updates.along(
-                    *columns, after, delay[None, :], dx, dz, moved.p, moved.u, d_after)).reshape(-1, m)
-                new[rows] = found[rows]
+                dx = sensitivity.x + np.outer(x_rate, delay)
+                dz = self._directed(columns, delay[None, :], dx, sensitivity.p, sensitivity.u)[1]
+                derivatives = np.array(updates.along(
+                    *columns, after, delay[None, :], dx, dz, sensitivity.p, sensitivity.u, d_after)).reshape(-1, m)
+                new[rows] = derivatives[rows]
             for event in fired:
                 for row in self.rows[event]:
                     if row in rank and (held := self.held[row]) is not None:
                         d_after[held] = new[row]
         return new
 
-    def delays(self, point: Point, moved: PointSensitivity, condition: int, slope: float) -> Array:
+    def delays(self, point: Point, sensitivity: PointSensitivity, condition: int, slope: float) -> Array:
         """dT (m,) of the condition-th condition, met at a point where its indicator rises with `slope`."""
-        m = moved.x.shape[1]
+        m = sensitivity.x.shape[1]
         if not m or not slope:
             return np.zeros(m)
-        indicators, _ = self._at_one(point, np.zeros(m), moved.x, moved.p, moved.u)
+        indicators, _ = self._directed(point.columns(sensitivity.x.shape[1]), np.zeros(m)[None, :], sensitivity.x,
+                                       sensitivity.p, sensitivity.u)
         return np.asarray(-indicators[condition] / slope)
 
     def check_continuous(self, before: Point, after: Point, happened: Sequence[int]) -> None:
-        """SimulationError where events make jump what the equations differentiate, a prescribed position or speed of a mass
-        above all: its rate there is no number, and what follows from it would be wrong in silence. Where an event sets
-        states, the law of an impact is known, and the others follow it."""
+        """Raise SimulationError if events cause a jump of a variable that the equations differentiate, such as a prescribed
+        position or speed of a mass: its rate is infinite, and dependent values would be wrong without a warning. If an event
+        sets states, the law of the impact is specified by the event."""
         if not self._differentiated or any(self.states[row] is not None for i in happened for row in self.rows[i]):
             return
         first, then = (np.array(self._followed(*point.values())).ravel() for point in (before, after))
         unknowns = [self.assembly.flat.unknowns[j] for j in self._differentiated]
         jumped = [k for k, u in enumerate(unknowns) if not abs(then[k] - first[k]) <= EVENTS.continuous * u.nominal]
         if jumped:
-            what = " and ".join(f"'{self.events[i].name}'" for i in happened)
+            event_names = " and ".join(f"'{self.events[i].name}'" for i in happened)
             names = listing((unknowns[k].name for k in jumped), 4)
             raise SimulationError([Problem(
-                "event-impulse", f"at t = {after.t:.6g} s {what} makes {names} jump, whose rate other equations need",
+                "event-impulse", f"at t = {after.t:.6g} s {event_names} makes {names} jump, whose rate other equations need",
                 unknowns[jumped[0]].place, "That takes an infinite force, flow, voltage or current. Let it change in a "
                 "finite time: a Ramp, a PolynomialMotion, or a SecondOrderLag behind what jumps.", tuple(
                     f"{unknowns[k].name}: {readable(first[k], unknowns[k].unit.text)} before, "
@@ -219,47 +218,45 @@ class EventEquations:
 
     # -- resets ----------------------------------------------------------------------------------------------------
     def settled(self, point: Point, fired: Sequence[int]) -> Point:
-        """The point after events with its algebraic unknowns consistent; SimulationError where there are none."""
+        """The point after events with its algebraic unknowns consistent; SimulationError if there are none."""
         if self._loops is None:
             return point
-        given = np.concatenate([[point.t], point.x, point.p, point.u, [point.rate]])
-        found = replace(point, z=np.array(self._loops(point.z, given)).ravel())
-        what = " and ".join(f"'{self.events[i].name}'" for i in fired) or "the jump of a delayed variable"
-        if not np.isfinite(found.z).all():
-            self._check_solvable(point, f"after {what} at")
-        residual = np.abs(np.array(self._alg(*found.values())).ravel())
-        gradient = np.abs(np.array(self._by_z(*found.values()))).max(axis=1) * self.assembly.z_nominal.max()
+        arguments = np.concatenate([[point.t], point.x, point.p, point.u, [point.rate]])
+        solved = replace(point, z=np.array(self._loops(point.z, arguments)).ravel())
+        cause = " and ".join(f"'{self.events[i].name}'" for i in fired) or "the jump of a delayed variable"
+        if not np.isfinite(solved.z).all():
+            # raise SimulationError with the undetermined unknowns if the equations lose their rank at a point
+            by_z = np.array(self._by_z(*point.values()))
+            if np.linalg.slogdet(by_z)[0] == 0:
+                raise self._undecided(point.columns(), by_z[None], (f"after {cause} at"))
+        residual = np.abs(np.array(self._alg(*solved.values())).ravel())
+        gradient = np.abs(np.array(self._by_z(*solved.values()))).max(axis=1) * self.assembly.z_nominal.max()
         if not np.all(residual <= 1e-6 * gradient):
             raise SimulationError([Problem(
-                "event-inconsistent", f"after {what} at t = {point.t:.6g} s no {listing(self.assembly.algebraic_names, 4)} "
+                "event-inconsistent", f"after {cause} at t = {point.t:.6g} s no {listing(self.assembly.algebraic_names, 4)} "
                 "satisfies the equations", self.events[fired[0]].place if fired else None, "A valve that shuts a "
                 "volume-free line does this, or a state that was set to a value that a constraint forbids.")])
-        return found
-
-    def _check_solvable(self, point: Point, when: str) -> None:
-        """SimulationError with what is undecided where the equations lose their rank at a point."""
-        by_z = np.array(self._by_z(*point.values()))
-        if np.linalg.slogdet(by_z)[0] == 0:
-            raise self._undecided(point.columns(), by_z[None], when)
+        return solved
 
     def rates(self, point: Point, factors: Array) -> tuple[Array, Array]:
         """x' (n_x,) and the rates of the integrals (n_q,)."""
         x, q = self._rates(*point.values(), factors)
         return np.array(x).ravel(), np.array(q).ravel()
 
-    def along_z(self, point: Point, moved: PointSensitivity) -> Array:
+    def along_z(self, point: Point, sensitivity: PointSensitivity) -> Array:
         """dz/dp (n_z, m) at a consistent point."""
-        m = moved.x.shape[1]
+        m = sensitivity.x.shape[1]
         if not self.has_loops or not m:
             return np.zeros((len(point.z), m))
         still = np.zeros((1, m)), np.zeros((len(point.z), m))
-        residual = np.array(self._along(*point.columns(m), still[0], moved.x, still[1], moved.p, moved.u)[0])
+        residual = np.array(self._along(*point.columns(m), still[0], sensitivity.x, still[1], sensitivity.p,
+                                        sensitivity.u)[0])
         return np.asarray(-np.linalg.solve(np.array(self._by_z(*point.values())), residual.reshape(-1, m)))
 
     def yielding(self, point: Point, fired: Sequence[int], touch: float) -> tuple[Point, list[int]]:
-        """The point after what gives way to the impulses of the events `fired`, and the events by which it does: friction
-        that sticks holds a finite force, and a body that rests on another cannot pull it. Their conditions are looked at
-        under the force that gives the impulse within `touch` (s)."""
+        """The point after contacts have yielded to the impulses of the events `fired`, and the events of these contacts:
+        sticking friction transmits a finite force, and a body that rests on another cannot pull it. Their conditions are
+        evaluated under the force whose impulse within `touch` (s) is that of the event."""
         yielded: list[int] = []
         for event in (e for e in fired if self._forces[e] is not None):
             for _ in range(EVENTS.max_cascades):
@@ -282,8 +279,8 @@ class EventEquations:
         return point, yielded
 
     def breaking(self, point: Point, fired: Sequence[int]) -> tuple[Point, list[int]]:
-        """The point with the contacts that are at their limits there, and those of the events `fired`, with the breakaways
-        of other contacts, that happen.
+        """The point with the contacts that are at their limits, and the events that happen: those of `fired`, with the
+        breakaways of other contacts.
 
         A contact breaks away only if the bodies then move. With all contacts at their limits reduced to `EVENTS.reduced` of
         their forces, a contact moves if its speed changes by more than `EVENTS.held` of its change in the case that no other
@@ -298,54 +295,55 @@ class EventEquations:
             return point, list(fired)
         p = point.p.copy()
         tried = {b.limit: (k, i, b) for k, (i, b) in enumerate(self.breakaways) if i in fired or p[b.limit] == b.direction}
-        rest = [i for i in fired if all(i != event for event, _ in self.breakaways)]
+        ordinary = [i for i in fired if all(i != event for event, _ in self.breakaways)]
         limits = self._limits
         if not tried:
             return point, list(fired)
 
         def change(loose: bool) -> Array:
             """The change of the accelerations (n_b,) if the contacts at their limits give way."""
-            found = []
+            changes = []
             for share in (1.0, EVENTS.reduced):
-                given = p.copy()
-                given[[limit for limit in limits if loose]] = EVENTS.reduced
+                values = p.copy()
+                values[[limit for limit in limits if loose]] = EVENTS.reduced
                 for _, _, b in tried.values():
-                    given[b.limit] = b.direction * share
-                at = self.settled(replace(point, p=given), fired)
-                found.append(np.array(self._accelerations(*at.values())).ravel())
-            return np.asarray(found[1] - found[0])
+                    values[b.limit] = b.direction * share
+                at = self.settled(replace(point, p=values), fired)
+                changes.append(np.array(self._accelerations(*at.values())).ravel())
+            return np.asarray(changes[1] - changes[0])
 
         held, free = change(False), change(True)
         moving = {limit: abs(held[k]) >= EVENTS.held * abs(free[k]) for limit, (k, _, _) in tried.items()}
         if any(moving[limit] and b.direction * held[k] < 0 for limit, (k, _, b) in tried.items()):
             p[list(tried)] = 0.0
-            return self.settled(replace(point, p=p), fired), rest
+            return self.settled(replace(point, p=p), fired), ordinary
         for limit, (_, _, b) in tried.items():
             p[limit] = b.direction
         return (self.settled(replace(point, p=p), fired),
-                [*rest, *(i for limit, (_, i, _) in tried.items() if moving[limit])])
+                [*ordinary, *(i for limit, (_, i, _) in tried.items() if moving[limit])])
 
-    def fire(self, point: Point, moved: PointSensitivity, fired: Sequence[int], delays: Sequence[Array], factors: Array,
+    def fire(self, point: Point, sensitivity: PointSensitivity, fired: Sequence[int], delays: Sequence[Array],
+             factors: Array,
              touch: float) -> tuple[Point, PointSensitivity, list[int]]:
         """The point and its derivatives after the events `fired` at one instant, with the delays dT (m,) of each, and the
         events that their impulses, within `touch` (s), set off (see `yielding`).
 
-        The new values are computed in the order of `update_order`. Where events coincide that move differently with a
-        parameter, the derivative is that for the order in which they stand.
+        The new values are computed in the order of `update_order`. If coincident events have different derivatives by a
+        parameter, the derivative assumes the order of declaration.
         """
         begun = point
         point, yielded = self.yielding(point, fired, touch)
-        values, now = self._new_values(point, fired), point
-        if not moved.x.shape[1]:
-            now = self.settled(self._set(now, values, *fired), fired)
-            self.partners.give_inputs(now, fired)
-            return now, moved, yielded
-        x, q, p = moved.x.copy(), moved.q.copy(), moved.p.copy()
+        values, final = self._new_values(point, fired), point
+        if not sensitivity.x.shape[1]:
+            final = self.settled(self._set(final, values, *fired), fired)
+            self.partners.give_inputs(final, fired)
+            return final, sensitivity, yielded
+        x, q, p = sensitivity.x.copy(), sensitivity.q.copy(), sensitivity.p.copy()
         x_rate, _ = before = self.rates(begun, factors)
-        new = self._new_along(point, self._set(point, values, *fired).p, moved, x_rate, fired, delays)
+        new = self._new_along(point, self._set(point, values, *fired).p, sensitivity, x_rate, fired, delays)
         for event, delay in zip(fired, delays, strict=True):
-            now = self.settled(self._set(now, values, event), fired)
-            after = self.rates(now, factors)
+            final = self.settled(self._set(final, values, event), fired)
+            after = self.rates(final, factors)
             x += np.outer(before[0] - after[0], delay)
             q += np.outer(before[1] - after[1], delay)
             for row in self.rows[event]:
@@ -355,14 +353,14 @@ class EventEquations:
                 if held is not None:
                     p[held] = new[row]
             before = after
-        return now, PointSensitivity(x, q, p, moved.u), yielded
+        return final, PointSensitivity(x, q, p, sensitivity.u), yielded
 
     def would_change(self, point: Point, event: int) -> bool:
-        """Whether the event would set anything at a point to another value than it has there."""
+        """True if the event would change a value at a point."""
         values = self._new_values(point, [event])
         after, sizes = self._set(point, values, event), self.assembly.x_nominal
-        moved = np.any(np.abs(after.x - point.x) > EVENTS.continuous * sizes)
-        return bool(moved or not np.allclose(after.p, point.p, EVENTS.continuous, 0.0))
+        states_change = np.any(np.abs(after.x - point.x) > EVENTS.continuous * sizes)
+        return bool(states_change or not np.allclose(after.p, point.p, EVENTS.continuous, 0.0))
 
     def _set(self, point: Point, values: Array, *events: int) -> Point:
         x, p = point.x.copy(), point.p.copy()
@@ -393,27 +391,28 @@ class _CompiledUpdates:
 
 
 def _looked(assembly: Assembly, indicators: ca.SX) -> ca.Function:
-    """Indicators (n_c,) and their rates along the motion at a consistent point, not finite where g_z is singular."""
+    """Indicators (n_c,) and their rates along the motion at a consistent point, not finite if g_z is singular."""
     t, x, z = assembly.arguments[:3]
     along = ca.jtimes(stack([indicators, assembly.alg]), stack([t, x]), stack([ca.SX(1), assembly.ode]))
-    rising, moved = along[:indicators.numel()], along[indicators.numel():]
+    rising, z_rates = along[:indicators.numel()], along[indicators.numel():]
     if not z.numel() or not indicators.numel():
         return ca.Function("looked", list(assembly.arguments), [indicators, rising])
     parts = ca.Function("parts", list(assembly.arguments), [
-        indicators, rising, moved, ca.jacobian(indicators, z), ca.jacobian(assembly.alg, z)])
-    given = [ca.MX.sym(f"a{k}", argument.numel()) for k, argument in enumerate(assembly.arguments)]
-    values, direct, residuals, by_z, matrix = parts(*given)
-    return ca.Function("looked", given, [values, direct - by_z @ ca.solve(matrix, residuals)])
+        indicators, rising, z_rates, ca.jacobian(indicators, z), ca.jacobian(assembly.alg, z)])
+    arguments = [ca.MX.sym(f"a{k}", argument.numel()) for k, argument in enumerate(assembly.arguments)]
+    values, direct, residuals, by_z, matrix = parts(*arguments)
+    return ca.Function("looked", arguments, [values, direct - by_z @ ca.solve(matrix, residuals)])
 
 
 def differentiated(assembly: Assembly) -> list[int]:
-    """The unknowns whose rates stand in the equations, that are no states, and that follow from what events change. A speed
-    that is told of a node, and that nothing else asks for, does not count: a spring may be jerked at its end."""
+    """The unknowns that are not states, whose rates occur in the equations, and that depend on values set by events. A
+    prescribed speed of a node that no other equation uses is excluded: the end of a spring may move abruptly."""
     flat, states, n = assembly.flat, set(assembly.reduced.states), len(assembly.flat.unknowns)
     used = Counter(c % n for row in flat.entries for c, _ in row)
     idle = [equation.role is EquationRole.RATE and any(c < n and used[c] == 1 for c, _ in row)
             for equation, row in zip(flat.equations, flat.entries, strict=True)]
-    rated = sorted({c % n for row, told in zip(flat.entries, idle, strict=True) if not told for c, _ in row if c >= n})
+    rated = sorted({c % n for row, inactive in zip(flat.entries, idle, strict=True) if not inactive for c, _ in row
+                    if c >= n})
     held = {assembly.arguments[3][h.index].element_hash() for h in flat.held} | {
         s.element_hash() for s in ca.symvar(assembly.arguments[2])}
     return [j for j in rated if (j, 0) not in states

@@ -1,11 +1,10 @@
-"""Times at which the conditions of events are checked: as dense as the steps of the integrator.
+"""Times at which the conditions of events are checked; their distances follow the steps of the integrator.
 
-SUNDIALS interpolates within its steps, so that further points cost little; between two of them a condition that rises and
-falls is seen as far as the cubic through values and rates shows it. A call of the integrator that takes more than
-`EVENTS.steps_per_check` steps between two points fails there, whatever the rest of it takes, and is made again with half of
-the interval: a fast mode that wakes up for a moment is not passed over. The mean number of steps between two points
-adjusts the interval of the next call. The first interval of a call is divided geometrically, as are the first steps of the
-integrator.
+SUNDIALS interpolates within its steps, so that further points cost little. A condition that rises and falls between two
+points is detected if the cubic through values and rates shows it. A call of the integrator that takes more than
+`EVENTS.steps_per_check` steps between two points fails and is repeated with half of the interval, so that a short fast
+motion is not missed. The mean number of steps between two points adjusts the interval of the next call. The first interval
+of a call is divided geometrically, as are the first steps of the integrator.
 """
 
 from __future__ import annotations
@@ -54,20 +53,20 @@ class Looks:
 
 
 class LookAhead:
-    """The next points of a run to go to: of the stops, where conditions or choices of states need it of a grid of
-    `EVENTS.min_checks`, and with `dense` of intervals that follow the steps of the integrator."""
+    """The next points of a run: stops; a grid of `EVENTS.min_checks` points if conditions or choices of states need it; with
+    `dense`, intervals that follow the steps of the integrator."""
 
     def __init__(self, stops: Array, same: float, needed: bool, dense: bool, mean_steps: float = EVENTS.mean_steps):
-        """`mean_steps` are those of the integrator between two points."""
+        """`mean_steps` is the mean number of steps of the integrator between two points."""
         self.same, self.dense, self.needed, self.mean_steps = same, dense, needed, mean_steps
         span = float(stops[-1] - stops[0]) or 1.0
         self.base, self.shortest = stops, max(span * EVENTS.shortest_interval, same / FIRST[0])
         if needed:
-            found = [stops[:1]]
+            times = [stops[:1]]
             for begin, end in pairwise(stops.tolist()):
                 parts = max(int(np.ceil((end - begin) / span * EVENTS.min_checks * (1 - 1e-9))), 1)
-                found.append(np.append(begin + (end - begin) / parts * np.arange(1, parts), end))
-            self.base = np.concatenate(found)
+                times.append(np.append(begin + (end - begin) / parts * np.arange(1, parts), end))
+            self.base = np.concatenate(times)
         self.longest = np.inf  # interval between two points in any case
         self.interval, self.widest = np.inf, float(np.diff(self.base).max(initial=0.0))  # between two points
         self.points = self.spent = 0  # steps since the last point of the base
@@ -85,7 +84,7 @@ class LookAhead:
         self.spent = 0
 
     def coming(self, begin: float, limit: float, halvings: int) -> Looks:
-        """The next points, as far as they are evenly spaced, up to a limit; one, nearer, after halvings."""
+        """The next points, evenly spaced, up to a limit; one nearer point after halvings."""
         first = int(np.searchsorted(self.base, begin + self.same, side="right"))
         times = self.base[first:first + self.points]
         if len(times) < self.points or times[-1] >= limit - self.same:
@@ -103,8 +102,8 @@ class LookAhead:
         return Looks.dense(begin, float(times[-1]), len(times) * parts, self.shortest)
 
     def refine(self, begin: float, looks: Looks, reached: float) -> None:
-        """After a call that took too many steps in one of its intervals, the first after `reached` of them: up to there,
-        or with shorter intervals where that is not far."""
+        """After a call that took too many steps in one of its intervals, the first after `reached` of them: integrate up to
+        that point, or with shorter intervals if it is near."""
         if reached >= EVENTS.first_checks / 2:
             self.points = 2 ** (int(reached).bit_length() - 1)
         else:
@@ -127,8 +126,8 @@ class LookAhead:
 
 
 def _even(begin: float, times: Array, same: float) -> Array:
-    """The first of the times, as many as are equally far apart: the integrator takes no steps of other lengths in one call
-    (where its inputs jump it stumbles at tight tolerances)."""
+    """The leading times with equal distances: all intervals of one call of the integrator have one length, because restarts
+    at jumps of inputs are inaccurate otherwise."""
     t = np.append(begin, times)
     odd = np.flatnonzero(np.abs(t - (t[0] + (t[1] - t[0]) * np.arange(len(t)))) > same)
     return times[: odd[0] - 1] if len(odd) else times

@@ -1,4 +1,4 @@
-"""Equations as machine code, where a C compiler is present and they are evaluated often enough.
+"""Equations as machine code, if a C compiler is present and they are evaluated often enough.
 
 CasADi evaluates a function from its list of operations. Once the calls of an integrator have taken as long as compiling
 takes, its right-hand side, Jacobian and directional derivatives are translated to C, compiled in a private folder that is
@@ -70,8 +70,8 @@ def compiler() -> str | None:
 
 
 def loaded(source: Path, flags: Sequence[str]) -> ctypes.CDLL | None:
-    """A program in C of this package, compiled into a private folder that is deleted as soon as it is loaded; None where
-    this computer has no compiler for it."""
+    """A program in C of this package, compiled into a private folder that is deleted as soon as it is loaded; None if this
+    computer has no suitable compiler."""
     command = compiler()
     if command is None or sys.platform != "linux":
         return None
@@ -86,26 +86,28 @@ def loaded(source: Path, flags: Sequence[str]) -> ctypes.CDLL | None:
 
 
 def worthwhile(seconds: float, operations: int) -> bool:
-    """Whether functions of so many operations are to be compiled after calls that took so long (s): once these have taken as
-    long as compiling takes. At worst the time is twice that of the better choice, whatever number of calls follows. A call
-    that is known beforehand counts by what it saves, `COMPILING.saved` of its time."""
+    """True if functions with this number of operations should be compiled after calls that took this time (s): once the
+    calls have taken as long as the compilation. At worst the total time is twice that of the better choice, for any number
+    of further calls. A call that is known in advance counts with the time that it saves, `COMPILING.saved` of its
+    duration."""
     return seconds >= COMPILING.seconds + COMPILING.seconds_per_operation * operations \
         and operations <= COMPILING.max_operations
 
 
 def compiled(make: Made, flags: Sequence[str] = FLAGS) -> ca.Function:
-    """What `make` builds, as machine code; RuntimeError where the compiler fails. (For methods that CasADi translates as a
-    whole.)"""
+    """The function that `make` builds, as machine code; RuntimeError if the compiler fails. (For methods that CasADi
+    translates completely.)"""
     with _folder() as folder:
         return _in_thread(lambda: make(_options(folder, flags)))
 
 
 def with_compiled_equations(make: Made) -> ca.Function:
-    """The integrator that `make` builds, its equations as machine code; RuntimeError where the compiler fails, and where the
-    system does not let a thread have a current folder of its own: CasADi writes the C program of the equations there."""
+    """The integrator that `make` builds, with its equations as machine code. Raises RuntimeError if the compiler fails, or
+    if the system does not permit a separate current folder of a thread, into which CasADi writes the C program of the
+    equations."""
     def build() -> ca.Function:
         if sys.platform != "linux" or ctypes.CDLL(None).unshare(CLONE_FS) != 0:
-            raise RuntimeError("a thread cannot have a current folder of its own")
+            raise RuntimeError("a thread cannot have a separate current folder")
         os.chdir(folder)  # of this thread alone
         return make(_options(folder, FLAGS))
 
@@ -114,16 +116,15 @@ def with_compiled_equations(make: Made) -> ca.Function:
 
 
 def _in_thread(build: Callable[[], ca.Function]) -> ca.Function:
-    """What `build` makes in a thread; RuntimeError where it fails. CasADi calls the compiler by system(3), which lets the
-    whole process ignore interrupts meanwhile, so that Ctrl-C would be lost: the main thread sets what handles them again and
-    again."""
-    found: list[ca.Function | Exception] = []
+    """The result of `build` in a thread; RuntimeError if it fails. CasADi calls the compiler by system(3), during which the
+    whole process ignores interrupts. So that Ctrl-C is not lost, the main thread restores the handler periodically."""
+    results: list[ca.Function | Exception] = []
 
     def run() -> None:
         try:
-            found.append(build())
+            results.append(build())
         except Exception as error:
-            found.append(error)
+            results.append(error)
 
     thread, handler = Thread(target=run, daemon=True), signal.getsignal(signal.SIGINT)
     thread.start()
@@ -131,9 +132,9 @@ def _in_thread(build: Callable[[], ca.Function]) -> ca.Function:
         thread.join(AGAIN)
         if handler is not None and current_thread() is main_thread():
             signal.signal(signal.SIGINT, handler)
-    if isinstance(made := found[0], Exception):
-        raise RuntimeError(str(made)) from made
-    return made
+    if isinstance(result := results[0], Exception):
+        raise RuntimeError(str(result)) from result
+    return result
 
 
 def _folder() -> tempfile.TemporaryDirectory[str]:
@@ -157,13 +158,13 @@ class Evaluated:
         self._operations = sum(_operations(function.get_function(name)) for name in function.get_function())
         self._seconds, self._tried, self.how = 0.0, False, LISTED
 
-    def __call__(self, **given: Any) -> dict[str, Array]:
-        """One integration; RuntimeError where it fails."""
+    def __call__(self, **arguments: Any) -> dict[str, Array]:
+        """One integration; RuntimeError if it fails."""
         if not self._tried and worthwhile(self._seconds, self._operations):
             self._compile()
         began = clock.thread_time()
         try:
-            return self._function(**given)
+            return self._function(**arguments)
         finally:
             self._seconds += clock.thread_time() - began
 

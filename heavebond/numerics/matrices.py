@@ -63,14 +63,14 @@ def finite(matrix: Matrix) -> bool:
 def scaled(matrix: Matrix, rows: Array | None = None, columns: Array | None = None) -> Matrix:
     """diag(rows) matrix diag(columns), with rows (m,) and columns (n,)."""
     if isinstance(matrix, np.ndarray):
-        found = matrix if columns is None else matrix * columns
-        return found if rows is None else found * rows[:, None]
-    found = matrix.copy()
+        product = matrix if columns is None else matrix * columns
+        return product if rows is None else product * rows[:, None]
+    product = matrix.copy()
     if columns is not None:
-        found.data *= np.repeat(columns, np.diff(found.indptr))
+        product.data *= np.repeat(columns, np.diff(product.indptr))
     if rows is not None:
-        found.data *= rows[found.indices]
-    return found
+        product.data *= rows[product.indices]
+    return product
 
 
 def added(matrix: Matrix, rows: NDArray[np.int_] | list[int], columns: NDArray[np.int_], values: Array) -> Matrix:
@@ -86,9 +86,9 @@ def largest_of_rows(matrix: Matrix) -> Array:
     """The largest absolute value of each row, (m,)."""
     if isinstance(matrix, np.ndarray):
         return np.asarray(np.abs(matrix).max(axis=1, initial=0.0))
-    found = np.zeros(matrix.shape[0])
-    np.maximum.at(found, matrix.indices, np.abs(matrix.data))
-    return found
+    largest = np.zeros(matrix.shape[0])
+    np.maximum.at(largest, matrix.indices, np.abs(matrix.data))
+    return largest
 
 
 def dense(matrix: Matrix) -> Array:
@@ -112,16 +112,16 @@ def factors(matrix: Matrix) -> Any:
     columns = csc_array(matrix)
     columns.eliminate_zeros()
     try:
-        found: Any = splu(columns)
+        factorised: Any = splu(columns)
     except RuntimeError:  # exactly singular
         return None
     direction, smallest = np.cos(np.arange(1.0, n + 1)), np.inf
     for _ in range(MATRICES.max_iterations):
-        direction = found.solve(found.solve(direction / np.linalg.norm(direction), "T"))
+        direction = factorised.solve(factorised.solve(direction / np.linalg.norm(direction), "T"))
         before, smallest = smallest, 1 / np.sqrt(float(np.linalg.norm(direction)))
         if not smallest < (1 - MATRICES.converged_change) * before:
             break
-    return found if smallest > MATRICES.certain_rank * _bound(columns) else None
+    return factorised if smallest > MATRICES.certain_rank * _bound(columns) else None
 
 
 def _bound(columns: Any) -> float:
@@ -132,8 +132,8 @@ def _bound(columns: Any) -> float:
 
 def least_change(matrix: Matrix, right: Array) -> Array:
     """The x (n,) or (n, k) of least norm that solves matrix (m, n) x = right in the sense of least squares."""
-    if (found := factors(matrix)) is not None:
-        return np.asarray(found.solve(right))
+    if (factorised := factors(matrix)) is not None:
+        return np.asarray(factorised.solve(right))
     if max(matrix.shape) <= MATRICES.max_dense:
         return np.asarray(np.linalg.lstsq(dense(matrix), right, rcond=MATRICES.rank)[0])
     return _Damped(matrix).least_change(right)
@@ -146,10 +146,10 @@ def solved(matrix: Matrix, right: NDArray[Any]) -> NDArray[Any]:
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
 
-    found: Any = splu(csc_array(matrix))
+    factorised: Any = splu(csc_array(matrix))
     if np.iscomplexobj(right):
-        return np.asarray(found.solve(right.real.copy()) + 1j * found.solve(right.imag.copy()))
-    return np.asarray(found.solve(right))
+        return np.asarray(factorised.solve(right.real.copy()) + 1j * factorised.solve(right.imag.copy()))
+    return np.asarray(factorised.solve(right))
 
 
 def null_space(matrix: Matrix, share: float) -> Array:
@@ -165,11 +165,11 @@ def null_space(matrix: Matrix, share: float) -> Array:
 
 
 class _Damped:
-    """The equations (A^T A + d^2) x = A^T b of a large sparse matrix A (m, n), as the system
-    [[d, A], [A^T, -d]] [y, x] = [b, 0], whose condition is that of A with its singular values below d raised to d.
+    """The equations (A^T A + d^2) x = A^T b of a large sparse matrix A (m, n), as the system [[d, A], [A^T, -d]] [y, x] =
+    [b, 0]. Its condition is the condition of A with the singular values below d raised to d.
 
-    Repeated with what is left of b, its solution approaches that of least norm: a singular value s counts as
-    1 - (d^2 / (s^2 + d^2))^k after k times (iterated Tikhonov regularisation; H. W. Engl, M. Hanke, A. Neubauer,
+    Repeated with the residual of b, its solution approaches the solution of least norm: a singular value s counts as 1 -
+    (d^2 / (s^2 + d^2))^k after k repetitions (iterated Tikhonov regularisation; H. W. Engl, M. Hanke, A. Neubauer,
     Regularization of Inverse Problems, Kluwer 1996, section 5.1).
     """
 
@@ -186,17 +186,17 @@ class _Damped:
 
     def least_change(self, right: Array) -> Array:
         m, n = self.matrix.shape
-        found, left, size = np.zeros((n, *right.shape[1:])), right, float(np.linalg.norm(right))
+        factorised, residual, size = np.zeros((n, *right.shape[1:])), right, float(np.linalg.norm(right))
         for _ in range(MATRICES.max_repeats):
-            trial = found + self.factors.solve(np.concatenate([left, np.zeros_like(found)]))[m:]
-            left = right - self.matrix @ trial
-            before, size = size, float(np.linalg.norm(left))
+            trial = factorised + self.factors.solve(np.concatenate([residual, np.zeros_like(factorised)]))[m:]
+            residual = right - self.matrix @ trial
+            before, size = size, float(np.linalg.norm(residual))
             if not size < before:
                 break
-            found = trial
+            factorised = trial
             if size > (1 - MATRICES.converged_change) * before:
                 break
-        return np.asarray(found)
+        return np.asarray(factorised)
 
     def shortened(self, share: float) -> Array:
         """The directions that A shortens below a share of its largest singular value, by inverse subspace iteration."""

@@ -29,23 +29,36 @@ MOVED, WAY = 2, 0.2
 
 
 def unassembled(assembly: Assembly) -> Problem | None:
-    """Why the initial conditions of a mechanism ask for a configuration that does not exist; None where it does, or
-    where the diagram has no constraints that change with its configuration."""
+    """The error for initial conditions of a mechanism that require an impossible configuration; None if the configuration
+    exists, or if no constraint of the diagram depends on the configuration."""
     equations = _equations(assembly)
     if equations is None:
         return None
     guess = InitialGuess(assembly.flat)(assembly.p)
-    given = [j for j, fixed in equations.fixed().items() if fixed]
-    residual = _closest(equations, guess, assembly.p, given)[1]
+    fixed_unknowns = [j for j, fixed in equations.fixed().items() if fixed]
+    residual = _closest(equations, guess, assembly.p, fixed_unknowns)[1]
     if not np.abs(residual).max() >= CLOSED:  # kept, or without a value
         return None
-    if given and np.abs(_closest(equations, guess, assembly.p, [])[1]).max() < CLOSED:
-        return _contradiction(equations, given)
-    return _open(equations, residual)
+    if fixed_unknowns and np.abs(_closest(equations, guess, assembly.p, [])[1]).max() < CLOSED:
+        names = [equations.flat.unknowns[j].name for j in fixed_unknowns]
+        conditions = equations.flat.expanded.model.initial.conditions
+        places = [c.value.place for name, c in conditions.items() if equations.flat.names.get(name) in fixed_unknowns]
+        return Problem("start-failed", f"the links of the mechanism do not meet where {listing(names, MOST_NAMED)} "
+                       f"{'has the value' if len(names) == 1 else 'have the values'} given under `initial:`",
+                       places[-1] if places else None,
+                       "Each degree of freedom has one initial position. Make the others guesses: "
+                       f"`{names[-1]}: ~ ...`.")
+    worst = [k for k in np.argsort(-np.abs(residual))[:5] if abs(residual[k]) > SHARE * np.abs(residual).max()]
+    notes = [f"{e.owner}: {e.text}" for e in (equations.flat.equations[equations.rows[k]] for k in worst)]
+    leaf = equations.flat.expanded.leaves.get(equations.flat.equations[equations.rows[worst[0]]].owner)
+    return Problem("start-failed", f"the mechanism cannot be assembled: {_parts(equations, residual)} do not meet in any "
+                   "position that was tried", leaf.place if leaf else None, "Check the lengths of the links and the "
+                   "positions of the fixed points; these equations are then left over.", tuple(notes))
 
 
 def dead_centre(assembly: Assembly) -> Problem | None:
-    """That the constraints of a mechanism depend on each other at its start, but not beside it; None if they do not."""
+    """The error for a dead centre: the constraints of a mechanism depend on each other at its start, but not near it. None
+    if this is not so."""
     equations = _equations(assembly)
     if equations is None:
         return None
@@ -55,8 +68,8 @@ def dead_centre(assembly: Assembly) -> Problem | None:
 
 
 def redundant_loop(assembly: Assembly) -> Problem | None:
-    """That the constraints of a mechanism depend on each other at its start and at positions to which it moves, as those of
-    three parallel cranks; None if they do not, or at its start only (a dead centre)."""
+    """The error for redundant constraints: they depend on each other at the start of a mechanism and at positions to which
+    it moves, as with three parallel cranks. None if not, or if at the start only (a dead centre)."""
     equations = _equations(assembly)
     if equations is None:
         return None
@@ -75,14 +88,10 @@ def redundant_loop(assembly: Assembly) -> Problem | None:
         return None
     for trial in range(MOVED):
         direction = motions.T @ np.array([uniform(trial, k) - 0.5 for k in range(len(motions))])
-        moved = y + WAY * equations.nominal * direction / np.abs(direction).max()
-        near = _least(equations, moved, p, range(len(y)))
+        begin = y + WAY * equations.nominal * direction / np.abs(direction).max()
+        near = _least(equations, begin, p, range(len(y)))
         if not np.abs(equations.at(near, p)[0]).max() < CLOSED or dependent(near)[0].shape[1] < relations.shape[1]:
             return None
-    return _redundant(equations, relations)
-
-
-def _redundant(equations: ConstraintEquations, relations: Array) -> Problem:
     flat, leaves = equations.flat, equations.flat.expanded.leaves
     share = np.abs(relations).max(axis=1)
     owners = [flat.equations[i].owner for i, s in zip(equations.rows, share, strict=True) if s > SHARE * share.max()]
@@ -102,29 +111,29 @@ def _redundant(equations: ConstraintEquations, relations: Array) -> Problem:
 
 
 def _equations(assembly: Assembly) -> ConstraintEquations | None:
-    found = assembly.reduced.choices.constraints
+    constraints = assembly.reduced.choices.constraints
     unknown = {s.element_hash() for level in assembly.flat.levels for s in level}
-    changing = any(s.element_hash() in unknown for s in ca.symvar(found.values))
-    return constraint_equations(assembly.flat, found.order) if changing else None
+    changing = any(s.element_hash() in unknown for s in ca.symvar(constraints.values))
+    return constraint_equations(assembly.flat, constraints.order) if changing else None
 
 
-def _closest(equations: ConstraintEquations, guess: Array, p: Array, given: Sequence[int]) -> tuple[Array, Array]:
+def _closest(equations: ConstraintEquations, guess: Array, p: Array, fixed: Sequence[int]) -> tuple[Array, Array]:
     """The unknowns, those given kept, at the least sum of squares of the constraints, and the residuals there; the best of
     several searches from turned links."""
     columns = list(equations.columns)
     begin = guess[columns]
-    free = [k for k, j in enumerate(columns) if j not in given]
+    free = [k for k, j in enumerate(columns) if j not in fixed]
     if not free:
         return begin, equations.at(begin, p)[0]
     turning = np.array([k in free and equations.flat.unknowns[j].unit.text == "rad" for k, j in enumerate(columns)])
-    found: list[tuple[Array, Array]] = []
+    solutions: list[tuple[Array, Array]] = []
     for trial in range(TRIALS):
         turned = turning * [2 * np.pi * (uniform(trial, k) - 0.5) * (trial > 0) for k in range(len(columns))]
         y = _least(equations, begin + turned, p, free)
-        found.append((y, equations.at(y, p)[0]))
-        if np.abs(found[-1][1]).max() < CLOSED:
+        solutions.append((y, equations.at(y, p)[0]))
+        if np.abs(solutions[-1][1]).max() < CLOSED:
             break
-    return min(found, key=lambda pair: float(np.nan_to_num(np.abs(pair[1]), nan=np.inf).max()))
+    return min(solutions, key=lambda pair: float(np.nan_to_num(np.abs(pair[1]), nan=np.inf).max()))
 
 
 def _least(equations: ConstraintEquations, begin: Array, p: Array, free: Sequence[int]) -> Array:
@@ -166,25 +175,5 @@ def _dead_centre(equations: ConstraintEquations, y: Array, p: Array) -> Problem 
     if value > LOST or singular(aside)[0] < GROWS * value:
         return None
     return Problem("rank-lost", f"the mechanism begins at a dead centre: the constraints of {_parts(equations, direction)} "
-                   "depend on each other at the start", None, "From there it could go on in two ways. Begin beside this "
-                   "position, change a length a little, or add what decides (a spring).")
-
-
-def _contradiction(equations: ConstraintEquations, given: Sequence[int]) -> Problem:
-    names = [equations.flat.unknowns[j].name for j in given]
-    conditions = equations.flat.expanded.model.initial.conditions
-    places = [c.value.place for name, c in conditions.items() if equations.flat.names.get(name) in given]
-    return Problem("start-failed", f"the links of the mechanism do not meet where {listing(names, MOST_NAMED)} "
-                   f"{'has the value' if len(names) == 1 else 'have the values'} given under `initial:`",
-                   places[-1] if places else None,
-                   "Each degree of freedom has one initial position. Make the others guesses: "
-                   f"`{names[-1]}: ~ ...`.")
-
-
-def _open(equations: ConstraintEquations, residual: Array) -> Problem:
-    worst = [k for k in np.argsort(-np.abs(residual))[:5] if abs(residual[k]) > SHARE * np.abs(residual).max()]
-    notes = [f"{e.owner}: {e.text}" for e in (equations.flat.equations[equations.rows[k]] for k in worst)]
-    leaf = equations.flat.expanded.leaves.get(equations.flat.equations[equations.rows[worst[0]]].owner)
-    return Problem("start-failed", f"the mechanism cannot be assembled: {_parts(equations, residual)} do not meet in any "
-                   "position that was tried", leaf.place if leaf else None, "Check the lengths of the links and the "
-                   "positions of the fixed points; these equations are then left over.", tuple(notes))
+                   "depend on each other at the start", None, "From there it could move in two directions. Begin near "
+                   "this position, change a length slightly, or add an element that decides the direction (a spring).")

@@ -17,7 +17,7 @@ System = Callable[[Array], tuple[Array, Matrix]]
 @dataclass(frozen=True)
 class NewtonConstants:
     """The constants of the solution of nonlinear equations. Residuals are scaled such that a change of each unknown by its
-    usual size changes each by about one; what has no unit below is a share of that.
+    usual size changes each residual by about one; constants without a unit are shares of that.
 
     max_iterations: iterations of Newton's method. Origin: a bound on the time of a hopeless start. Doubled: a start
         without a solution is refused later.
@@ -65,13 +65,13 @@ class Scaling:
         return np.clip(y, self.low, self.high)
 
     def inside(self, y: Array) -> bool:
-        """Whether no bound holds the point."""
+        """True if no bound is active at the point."""
         return bool(np.all((self.low < y) & (y < self.high)))
 
 
 @dataclass(frozen=True)
 class NewtonResult:
-    """Where a search ended: y (n,), the scaled residuals there (m,), and the steps that it took."""
+    """The end of a search: y (n,), the scaled residuals (m,) at y, and the number of steps."""
 
     y: Array
     residual: Array
@@ -84,14 +84,14 @@ class NewtonResult:
 
     @property
     def missed(self) -> tuple[int, float]:
-        """How many equations do not hold, and the largest residual: of two ends of a search the one that is nearer. One that
-        is not finite, as of a search that could not begin, is farther than any other."""
+        """The number of equations that do not hold, and the largest residual, for comparison of two results. A result that
+        is not finite, such as that of a failed search, compares as the worst."""
         finite_size = np.isfinite(self.size)
         return int((~(np.abs(self.residual) < NEWTON.acceptable)).sum()) if finite_size else sys.maxsize, self.size
 
     @property
     def size(self) -> float:
-        """The largest residual; infinite where one is no number."""
+        """The largest residual; infinite if a residual is not finite."""
         return float(np.abs(self.residual).max(initial=0.0)) if np.all(np.isfinite(self.residual)) else np.inf
 
 
@@ -103,8 +103,8 @@ def weights(residual: Array, jacobian: Matrix) -> Array:
 
 @np.errstate(over="ignore", invalid="ignore")  # a trial may go anywhere; what is no number is not taken
 def newton(system: System, y: Array, frame: Scaling, most: int = NEWTON.max_iterations) -> NewtonResult:
-    """Gauss-Newton with at most so many steps of least norm in scaled unknowns, halved until the residual falls; a step
-    that leaves the bounds is cut at them."""
+    """Gauss-Newton method with a limited number of steps of least norm in scaled unknowns. Steps are halved until the
+    residual decreases, and clipped at the bounds."""
     y, steps = frame.within(y), 0
     residual, jacobian = system(y)
     for _ in range(most):
@@ -129,33 +129,33 @@ def newton(system: System, y: Array, frame: Scaling, most: int = NEWTON.max_iter
             break
         y, residual, jacobian = trial, new, new_jacobian
         steps += 1
-    left = residual * weights(residual, jacobian) if residual.size and finite(jacobian) else residual
-    return NewtonResult(y, left, steps)
+    scaled_residual = residual * weights(residual, jacobian) if residual.size and finite(jacobian) else residual
+    return NewtonResult(y, scaled_residual, steps)
 
 
-def sharpened(system: System, found: NewtonResult, frame: Scaling) -> NewtonResult:
-    """A solution after one step more, to the rounding of its equations, where that makes the residual smaller."""
-    residual, jacobian = system(found.y)
+def sharpened(system: System, solution: NewtonResult, frame: Scaling) -> NewtonResult:
+    """A solution after one further step, to the rounding of its equations, if this reduces the residual."""
+    residual, jacobian = system(solution.y)
     if not residual.size:
-        return found
+        return solution
     row = weights(residual, jacobian)
-    y = frame.within(found.y + least_change(scaled(jacobian, row), -residual * row) * frame.sizes)
-    left = system(y)[0] * row
-    better = np.all(np.isfinite(left)) and np.abs(left).max() < np.abs(residual * row).max()
-    return NewtonResult(y, left, found.steps + 1) if better else found
+    y = frame.within(solution.y + least_change(scaled(jacobian, row), -residual * row) * frame.sizes)
+    weighted = system(y)[0] * row
+    better = np.all(np.isfinite(weighted)) and np.abs(weighted).max() < np.abs(residual * row).max()
+    return NewtonResult(y, weighted, solution.steps + 1) if better else solution
 
 
 def settled(system: System, slowed: Callable[[Array, float], System], y: Array, frame: Scaling, least: float = 0.0
             ) -> NewtonResult:
-    """Where a machine comes to rest from y by itself: implicit Euler steps, short at first and then ever longer, until
-    Newton's method finds the equilibrium. `slowed(y, step)` are the equations of one step. Newton's method, which may go to
-    another equilibrium, is tried once the steps are longer than `least` (s).
+    """The equilibrium to which a machine settles from y: implicit Euler steps of increasing length until Newton's method
+    finds the equilibrium. `slowed(y, step)` are the equations of one step. Newton's method, which may go to another
+    equilibrium, is tried once the steps are longer than `least` (s).
 
     Pseudo-transient continuation; C. T. Kelley, D. E. Keyes, Convergence analysis of pseudo-transient continuation, SIAM J.
     Numer. Anal. 35 (1998) 508-523, doi:10.1137/S0036142996304796.
     """
     y, step, steps = frame.within(y), NEWTON.first_pseudo_step, 0
-    found = NewtonResult(y, np.full(1, np.inf), 0)
+    result = NewtonResult(y, np.full(1, np.inf), 0)
     for k in range(NEWTON.max_pseudo_steps):
         trial = newton(slowed(y, step), y, frame, NEWTON.path_iterations)
         steps += trial.steps
@@ -164,24 +164,23 @@ def settled(system: System, slowed: Callable[[Array, float], System], y: Array, 
         else:
             step /= 4
         if k % 8 == 7 and step >= least:
-            found = newton(system, y, frame, NEWTON.path_iterations)
-            steps += found.steps
-        if found.good or step < NEWTON.first_pseudo_step * 1e-4 or not np.all(np.isfinite(y)):
+            result = newton(system, y, frame, NEWTON.path_iterations)
+            steps += result.steps
+        if result.good or step < NEWTON.first_pseudo_step * 1e-4 or not np.all(np.isfinite(y)):
             break
-    return NewtonResult(found.y, found.residual, steps)
+    return NewtonResult(result.y, result.residual, steps)
 
 
 def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> NewtonResult:
-    """F_s(y) = (1 - s) F_0(y_0) for s from 0 to 1, where F_1 are the equations: what is out of balance at the guess acts as
-    a source that is taken away little by little, each solution being the guess for the next. Steps grow and shrink with
-    success.
+    """F_s(y) = (1 - s) F_0(y_0) for s from 0 to 1, with the equations F_1: the residual at the guess acts as a source that
+    is reduced step by step, each solution being the guess for the next. Steps grow and shrink with success.
 
     The Newton homotopy; E. L. Allgower, K. Georg, Introduction to Numerical Continuation Methods, SIAM 2003, chapter 1,
     doi:10.1137/1.9780898719154.
     """
     y = frame.within(y)
     first, _ = family(0.0)(y)
-    found, steps, s, stride = NewtonResult(y, first, 0), 0, 0.0, 0.25
+    result, steps, s, stride = NewtonResult(y, first, 0), 0, 0.0, 0.25
     while s < 1 and stride >= NEWTON.min_continuation_step and np.all(np.isfinite(first)):
         to = min(1.0, s + stride)
         member = family(to)
@@ -190,12 +189,12 @@ def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> Ne
             residual, jacobian = system(at)
             return residual - left * first, jacobian
 
-        trial = newton(balanced, found.y, frame, NEWTON.path_iterations)
+        trial = newton(balanced, result.y, frame, NEWTON.path_iterations)
         steps += trial.steps
         if trial.good:
-            found, s, stride = trial, to, 2 * stride
+            result, s, stride = trial, to, 2 * stride
         else:
             stride /= 4
-    last, jacobian = family(1.0)(found.y)
+    last, jacobian = family(1.0)(result.y)
     weighted = last * weights(last, jacobian) if last.size and finite(jacobian) else last
-    return NewtonResult(found.y, weighted, steps)
+    return NewtonResult(result.y, weighted, steps)

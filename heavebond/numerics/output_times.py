@@ -30,7 +30,8 @@ class DensePointConstants:
     first: share of the run up to which the first output interval is not divided in the integration. Origin: the first step
         depends on its length, and runs are not to depend on these points. Doubled: nothing but for coarse output.
     moved: share of its range along the run from which on a state that moves in the first interval has it integrated again,
-        with points between. Origin: a smaller excursion is no extreme. Doubled: smaller transients are passed over.
+        with points between. Origin: a smaller excursion does not affect extremes. Doubled: smaller transients are passed
+        over.
     shares: the points in it, as shares. Origin: transients of any length down to rounding. Doubled: some us.
     """
 
@@ -62,11 +63,11 @@ def with_begin(model: Model, begin: Time) -> Model:
 
 
 def grid(model: Model, until: Time | None, every: Time | None) -> Array:
-    """Output times from the begin to the end, both included; UsageError where they make no sense."""
+    """Output times from the begin to the end, both included; UsageError if they make no sense."""
     begin = begin_of(model)
     end = seconds(until, "until") if until is not None else _from_model(model.until)
     if end is None:
-        raise UsageError([Problem("until-missing", "it is not said how long to simulate", None,
+        raise UsageError([Problem("until-missing", "the duration of the simulation is not specified", None,
                                   "Give `--until '60 s'`, or `simulate: {until: 60 s}` in the diagram.")])
     step = seconds(every, "every") if every is not None else _from_model(model.every)
     span = end - begin
@@ -110,9 +111,9 @@ def refined(stops: Array, unknowns: int, intervals: int = DENSE_POINTS.intervals
     return np.append(np.repeat(stops[:-1], parts) + np.repeat(lengths / parts, parts) * number, stops[-1])
 
 
-def seconds(given: Time, what: str) -> float:
+def seconds(time: Time, what: str) -> float:
     """A time in s from a number or a text such as `2 min`; UsageError that begins with `what` for anything else."""
-    return si_value(given, "s", what)
+    return si_value(time, "s", what)
 
 
 def _from_model(value: Value | None) -> float | None:

@@ -1,4 +1,5 @@
-"""Physical limits of a run: where a variable first falls below a value that it cannot have, such as a negative volume."""
+"""Physical limits of a run: the first time at which a variable falls below an impossible value, such as a negative
+volume."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ EXACT = 1e-6  # of the time of a run: to so much the time of a violation is foun
 
 
 class LimitPassed(SimulationError):
-    """A run passed a physical limit between the times `bracket`; `result` is the run at the output times before, as far
-    as it is known."""
+    """A run passed a physical limit between the times `bracket`; `result` is the run at the output times before, if it is
+    known."""
 
     def __init__(self, problems: Iterable[Problem] | str, *, hint: str = "", result: Result | None = None,
                  bracket: tuple[float, float] = (0.0, 0.0)):
@@ -32,14 +33,14 @@ class LimitPassed(SimulationError):
         self.result, self.bracket = result, bracket
 
     def __reduce__(self) -> tuple[type[SimulationError], tuple[object, ...]]:
-        """For another process, to which a run does not pass."""
+        """Pickle the error without its run, for another process."""
         return SimulationError, (self.problems,)
 
 
 @dataclass(frozen=True)
 class Limited:
     """The variables of an assembly with a physical limit (k,): `limits` and the rows of the states among them; `probe`
-    gives those that are no states, in the same order."""
+    evaluates those that are not states, in the same order."""
 
     unknowns: tuple[Unknown, ...]
     limits: Array
@@ -116,9 +117,9 @@ def _drawing_part(points: Result, n: int, u: Unknown) -> str:
     if not most or not flows[most] > sum(max(q, 0.0) for q in flows.values()) / 2:
         return ""
     part, unit = ends[most].leaf, flat.unknowns[flat.names[most]].unit.text
-    others = [other for path, other in flat.expanded.junctions.items() if flat.domains.get(path) != domain
-              and any(end.leaf == part for end in other.ends)]
-    drives = listing(dict.fromkeys(end.leaf for other in others for end in other.ends if end.leaf != part), 3)
+    junctions = [other for path, other in flat.expanded.junctions.items() if flat.domains.get(path) != domain
+                       and any(end.leaf == part for end in other.ends)]
+    drives = listing(dict.fromkeys(end.leaf for other in junctions for end in other.ends if end.leaf != part), 3)
     return f". {part} draws {readable(flows[most], unit)} from node '{node}' at that time: if it should deliver there, " \
         f"exchange its ports{f' or reverse its drive ({drives})' if drives else ''}"
 

@@ -19,23 +19,23 @@ def evaluated(assembly: Assembly, function: ca.Function, columns: Sequence[Array
     n = columns[0].shape[1]
     size = min(n, AT_ONCE)
     many = assembly.once((function.__hash__(), size), lambda: Buffered(function.map(size)))
-    found = [np.empty((function.numel_out(k), n)) for k in range(function.n_out())]
+    outputs = [np.empty((function.numel_out(k), n)) for k in range(function.n_out())]
     for begin in range(0, n, size):
         at = slice(begin, begin + size) if begin + size <= n else \
             np.minimum(np.arange(begin, begin + size), n - 1)  # the last call is filled up with the last point
-        for output, values in zip(found, many(*(c[:, at] for c in columns)).values(), strict=True):
+        for output, values in zip(outputs, many(*(c[:, at] for c in columns)).values(), strict=True):
             output[:, begin:begin + size] = values.reshape((-1, size), order="F")[:, :n - begin]
-    return found
+    return outputs
 
 
 def missing(assembly: Assembly, unknowns: Sequence[int], columns: Sequence[Array], values: Array) -> NDArray[np.bool_]:
-    """Which values (k, N) of unknowns no equation determines, of those on which no motion depends."""
-    found = np.zeros(values.shape, bool)
+    """True for values (k, N) of unknowns that no equation determines and on which no motion depends."""
+    undefined = np.zeros(values.shape, bool)
     for k, j in enumerate(unknowns):
         if j in assembly.reduced.choices.derived and np.isnan(values[k]).any():
             expression = assembly.values(*assembly.arguments)[j]
-            found[k] = undetermined(assembly, expression, columns, values[k])
-    return found
+            undefined[k] = undetermined(assembly, expression, columns, values[k])
+    return undefined
 
 
 def undetermined(assembly: Assembly, expression: ca.SX, columns: Sequence[Array], values: Array) -> NDArray[np.bool_]:
@@ -46,29 +46,29 @@ def undetermined(assembly: Assembly, expression: ca.SX, columns: Sequence[Array]
     if not pairs:
         return np.zeros(len(values), bool)
     function = ca.Function("quotients", list(assembly.arguments), [ca.densify(ca.vertcat(*(e for p in pairs for e in p)))])
-    found, = evaluated(assembly, function, columns)
-    return np.asarray(no_number & ((found[::2] == 0) & (found[1::2] == 0)).any(axis=0))
+    quotient_values, = evaluated(assembly, function, columns)
+    return np.asarray(no_number & ((quotient_values[::2] == 0) & (quotient_values[1::2] == 0)).any(axis=0))
 
 
 def _quotients(expression: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
-    """The numerators and denominators in an expression; of a product with infinity the other factor, and of NaN under a
-    condition its opposite, twice."""
-    found, waiting, known = [], [expression], {expression.element_hash()}
+    """The numerators and denominators in an expression; for a product with infinity the other factor, and for NaN under a
+    condition the opposite condition, twice."""
+    quotients, waiting, known = [], [expression], {expression.element_hash()}
     while waiting:
         node = waiting.pop()
         inside = [node.dep(k) for k in range(node.n_dep())]
         if node.is_op(ca.OP_DIV):
-            found.append((inside[0], inside[1]))
+            quotients.append((inside[0], inside[1]))
         elif node.is_op(ca.OP_MUL) and any(e.is_constant() and np.isinf(float(e)) for e in inside):
-            found += [(e, e) for e in inside if not e.is_constant()]
+            quotients += [(e, e) for e in inside if not e.is_constant()]
         elif node.is_op(ca.OP_IF_ELSE_ZERO) and _no_number(inside[1]):
-            found.append((1 - inside[0], 1 - inside[0]))
+            quotients.append((1 - inside[0], 1 - inside[0]))
             inside = inside[:1]
         elif _no_number(node):
-            found.append((ca.SX(0), ca.SX(0)))
+            quotients.append((ca.SX(0), ca.SX(0)))
         waiting += [e for e in inside if e.element_hash() not in known]
         known.update(e.element_hash() for e in inside)
-    return found
+    return quotients
 
 
 def _no_number(expression: ca.SX) -> bool:

@@ -1,8 +1,8 @@
-"""Power balance of components along a run: what flows in over the ports, against what is stored, dissipated and unbalanced.
+"""Power balance of components along a run: the power through the ports against stored, dissipated and unbalanced power.
 
-The audit of a run (`audit`) integrates powers beside the states, which costs a second run. The same law holds at every
-instant, d(stores)/dt taken along the equations of motion, and is checked here at some points of a run that is there already:
-no error of a quadrature between output points enters, only rounding. What it finds is a law that makes or loses energy.
+The audit of a run (`audit`) integrates powers together with the states, which costs a second run. The same balance holds
+at every instant, with d(stores)/dt along the equations of motion. It is checked here at some points of an existing run,
+without errors of quadrature between output points. A violation means that a law creates or loses energy.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LEAST_POINTS = 3
 
 @dataclass(frozen=True)
 class Imbalance:
-    """A component whose power does not balance: the power in W that is missing (below zero: made from nothing) where it is
+    """A component whose power does not balance: the power in W that is missing (below zero: created) where it is
     largest over the points, the time of the first, how much may be missing, and whether its dissipation is negative."""
 
     owner: str
@@ -47,7 +47,7 @@ def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: S
     parts = [e for e in flat.energetics if not e.kind and (e.owner in with_ports or not e.energy.is_zero())]
     if not parts and not more:
         return [], np.zeros((0, values.shape[1]))
-    (dissipated, unbalanced, held, rate), others = _energies(assembly, parts, columns, more)
+    (dissipated, unbalanced, held, rate), more_values = _energies(assembly, parts, columns, more)
     ports = _port_powers(flat, values)
     through = {e.owner: np.zeros(values.shape[1]) for e in flat.energetics}
     for port, bond in flat.bonds.items():
@@ -56,31 +56,32 @@ def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: S
     # a pendulum alone has no port and keeps its energy: only what it holds tells what is little
     sizes = [_size(np.sum(np.abs(list(ports.values())), axis=0)) if ports else 0.0, _size(rate), _size(dissipated),
              _size(held) / duration if duration else 0.0]
-    found = _missing(parts, through, (rate, dissipated, unbalanced), TOLERANCE * max(sizes), columns[0][0])
-    if found:  # in a machine that turns energy it holds into other energy it holds, these powers are the size of things
+    imbalances = _missing(parts, through, (rate, dissipated, unbalanced), TOLERANCE * max(sizes), columns[0][0])
+    if imbalances:  # in a machine that turns energy it holds into other energy it holds, these powers are the size of things
         turned = _turnover(assembly, parts, columns)
-        found = _missing(parts, through, (rate, dissipated, unbalanced), TOLERANCE * max(*sizes, turned), columns[0][0])
-    return found, others
+        imbalances = _missing(parts, through, (rate, dissipated, unbalanced), TOLERANCE * max(*sizes, turned), columns[0][0])
+    return imbalances, more_values
 
 
 def _missing(parts: Sequence[Energetics], through: Mapping[str, Array], powers: tuple[Array, Array, Array], limit: float,
              time: Array) -> list[Imbalance]:
-    """The parts that miss more than the limit, from the power into each over its ports and what it stores, dissipates and
-    leaves unbalanced, each (n_parts, N)."""
-    (rate, dissipated, unbalanced), found = powers, []
+    """The parts whose missing power exceeds the limit, from the power into each over its ports and the power that it stores,
+    dissipates and leaves unbalanced, each (n_parts, N)."""
+    (rate, dissipated, unbalanced), imbalances = powers, []
     for k, part in enumerate(parts):
         missing = through[part.owner] - rate[k] - dissipated[k] - unbalanced[k]
-        for lost, made in ((missing, False), (dissipated[k], True)):
-            at = np.flatnonzero(lost < -limit if made else np.abs(lost) > limit)
+        for lost, negative in ((missing, False), (dissipated[k], True)):
+            at = np.flatnonzero(lost < -limit if negative else np.abs(lost) > limit)
             if len(at) >= min(LEAST_POINTS, len(time)):
                 worst, first = at[int(np.argmax(np.abs(lost[at])))], float(time[at[0]])
-                found.append(Imbalance(part.owner, float(lost[worst]), first, limit, made))
+                imbalances.append(Imbalance(part.owner, float(lost[worst]), first, limit, negative))
                 break
-    return found
+    return imbalances
 
 
 def _turnover(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence[Array]) -> float:
-    """The largest power that a store exchanges with itself: the sum of |dS/dx_i x'_i|, W, where a pendulum's dS/dt is 0."""
+    """The largest power that a store exchanges internally: the sum of |dS/dx_i x'_i|, W. For a pendulum dS/dt is 0, this sum
+    is not."""
     t, x, _, _, _, rate = assembly.arguments
     gradient = ca.jacobian(assembly.express(stack(e.energy for e in parts)), stack([t, x]))
     terms = ca.sum2(ca.fabs(ca.mtimes(gradient, ca.diag(stack([rate, assembly.ode])))))
@@ -101,7 +102,8 @@ def _port_powers(flat: Flat, values: Array) -> dict[str, Array]:
 
 def _energies(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence[Array], more: Sequence[ca.SX]
               ) -> tuple[tuple[Array, ...], Array]:
-    """What is dissipated and unbalanced in W, what is stored in J and its rate in W, each (n_parts, N), and more (k, N).
+    """Dissipated and unbalanced power in W, stored energy in J and its rate in W, each (n_parts, N), and the values (k, N)
+    of `more`.
 
     The rate is taken along the motion: dS/dt + dS/dx x' + dS/dz z', with z' = -(dg/dz)^-1 (dg/dt + dg/dx x') of the
     algebraic equations g = 0.
@@ -121,22 +123,22 @@ def _energies(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence
         return ca.Function("energies", list(assembly.arguments), [ca.densify(stack(wanted))]), bool(by_z.nnz())
 
     function, loops = assembly.once(("energies", *(e.element_hash() for e in more)), made)
-    found, = evaluated(assembly, function, columns)
+    values, = evaluated(assembly, function, columns)
     size = 3 * m + len(more)
     begin, n_z = size + m, z.numel()
-    rates = found[size:begin]
+    rates = values[size:begin]
     if loops:
-        slopes, jacobian, moved = np.split(found[begin:], [m * n_z, m * n_z + n_z * n_z])
-        rates = rates + _by_loops(slopes.reshape(n_z, m, -1), jacobian.reshape(n_z, n_z, -1), moved)
-    return (found[:m], found[m:2 * m], found[2 * m:3 * m], rates), found[3 * m:size]
+        slopes, jacobian, residual_rates = np.split(values[begin:], [m * n_z, m * n_z + n_z * n_z])
+        rates = rates + _by_loops(slopes.reshape(n_z, m, -1), jacobian.reshape(n_z, n_z, -1), residual_rates)
+    return (values[:m], values[m:2 * m], values[2 * m:3 * m], rates), values[3 * m:size]
 
 
-def _by_loops(slopes: Array, jacobian: Array, moved: Array) -> Array:
+def _by_loops(slopes: Array, jacobian: Array, residual_rates: Array) -> Array:
     """dS/dz z' at each point, (m, N); NaN where the algebraic equations do not decide z'."""
-    found = np.full((slopes.shape[1], slopes.shape[2]), np.nan)
-    for k in range(found.shape[1]):
+    rates = np.full((slopes.shape[1], slopes.shape[2]), np.nan)
+    for k in range(rates.shape[1]):
         try:
-            found[:, k] = slopes[..., k].T @ np.linalg.solve(jacobian[..., k].T, -moved[:, k])
+            rates[:, k] = slopes[..., k].T @ np.linalg.solve(jacobian[..., k].T, -residual_rates[:, k])
         except np.linalg.LinAlgError:
             continue
-    return found
+    return rates

@@ -1,16 +1,16 @@
 """Runs for searches: measured inputs are looked up by time inside the equations.
 
-`Simulator` hands the integrator a new polynomial piece of each input at every sample and makes it stop there, which splits
-its steps: three to six times as many as the motion asks for. Here the pieces stand in the equations as a table over time,
-and the integrator (CVODES where there are no algebraic unknowns, which takes fewer evaluations a step than IDAS) steps over
-the samples under its error control. What a search finds is reported from runs of `Simulator`.
+`Simulator` hands the integrator a new polynomial piece of each input at every sample and makes it stop there, which
+splits its steps: three to six times as many as the motion asks for. Here the pieces are a table over time within the
+equations. The integrator (CVODES if there are no algebraic unknowns, with fewer evaluations a step than IDAS) steps over the
+samples under its error control. Results of a search are reported from runs of `Simulator`.
 
-Where a C compiler is present, a compiled program drives CVODES and evaluates the equations (see `compiled_cvodes`): two to
+If a C compiler is present, a compiled program calls CVODES and evaluates the equations (see `compiled_cvodes`): two to
 four times as fast for a machine of few states.
 
-An input that jumps at its samples (`interpolation: hold`) has to be stopped at. Methods of several steps begin each stretch
-with their lowest order and their shortest steps; where that takes many evaluations a sample and nothing is compiled, a
-one-step method takes over, which needs a step or two.
+An input that jumps at its samples (`interpolation: hold`) has to be stopped at. Multistep methods begin each stretch with
+their lowest order and shortest steps. If that takes many evaluations a sample and nothing is compiled, a one-step method is
+used instead, which needs one or two steps.
 """
 
 from __future__ import annotations
@@ -54,13 +54,12 @@ class SearchRunConstants:
 
     max_steps: steps between two samples after which a candidate is given up. Origin: a bound on the time of a hopeless
         candidate. Doubled: hopeless candidates take twice as long.
-    max_steps_exact: the same in what is reported of a candidate. Origin: ten times that of the search. Doubled: as
-        above.
-    longest_step: longest step, in samples of the inputs. Origin: from rest an integrator would step over a short
-        motion, and longer steps of its own change with the parameters, which makes the sum of squares rough. Doubled:
-        fewer evaluations, a rougher sum of squares.
-    one_step_from: evaluations between two samples from which a one-step method costs less. Origin: each of its steps
-        takes eight and a Jacobian. Doubled: some runs take longer, with the same result.
+    max_steps_exact: the same in final runs of a candidate. Origin: ten times the value of the search. Doubled: as above.
+    longest_step: longest step, in samples of the inputs. Origin: from rest an integrator would step over a short motion, and
+        the lengths of unlimited steps depend on the parameters, which makes the sum of squares rough. Doubled: fewer
+        evaluations, a rougher sum of squares.
+    one_step_from: evaluations between two samples from which a one-step method costs less. Origin: each of its steps takes
+        eight and a Jacobian. Doubled: some runs take longer, with the same result.
     one_step_tolerance: factor on its tolerances. Origin: its steps end at the samples, so that it errs by far less than
         allowed. Doubled: errors up to the tolerance asked for.
     """
@@ -79,18 +78,18 @@ CONTINUOUS = ("spline", "linear")
 
 
 class Unexplained(Simulator):
-    """A `Simulator` for one candidate among many: where it gives up it does so soon, and does not look for the reason, which
-    would cost further runs. Where the compiled program can integrate its equations, it does so with the share
-    `CVODES_SHARE` of the tolerances asked for."""
+    """A `Simulator` for one candidate among many: it gives up early, and does not search for the reason of a failure, which
+    would cost further runs. If the compiled program can integrate its equations, it is used, with the share `CVODES_SHARE`
+    of the requested tolerances."""
 
     most_steps = SEARCH_RUNS.max_steps_exact
     share = CVODES_SHARE  # of the tolerances asked for, with which the compiled program integrates
 
     def __init__(self, *given: Any, probe: Probe | None = None, among: Sequence[str] = (), like: Simulator | None = None,
                  **named: Any):
-        """`probe` are the signals that `measured` gives. The compiled program has derivatives by the sensitivities and by
-        all parameters `among` which they stand: simulators that differ in nothing else share one list of operations. What
-        integrates is that of the simulator `like`, where it is of the same kind."""
+        """`probe` are the signals that `measured` gives. The compiled program has derivatives by all parameters `among`,
+        which include the sensitivities: simulators with equal equations share one list of operations. The integrator is
+        taken from the simulator `like` if it is of the same kind."""
         self.probe, self.among = probe, among
         of = like.driver if isinstance(like, Unexplained) and type(like) is type(self) else None
         self.method = None if of is None else of.method
@@ -118,7 +117,7 @@ class Unexplained(Simulator):
 
     @cached_property
     def equations(self) -> Equations | None:
-        """What the compiled program integrates; None where it cannot."""
+        """The equations of the compiled program; None if it cannot integrate them."""
         assembly = self.assembly
         if assembly.flat.events or assembly.flat.delays or self.charts.needed or self.quadratures is not None \
                 or compiled_cvodes.program() is None \
@@ -170,89 +169,90 @@ class Unexplained(Simulator):
 
     def measured(self, parameters: Mapping[str, float], watch: Watch | None = None) -> tuple[Array, Array]:
         """The signals of the probe (k, N) along a run and their derivatives by the sensitivities (m, k, N). The compiled
-        program calls `watch` now and then with the number of output times seen before and the signals (k, n) at those
-        since; what it raises ends the run."""
+        program calls `watch` from time to time with the number of output times passed before and the signals (k, n) at the
+        output times since; an exception that it raises ends the run."""
         assert self.probe is not None
         check()
         with self._turn:
             began = clock.perf_counter()
-            assembly, first, moved = self._started(parameters)
+            assembly, first, start_tangent = self._started(parameters)
             if self._limit_steps(first.p, first.x):  # of a pulse whose time is free
                 self._renew()
-            found = self._signals(first, moved, watch)
+            measured = self._signals(first, start_tangent, watch)
             if (whole := self._whole) is not None and not self.assembly.sizes:
                 self._whole = None
-                sizes = self._fitting_sizes(assembly, first, moved, self._states(whole))
+                sizes = self._fitting_sizes(assembly, first, start_tangent, self._states(whole))
                 # a search keeps them for its other runs, where a single state may not stay as small
                 if sizes.keys() >= {*assembly.state_names}:
                     self._take_sizes(sizes)
-                    assembly, first, moved = self._started(parameters)
-                    found = self._signals(first, moved, watch)
-            if found is None:
-                result = self._result(assembly, first, moved, began, lambda: self._started(parameters))
-                sensitivities = self.probe.sensitivities(result) if moved is not None else np.zeros((0, 0, 0))
+                    assembly, first, start_tangent = self._started(parameters)
+                    measured = self._signals(first, start_tangent, watch)
+            if measured is None:
+                result = self._result(assembly, first, start_tangent, began, lambda: self._started(parameters))
+                sensitivities = self.probe.sensitivities(result) if start_tangent is not None else np.zeros((0, 0, 0))
                 return self.probe.values(result), sensitivities
-            return found[:, 0].T, np.ascontiguousarray(np.moveaxis(found[:, 1:] / self._sizes(moved)[:, None], 0, -1))
+            return measured[:, 0].T, np.ascontiguousarray(np.moveaxis(measured[:, 1:] / self._sizes(start_tangent)[:, None],
+                                                                      0, -1))
 
     def _started(self, parameters: Mapping[str, float | str] | None) -> tuple[Assembly, Start, Tangent | None]:
-        """As a `Simulator`, but the start is not solved again where only what it does not depend on has another value, and
-        otherwise follows the last one."""
+        """As `Simulator`, but the start is solved again only if a parameter on which it depends has changed, and it then
+        follows the last start."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         equations = self.start_equations
         p = clocks_at(assembly, float(self.time[0]), assembly.p)
         felt = np.concatenate([p[equations.felt], self.pieces.at(self.time[:1]).ravel()])
         if self._last is not None and np.array_equal(felt, self._last[0]):
-            _, first, moved = self._last
+            _, first, start_tangent = self._last
             p = clocks_at(assembly, first.t, assembly.p.copy())
             p[equations.solved_for] = first.p[equations.solved_for]
-            return assembly, replace(first, p=p), moved
-        _, first, moved = super()._started(parameters)
-        self._last, self.near = (felt, first, moved), first
-        return assembly, first, moved
+            return assembly, replace(first, p=p), start_tangent
+        _, first, start_tangent = super()._started(parameters)
+        self._last, self.near = (felt, first, start_tangent), first
+        return assembly, first, start_tangent
 
-    def _signals(self, first: Start, moved: Tangent | None, watch: Watch | None = None) -> Array | None:
+    def _signals(self, first: Start, start_tangent: Tangent | None, watch: Watch | None = None) -> Array | None:
         """The signals of the probe at the output times, with their moves along the directions (N, 1 + m, k), by the
-        compiled program; None where that does not serve."""
+        compiled program; None if that does not serve."""
         if self.driver is None:
             return None
-        def at_outputs(seen: int, signals: Array) -> None:
+        def at_outputs(first_new: int, signals: Array) -> None:
             assert watch is not None
-            begin, end = np.searchsorted(self._keep, (seen, seen + len(signals)))
-            watch(int(begin), signals[self._keep[begin:end] - seen].T)
+            begin, end = np.searchsorted(self._keep, (first_new, first_new + len(signals)))
+            watch(int(begin), signals[self._keep[begin:end] - first_new].T)
 
         try:
             limits = bool(limited(self.assembly).unknowns)
-            whole = self._compiled(self.driver, first, moved, limits or not self._measured, watch and at_outputs)
+            whole = self._compiled(self.driver, first, start_tangent, limits or not self._measured, watch and at_outputs)
             self._whole, self._measured = None if self._measured else whole, True
         except RuntimeError as error:
             check()
             if self.driver.equations.n_z:
                 return None
             raise self._failure(self.assembly, first, str(error)) from None
-        found = whole.signals[self._keep]
-        if not np.all(np.isfinite(found)):
+        signals_at_outputs = whole.signals[self._keep]
+        if not np.all(np.isfinite(signals_at_outputs)):
             raise self._failure(self.assembly, first, "a value became infinite or not a number")
         if limits:
             n_x, n_z = len(first.x), len(first.z)
             check_limits(Result(self.assembly, self.stops, whole.x[:n_x] * self.assembly.x_nominal[:, None],
                                 whole.z[:n_z] * self.assembly.z_nominal[:, None], self.pieces.at(self.stops),
                                 first.p, first))
-        return found
+        return signals_at_outputs
 
-    def _compiled(self, driver: CompiledCvodes, first: Start, moved: Tangent | None, states: bool,
+    def _compiled(self, driver: CompiledCvodes, first: Start, start_tangent: Tangent | None, states: bool,
                   watch: Watch | None = None) -> Integrated:
-        """A run by the compiled program; its RuntimeError where it fails."""
+        """A run by the compiled program; RuntimeError if it fails."""
         x0, nominal = first.x / self.assembly.x_nominal, self.assembly.x_nominal[:, None]
-        directions = self.along if moved is None else moved.p
-        if moved is not None:
-            x0 = np.concatenate([x0, (moved.x / nominal).T.ravel()])
+        directions = self.along if start_tangent is None else start_tangent.p
+        if start_tangent is not None:
+            x0 = np.concatenate([x0, (start_tangent.x / nominal).T.ravel()])
         return driver.run(x0, first.z / self.assembly.z_nominal, first.p, directions, states, watch)
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         if self.driver is None:
             return super().attempt(first, moved)
         try:
-            found = self._compiled(self.driver, first, moved, True)
+            integrated = self._compiled(self.driver, first, moved, True)
         except RuntimeError:
             if not self.driver.equations.n_z:
                 raise
@@ -262,14 +262,14 @@ class Unexplained(Simulator):
             if not hasattr(self, "integrator"):
                 super().prepare()
             return super().attempt(first, moved)
-        return self._states(found)
+        return self._states(integrated)
 
-    def _states(self, found: Integrated) -> Trace:
+    def _states(self, integrated: Integrated) -> Trace:
         """A run of the compiled program without integrals."""
         assert self.driver is not None
         blocks = 1 + len(self.sensitivities)
         x_size, z_size = np.tile(self.assembly.x_nominal, blocks), np.tile(self.assembly.z_nominal, blocks)
-        return self._trace(found.x * x_size[:, None], found.z * z_size[:, None], np.zeros((0, len(self.stops))),
+        return self._trace(integrated.x * x_size[:, None], integrated.z * z_size[:, None], np.zeros((0, len(self.stops))),
                            dict(self.driver.stats()))
 
     def _take_sizes(self, sizes: Mapping[str, float]) -> None:
@@ -286,7 +286,8 @@ class Unexplained(Simulator):
 
 class CaseSimulator(Unexplained):
     """A `Simulator` for the cases of a sweep, which have the same equations with other parameters, with integrals along the
-    run; without sensitivities. What one run gives does not depend on those before it. `compiled` tells whether it serves."""
+    run; without sensitivities. The result of a run does not depend on the runs before it. `compiled` is true if the compiled
+    program integrates the equations."""
 
     most_steps, share = idas.MOST_STEPS, 1.0
     keeps_shortest = False
@@ -298,7 +299,7 @@ class CaseSimulator(Unexplained):
 
     @cached_property
     def equations(self) -> Equations | None:
-        """What the compiled program integrates; None where it cannot."""
+        """The equations of the compiled program; None if it cannot integrate them."""
         assembly = self.assembly
         if assembly.flat.events or assembly.flat.delays or self.charts.needed or self.sensitivities \
                 or compiled_cvodes.program() is None:
@@ -334,9 +335,10 @@ class CaseSimulator(Unexplained):
         n = len(first.x)
         x0 = np.append(first.x / self.assembly.x_nominal, np.zeros(self.integrals))
         p = first.p if self.factors is None else np.concatenate([first.p, self.factors.values])
-        found = self.driver.run(x0, first.z / self.assembly.z_nominal, p, np.zeros((len(p), 0)))
-        trace = self._trace(found.x[:n] * self.assembly.x_nominal[:, None], found.z * self.assembly.z_nominal[:, None],
-                            found.x[n:], dict(self.driver.stats()))
+        integrated = self.driver.run(x0, first.z / self.assembly.z_nominal, p, np.zeros((len(p), 0)))
+        trace = self._trace(integrated.x[:n] * self.assembly.x_nominal[:, None], integrated.z * self.assembly.z_nominal[:,
+                                                                                                                        None],
+                            integrated.x[n:], dict(self.driver.stats()))
         return replace(trace, between=(lambda: (self.stops, trace, None)) if self.dense else None)
 
 
@@ -347,8 +349,8 @@ class FitSimulator(Unexplained):
 
 
 class QuickSimulator(Unexplained):
-    """A `Simulator` for searches. Where a diagram has events, or inputs with kinks or jumps at their samples, it is one in
-    all but its messages."""
+    """A `Simulator` for searches. For a diagram with events, or with inputs that have kinks or jumps at their samples, it
+    differs from `Simulator` in its messages only."""
 
     most_steps, share = SEARCH_RUNS.max_steps, 1.0
 
@@ -371,19 +373,19 @@ class QuickSimulator(Unexplained):
                    "max_num_steps": self.most_steps}
         stops = self.stops - self.begin
         unit = time_unit(stops)
-        given = in_unit_of_time(self._with_table() if self.looks_up else dae, unit)
+        scaled_dae = in_unit_of_time(self._with_table() if self.looks_up else dae, unit)
         # the one-step method ends its steps at the samples of the inputs
         if longest := self.longest if self.one_step else self._longest():
             options["max_step_size"] = longest / unit
         if not dae["z"].numel():
-            del given["z"], given["alg"]
+            del scaled_dae["z"], scaled_dae["alg"]
         outputs = [float(t) for t in stops[1:] / unit] or [1.0]
-        return Buffered(ca.integrator("run", solver, given, 0.0, outputs, options), ("xf", "zf"))
+        return Buffered(ca.integrator("run", solver, scaled_dae, 0.0, outputs, options), ("xf", "zf"))
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         stopped = bool(self.assembly.flat.inputs) and not self.looks_up and not self.compiled
         try:
-            found = super().attempt(first, moved)
+            trace = super().attempt(first, moved)
         except RuntimeError:
             # behind a jump of what is held CVODES may go on with the slope before it, and give up where something is quick
             if self.one_step or not stopped or self.switching is not None:
@@ -395,12 +397,23 @@ class QuickSimulator(Unexplained):
                 self.integrator.stats()["nfevals"] > SEARCH_RUNS.one_step_from * (len(self.stops) - 1):
             self.one_step = True
             self.integrator = self._integrator()
-        return found
+        return trace
 
     def _with_table(self) -> dict[str, ca.MX]:
         """The equations with the pieces of the inputs as a table over time."""
         dae = self.integrand.dae
-        right = _sides(dae)
+        # the right sides (ode, alg) as a function of (t, x, z, p, u) that knows its Jacobian by x and z, the only derivative
+        # that an integrator needs. By default CasADi differentiates the function once for each colour of columns, with its
+        # parameters and inputs: five times the operations, in a run with sensitivities half of its time
+        inputs, outputs = ("t", "x", "z", "p", "u"), ("ode", "alg")
+        arguments, sides = [dae[k] for k in inputs], [dae[k] for k in outputs]
+        before = [ca.SX.sym(f"out_{k}", dae[k].numel()) for k in outputs]
+        slopes = [ca.jacobian(side, dae[k]) if k in ("x", "z") else ca.SX(side.numel(), dae[k].numel())
+                  for side in sides for k in inputs]
+        jacobian = ca.Function("jac_right", [*arguments, *before], slopes, [*inputs, *(f"out_{k}" for k in outputs)],
+                               [f"jac_{side}_{k}" for side in outputs for k in inputs])
+        right = ca.Function("right", arguments, sides, inputs, outputs, {
+             "custom_jacobian": jacobian, "jac_penalty": 0, "enable_forward": False, "enable_reverse": False})
         t, x, z, p = (ca.MX.sym(k, dae[k].numel()) for k in ("t", "x", "z", "p"))
         # a spline of degree 0, because what it holds is not copied at every step
         columns, breaks = self.pieces.columns, self.pieces.breaks - self.begin
@@ -408,18 +421,3 @@ class QuickSimulator(Unexplained):
                                 {"lookup_mode": ["binary"]})(t)
         ode, alg = right(t, x, z, p, u)
         return {"t": t, "x": x, "z": z, "p": p, "ode": ode, "alg": alg}
-
-
-def _sides(dae: Mapping[str, ca.SX]) -> ca.Function:
-    """The right sides (ode, alg) as a function of (t, x, z, p, u) that knows its Jacobian by x and z, which is all that an
-    integrator asks for. Left to itself CasADi moves the function once for each colour of columns, with its parameters and
-    inputs: five times the operations, in a run with sensitivities half of its time."""
-    inputs, outputs = ("t", "x", "z", "p", "u"), ("ode", "alg")
-    given, sides = [dae[k] for k in inputs], [dae[k] for k in outputs]
-    before = [ca.SX.sym(f"out_{k}", dae[k].numel()) for k in outputs]
-    slopes = [ca.jacobian(side, dae[k]) if k in ("x", "z") else ca.SX(side.numel(), dae[k].numel())
-              for side in sides for k in inputs]
-    jacobian = ca.Function("jac_right", [*given, *before], slopes, [*inputs, *(f"out_{k}" for k in outputs)],
-                           [f"jac_{side}_{k}" for side in outputs for k in inputs])
-    return ca.Function("right", given, sides, inputs, outputs, {
-        "custom_jacobian": jacobian, "jac_penalty": 0, "enable_forward": False, "enable_reverse": False})

@@ -2,8 +2,8 @@
 
 An impact acts through the ports of its component: impulses P there change the states by B P, with B the response of the
 rates of the states to forces at the ports (see `impulses`). An event that sets some speeds and leaves the others as they are
-is possible only where some P changes those alone. Else the others would have to change too: what is set in their place
-creates momentum and energy from nothing.
+is possible only where some P changes those alone. Otherwise the other states would have to change as well, and the specified
+values create momentum and energy.
 """
 
 from __future__ import annotations
@@ -35,20 +35,21 @@ def check_resets(reduced: Reduced, problems: Problems) -> None:
     response = _response(flat, list(column), reduced) if candidates else None
     if response is None:
         return
-    for event, given, speeds, balances in candidates:
-        others = [k for k in range(len(reduced.states)) if k not in given and _is_speed(flat, reduced, k)]
-        moved = _moved_too(response[:, [column[row] for row in balances]], speeds, others)
-        if moved:
-            what, too = (listing((reduced.name(reduced.states[k]) for k in which), 4) for which in (speeds, moved))
-            problems.add("reset-without-impulse", f"'{event.name}' sets {what} and leaves {too}, which a force at its ports "
-                         "changes too: momentum and energy would appear from nothing", event.place,
-                         hint="Name the force that acts during the impact beside the new speed: `impulse: F_i` with "
+    for event, set_states, speeds, balances in candidates:
+        other_speeds = [k for k in range(len(reduced.states)) if k not in set_states and _is_speed(flat, reduced, k)]
+        moved_too = _moved_too(response[:, [column[row] for row in balances]], speeds, other_speeds)
+        if moved_too:
+            set_text, too = (listing((reduced.name(reduced.states[k]) for k in group), 4) for group in
+                             (speeds, moved_too))
+            problems.add("reset-without-impulse", f"'{event.name}' sets {set_text} and leaves {too}, which a force at its "
+                         "ports changes too: momentum and energy would appear from nothing", event.place,
+                         hint="Name the force that acts during the impact together with the new speed: `impulse: F_i` with "
                          "`then: {v: -e * v}`, where `F_i: {unit: N, held: 0}` is part of the force at the ports.")
 
 
 class _Candidate(NamedTuple):
-    """An event that sets speeds without an impulse: the states (numbers) that it sets, those of them that are speeds of the
-    ports of its component, and the balances of forces (rows) of these ports."""
+    """An event that sets speeds without an impulse: the states (indices) that it sets, those among them that are speeds at
+    the ports of its component, and the force balances (rows) of these ports."""
 
     event: FlatEvent
     given: set[int]
@@ -63,12 +64,12 @@ def _candidates(reduced: Reduced) -> Iterator[_Candidate]:
         part = event.name.rpartition(".")[0]
         if event.impulse is not None or event.by_clock or part not in flat.expanded.leaves:
             continue
-        given = {number[r.unknown] for r in event.resets if r.unknown in number}
-        ports = list(_ports(flat, part)) if given else []
+        set_states = {number[r.unknown] for r in event.resets if r.unknown in number}
+        ports = list(_ports(flat, part)) if set_states else []
         flows = [reduced.express(flat.levels[0][flow]) for _, flow in ports]
-        speeds = [k for k in sorted(given) if any(ca.which_depends(f, reduced.x[k], 1, False)[0] for f in flows)]
+        speeds = [k for k in sorted(set_states) if any(ca.which_depends(f, reduced.x[k], 1, False)[0] for f in flows)]
         if speeds:
-            yield _Candidate(event, given, speeds, [row for row, _ in ports])
+            yield _Candidate(event, set_states, speeds, [row for row, _ in ports])
 
 
 def _ports(flat: Flat, part: str) -> Iterator[tuple[int, int]]:
@@ -92,7 +93,7 @@ def _is_speed(flat: Flat, reduced: Reduced, state: int) -> bool:
 
 
 def _response(flat: Flat, rows: list[int], reduced: Reduced) -> Array | None:
-    """The rates of the states (n_x, m) by forces in balances, in nominal sizes, at a point without symmetry; None where the
+    """The rates of the states (n_x, m) by forces in balances, in nominal sizes, at a point without symmetry; None if the
     equations are singular there."""
     forces = ca.SX.sym("force", len(rows))
     residuals = list(flat.residuals)
@@ -115,22 +116,22 @@ def _response(flat: Flat, rows: list[int], reduced: Reduced) -> Array | None:
     point = [values.get(s.element_hash(), 0.0) for s in symbols]
     by_force, by_z, residual, matrix = (np.array(a) for a in ca.Function("b", [stack(symbols)], wanted)(point))
     try:
-        found = by_force - by_z @ np.linalg.solve(matrix, residual) if z.numel() else by_force
+        response = by_force - by_z @ np.linalg.solve(matrix, residual) if z.numel() else by_force
     except np.linalg.LinAlgError:
         return None
     sizes = np.array([flat.unknowns[unknown].nominal for unknown, _ in pushed.states])
-    return found / sizes[:, None] if np.isfinite(found).all() else None
+    return response / sizes[:, None] if np.isfinite(response).all() else None
 
 
-def _moved_too(response: Array, speeds: list[int], others: list[int]) -> list[int]:
-    """The states beside `speeds` that every impulse changes which changes these; none where some impulse does not."""
+def _moved_too(response: Array, speeds: list[int], other_speeds: list[int]) -> list[int]:
+    """The further states changed by every impulse that changes `speeds`; none if some impulse changes `speeds` alone."""
     size = np.abs(response).max(axis=0, initial=0.0)
     scaled = response[:, size > 0] / size[size > 0]
     if not scaled.size or not np.abs(scaled[speeds]).max() > SMALL:
         return []
-    _, values, right = np.linalg.svd(scaled[others]) if others else (0, np.zeros(0), np.eye(scaled.shape[1]))
+    _, values, right = np.linalg.svd(scaled[other_speeds]) if other_speeds else (0, np.zeros(0), np.eye(scaled.shape[1]))
     rank = int((values > SMALL).sum())
     alone = right[rank:].T
     if alone.shape[1] and np.linalg.matrix_rank(scaled[speeds] @ alone, SMALL) == len(speeds):
         return []
-    return [k for k in others if np.abs(scaled[k]).max() > SMALL]
+    return [k for k in other_speeds if np.abs(scaled[k]).max() > SMALL]

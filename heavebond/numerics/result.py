@@ -49,7 +49,7 @@ _PRESSURE = re.compile(r"\b[A-Za-z_]\w*\.\w+\b")
 class ForwardSensitivities:
     """Forward sensitivities in SI: d x / d p_k (m, n_x, N), d z / d p_k (m, n_z, N), how all parameters move with the
     k-th (m, n_p): itself by 1, those under `solve:` as the start requires; d quadratures / d p_k (m, n_q, N); and how the
-    held variables do (m, n_h, N), and the pieces of delayed variables (m, n_u, N; None where there are none)."""
+    held variables do (m, n_h, N), and the pieces of delayed variables (m, n_u, N; None if there are none)."""
 
     names: tuple[str, ...]
     x: Array
@@ -65,7 +65,7 @@ Settle = Callable[[NDArray[np.intp]], Array]  # the algebraic unknowns (n_z, k) 
 
 
 def _kept(dense: Result) -> tuple[Result, Settle | None]:
-    """What `between` of a run gives that was handed over with its dense points."""
+    """The function `between` of a run that is created with its dense points."""
     return dense, None
 
 
@@ -101,14 +101,14 @@ class Result:
     ended: Finding | None = None
 
     def __reduce__(self) -> tuple[Callable[..., Result], tuple[object, ...]]:
-        """Pickle the numbers, those of `dense` too; see `Assembly` for the equations."""
+        """Pickle the numbers, including those of `dense`; see `Assembly` for the equations."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         values["between"] = None if self._points is None else partial(_kept, self.dense)
         return partial(Result, **values), ()
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Whether the values of this run mean something: `print(result.verdict)` tells it in a line."""
+        """The verdict on the values of this run: `print(result.verdict)` shows it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
         findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._filled(),
                     *self._unfit(), *self._unstable_start(), *self._time_formulas(), *self._rates(), *self._dense_events(),
@@ -122,7 +122,7 @@ class Result:
     @cached_property
     def dense(self) -> Result:
         """The run at its output points, at points between them about as dense as the steps of the integrator, and on both
-        sides of events, whose time occurs twice. The run itself where it was made without such points."""
+        sides of events, whose time occurs twice. The run itself if it was made without such points."""
         if self._points is None:
             return self
         points, settle = self._points
@@ -147,11 +147,11 @@ class Result:
             return undetermined(self.assembly, signal_expression(self.assembly, name), columns(self), values)
 
         named = {f.name for f in self.verdict.findings}
-        found = without_value(self.signals(names), self.time, undecided)
-        return Verdict(tuple(f for f in found.findings if f.failed or f.name not in named))
+        verdict = without_value(self.signals(names), self.time, undecided)
+        return Verdict(tuple(f for f in verdict.findings if f.failed or f.name not in named))
 
     def _true_at_start(self) -> list[Finding]:
-        """Events that would have happened if their conditions had become true at the start instead of being so."""
+        """Findings on events whose conditions are already true at the start, so that the events do not happen."""
         names = self.statistics.get("true_at_start", ())
         assert isinstance(names, (list, tuple))
         texts = {event.name: event.text for event in self.assembly.flat.events}
@@ -165,13 +165,14 @@ class Result:
         return [finding] if finding is not None else []
 
     def _dense_events(self) -> list[Finding]:
-        """Parts whose conditions make so many events, in the run or in a short while, that they decide on its time."""
+        """Findings on parts whose conditions cause so many events, in the run or in a short time, that they determine its
+        computing time."""
         conditions = {e.name for e in self.assembly.flat.events if e.indicator is not None and not e.by_clock}
         instants: dict[str, list[float]] = {}
         for instant in self.instants:
             for part in dict.fromkeys(name.rpartition(".")[0] for name in instant.names if name in conditions):
                 instants.setdefault(part, []).append(instant.time)
-        found, span = list[Finding](), float(self.time[-1] - self.time[0])
+        findings, span = list[Finding](), float(self.time[-1] - self.time[0])
         for part, times in instants.items():
             most = min(EVENTS.dense_events, len(times))
             lengths = np.asarray(times)[most - 1:] - np.asarray(times)[:len(times) - most + 1]
@@ -179,8 +180,8 @@ class Result:
             dense = most == EVENTS.dense_events and lengths[k] < EVENTS.dense_within * span
             if dense or len(times) >= EVENTS.many_events:
                 rate = (most - 1) / max(float(lengths[k]), EVENTS.same_instant * span)
-                found.append(Finding("dense-events", part, part, times[k], rate, float(len(times)), "1/s", DENSE))
-        return found
+                findings.append(Finding("dense-events", part, part, times[k], rate, float(len(times)), "1/s", DENSE))
+        return findings
 
     def _rates(self) -> list[Finding]:
         """Transitions between sampling rates that no block states, and in which the age of the value varies or is
@@ -191,14 +192,14 @@ class Result:
                 for t in self.assembly.update_order.transitions(self.p) if not t.regular]
 
     def _placeholders(self) -> list[Finding]:
-        """Parts that stand for something that was not translated."""
+        """Findings on parts that are placeholders for untranslated parts."""
         leaves = self.assembly.flat.expanded.leaves
         return [Finding("placeholder", path, path, float(self.time[0]), 0.0, None, "",
                         f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
                 for path, leaf in leaves.items() if leaf.component.placeholder]
 
     def _joined(self) -> list[Finding]:
-        """Parts with two ports of which both are on one node."""
+        """Findings on parts with two ports, both on one node."""
         flat, time = self.assembly.flat, float(self.time[0])
         joined = {path: node for path in flat.expanded.leaves if (node := joined_ports(flat, path)) is not None}
         return [Finding("joined", path, node, time, 0.0, None, "", "it does nothing there. Put one port on another node, or "
@@ -208,7 +209,7 @@ class Result:
         """Valves that open in one direction (`opens:` of the component) and cannot have opened in the run, not even with an
         outlet at its lowest physical pressure, while they would have in the other direction. A valve of which another passes
         in the opposite direction between the same nodes, as in a cross-over relief, is none of these."""
-        flat, resolver, found = self.assembly.flat, self.assembly.resolver(), list[Finding]()
+        flat, resolver, findings = self.assembly.flat, self.assembly.resolver(), list[Finding]()
         components = {path: leaf.component for path, leaf in flat.expanded.leaves.items()}
         opening = {path: (component.in_diagram(component.opens, path), _ports_of(component.opens.text))
                    for path, component in components.items() if component.opens is not None}
@@ -225,13 +226,13 @@ class Result:
                 continue
             k, high = int(np.argmax(backwards > 0)), flat.unknowns[outlet].name
             first, last = (port.rpartition(".")[0] for port in ports)
-            found.append(Finding(
+            findings.append(Finding(
                 "reversed", path, path, float(self.time[k]), float(backwards.max()), None, flat.unknowns[outlet].unit.text,
                 f"it opens from {first} to {last} only. If it is to limit {high}, exchange its ports {first} and {last}"))
-        return found
+        return findings
 
     def _filled(self) -> list[Finding]:
-        """Nodes without a capacity of their own at which the run was restarted with a small volume."""
+        """Findings on nodes without a capacity at which the run was restarted with a small volume."""
         fills = self.statistics.get("fills")
         if not isinstance(fills, dict):
             return []
@@ -242,14 +243,14 @@ class Result:
 
     def _unfit(self) -> list[Finding]:
         """Unknowns that stay far below the sizes of their absolute tolerances, with which the run could not be repeated."""
-        found = self.statistics.get("unfit", {})
-        assert isinstance(found, Mapping)
+        unfit = self.statistics.get("unfit", {})
+        assert isinstance(unfit, Mapping)
         flat = self.assembly.flat
         unknowns = {self.assembly.reduced.name(c): flat.unknowns[c[0]]
                     for c in (*self.assembly.reduced.states, *self.assembly.reduced.algebraic)}
         return [Finding("scale", name, name.rpartition(".")[0], float(self.time[0]), float(size), u.nominal, u.unit.text,
                         f"State its size, `nominal: {{{name}: {size:g} {u.unit.text}}}`")
-                for name, size in found.items() if (u := unknowns.get(name)) is not None]
+                for name, size in unfit.items() if (u := unknowns.get(name)) is not None]
 
     def first(self, n: int) -> Result:
         """The run at its first n output times."""
@@ -272,7 +273,7 @@ class Result:
                         "Make `every:` shorter than its shortest motion") for text in shortened]
 
     def plot(self, *names: str) -> Figure:
-        """A matplotlib figure of signals over time, of the outputs under `show:` where none is named: one axes per unit."""
+        """A matplotlib figure of signals over time, of the outputs under `show:` if none is named: one axes per unit."""
         chosen = names or tuple(self.assembly.model.show) or tuple(self.assembly.state_names)
         figure: Figure = facade.call("Result.plot", self, chosen)
         return figure
@@ -289,15 +290,15 @@ class Result:
 
     def unit(self, name: str) -> str:
         """The unit of `result.display[name]`: the one declared under `show:`, else SI."""
-        shown = self.assembly.model.show.get(name)
-        if shown is not None:
-            return shown.unit
+        output = self.assembly.model.show.get(name)
+        if output is not None:
+            return output.unit
         return self._si_unit(name)
 
     def _si_unit(self, name: str) -> str:
-        shown = self.assembly.model.show.get(name)
-        if shown is not None:
-            return dimension_text(read_unit(shown.unit).dimension)
+        output = self.assembly.model.show.get(name)
+        if output is not None:
+            return dimension_text(read_unit(output.unit).dimension)
         index = self.assembly.flat.names.get(name)
         if index is not None:
             return self.assembly.flat.unknowns[index].unit.text
@@ -318,15 +319,15 @@ class Result:
         return Signals(self.names, self._in_si, self._si_unit)
 
     def __getitem__(self, name: str) -> Array:
-        if (shown := self.assembly.model.show.get(name)) is not None:
-            check_si(name, shown.unit)
+        if (output := self.assembly.model.show.get(name)) is not None:
+            check_si(name, output.unit)
         return self.si[name]
 
     def _in_si(self, name: str) -> Array:
-        shown = self.assembly.model.show.get(name)
-        if shown is None:
+        output = self.assembly.model.show.get(name)
+        if output is None:
             return self.signals([name])[name]
-        return np.asarray(Probe(self.assembly, [shown.text], si=True).values(self)[0])
+        return np.asarray(Probe(self.assembly, [output.text], si=True).values(self)[0])
 
     def __repr__(self) -> str:
         outputs = listing(list(self.assembly.model.show), 8)
@@ -368,10 +369,10 @@ class Result:
     def evaluate(self, raw: ca.SX) -> Array:
         """An expression (m,) in the raw symbols of the diagram along the run (m, N)."""
         function = ca.Function("along", list(self.assembly.arguments), [self.assembly.express(raw)])
-        found = np.array(function(*columns(self))).reshape(raw.numel(), len(self.time))
+        values = np.array(function(*columns(self))).reshape(raw.numel(), len(self.time))
         for at, stay in self.stays:
-            found[:, at] = stay.evaluate(raw)
-        return found
+            values[:, at] = stay.evaluate(raw)
+        return values
 
     @staticmethod
     def _no_sensitivity(parameter: str) -> UsageError:
@@ -391,11 +392,12 @@ class Result:
         return self.saved(names).to_pandas()
 
     def to_xarray(self, names: Iterable[str] | None = None) -> xr.Dataset:
-        """A dataset over `time` with `attrs["units"]` at each variable; UsageError where xarray is missing."""
+        """A dataset over `time` with `attrs["units"]` at each variable; UsageError if xarray is missing."""
         return self.saved(names).to_xarray()
 
     def save(self, path: str | Path, names: Iterable[str] | None = None) -> None:
-        """Write the signals as .csv, .parquet, .mat or .nc; UsageError for another suffix. `read_run` reads them back."""
+        """Write the signals in the format of the suffix, such as `run.csv` (see `saved_runs.SUFFIXES`); UsageError for an
+        unknown suffix. `read_run` reads them back."""
         write_run(self.saved(names), path)
 
 
@@ -403,8 +405,8 @@ AT_ONCE = 6000  # points of one call of a function, at most
 
 
 class Probe:
-    """Signals of an assembly as compiled functions, for one run or for many (fitting, sweeps). With `si` all are formulas
-    in SI: an output of the diagram that is called as a variable does not take its place with a unit of its own."""
+    """Signals of an assembly as compiled functions, for one run or for many (fitting, sweeps). With `si` all signals are
+    formulas in SI: an output with the name of a variable does not replace that variable."""
 
     def __init__(self, assembly: Assembly, names: Iterable[str], si: bool = False):
         self.assembly, self.names, self.si = assembly, tuple(names), si
@@ -426,10 +428,10 @@ class Probe:
 
     def values(self, result: Result) -> Array:
         """The signals of a run (n_signals, N)."""
-        found = self._values.of(result)
+        values = self._values.of(result)
         for at, stay in result.stays:
-            found[:, at] = self._other(stay).values(stay)
-        return found
+            values[:, at] = self._other(stay).values(stay)
+        return values
 
     def _other(self, stay: Result) -> Probe:
         """The same signals in other states."""
@@ -444,20 +446,21 @@ class Probe:
         n_xz, n_p = n_x + len(result.z), len(result.p)
         held = {h.index: k for k, h in enumerate(result.assembly.flat.held)}
         moving, course = self._slopes
-        moved = np.zeros((len(along.names), len(moving), n))
+        changes = np.zeros((len(along.names), len(moving), n))
         for k, j in enumerate(moving):
-            moved[:, k] = along.x[:, j] if j < n_x else along.z[:, j - n_x] if j < n_xz else \
+            changes[:, k] = along.x[:, j] if j < n_x else along.z[:, j - n_x] if j < n_xz else \
                 along.held[:, held[j - n_xz]] if j - n_xz in held else along.p[:, j - n_xz, None] if j - n_xz < n_p else \
                 np.zeros((1, 1)) if along.u is None else along.u[:, j - n_xz - n_p]
         slopes = course.of(result).reshape(len(moving), len(self.names), n)
-        found = np.einsum("ksn,mkn->msn", slopes, moved)
+        sensitivities = np.einsum("ksn,mkn->msn", slopes, changes)
         for at, stay in result.stays:
-            found[:, :, at] = self._other(stay).sensitivities(stay)
-        return np.asarray(found)
+            sensitivities[:, :, at] = self._other(stay).sensitivities(stay)
+        return np.asarray(sensitivities)
 
 
 class _Course:
-    """An expression in an assembly's arguments along runs; only what it contains is handed over to its function."""
+    """An expression in an assembly's arguments, evaluated along runs; only the arguments that it contains are passed to its
+    function."""
 
     def __init__(self, assembly: Assembly, expression: ca.SX):
         known = {s.element_hash() for s in ca.symvar(expression)}
@@ -472,24 +475,25 @@ class _Course:
         held = [(p.index(h.index), k) for k, h in enumerate(result.assembly.flat.held) if h.index in p]
         if not (t or x or z or u or held):
             return np.tile(self._function([*result.p[p], *np.ones(len(rate))]).full(), (1, n))
-        given = np.tile(result.p[p, None], (1, n))
+        arguments = np.tile(result.p[p, None], (1, n))
         for row, k in held:
-            given[row] = result.held[k]
+            arguments[row] = result.held[k]
         return self._evaluated(np.vstack([
-            result.time[None, :][t], result.x[x], result.z[z], given, result.u[u], np.ones((len(rate), n))]))
+            result.time[None, :][t], result.x[x], result.z[z], arguments, result.u[u], np.ones((len(rate), n))]))
 
-    def _evaluated(self, given: Array) -> Array:
+    def _evaluated(self, arguments: Array) -> Array:
         """The function at columns (k, N), through buffers: as matrices of CasADi they would take longer to hand over than
         to evaluate. A map over very many points takes longer to make than to evaluate: these are evaluated in parts."""
-        n = given.shape[1]
+        n = arguments.shape[1]
         if n > AT_ONCE:
-            parts = [self._evaluated(given[:, k:k + AT_ONCE]) for k in range(0, n - n % AT_ONCE, AT_ONCE)]
-            rest = self._evaluated(given[:, -AT_ONCE:])[:, AT_ONCE - n % AT_ONCE:] if n % AT_ONCE else np.zeros((0, 0))
-            return np.column_stack([*parts, rest] if rest.size else parts)
+            parts = [self._evaluated(arguments[:, k:k + AT_ONCE]) for k in range(0, n - n % AT_ONCE, AT_ONCE)]
+            remainder = self._evaluated(arguments[:, -AT_ONCE:])[:, AT_ONCE - n % AT_ONCE:] if n % AT_ONCE else np.zeros((0,
+                                                                                                                          0))
+            return np.column_stack([*parts, remainder] if remainder.size else parts)
         if self._many is None or self._many[0] != n:
             self._many = (n, Buffered(self._function.map(n)))
-        found, = self._many[1](given).values()
-        return np.ascontiguousarray(found.reshape((-1, n), order="F"))
+        values, = self._many[1](arguments).values()
+        return np.ascontiguousarray(values.reshape((-1, n), order="F"))
 
 
 def _ports_of(opens: str) -> list[str]:
@@ -510,44 +514,44 @@ def columns(result: Result, at: NDArray[np.intp] | None = None) -> tuple[Array, 
 def _stretches(result: Result, settle: Settle | None = None) -> Iterator[RunSection]:
     """The run part by part, each in the states that were integrated there; `settle` gives the algebraic unknowns of a run of
     one part."""
-    own = np.arange(len(result.time))
+    default_times = np.arange(len(result.time))
     if result.stays:
-        own = np.setdiff1d(own, np.concatenate([at for at, _ in result.stays]))
-    for part, at in ((result, own), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
+        default_times = np.setdiff1d(default_times, np.concatenate([at for at, _ in result.stays]))
+    for part, at in ((result, default_times), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
         if len(at):
             whole = len(at) == len(part.time)
             yield RunSection(part.assembly, part.time if whole else part.time[at], part.x if whole else part.x[:, at],
                              partial(_columns_of, part, settle, at))
 
 
-def _columns_of(part: Result, settle: Settle | None, own: NDArray[np.intp], at: NDArray[np.intp]) -> tuple[Array, ...]:
-    found = columns(part, own[at])
-    return found if settle is None else (*found[:2], settle(own[at]), *found[3:])
+def _columns_of(part: Result, settle: Settle | None, points: NDArray[np.intp], at: NDArray[np.intp]) -> tuple[Array, ...]:
+    arguments = columns(part, points[at])
+    return arguments if settle is None else (*arguments[:2], settle(points[at]), *arguments[3:])
 
 
 def with_held(result: Result, p: Array, held: Array) -> Array:
     """Parameters (n_p,), or how they move, at each time of a run (n_p, N), with the held variables (n_h, N) among them."""
-    found = np.tile(p[:, None], (1, len(result.time)))
+    parameters = np.tile(p[:, None], (1, len(result.time)))
     if result.assembly.flat.held:
-        found[[h.index for h in result.assembly.flat.held]] = held
-    return found
+        parameters[[h.index for h in result.assembly.flat.held]] = held
+    return parameters
 
 
 def signal_expression(assembly: Assembly, name: str, si: bool = False) -> ca.SX:
-    """A signal in the assembly's arguments: an output in its own unit, any other formula (with `si` every one) in SI;
-    UsageError for a name that is not there."""
-    shown = None if si else assembly.model.show.get(name)
+    """A signal in the assembly's arguments: an output in its declared unit, any other formula (with `si` every one) in SI;
+    UsageError for an unknown name."""
+    output = None if si else assembly.model.show.get(name)
     try:
-        if shown is None:
+        if output is None:
             return assembly.expression(assembly.model.library.formula(name))
-        unit = read_unit(shown.unit)
-        return (assembly.expression(shown.expr) - unit.offset) / unit.scale
+        unit = read_unit(output.unit)
+        return (assembly.expression(output.expr) - unit.offset) / unit.scale
     except ExpressionProblem as problem:
         raise unknown_signal(assembly, name, problem) from None
 
 
 def unknown_signal(assembly: Assembly, name: str, problem: ExpressionProblem) -> UsageError:
-    """The error for a signal that is not there; a position that no equation uses must be asked for."""
+    """The error for an unknown signal; positions that no equation uses must be requested by `also`."""
     flat = assembly.flat
     hint = suggest(name, [*assembly.model.show, *flat.names]) or problem.hint
     node, _, member = name.rpartition(".")

@@ -1,8 +1,8 @@
-"""Findings about a run, the verdict that they add up to, and how that reaches whoever asked for the run.
+"""Findings about a run, the verdict, and its report to the caller of the run.
 
-A function that runs a diagram for a user ends with `tell`. In Python that is a warning (RunWarning) unless the verdict is
-clean; the command line listens (`listening`), and makes of all verdicts its lines on standard error, `validity` in the JSON
-file and the exit code.
+A function that runs a diagram for a user ends with `report_verdict`. In Python it gives a warning (RunWarning) unless the
+verdict is clean. The command line collects the verdicts (`listening`) for its lines on standard error, `validity` in the
+JSON file and the exit code.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ PACKAGE = __name__.partition(".")[0]
 NOT_BECOME = ("`{}` acts as it becomes true. State what holds at the start, `initial: {{switch.on: 1}}`, or begin the run "
               "before it is true")
 DENSE = ("each one stops the integrator. If a switch drives itself back, widen its band (of a Relay, `u_on` and `u_off`) or "
-         "give what it drives an inertia or a lag. Sample the counts of a quantiser or encoder (`Encoder`, `Quantiser`) "
-         "instead of an event for each edge. If the events are those of the machine, shorten the run")
+         "give the driven part an inertia or a lag. Sample the counts of a quantiser or encoder (`Encoder`, `Quantiser`) "
+         "instead of an event for each edge. If the machine needs these events, shorten the run")
 RUNAWAY = 1e6  # typical sizes from which on a value is no result: a machine of metres does not go a thousand kilometres
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong with a run: what it is (see `KINDS`), the variable and its part or node, when first and how
-    far at worst, the limit and the unit (SI), and what to look at."""
+    """A fault of a run: its kind (see `KINDS`), the variable and its part or node, the first time and the worst value, the
+    limit and the unit (SI), and a hint where to look."""
 
     kind: str
     name: str
@@ -81,7 +81,7 @@ class Finding:
         if self.kind == "joined":
             return f"{self.name} has both ports on the same node, '{self.part}'"
         if self.kind == "filled":
-            return f"{self.name} has no capacity of its own: the run was restarted with a volume of {value} there"
+            return f"{self.name} has no capacity: the run was restarted with a volume of {value} there"
         if self.kind == "reversed":
             return f"{self.name} cannot open: from {t} on the pressure at its outlet is above that at its inlet, by up to " \
                 f"{value} more than would open it in reverse"
@@ -92,8 +92,8 @@ class Finding:
         if self.kind == "physical":
             return f"{self.name} falls below {limit} at {t}"
         if self.kind == "runaway":
-            return f"{self.name} goes to {value}, beyond {limit} (a million typical sizes) from {t} on"
-        return f"{self.name} goes to {value}, beyond {limit} from {t} on"
+            return f"{self.name} reaches {value}, beyond {limit} (a million typical sizes) from {t} on"
+        return f"{self.name} reaches {value}, beyond {limit} from {t} on"
 
     def as_dict(self) -> dict[str, object]:
         """For machines."""
@@ -110,7 +110,7 @@ FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a run says of itself: its findings, the worst kind first, then by time. Clean where there are none."""
+    """The verdict on a run: its findings, the worst kind first, then by time. Clean if there are none."""
 
     findings: tuple[Finding, ...] = ()
 
@@ -130,12 +130,12 @@ class Verdict:
         if not self.findings:
             return "clean"
         first = self.findings[0]
-        others = list(dict.fromkeys(f.name for f in self.findings if f.name != first.name))
+        other_names = list(dict.fromkeys(f.name for f in self.findings if f.name != first.name))
         same = [f.name for f in self.findings[1:] if f.kind == first.kind and f.advice == first.advice]
         also = f" ({listing(same, MOST_NAMED)} too)" if same else ""
-        rest = [name for name in others if name not in same]
+        unrelated = [name for name in other_names if name not in same]
         begin = first.text.removeprefix(first.name) if first.text.startswith(first.name) else f": {first.text}"
-        more = f" Also outside: {listing(rest, MOST_NAMED)}." if rest else ""
+        more = f" Also outside: {listing(unrelated, MOST_NAMED)}." if unrelated else ""
         before = self._before(first)
         return f"{first.name}{also}{begin}: {before}{first.advice}.{more}"
 
@@ -143,7 +143,7 @@ class Verdict:
         return self.text
 
     def _before(self, first: Finding) -> str:
-        """Where something left its range before, as the cause may be there."""
+        """The earlier finding of a variable outside its range, which may be the cause."""
         earliest = min(self.findings, key=lambda f: f.time)
         return f"{earliest.name} was the first to leave its range, at {earliest.time:.4g} s. " \
             if first.failed and earliest.time < first.time and earliest.kind in ("range", "larger", *FAILURES) else ""
@@ -159,7 +159,7 @@ class Verdict:
         return Problem(f"run-{first.kind}", first.text, None, f"{self._before(first)}{first.advice}.", notes)
 
     def raise_if_failed(self) -> Verdict:
-        """The verdict itself; SimulationError where the run is worthless."""
+        """The verdict itself; SimulationError if the run is worthless."""
         if self.failed:
             raise SimulationError([self.problem])
         return self
@@ -170,8 +170,8 @@ class Verdict:
 
 
 def verdict(findings: Sequence[Finding]) -> Verdict:
-    """The verdict on a run: the worst finding of each variable where it is first told, failures before the rest, then by
-    time (growth, which has no beginning, last)."""
+    """The verdict on a run: the worst finding of each variable at its first time, failures first, then by time (growth,
+    which has no beginning, last)."""
     order = list(KINDS)
     worst: dict[str, Finding] = {}
     for f in sorted(findings, key=lambda f: (order.index(f.kind), f.time)):
@@ -186,7 +186,7 @@ _HEARD: ContextVar[list[tuple[str, Verdict]] | None] = ContextVar("verdicts hear
 
 @contextmanager
 def listening() -> Iterator[list[tuple[str, Verdict]]]:
-    """Within, verdicts that are told are listed, by the name of the run, instead of being warned of."""
+    """Context in which verdicts are collected by the name of the run instead of being issued as warnings."""
     heard: list[tuple[str, Verdict]] = []
     token = _HEARD.set(heard)
     try:
@@ -195,17 +195,17 @@ def listening() -> Iterator[list[tuple[str, Verdict]]]:
         _HEARD.reset(token)
 
 
-def report_verdict(name: str, found: Verdict) -> None:
-    """Hand on the verdict on a run of that name: to who listens, else as a warning where it is not clean."""
+def report_verdict(name: str, verdict_of_run: Verdict) -> None:
+    """Report the verdict on a run of that name: to `listening` if active, else as a warning unless it is clean."""
     heard = _HEARD.get()
     if heard is not None:
-        heard.append((name, found))
-    elif found.findings:
-        warnings.warn(f"{name}: {found.text}", RunWarning, stacklevel=_depth_of_caller())
+        heard.append((name, verdict_of_run))
+    elif verdict_of_run.findings:
+        warnings.warn(f"{name}: {verdict_of_run.text}", RunWarning, stacklevel=_depth_of_caller())
 
 
 def _depth_of_caller() -> int:
-    """The stack level, counted from `tell`, of the first function that is not of heavebond."""
+    """The stack level of the first function outside heavebond, counted from `report_verdict`."""
     frame, depth = inspect.currentframe(), 0
     while frame is not None and str(frame.f_globals.get("__name__", "")).partition(".")[0] == PACKAGE:
         frame, depth = frame.f_back, depth + 1
@@ -213,12 +213,12 @@ def _depth_of_caller() -> int:
 
 
 def verdicts_as_dict(heard: Sequence[tuple[str, Verdict]]) -> dict[str, object]:
-    """The verdicts of all runs of a command for machines: the worst status, and what was found in which run."""
+    """The verdicts of all runs of a command for machines: the worst status, and the findings of each run."""
     whole = verdict_of_all(heard)
-    findings = [{"run": name, **f.as_dict()} for name, found in dict(heard).items() for f in found.findings]
+    findings = [{"run": name, **f.as_dict()} for name, run_verdict in dict(heard).items() for f in run_verdict.findings]
     return {**whole.as_dict(), "findings": findings}
 
 
 def verdict_of_all(heard: Sequence[tuple[str, Verdict]]) -> Verdict:
     """One verdict on several runs."""
-    return Verdict(tuple(f for _, found in heard for f in found.findings))
+    return Verdict(tuple(f for _, run_verdict in heard for f in run_verdict.findings))

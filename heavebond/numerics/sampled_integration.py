@@ -1,10 +1,10 @@
 """Runs through many samples by the compiled program: from one instant to the next without a way back to Python.
 
-A sampled controller cuts a run into thousands of stretches. In Python each of them costs as much as hundreds of evaluations
-of a small machine. Here a program in C (`heavebond/c/sampled.c`) integrates from instant to instant, evaluates the updates
-of all blocks that are sampled there, and moves their sensitivities, X after = X before and H after = r_x X + r_z Z + r_p +
-r_h H (see `jumps`; the instants do not move). It looks at the conditions of other events after each step. Where one might
-become true, and where anything fails, `EventIntegration` goes through that interval as in any other run.
+A sampled controller cuts a run into thousands of stretches. In Python each of them costs as much as hundreds of
+evaluations of a small machine. Here a program in C (`heavebond/c/sampled.c`) integrates from instant to instant, evaluates
+the updates of all blocks that are sampled there, and moves their sensitivities, X after = X before and H after = r_x X + r_z
+Z + r_p + r_h H (see `jumps`; the instants do not move). It looks at the conditions of other events after each step. An
+interval in which a condition may become true, or in which the program fails, is integrated by `EventIntegration`.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class SampledRunConstants:
         each step. Doubled: twice the memory.
     loops: algebraic unknowns with which conditions are looked at, at most. Origin: their rates are written out. Doubled: a
         long list of operations.
-    most_misses: intervals that Python goes through before the program is tried again, at most, where it did not get through
-        one. Origin: a call costs a tenth of an interval. Doubled: nothing measurable.
+    most_misses: intervals integrated in Python before the program is tried again, at most, after it failed in one. Origin: a
+        call costs a tenth of an interval. Doubled: nothing measurable.
     """
 
     least: int = 2000
@@ -66,8 +66,8 @@ class _Sampled(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Targets:
-    """Where a call of the program stops: times (N,), whether the integrator begins anew there, the events at each (their
-    ends (N,) in one list), and the inputs (n_u, N) before and at each."""
+    """The stops of a call of the program: times (N,), whether the integrator restarts, the events at each (their ends (N,)
+    in one list), and the inputs (n_u, N) before and at each."""
 
     times: Array
     anew: NDArray[np.bool_]
@@ -133,42 +133,42 @@ class SampledIntegration(CompiledCvodes):
         self._problem.n_u = assembly.arguments[4].numel()
 
     def begin_run(self) -> None:
-        """Forget what earlier runs took."""
+        """Reset the counters of earlier runs."""
         self._sampled.trial, self._sampled.strikes, self._sampled.counted, self._sampled.intervals = 8, 0, 0, 0
         self._problem.step = 0.0
 
-    def go_on(self, now: EventState, targets: Targets) -> Passed:
-        """From a state through the targets, as far as the program gets."""
+    def go_on(self, state: EventState, targets: Targets) -> Passed:
+        """Integrate from a state through the targets as far as the program can."""
         equations, problem, m, n = self.equations, self._problem, self.m, len(targets.times)
         self._renew()
-        hoisted = np.ascontiguousarray(equations.hoist(np.concatenate([now.p, self.factors, np.zeros(self.n_events)]))[
+        hoisted = np.ascontiguousarray(equations.hoist(np.concatenate([state.p, self.factors, np.zeros(self.n_events)]))[
             "o0"].ravel())
-        self._directions[:m] = now.dp[equations.moving].T
-        self._true[:len(now.true)] = now.true
+        self._directions[:m] = state.dp[equations.moving].T
+        self._true[:len(state.true)] = state.true
         start = np.empty(self._total)
-        start[self._order] = now.y[:self._total]
-        before = np.ascontiguousarray(np.column_stack([now.p[self.held], now.dp[self.held]]))
+        start[self._order] = state.y[:self._total]
+        before = np.ascontiguousarray(np.column_stack([state.p[self.held], state.dp[self.held]]))
         library, at = self._program.library, ctypes.byref(problem)
-        z0 = np.ascontiguousarray(now.z[:equations.n_z])
+        z0 = np.ascontiguousarray(state.z[:equations.n_z])
         library.place(at, _address(start), _address(z0), _address(hoisted), _address(before))
         y_before, y = np.empty((n, self._total)), np.empty((n, self._total))
         z_before, z = np.empty((n, self.n_z)), np.empty((n, self.n_z))
         held = np.empty((n, len(self.held), 1 + m))
-        done, self._counts[:] = np.zeros(1, np.int64), 0
+        passed_targets, self._counts[:] = np.zeros(1, np.int64), 0
         times, anew = np.ascontiguousarray(targets.times - self.begin_time), targets.anew.astype(np.uint8)
         columns = [np.ascontiguousarray(u.T) for u in (targets.inputs, targets.at)]
         ends, events = np.ascontiguousarray(targets.ends, np.int64), np.ascontiguousarray(targets.events, np.int32)
-        given = times, anew, ends, events, *columns, y_before, z_before, y, z, held, self._counts, done
-        answer = library.sample(at, now.t - self.begin_time, n, *map(_address, given))
+        arguments = times, anew, ends, events, *columns, y_before, z_before, y, z, held, self._counts, passed_targets
+        answer = library.sample(at, state.t - self.begin_time, n, *map(_address, arguments))
         equations.spent(int(self._counts[1]), bool(m or equations.n_z))
-        reached, points = int(done[0]), self._sampled.points
+        reached, points = int(passed_targets[0]), self._sampled.points
         number = int(np.searchsorted(self._points[3][:points], reached))
-        p, dp = np.tile(now.p, (reached, 1)), np.tile(now.dp, (reached, 1, 1))
+        p, dp = np.tile(state.p, (reached, 1)), np.tile(state.dp, (reached, 1, 1))
         p[:, self.held], dp[:, self.held] = held[:reached, :, 0], held[:reached, :, 1:]
         return Passed(y_before[:reached, self._order], z_before[:reached], y[:reached, self._order], z[:reached], p, dp,
                       self._points[0][:number] + self.begin_time, self._points[1][:number][:, self._order],
                       self._points[2][:number].copy(), self._points[3][:number].copy(),
-                      self._true[:len(now.true)] > 0, int(self._counts[0]), answer in (ALL_DONE, BUFFER_FULL))
+                      self._true[:len(state.true)] > 0, int(self._counts[0]), answer in (ALL_DONE, BUFFER_FULL))
 
 
 def _address(values: Any) -> int | None:
@@ -178,7 +178,7 @@ def _address(values: Any) -> int | None:
 def sampled_integration(assembly: Assembly, m: int, moving: Sequence[int], quadratures: ca.SX | None,
                         factors: Factors | None, begin: float, tolerances: Tolerances, most_steps: int, longest: float,
                         dense: bool, same: float) -> SampledIntegration | None:
-    """The compiled program for an assembly; None where it does not serve."""
+    """The compiled program for an assembly; None if it does not serve."""
     flat, order = assembly.flat, assembly.update_order
     timed = [event for event in flat.events if event.indicator is None]
     if flat.delays or any(event.impulse is not None or event.ends for event in timed) \
@@ -216,8 +216,8 @@ def _looked(assembly: Assembly) -> ca.SX:
     along = ca.jtimes(stack([indicators, assembly.alg]), stack([t, x]), stack([ca.SX(1), assembly.ode]))
     rates = along[:n]
     if z.numel():
-        moved = ca.solve(ca.densify(ca.jacobian(assembly.alg, z)), ca.densify(along[n:]))
-        rates = rates - ca.mtimes(ca.jacobian(indicators, z), moved)
+        by_z = ca.solve(ca.densify(ca.jacobian(assembly.alg, z)), ca.densify(along[n:]))
+        rates = rates - ca.mtimes(ca.jacobian(indicators, z), by_z)
     return ca.densify(stack([indicators, rates]))
 
 
@@ -225,7 +225,7 @@ Make = Callable[[], SampledIntegration | None]
 
 
 class Schedule:
-    """The targets of a run: its stops, and its instants, which are stops where they are close to one."""
+    """The targets of a run: its stops, and its instants, which are stops if they are close to one."""
 
     def __init__(self, timetable: Timetable, stops: Array, kinks: Array, same: float):
         self.timetable, self.same = timetable, same

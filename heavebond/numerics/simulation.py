@@ -1,16 +1,16 @@
-"""Simulation of a diagram; the default solver `auto`: CVODES or IDAS, and what is done where they stop.
+"""Simulation of a diagram; the default solver `auto`: CVODES or IDAS, and the alternatives after a failure.
 
-A diagram without algebraic unknowns is integrated by CVODES. Where that gives up, or has stepped over a point at which a
-coefficient that is divided by vanishes (a volume, an arm), IDAS runs it from its start. IDAS also runs all other diagrams.
-Where it stops:
+A diagram without algebraic unknowns is integrated by CVODES. If CVODES fails, or has stepped over a point at which a
+divisor vanishes (a volume, an arm), IDAS integrates from the start. IDAS also runs all other diagrams. If IDAS fails:
 
-1. Where algebraic unknowns are pressures of nodes that hold no oil or gas of their own, their balance of flows may have no
-   slope (valves that are shut on all sides) or turn its corners faster than any step. Each of these nodes is then given what
-   its domain says under `fills:`, the oil in a short bore, and the run begins anew: its pressures are states.
-2. Else the run is made again in stretches. Where a solver stops, the other one goes on from the last accepted point:
-   CVODES, or with algebraic unknowns IDAS with these under error control, and IDAS again where that stops.
+1. If algebraic unknowns are pressures of nodes without oil or gas of their own volume, their flow balance may have no
+   gradient (valves shut on all sides) or change more sharply than any step resolves. Each of these nodes then receives the
+   component that its domain specifies under `fills:`, the oil in a short bore, and the run restarts: its pressures are
+   states.
+2. Otherwise the run is repeated in stretches. If a solver fails, the other one continues from the last accepted point:
+   CVODES, or with algebraic unknowns IDAS with these under error control, and IDAS again if that fails.
 
-Each change stands in the statistics of the run, `fills` and `solver_changes`.
+Each change is listed in the statistics of the run, `fills` and `solver_changes`.
 """
 
 from __future__ import annotations
@@ -58,17 +58,15 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
 
     Integrates x' = f(t, x, z), 0 = g(t, x, z) from consistent initial values; all signals of the result have shape (N,).
     Times are in s or text (`"2 min"`) and default to `simulate:` of the diagram (`from:` for `begin`, else 0 s);
-    `parameters`
-    overrides values by name, in SI or as text with a unit. `also` names positions that no equation uses; `sensitivities`
-    names parameters for
-    `result.sensitivity`. The error of each step is controlled to `rtol` and to `atol` times the nominal size of each
-    unknown. `solver` is idas, cvodes, rosenbrock or auto (see `solvers` and `run_by_auto`), by default that of the
-    diagram, else auto. FMUs are executed with `allow_fmu` only. `model` is a
-    diagram, the path or bundled name of one, or an Assembly, which is used without assembling it again.
+    `parameters` overrides values by name, in SI or as text with a unit. `also` names positions that no equation uses;
+    `sensitivities` names parameters for `result.sensitivity`. The error of each step is controlled to `rtol` and to `atol`
+    times the nominal size of each unknown. `solver` is idas, cvodes, rosenbrock or auto (see `solvers` and `run_by_auto`),
+    by default the solver of the diagram, else auto. FMUs are executed with `allow_fmu` only. `model` is a diagram, the path
+    or bundled name of one, or an Assembly, which is used without assembling it again.
 
     Warns (RunWarning) unless the verdict of the run (`result.verdict`) is clean. Raises ModelError for an invalid
-    diagram, UsageError for wrong arguments or an unsuitable solver, StartError where no consistent initial values exist
-    and SimulationError where the integration fails. Source: A. C. Hindmarsh et al., SUNDIALS, 2005,
+    diagram, UsageError for wrong arguments or an unsuitable solver, StartError if no consistent initial values exist
+    and SimulationError if the integration fails. Source: A. C. Hindmarsh et al., SUNDIALS, 2005,
     doi:10.1145/1089014.1089020.
     """
     if begin is not None:
@@ -77,12 +75,13 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     sensitivities = tuple(sensitivities)
     assembly, parameters = with_equations_at_zero(assembly, parameters, sensitivities)
     written = assembly.model.solver
-    asked = solver or (written.text if written else "auto")
+    solver_name = solver or (written.text if written else "auto")
     simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
-                          solver=asked, allow_fmu=allow_fmu, dense=True)
+                          solver=solver_name, allow_fmu=allow_fmu, dense=True)
     simulator.expect(parameters)
     try:
-        result = run_by_auto(simulator, parameters, allow_fmu) if asked == "auto" else _run_as_asked(simulator, parameters)
+        result = run_by_auto(simulator, parameters, allow_fmu) if solver_name == "auto" else _run_as_asked(simulator,
+                                                                                                           parameters)
     except LimitPassed as error:
         result = resolved(error, simulator.time, lambda times, dense: Simulator(
             assembly, times=times, tolerances=simulator.tolerances, sensitivities=simulator.parameters, allow_fmu=allow_fmu,
@@ -92,7 +91,7 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
 
 
 def _with_begin(model: ModelOrFile | Assembly, begin: Time, also: Iterable[str]) -> Model | Assembly:
-    """What begins its runs at another time; an assembly with the parameters that it has."""
+    """A diagram or assembly (with its parameter values) whose runs begin at another time."""
     if not isinstance(model, Assembly):
         return with_begin(loaded(model), begin)
     return replace(assemble(with_begin(model.model, begin), also), p=model.p)
@@ -100,28 +99,29 @@ def _with_begin(model: ModelOrFile | Assembly, begin: Time, also: Iterable[str])
 
 def with_equations_at_zero(assembly: Assembly, parameters: Mapping[str, float | str] | None, free: Iterable[str] = ()
                            ) -> tuple[Assembly, Mapping[str, float | str] | None]:
-    """An assembly and the parameters of a run of it; where a parameter of value 0 leaves other equations (see `at_zero`),
-    their assembly, which has the parameters."""
+    """An assembly and the parameters of a run of it; if a parameter of value 0 changes the equations (see `at_zero`), the
+    assembly is made from the changed ones, with these parameters."""
     zeroed = at_zero(assembly.with_parameters(parameters) if parameters else assembly, free)
     return (zeroed, None) if zeroed.flat.zeros else (assembly, parameters)
 
 
 def _run_as_asked(simulator: Simulator, parameters: Mapping[str, float | str] | None) -> Result:
-    """A run by the solver that was asked for; where `auto` would go on, the error says so."""
+    """A run by the requested solver; if `auto` could continue after its failure, the error mentions it."""
     try:
         return simulator.run(parameters)
     except (StartError, SimulationError) as error:
         problem = error.problems[0]
         if not _may_help(problem) or (isinstance(error, StartError) and not unfilled(simulator.assembly)):
             raise
-        hint = f"{problem.hint}\n{RETYPE.format('auto')}: it goes on with other equations or another solver where one stops."
+        hint = f"{problem.hint}\n{RETYPE.format('auto')}: it continues with other equations or another solver after a " \
+            "failure."
         raise type(error)([replace(problem, hint=hint.strip()), *error.problems[1:]]) from None
 
 
 def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | None = None, allow_fmu: bool = False
                 ) -> Result:
-    """A run that changes its equations or its solver where one stops; where nothing helps, the error of the last attempt
-    that got as far as integrating filled nodes, else the first."""
+    """A run that changes its equations or its solver after a failure. If nothing succeeds, the error of the last attempt
+    that integrated with filled nodes is raised, else the first error."""
     simulator.explains = False  # what helps needs no reason
     try:
         return _changed_where_it_stops(simulator, parameters, allow_fmu)
@@ -131,9 +131,9 @@ def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | No
 
 def _changed_where_it_stops(simulator: Simulator, parameters: Mapping[str, float | str] | None, allow_fmu: bool) -> Result:
     if simulator.solver.provisional:
-        found, why = _provisional(simulator, parameters)
-        if found is not None:
-            return found
+        result, why = _provisional(simulator, parameters)
+        if result is not None:
+            return result
         simulator.change_to_default(why)
     try:
         return simulator.run(parameters)
@@ -169,7 +169,7 @@ def _changed_where_it_stops(simulator: Simulator, parameters: Mapping[str, float
 
 
 def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | None) -> tuple[Result | None, str]:
-    """The run by the solver that `auto` begins with; None where IDAS has to make it, and why."""
+    """The run by the first solver of `auto`; None, and the reason, if IDAS must integrate it."""
     try:
         result = simulator.run(parameters)
     except SimulationError as error:
@@ -177,34 +177,34 @@ def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | N
             raise
         return None, f"{simulator.solver.name} gave up: {', '.join(problem.notes) or problem.message}"
     if _passes_zero(result):
-        return None, f"{simulator.solver.name} stepped over a point where what is divided by vanishes"
+        return None, f"{simulator.solver.name} stepped over a point where a divisor vanishes"
     return result, ""
 
 
 def changes_of(result: Result, states: bool = True) -> list[str]:
-    """What a run changed on its way, in sentences: its tolerances, solver and `states`; its verdict names filled nodes."""
-    said = []
+    """Sentences on the changes during a run: its tolerances, solver and `states`; filled nodes are part of its verdict."""
+    sentences = []
     sizes = result.statistics.get("sizes")
     if isinstance(sizes, dict):
         units = {u.name: u.unit.text for u in result.assembly.flat.unknowns}
         listed = [f"{name} {size:g} {units.get(name, '')}".strip() for name, size in sizes.items()]
-        said.append(f"repeated with absolute tolerances for the sizes that the run reached: {listing(listed, 4)}")
-    for key, what in (("solver_changes", "solver"), *((("state_changes", "states"),) if states else ())):
+        sentences.append(f"repeated with absolute tolerances for the sizes that the run reached: {listing(listed, 4)}")
+    for key, noun in (("solver_changes", "solver"), *((("state_changes", "states"),) if states else ())):
         changes = result.statistics.get(key, [])
         assert isinstance(changes, list)
         if changes:
             first = changes[0]
             before, after = (", ".join([first[k]] if isinstance(first[k], str) else first[k]) for k in ("before", "after"))
-            said.append(f"{count(len(changes), 'change')} of {what}, the first at {first['time']:.4g} s: "
-                        f"{before} -> {after}")
-    return said
+            sentences.append(f"{count(len(changes), 'change')} of {noun}, the first at {first['time']:.4g} s: "
+                             f"{before} -> {after}")
+    return sentences
 
 
 def with_filled_nodes(make: Callable[[Assembly], T], assembly: Assembly, run_of: Callable[[T], Result | None],
                       free: Iterable[str] = ()) -> tuple[T, str]:
-    """What `make`, which varies the parameters `free`, gives for an assembly, `at_zero` where others are 0.
-    Where a run ends at nodes that store nothing, it is for the assembly with these filled, as in a run by `auto`, and with
-    what is to be said of it. `run_of` gives one of the runs that it is of, if any."""
+    """The result of `make`, which varies the parameters `free`, for an assembly, `at_zero` if others are 0. If a run fails
+    at nodes without capacity, the result is for the assembly with these nodes filled, as in a run by `auto`, and with the
+    messages on the filling. `run_of` gives one of the runs of the result, if any."""
     assembly = at_zero(assembly, free)
     try:
         return make(assembly), ""
@@ -213,28 +213,29 @@ def with_filled_nodes(make: Callable[[Assembly], T], assembly: Assembly, run_of:
         if not nodes or not _may_help(error.problems[0]):
             raise
         try:
-            made = make(filled(assembly, nodes))
-            if (run := run_of(made)) is not None:
+            result = make(filled(assembly, nodes))
+            if (run := run_of(result)) is not None:
                 _accepted(run, nodes, error)
         except HeavebondError:
             raise error from None
-        return made, fills_told(list(nodes), error.problems[0].message)
+        return result, fills_told(list(nodes), error.problems[0].message)
 
 
 def fills_told(nodes: Sequence[str], why: str) -> str:
-    """What was added to a diagram at nodes that store nothing, `why` it could not do without, and what to type."""
+    """Sentences on volumes added at nodes without capacity: the added component, the reason `why`, and the lines to type."""
     return f"with a short bore of oil or gas on {listing(nodes)}, which store none: before, {why}. " \
         "A Volume or a Receiver there of the real size takes its place."
 
 
 def _may_help(problem: Problem) -> bool:
-    """Whether another system or solver could do what failed: not where events went wrong, or a physical limit is passed."""
+    """True if another system or solver might succeed: not after a failure of events, or after a physical limit."""
     return not problem.code.startswith("event") and problem.code != "run-physical"
 
 
 def _accepted(result: Result, fills: Mapping[str, str], why: HeavebondError) -> Result:
-    """The result with what was filled, and why, in its statistics; the error `why` where it means nothing: a run that fails
-    its verdict, that has stepped over a point where a volume or an arm vanishes, or in which what fills a node decides."""
+    """The result with the filling and its reason in its statistics. The error `why` is raised if the result is meaningless:
+    a run that fails its verdict, that has stepped over a point where a volume or an arm vanishes, or that the filled volumes
+    determine."""
     if result.verdict.failed or _passes_zero(result) or _decides(result, fills):
         raise why
     if not fills:
@@ -245,18 +246,18 @@ def _accepted(result: Result, fills: Mapping[str, str], why: HeavebondError) -> 
 
 
 def _passes_zero(result: Result) -> bool:
-    """Whether a coefficient that is divided by turns its sign along the run, in the states of the diagram's own choice."""
-    own = np.ones(len(result.time), bool)
-    own[[k for at, _ in result.stays for k in at]] = False
+    """True if a divisor changes its sign along the run, in the default states of the diagram."""
+    in_default_states = np.ones(len(result.time), bool)
+    in_default_states[[k for at, _ in result.stays for k in at]] = False
     varying = result.assembly.once("varying pivots", lambda: _varying_pivots(result.assembly))
-    if varying is None or not own.any():
+    if varying is None or not in_default_states.any():
         return False
-    values, = evaluated(result.assembly, varying, columns(result, np.flatnonzero(own)))
+    values, = evaluated(result.assembly, varying, columns(result, np.flatnonzero(in_default_states)))
     return bool(((values.min(axis=1) < 0) & (values.max(axis=1) > 0)).any())
 
 
 def _varying_pivots(assembly: Assembly) -> ca.Function | None:
-    """The coefficients (k, 1) that are divided by and may vary along a run; None where all follow from parameters."""
+    """The divisors (k, 1) that may vary along a run; None if all depend on parameters only."""
     whole = assembly.pivots(*assembly.arguments)
     fixed = assembly.flat.places.keys()
     varying = [c for c, q in zip(split(whole), assembly.reduced.pivots, strict=True)
@@ -265,7 +266,7 @@ def _varying_pivots(assembly: Assembly) -> ca.Function | None:
 
 
 def _decides(result: Result, fills: Mapping[str, str]) -> bool:
-    """Whether a filled node goes far beyond any usual pressure: a flow that has no way out is taken up by what fills it."""
+    """True if a filled node far exceeds any usual pressure: a flow without an outlet accumulates in its volume."""
     assembly, domains = result.assembly, result.assembly.model.library.domains
     names = {node: f"{node}.{domains[domain].across[0]}" for node, domain in fills.items()}
     usual = {name: assembly.flat.unknowns[assembly.flat.names[name]].nominal for name in names.values()}
@@ -273,37 +274,38 @@ def _decides(result: Result, fills: Mapping[str, str]) -> bool:
 
 
 def unfilled(assembly: Assembly) -> dict[str, str]:
-    """The nodes whose pressure is no state but follows from a balance of flows, with their domains, where these say what
-    fills a node."""
+    """The nodes whose pressure follows from a flow balance and is not a state, with their domains, if these have
+    `fills:`."""
     flat, domains = assembly.flat, assembly.model.library.domains
     states = set(assembly.state_names)
     free = {s.element_hash() for s in split(assembly.arguments[2])}
-    found = {}
+    nodes = {}
     for group in connect(flat.expanded, formula_order(flat.expanded)).groups if free else ():
         domain = domains.get(group.domain)
         if domain is None or domain.fills is None or (name := f"{group.name}.{domain.across[0]}") in states:
             continue
         if free & {s.element_hash() for s in ca.symvar(assembly.reduced.express(flat.levels[0][flat.names[name]]))}:
-            found[group.name] = domain.name
-    return found
+            nodes[group.name] = domain.name
+    return nodes
 
 
 def filled(assembly: Assembly, nodes: Mapping[str, str], begun: Start | None = None) -> Assembly:
-    """The assembly of the diagram with its nodes filled; their pressures begin where they stood at the start (where the run
-    has `begun`, if known), as far as there is one."""
+    """The assembly of the diagram with its nodes filled; their pressures begin at the values of the start (if the run has
+    `begun`, of its start), if there is one."""
     flat = assembly.flat
     model = _with_guesses(assembly, nodes, begun)
     for k, (node, domain) in enumerate(nodes.items(), 1):
         fills = model.library.domains[domain].fills
         assert fills is not None
         model = model.with_component(f"fill_{k}", fills[0], {"a": node}, dict(fills[1]))
-    made = assemble(model, [u.name for u in flat.unknowns if u.role == "position"])
+    filled_assembly = assemble(model, [u.name for u in flat.unknowns if u.role == "position"])
     known = assembly.parameter_values
-    return replace(made, p=np.array([known.get(name, value) for name, value in made.parameter_values.items()]))
+    return replace(filled_assembly, p=np.array([known.get(name, value) for name,
+                                                value in filled_assembly.parameter_values.items()]))
 
 
 def _with_guesses(assembly: Assembly, nodes: Mapping[str, str], begun: Start | None) -> Model:
-    """The diagram with the pressures of its nodes at the start as guesses, as far as there is one."""
+    """The diagram with the pressures of its nodes at the start as guesses, if there is a start."""
     model, flat = assembly.model, assembly.flat
     try:
         point = begun or start(assembly)
@@ -315,6 +317,6 @@ def _with_guesses(assembly: Assembly, nodes: Mapping[str, str], begun: Start | N
     for name in (f"{node}.{member}" for node, domain in nodes.items() for member in model.library.domains[domain].across):
         value, unknown = float(values[flat.names[name]]), flat.unknowns[flat.names[name]]
         if np.isfinite(value) and name not in conditions and unknown.place is not None:
-            given = Value(Number(value, unknown.unit, 0), f"{value:.6g}", unknown.place, si=True)
-            conditions[name] = Condition(name, given, True, unknown.place)
+            guess = Value(Number(value, unknown.unit, 0), f"{value:.6g}", unknown.place, si=True)
+            conditions[name] = Condition(name, guess, True, unknown.place)
     return replace(model, initial=replace(model.initial, conditions=conditions))

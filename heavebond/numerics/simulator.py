@@ -70,19 +70,19 @@ LOOKED_AT = 0.02  # share of a single run that is integrated beforehand, to find
 
 
 class Simulator:
-    """An integrator built once for one grid of output times, to be run with many parameter values. Runs that several threads
-    ask for are made one after the other."""
+    """An integrator built once for one grid of output times, to be run with many parameter values. Runs of several threads
+    are executed one after the other."""
 
     def __init__(self, assembly: Assembly, until: Time | None = None, *, every: Time | None = None,
                  times: Array | None = None, tolerances: Tolerances | None = None,
                  quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
                  free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None,
                  solver: str | None = None, allow_fmu: bool = False, dense: bool = False):
-        """IDAS integrates where no other `solver` is asked for, whatever the diagram says of its plain runs; `auto` is
-        resolved here (see `chosen`), while what happens where it fails is that of `run_by_auto`. `factors`
-        stand in the quadratures; `free_start` adds the states at the first time to the sensitivities (see `run_from`); what
-        can be taken from another simulator (`like`) is not made again; `driven` are inputs to be taken instead of the
-        records'. With `dense` a result has points between its output points (see `Result.dense`)."""
+        """IDAS integrates unless another `solver` is requested, independently of the solver in the diagram; `auto` is
+        resolved here (see `chosen`), while its alternatives after a failure are in `run_by_auto`. `factors` are factors in
+        the quadratures; `free_start` adds the states at the first time to the sensitivities (see `run_from`); functions of
+        another simulator (`like`) are reused if they apply; `driven` are inputs that replace those of records. With `dense`
+        a result has points between its output points (see `Result.dense`)."""
         self.assembly, self._turn = assembly, RLock()
         self._sized = {tuple(sorted(assembly.sizes.items())): assembly}
         self._base_sizes, self._sized_for = dict(assembly.sizes), None
@@ -90,7 +90,14 @@ class Simulator:
         self.tolerances = tolerances or Tolerances()
         self.parameters = sensitivities
         self.sensitivities = (*self.parameters, *(assembly.state_names if free_start else ()))
-        self.along = _directions(assembly, self.parameters, self.tolerances.along)
+        # one column per name: its parameter changes by its size (1 if it is zero) times the weight, so that the error
+        # control sees sensitivities of the size of the states; UsageError for a name that is not a parameter
+        index = {name: k for k, name in enumerate(assembly.parameter_names)}
+        along = np.zeros((len(assembly.p), len(self.parameters)))
+        for column, name in enumerate(self.parameters):
+            assembly.parameter_indices([name])  # UsageError for a name that cannot be set
+            along[index[name], column] = self.tolerances.along * (abs(assembly.p[index[name]]) or 1.0)
+        self.along = along
         self.along = np.pad(self.along, ((0, 0), (0, len(self.sensitivities) - len(self.parameters))))
         _check_delays(assembly, self.along, self.parameters)
         self.time = grid(assembly.model, until, every) if times is None else np.asarray(times, float)
@@ -135,27 +142,26 @@ class Simulator:
     _felt: Array | None  # the parameters that these were found with
 
     def _limit_steps(self, p: Array, x: Array | None = None) -> bool:
-        """Find the instants and the longest step with which no prescribed function of time is passed over with parameters,
-        from the state `x` (n_x,). True if the integrator has to be built again: for other instants, or for steps that are
-        much shorter."""
+        """Determine the stops and the longest step with which no motion of a prescribed function of time is missed, from the
+        state `x` (n_x,). True if the integrator must be built again: for other stops, or for much shorter steps."""
         self.forcing: Forcing = self.assembly.once("forcing", lambda: Forcing(self.assembly))
         felt = self.forcing.felt(p, self.begin, x)
         if self._felt is not None and np.array_equal(felt, self._felt):
             return False
         before, self._felt = self.longest, felt
-        found = self.forcing.stops(self.time, p, x)
-        self.unknown_forcing = found.unknown
-        shorter = found.longest > 0 and (before == 0 or found.longest < FORCING.renewed_below * before)
-        self.longest = found.longest if shorter or not self.keeps_shortest else before
-        moved = not np.array_equal(found.times, self.kinks)
-        if moved:
-            self.kinks = found.times
+        stops = self.forcing.stops(self.time, p, x)
+        self.unknown_forcing = stops.unknown
+        shorter = stops.longest > 0 and (before == 0 or stops.longest < FORCING.renewed_below * before)
+        self.longest = stops.longest if shorter or not self.keeps_shortest else before
+        stops_changed = not np.array_equal(stops.times, self.kinks)
+        if stops_changed:
+            self.kinks = stops.times
             self._place_stops()
-        return shorter or moved
+        return shorter or stops_changed
 
     def _place_stops(self) -> None:
-        """The output times, the breaks of measured inputs and the kinks in one order; those that differ by rounding from an
-        output time or a break are it."""
+        """Merge the output times, the breaks of measured inputs and the kinks in order; a kink that differs by rounding from
+        an output time or a break is replaced by it."""
         stops = np.union1d(self.time, self.pieces.inner_breaks(self.time[0], self.time[-1]))
         if len(self.kinks):
             place = np.clip(np.searchsorted(stops, self.kinks), 1, len(stops) - 1)
@@ -172,15 +178,14 @@ class Simulator:
 
     def _renew(self) -> None:
         """Build the integrator again, for other stops or a shorter longest step."""
-        for made in ("integrand", "loops", "_hoist"):
-            self.__dict__.pop(made, None)
+        for name in ("integrand", "loops", "_hoist"):
+            self.__dict__.pop(name, None)
         self.prepare()
         self.switching = self._switching(self.charts) if self._cut else None
 
     @property
     def _cut(self) -> bool:
-        """Whether runs are integrated in stretches: a method of several steps takes what it knows from before a kink
-        across."""
+        """True if runs are integrated in stretches: a multistep method would carry its history across a kink."""
         kinked = len(self.kinks) and self.solver.name != "rosenbrock"
         return bool(self.assembly.flat.events or self.charts.needed or kinked or self.assembly.flat.delays)
 
@@ -219,12 +224,12 @@ class Simulator:
 
     @cached_property
     def integrand(self) -> Integrand:
-        """What is integrated."""
+        """The integrand of the simulator."""
         return self._made(self.assembly, self.quadratures)
 
     @cached_property
     def loops(self) -> ca.Function | None:
-        """Newton's method for the algebraic unknowns; None where there are none."""
+        """Newton's method for the algebraic unknowns; None if there are none."""
         return newton_loops(self.integrand)
 
     @cached_property
@@ -232,20 +237,22 @@ class Simulator:
         return Buffered(self.integrand.hoist)
 
     def _made(self, assembly: Assembly, quadratures: ca.SX | None) -> Integrand:
-        made = summed(integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly),
+        augmented = summed(integrand(assembly, quadratures, len(self.sensitivities), self._moving(assembly),
                                 self.begin), self.factors)
         # an integrator stops where an input changes: the last one counts the kinks
-        dae = {**made.dae, "u": stack([made.dae["u"], ca.SX.sym("kinks")])} if self._counts_kinks else made.dae
-        return replace(made, dae=dae, longest=min(self.longest or self.largest, self.largest or self.longest))
+        dae = {**augmented.dae, "u": stack([augmented.dae["u"],
+                                            ca.SX.sym("kinks")])} if self._counts_kinks else augmented.dae
+        return replace(augmented, dae=dae, longest=min(self.longest or self.largest, self.largest or self.longest))
 
     def _moving(self, assembly: Assembly) -> list[int]:
-        """The parameters (indices) that move along the sensitivities: also those that follow the start or are held."""
+        """The parameters (indices) that vary along the sensitivities, including those that depend on the start or are
+        held."""
         moving = {*np.flatnonzero(self.along.any(axis=1)).tolist(), *self.start_equations.solved_for,
                   *(held.index for held in assembly.flat.held)}
         return sorted(moving)
 
     def _framed(self, chart: StateChoice) -> Frame:
-        """The equations in the states of a chart; quadratures are given in those of the first."""
+        """The equations in the states of a chart; quadratures are given in the states of the first chart."""
         factors = ca.SX(0, 1) if self.factors is None else self.factors.symbols
         quadratures = ca.SX(0, 1) if self.quadratures is None else self.quadratures
         if chart.assembly is self.assembly:
@@ -255,13 +262,13 @@ class Simulator:
         u = chart.assembly.arguments[4]
         raw = chart.assembly.reduced.express(ca.substitute(quadratures, self.assembly.arguments[4], u))
         quadratures = substitute_inputs(raw, self.assembly.flat, self.assembly.flat.time, u)
-        made = self._made(chart.assembly, None if self.quadratures is None else quadratures)
-        return Frame(chart, EventEquations(chart.assembly, quadratures, factors), made, newton_loops(made))
+        dae = self._made(chart.assembly, None if self.quadratures is None else quadratures)
+        return Frame(chart, EventEquations(chart.assembly, quadratures, factors), dae, newton_loops(dae))
 
     def _driven_as(self, like: Simulator) -> bool:
         """Whether another simulator has the same measured inputs over the same time."""
-        own, others = ([(k.source, k.unit.text) for k in s.assembly.flat.inputs] for s in (self, like))
-        return own == others and self.time[0] == like.time[0] and self.time[-1] == like.time[-1]
+        ours, theirs = ([(k.source, k.unit.text) for k in s.assembly.flat.inputs] for s in (self, like))
+        return ours == theirs and self.time[0] == like.time[0] and self.time[-1] == like.time[-1]
 
     def _integrator(self) -> Integrator:
         """From the first stop to the others."""
@@ -269,7 +276,7 @@ class Simulator:
                           self.solver.controlled(self.tolerances))
 
     def _driven(self, times: Array) -> dict[str, Array]:
-        """What drives the integrator between its stops, at times between them."""
+        """The inputs of the compiled integrators between the stops, at times between them."""
         return {"u": self.inputs(times)}
 
     def inputs(self, times: Array) -> Array:
@@ -285,8 +292,8 @@ class Simulator:
     def run(self, parameters: Mapping[str, float | str] | None = None) -> Result:
         """Simulate from the diagram's initial conditions.
 
-        `parameters` overrides values by name, in SI or as text with a unit. Raises StartError where no consistent initial
-        values exist and SimulationError where the integration fails.
+        `parameters` overrides values by name, in SI or as text with a unit. Raises StartError if no consistent initial
+        values exist and SimulationError if the integration fails.
         """
         check()
         began = clock.perf_counter()
@@ -324,9 +331,9 @@ class Simulator:
         sensitivities are with respect to these states (needs `free_start`)."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         if assembly.flat.delays or not all(event.by_clock for event in assembly.flat.events):
-            what, unknown = ("delayed variables", "their history") if assembly.flat.delays else \
-                ("events", "what is held there")
-            raise UsageError([Problem("events-midway", f"a run cannot begin midway where a diagram has {what}: {unknown} "
+            reason, unknown = ("delayed variables", "their history") if assembly.flat.delays else \
+                ("events", "the values of held variables")
+            raise UsageError([Problem("events-midway", f"a run cannot begin midway where a diagram has {reason}: {unknown} "
                                       "is not known", None, "Run it from its start.")])
         if (held := clocks_at(assembly, float(self.time[0]), assembly.p)) is not assembly.p:
             assembly = replace(assembly, p=held)
@@ -338,21 +345,22 @@ class Simulator:
         z0 = np.zeros((n_z * (1 + len(self.sensitivities)), 1))
         z0 = self._settled(x0[:, None], z0, self.integrand.hoist(assembly.p, self.along), self.stops[:1])[:, 0]
         first = Start(float(self.time[0]), x, z0[:n_z] * assembly.z_nominal, assembly.p, (), (), 0)
-        moved = Tangent(steps * assembly.x_nominal[:, None],
-                        z0[n_z:].reshape(len(self.sensitivities), n_z).T * assembly.z_nominal[:, None], self.along)
-        return self._result(assembly, first, moved, clock.perf_counter())
+        start_tangent = Tangent(steps * assembly.x_nominal[:, None],
+                                z0[n_z:].reshape(len(self.sensitivities), n_z).T * assembly.z_nominal[:, None], self.along)
+        return self._result(assembly, first, start_tangent, clock.perf_counter())
 
-    def _result(self, assembly: Assembly, first: Start, moved: Tangent | None, began: float,
+    def _result(self, assembly: Assembly, first: Start, start_tangent: Tangent | None, began: float,
                 again: Callable[[], tuple[Assembly, Start, Tangent | None]] | None = None) -> Result:
-        """A run; where its unknowns stay far below their nominal sizes and `again` gives its start, with sizes that fit."""
+        """A run; if its unknowns stay far below their nominal sizes and `again` gives its start, repeated with fitting
+        sizes."""
         started = clock.perf_counter()
         with self._turn:
             if self._limit_steps(first.p, first.x):
                 self._renew()
-            found = self._integrate(assembly, first, moved)
+            found = self._integrate(assembly, first, start_tangent)
             unfit: dict[str, float] = {}
             for _ in range(SIZES.max_repeats):
-                if again is None or not (fitting := self._fitting_sizes(assembly, first, moved, found)):
+                if again is None or not (fitting := self._fitting_sizes(assembly, first, start_tangent, found)):
                     break
                 before = self.assembly.sizes
                 self._take_sizes({**before, **fitting})
@@ -364,22 +372,23 @@ class Simulator:
                     self._take_sizes(before)
                     unfit = fitting
                     break
-                assembly, first, moved = restarted
+                assembly, first, start_tangent = restarted
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics,
                       **({"sizes": dict(self.assembly.sizes)} if self.assembly.sizes else {}),
                       **({"unfit": unfit} if unfit else {}),
                       **({"unknown_forcing": self.unknown_forcing} if self.unknown_forcing else {})}
-        sizes = self._sizes(moved)
-        instants = found.instants if moved is None else tuple(replace(i, delays=i.delays / sizes) for i in found.instants)
+        sizes = self._sizes(start_tangent)
+        instants = found.instants if start_tangent is None else tuple(replace(i, delays=i.delays / sizes)
+                                                                      for i in found.instants)
         n_q = self.integrals // (1 + len(self.sensitivities))
 
-        stops, output_times, kept = self.stops, self.time, self._keep
+        stops, output_times, output_stops = self.stops, self.time, self._keep
         if found.ended is not None:
             stops = found.ended
             output_times = np.append(self.time[self.time < stops[-1]], stops[-1])
-            kept = np.searchsorted(stops, output_times)
+            output_stops = np.searchsorted(stops, output_times)
 
         def taken(found: Trace, times: Array, keep: NDArray[np.intp]) -> Result:
             """The run at times (n,), which are points of a trace."""
@@ -388,26 +397,26 @@ class Simulator:
                 """The run at some of these times, from x and z at all points in the states of an assembly."""
                 points = slice(None) if len(at) == x.shape[1] else keep[at]
                 n_x, n_z = len(of.x_nominal), len(of.z_nominal)
-                along = None if moved is None else ForwardSensitivities(
+                along = None if start_tangent is None else ForwardSensitivities(
                     self.sensitivities, _by_direction(x[n_x:, points], sizes), _by_direction(z[n_z:, points], sizes),
-                    (moved.p / sizes).T, _by_direction(found.quadratures[n_q:, points], sizes),
+                    (start_tangent.p / sizes).T, _by_direction(found.quadratures[n_q:, points], sizes),
                     found.held_along[..., points] / sizes[:, None, None],
                     None if found.driven is None else found.driven.along[..., points] / sizes[:, None, None])
                 u = self.pieces.at(times[at]) if found.driven is None else found.driven.u[:, points]
                 return Result(of, times[at], x[:n_x, points], z[:n_z, points], u, first.p, first,
                               statistics, found.quadratures[:n_q, points], along, found.held[:, points], instants, stays)
 
-            others = ((np.flatnonzero(stay.at[keep]), stay) for stay in found.stays)
+            other_states = ((np.flatnonzero(stay.at[keep]), stay) for stay in found.stays)
             # a stay may pass between two output points
-            stays = tuple((at, in_states(stay.assembly, at, stay.x, stay.z)) for at, stay in others if len(at))
+            stays = tuple((at, in_states(stay.assembly, at, stay.x, stay.z)) for at, stay in other_states if len(at))
             return in_states(assembly, np.arange(len(keep)), found.x, found.z, stays)
 
         def with_hidden(points: Points) -> Points:
             """Points of this run and those of the motions between them."""
-            return points if moved is not None else HiddenMotions(
+            return points if start_tangent is not None else HiddenMotions(
                 assembly, self.integrand, self.inputs, self.solver, self.tolerances, self.begin).found_in(points, first.p)
 
-        result = taken(found, output_times, kept)
+        result = taken(found, output_times, output_stops)
         if found.between is None:
             if limited(self.assembly).unknowns:
                 times, trace, _ = with_hidden((stops, found, None))
@@ -426,15 +435,17 @@ class Simulator:
         self._check_decided(result)
         return result
 
-    def _fitting_sizes(self, assembly: Assembly, first: Start, moved: Tangent | None, found: Trace) -> dict[str, float]:
-        """Sizes of unknowns that fit a run, where it stays far below those that it was integrated with."""
-        stops = self.stops if found.ended is None else found.ended
-        own = np.ones(len(stops), bool)
+    def _fitting_sizes(self, assembly: Assembly, first: Start, start_tangent: Tangent | None, trace: Trace) -> dict[str,
+                                                                                                                    float]:
+        """Fitting sizes of unknowns for a run, if it stays far below its nominal sizes."""
+        stops = self.stops if trace.ended is None else trace.ended
+        in_default_states = np.ones(len(stops), bool)
         reached, nominal, declared = dict[str, float](), dict[str, float](), dict[str, float]()
-        for stay in found.stays:
-            own &= ~stay.at
-        for of, x, z in ((assembly, found.x[:, own], found.z[:, own]), *((s.assembly, s.x[:, s.at], s.z[:, s.at])
-                                                                         for s in found.stays)):
+        for stay in trace.stays:
+            in_default_states &= ~stay.at
+        for of, x, z in ((assembly, trace.x[:, in_default_states], trace.z[:, in_default_states]),
+                         *((s.assembly, s.x[:, s.at], s.z[:, s.at])
+                                                                                                     for s in trace.stays)):
             for names, unknowns, sizes, values in (
                     (of.state_names, of.reduced.states, of.x_nominal, x),
                     (of.algebraic_names, of.reduced.algebraic, SIZES.algebraic * of.z_nominal, z)):
@@ -449,7 +460,7 @@ class Simulator:
         last = len(stops) - 1
         if self.start_equations.asks_tiny_values(first.p):  # what grows from there has to be accurate from the beginning
             last = 1 + len(stops) // 100
-            early = np.abs(found.x[:len(first.x), :last + 1]).max(axis=1)
+            early = np.abs(trace.x[:len(first.x), :last + 1]).max(axis=1)
             reached |= {name: min(reached[name], float(value))
                         for name, value in zip(assembly.state_names, early, strict=True) if value > 0}
         small = far_below(reached, nominal, declared, exact=first.steps == 0)
@@ -463,10 +474,10 @@ class Simulator:
             return {} if dense_sizes == assembly.sizes else dict(dense_sizes)
         chosen = np.unique(np.linspace(0, min(last, len(stops) - 1), SIZES.points).astype(int))
         times, n = stops[chosen], len(chosen)
-        columns = (times[None, :], found.x[:len(first.x), chosen], found.z[:len(first.z), chosen],
+        columns = (times[None, :], trace.x[:len(first.x), chosen], trace.z[:len(first.z), chosen],
                    np.tile(first.p[:, None], (1, n)),
-                   self.pieces.at(times) if found.driven is None else found.driven.u[:, chosen], np.ones((1, n)))
-        steps = found.statistics.get("nsteps", len(stops))
+                   self.pieces.at(times) if trace.driven is None else trace.driven.u[:, chosen], np.ones((1, n)))
+        steps = trace.statistics.get("nsteps", len(stops))
         assert isinstance(steps, int)
         steps = steps * last // (len(stops) - 1)
         return fitting_sizes(assembly, small, reached, columns, steps, self.tolerances.atol)
@@ -483,49 +494,49 @@ class Simulator:
             self.switching = self._switching(self.charts, self.switching.changes)
 
     def _check_decided(self, result: Result) -> None:
-        """SimulationError where a run went on although nothing decided an algebraic unknown, in any of its charts."""
-        own = np.ones(len(result.time), bool)
-        own[[k for at, _ in result.stays for k in at]] = False
-        for part, at in ((result, np.flatnonzero(own)), *((stay, np.arange(len(stay.time))) for _, stay in result.stays)):
+        """Raise SimulationError if a run continued although no equation determined an algebraic unknown, in any of its
+        charts."""
+        in_default_states = np.ones(len(result.time), bool)
+        in_default_states[[k for at, _ in result.stays for k in at]] = False
+        for part, at in ((result, np.flatnonzero(in_default_states)), *((stay, np.arange(len(stay.time))) for _,
+                                                                        stay in result.stays)):
             if len(part.z) and len(at):
-                check_decided(part, at, self._slopes(part.assembly))
+                assembly = part.assembly
+                if id(assembly.reduced) not in self._known_slopes:
+                    jacobian = ca.densify(ca.jacobian(assembly.alg, assembly.arguments[2]))
+                    self._known_slopes[id(assembly.reduced)] = ca.Function("slopes", list(assembly.arguments), [jacobian])
+                check_decided(part, at, self._known_slopes[id(assembly.reduced)])
 
-    def _slopes(self, assembly: Assembly) -> ca.Function:
-        if id(assembly.reduced) not in self._known_slopes:
-            jacobian = ca.densify(ca.jacobian(assembly.alg, assembly.arguments[2]))
-            self._known_slopes[id(assembly.reduced)] = ca.Function("slopes", list(assembly.arguments), [jacobian])
-        return self._known_slopes[id(assembly.reduced)]
-
-    def _sizes(self, moved: Tangent | None) -> Array:
+    def _sizes(self, start_tangent: Tangent | None) -> Array:
         """The length of each direction, in units of its parameter (or of the state at the first time)."""
         of_parameters = np.abs(self.along).max(axis=0, initial=0.0)
-        return of_parameters if moved is None else np.asarray(
-            np.where(of_parameters > 0, of_parameters, np.abs(moved.x).max(axis=0, initial=0.0)))
+        return of_parameters if start_tangent is None else np.asarray(
+            np.where(of_parameters > 0, of_parameters, np.abs(start_tangent.x).max(axis=0, initial=0.0)))
 
-    def _integrate(self, assembly: Assembly, first: Start, moved: Tangent | None) -> Trace:
+    def _integrate(self, assembly: Assembly, first: Start, start_tangent: Tangent | None) -> Trace:
         if len(self.stops) == 1 and self.switching is None:
-            x = first.x if moved is None else np.concatenate([first.x, moved.x.T.ravel()])
-            z = first.z if moved is None else np.concatenate([first.z, moved.z.T.ravel()])
+            x = first.x if start_tangent is None else np.concatenate([first.x, start_tangent.x.T.ravel()])
+            z = first.z if start_tangent is None else np.concatenate([first.z, start_tangent.z.T.ravel()])
             return self._trace(x[:, None], z[:, None], np.zeros((self.integrals, 1)), {})
         self._check_rates(assembly, first)
         attempt = self.attempt if self.switching is None else self.switching.run
         failed = ""
         with caught_errors() as heard:
             try:
-                found = attempt(first, moved)
-                failed = "" if np.all(np.isfinite(found.x)) else "a value became infinite or not a number"
+                trace = attempt(first, start_tangent)
+                failed = "" if np.all(np.isfinite(trace.x)) else "a value became infinite or not a number"
             except RuntimeError as error:
                 failed = str(error)
         if failed:
-            said = "".join(heard)
+            message = "".join(heard)
             check()
-            if "KeyboardInterrupt" in said:  # CasADi makes it a failure of the right side
+            if "KeyboardInterrupt" in message:  # CasADi makes it a failure of the right side
                 raise KeyboardInterrupt
-            raise self._failure(assembly, first, failed + "\n" + said)
-        return found
+            raise self._failure(assembly, first, failed + "\n" + message)
+        return trace
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
-        """SimulationError where a state near the start changes faster than solvers can count."""
+        """SimulationError if a state near the start changes faster than solvers can count."""
         u = self.pieces.at(np.array([first.t]))[:, 0]
         near = first.x + ASIDE * assembly.x_nominal
         rates = np.abs(np.array(assembly.rates(first.t, near, first.z, first.p, u, 1.0)[0]).ravel()) / assembly.x_nominal
@@ -534,36 +545,36 @@ class Simulator:
             raise SimulationError([Problem(
                 "rate-too-large", f"{name} would change by {rates[fast[0]]:.1g} times its nominal size a second, near the "
                 f"start; up to {RATE:g} can be integrated", None, "Look for a stiffness, a gain or a mass out of range "
-                "by many powers of ten. What is rigid is wired to one node.")])
+                "by many powers of ten. Connect rigid parts to one node.")])
 
     explains = True  # whether the reason is looked for as soon as a run fails: it takes further runs
     _unexplained: tuple[SimulationError, Assembly, Start, str] | None = None  # the last
 
-    def _failure(self, assembly: Assembly, first: Start, said: str) -> HeavebondError:
-        """The error of a run that stopped, of which the integrator `said` this."""
-        stopped = SimulationError([Problem("integration-failed", stop_message(self._stop_time(stop_times(said))),
-                                           notes=(reason(said),))])
-        self._unexplained = stopped, assembly, first, said
+    def _failure(self, assembly: Assembly, first: Start, message: str) -> HeavebondError:
+        """The error of a run that failed; `message` is the message of the integrator."""
+        stopped = SimulationError([Problem("integration-failed", stop_message(self._stop_time(stop_times(message))),
+                                           notes=(reason(message),))])
+        self._unexplained = stopped, assembly, first, message
         return self.explained(stopped) if self.explains else stopped
 
     def explained(self, error: HeavebondError) -> HeavebondError:
-        """An error of the last run with its reason, where that was not looked for."""
+        """An error of the last run, with its reason if that was not yet determined."""
         if self._unexplained is None or self._unexplained[0] is not error:
             return error
-        _, assembly, first, said = self._unexplained
+        _, assembly, first, message = self._unexplained
         if self.solver.name != DEFAULT:
             return self._failure_by_default(assembly, first)
         with caught_errors():  # it integrates again up to there
-            return explain_failure(self._stop(assembly, first, stop_times(said)), first, said, self.tolerances.rtol)
+            return explain_failure(self._stop(assembly, first, stop_times(message)), first, message, self.tolerances.rtol)
 
     def _stop_time(self, times: list[float]) -> float:
-        """When the integrator gave up (s; NaN if it did not say), by the times that it named."""
+        """The time (s) at which the integrator failed (NaN if unknown), from the times in its message."""
         if self.switching is None or self.switching.last is None:
             return self.begin + max(times) * time_unit(self.stops - self.begin) if times else float("nan")
         return self.switching.last.time(times[-1]) if times else self.switching.last.begin.t
 
     def _stop(self, assembly: Assembly, first: Start, times: list[float]) -> Stop:
-        """Where the integrator gave up, and the state shortly before."""
+        """The failure of the integrator with the state shortly before."""
         stopped = self._stop_time(times)
         if self.switching is None or self.switching.last is None:
             return Stop(assembly, stopped, self._state_before(assembly, first, stopped))
@@ -572,7 +583,7 @@ class Simulator:
         return Stop(frame.assembly, stopped, last, frame.chart.folded(last))
 
     def _state_before(self, assembly: Assembly, first: Start, stopped: float) -> Point | None:
-        """The state a little before the end, found by integrating again up to there."""
+        """The state shortly before the failure, by another integration up to that time."""
         begin = float(self.time[0])
         if not np.isfinite(stopped) or stopped <= begin:
             u = self.pieces.at(np.array([begin]))[:, 0]
@@ -581,15 +592,15 @@ class Simulator:
             times = np.array([begin, begin + (stopped - begin) * share])
             again = type(self)(assembly, times=times, tolerances=self.tolerances)
             try:
-                found = again.attempt(first)
+                trace = again.attempt(first)
             except RuntimeError:
                 continue
             u = again.pieces.at(times[-1:])[:, 0]
-            return Point(float(times[-1]), found.x[:, -1], found.z[:, -1], first.p, u, 1.0)
+            return Point(float(times[-1]), trace.x[:, -1], trace.z[:, -1], first.p, u, 1.0)
         return None
 
     def _failure_by_default(self, assembly: Assembly, first: Start) -> SimulationError:
-        """Why another solver than IDAS stopped: as IDAS tells it, or that IDAS goes through."""
+        """The error for a failure of another solver than IDAS: the error of IDAS, or a hint that IDAS succeeds."""
         again = Simulator(assembly, times=self.time, tolerances=self.tolerances, driven=self.pieces, allow_fmu=True)
         try:
             again._integrate(assembly, first, None)
@@ -599,12 +610,12 @@ class Simulator:
                                         RETYPE.format(DEFAULT) + ".")])
 
     def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:
-        """A run without events."""
+        """The trace of a run without events."""
         m, n = len(self.sensitivities), x.shape[1]
         return Trace(x, z, quadratures, np.zeros((0, n)), np.zeros((m, 0, n)), (), statistics)
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
-        """Integrate from `first` over the stops; raises the integrator's RuntimeError where it fails."""
+        """Integrate from `first` over the stops; raises the integrator's RuntimeError if it fails."""
         x0, z0, p = self._scaled_start(first, moved)
         assembly, n_all, n = self.assembly, len(x0), len(self.stops) - 1
         blocks = 1 if moved is None else 1 + len(self.sensitivities)
@@ -635,8 +646,8 @@ class Simulator:
         return replace(traced(x, z, statistics), between=between if self.dense else None)
 
     def _with_first_interval(self, first: Start, x: Array, z: Array, p: Array) -> tuple[Array, Array, Array]:
-        """The stops (N,) with scaled states (n, N) and algebraic unknowns there; where the states move much in the first
-        interval, which is not divided in the run, it is integrated again with points between."""
+        """The stops (N,) with scaled states (n, N) and algebraic unknowns. If the states change much in the first interval,
+        which is not divided in the run, it is integrated again with points between."""
         assembly, stops, length = self.assembly, self.stops, float(self.stops[1] - self.stops[0])
         u = self.pieces.at(stops[:1])[:, 0]
         rates = np.array(assembly.rates(first.t, first.x, first.z, first.p, u, 1.0)[0]).ravel() / assembly.x_nominal
@@ -649,30 +660,30 @@ class Simulator:
         again = integrator(name, self.integrand, times - self.begin, self.solver.controlled(self.tolerances))
         with caught_errors():
             try:
-                found = again(x0=x[:, 0], z0=z[:, 0], p=p, **self._driven((times[:-1] + times[1:]) / 2))
+                results = again(x0=x[:, 0], z0=z[:, 0], p=p, **self._driven((times[:-1] + times[1:]) / 2))
             except RuntimeError:
                 check()
                 return stops, x, z
-        inner = [np.asarray(found[name]).reshape(len(of), len(times) - 1)[:, :-1] for name, of in (("xf", x), ("zf", z))]
+        inner = [np.asarray(results[name]).reshape(len(of), len(times) - 1)[:, :-1] for name, of in (("xf", x), ("zf", z))]
         if not np.all(np.isfinite(inner[0])):
             return stops, x, z
         states, unknowns = (np.column_stack([of[:, :1], more, of[:, 1:]]) for of, more in zip((x, z), inner, strict=True))
         return np.concatenate([stops[:1], times[1:-1], stops[1:]]), states, unknowns
 
-    def _scaled_start(self, first: Start, moved: Tangent | None = None) -> tuple[Array, Array, Array]:
+    def _scaled_start(self, first: Start, start_tangent: Tangent | None = None) -> tuple[Array, Array, Array]:
         """x0, z0 and p of the integrator."""
         assembly = self.assembly
         x0, z0, dp = first.x / assembly.x_nominal, first.z / assembly.z_nominal, self.along
-        if moved is not None:
-            dp = moved.p
-            x0 = np.concatenate([x0, (moved.x / assembly.x_nominal[:, None]).T.ravel()])
-            z0 = np.concatenate([z0, (moved.z / assembly.z_nominal[:, None]).T.ravel()])
+        if start_tangent is not None:
+            dp = start_tangent.p
+            x0 = np.concatenate([x0, (start_tangent.x / assembly.x_nominal[:, None]).T.ravel()])
+            z0 = np.concatenate([z0, (start_tangent.z / assembly.z_nominal[:, None]).T.ravel()])
         # integrals begin at 0, as does what stands in where no state is
         x0 = np.append(x0, np.zeros(self.integrator.size1_in("x0") - len(x0)))
         return x0, z0, self._hoist(first.p, dp)["o0"]
 
     def expect(self, parameters: Mapping[str, float | str] | None = None) -> None:
-        """Compile the equations before a run that is made once, where its first points show that this pays. Runs of fewer
+        """Compile the equations before a single run if the time of its first points shows that this pays. Runs of fewer
         points are over too soon, and those with events are compiled on their way."""
         points = int(LOOKED_AT * (len(self.stops) - 1))
         integration = self.integrator
@@ -680,14 +691,14 @@ class Simulator:
                 self.solver.name == "rosenbrock" or not isinstance(integration, Idas | Explicit):
             return
         try:
-            _, first, moved = self._started(parameters)
+            _, first, start_tangent = self._started(parameters)
             stops = self.stops[:points + 1]
-            made = integrator(self.solver.name, self.integrand, stops - self.begin,
-                              self.solver.controlled(self.tolerances))
-            x0, z0, p = self._scaled_start(first, moved)
+            trial = integrator(self.solver.name, self.integrand, stops - self.begin,
+                               self.solver.controlled(self.tolerances))
+            x0, z0, p = self._scaled_start(first, start_tangent)
             began = clock.thread_time()
             with caught_errors():
-                made(x0=x0, z0=z0, p=p, **self._driven((stops[:-1] + stops[1:]) / 2))
+                trial(x0=x0, z0=z0, p=p, **self._driven((stops[:-1] + stops[1:]) / 2))
         except (HeavebondError, RuntimeError):
             return  # the run itself says what is wrong
         integration.expect((clock.thread_time() - began) * (len(self.stops) - 1) / points)
@@ -698,13 +709,14 @@ class Simulator:
 
 
 def _check_delays(assembly: Assembly, along: Array, names: tuple[str, ...]) -> None:
-    """UsageError for a sensitivity by a delay of zero, with which the equations change."""
+    """Raise UsageError for a sensitivity by a delay of zero, since the equations change at zero."""
     zero = assembly.flat.passed_through
     if not zero or not names:
         return
-    moved = np.array(ca.Function("moved", [assembly.flat.p], [ca.jacobian(stack(d.delay for d in zero), assembly.flat.p)])(
+    derivatives = np.array(ca.Function("moved", [assembly.flat.p], [ca.jacobian(stack(d.delay for d in zero),
+                                                                                assembly.flat.p)])(
         assembly.p)) @ along
-    if (moving := np.argwhere(moved)).size:
+    if (moving := np.argwhere(derivatives)).size:
         k, column = moving[0].tolist()
         raise UsageError([Problem("delay-zero", f"the delay of {zero[k].name} is 0 s, and its derivative by {names[column]} "
                                   "was asked for: a delay of zero can only grow", zero[k].place,
@@ -715,14 +727,3 @@ def _by_direction(values: Array, sizes: Array) -> Array:
     """Blocks of sensitivities one below the other (m n, N) as (m, n, N), per unit of each parameter."""
     m = len(sizes)
     return values.reshape(m, len(values) // m if m else 0, values.shape[1]) / sizes[:, None, None]
-
-
-def _directions(assembly: Assembly, names: tuple[str, ...], weight: float) -> Array:
-    """One column per name: its parameter moved by its own size (1 where it is zero) times the weight, so that the
-    error control sees sensitivities of the size of the states; UsageError for a name that is no parameter."""
-    index = {name: k for k, name in enumerate(assembly.parameter_names)}
-    along = np.zeros((len(assembly.p), len(names)))
-    for column, name in enumerate(names):
-        assembly.parameter_indices([name])  # UsageError for a name that cannot be set
-        along[index[name], column] = weight * (abs(assembly.p[index[name]]) or 1.0)
-    return along

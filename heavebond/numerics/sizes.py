@@ -1,12 +1,14 @@
-"""Sizes that a run reaches, against those that its error control assumes.
+"""Comparison of the magnitudes reached in a run with the nominal sizes of its error control.
 
-The absolute tolerance of an unknown is `atol` times its nominal size, usually that of its unit. A run that stays far below
-(picometres, nanovolts) has no relative accuracy: its errors are of the size of the motion. The largest values of a run are
-therefore compared with the nominal sizes. If an unknown stays far below, the run is repeated with the size that it reached.
+The absolute tolerance of an unknown is `atol` times its nominal size, usually the size of its unit. A run that stays far
+below (picometres, nanovolts) has no relative accuracy: its errors are of the size of the motion. The largest values of a run
+are therefore compared with the nominal sizes. If an unknown stays far below, the run is repeated with the size that it
+reached.
 
-An unknown that is zero but for rounding, as the middle of a symmetric machine, has no size. Rounding of the right-hand side
-f(t, x, z, p) is estimated as eps sum |df/dv| |v| over all arguments v. With x' = f it changes a state by that times the
-length of the run, or times the time constant of the state if that is shorter, and passes on to the states that contain it.
+An unknown that is zero except for rounding, such as the middle of a symmetric machine, has no size. Rounding of the
+right-hand side f(t, x, z, p) is estimated as eps sum |df/dv| |v| over all arguments v. With x' = f it changes a state by
+that times the length of the run, or times the time constant of the state if that is shorter, and passes on to the states
+that contain it.
 """
 
 from __future__ import annotations
@@ -36,7 +38,8 @@ class SizeConstants:
         passes through several states. Doubled: smaller motions beside large cancelling forces are not followed.
     noise: share of the largest unknown, in nominal sizes, below which a value is no motion. Origin: starts are solved to
         about 1e-12, and this error decays. Doubled: smaller motions with large ones are not followed.
-    max_repeats: repetitions of a run. Origin: the first one may have sizes that were errors. Doubled: nothing measurable.
+    max_repeats: repetitions of a run. Origin: the sizes of the first repetition may follow from errors. Doubled:
+        nothing measurable.
     points: points of a run at which rounding is estimated. Origin: extremes of most motions. Doubled: nothing measurable.
     least_stops: stops of a run from which on they show how large its unknowns become. Origin: an oscillation of a few
         cycles. Doubled: more runs are made once more with these stops where an unknown seems small.
@@ -66,24 +69,24 @@ def far_below(reached: Mapping[str, float], nominal: Mapping[str, float], declar
 
 def fitting_sizes(assembly: Assembly, names: Sequence[str], reached: Mapping[str, float], columns: Sequence[Array],
                   steps: int, atol: float) -> dict[str, float]:
-    """Sizes of some unknowns that fit a run, powers of ten; none of an unknown that is zero but for rounding, and none so
-    small that rounding would exceed its absolute tolerance. `columns` are the arguments (., N) along the run."""
+    """Sizes of some unknowns that fit a run, powers of ten; unknowns that are zero except for rounding are omitted, and no
+    size is so small that rounding exceeds the absolute tolerance. `columns` are the arguments (., N) along the run."""
     span = float(np.ptp(columns[0]))
     every = [*assembly.state_names, *assembly.algebraic_names]
     whole, in_step = (dict(zip(every, _rounding(assembly, columns, time), strict=True))
                       for time in (span, span / max(steps, 1)))
     nominal = dict(zip(every, [*assembly.x_nominal, *assembly.z_nominal], strict=True))
-    found = {}
+    sizes = {}
     for name in names:
         size = 10.0 ** np.ceil(np.log10(max(reached[name], in_step.get(name, 0.0) / atol)))
         if reached[name] > SIZES.rounding * whole.get(name, 0.0) and size < nominal.get(name, np.inf):
-            found[name] = float(size)
-    return found
+            sizes[name] = float(size)
+    return sizes
 
 
 def _rounding(assembly: Assembly, columns: Sequence[Array], time: float) -> Array:
-    """The largest rounding of x and z (n_x + n_z,) that adds up in a time (s), from some points of a run: that of each
-    unknown's own equation, and for states that of the other states in it (a position from its speed)."""
+    """The largest accumulated rounding of x and z (n_x + n_z,) in a time (s), from some points of a run: of each unknown's
+    own equation, and for states of the other states in it (a position from its speed)."""
     n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
     t, x, z, p, _, _ = assembly.arguments
     function = assembly.once("rounding", lambda: ca.Function("rounding", list(assembly.arguments), [
@@ -95,9 +98,9 @@ def _rounding(assembly: Assembly, columns: Sequence[Array], time: float) -> Arra
         rounded = EPS * np.abs(slope) @ np.abs(np.concatenate([x_k, z_k, t_k, p_k]))
         loops = np.abs(np.linalg.pinv(slope[n_x:, n_x:n_x + n_z])) @ rounded[n_x:]
         rates = rounded[:n_x] + np.abs(slope[:n_x, n_x:n_x + n_z]) @ loops
-        by_x, own = np.abs(slope[:n_x, :n_x]), np.abs(np.diagonal(slope[:n_x, :n_x]))
-        times = np.minimum(time, 1 / np.maximum(own, 1e-300))
+        by_x, diagonal = np.abs(slope[:n_x, :n_x]), np.abs(np.diagonal(slope[:n_x, :n_x]))
+        times = np.minimum(time, 1 / np.maximum(diagonal, 1e-300))
         first = rates * times
-        passed = (by_x @ first - own * first) * times
+        passed = (by_x @ first - diagonal * first) * times
         largest = np.maximum(largest, np.concatenate([first + passed, loops]))
     return largest

@@ -40,62 +40,62 @@ RETYPE = "Type `--solver {0}` (in Python `solver='{0}'`, in the diagram `simulat
 
 @dataclass(frozen=True)
 class Choice:
-    """The solver of a run and why this one; `provisional` where IDAS takes its place should it fail."""
+    """The solver of a run and the reason; `provisional` if IDAS replaces it after a failure."""
 
     name: str
     why: str
     provisional: bool = False
 
-    def controlled(self, asked: Tolerances) -> Tolerances:
-        """The tolerances to integrate with for those that were asked for."""
-        return asked.scaled(CVODES_SHARE) if self.provisional else asked
+    def controlled(self, tolerances: Tolerances) -> Tolerances:
+        """The tolerances of the integration for requested tolerances."""
+        return tolerances.scaled(CVODES_SHARE) if self.provisional else tolerances
 
 
 class Integrator(Protocol):
     """An integration from the first to the other stops, called with x0, z0, p and u as `ca.integrator` names them;
-    RuntimeError where it fails."""
+    RuntimeError if it fails."""
 
-    def __call__(self, **given: Any) -> dict[str, Any]:
+    def __call__(self, **arguments: Any) -> dict[str, Any]:
         """One integration."""
 
     def size1_in(self, name: str) -> int:
         """The number of numbers in an input."""
 
     def stats(self) -> dict[str, Any]:
-        """Counts of steps and evaluations of the last call, as far as the integrator counts."""
+        """Counts of steps and evaluations of the last call, if the integrator counts them."""
 
 
-def chosen(asked: str | None, assembly: Assembly, changes_states: bool) -> Choice:
-    """The solver that was asked for by name; by default IDAS, for `auto` the one that suits the diagram.
+def chosen(name: str | None, assembly: Assembly, changes_states: bool) -> Choice:
+    """The solver of a name; by default IDAS, for `auto` the suitable one.
 
-    `changes_states` says whether a run may go on in other states than it begins with, where algebraic unknowns may appear.
-    UsageError for a name that is none and for a solver that cannot integrate the diagram.
+    `changes_states` is true if a run may continue in other states than at its begin, where algebraic unknowns may appear.
+    UsageError for an unknown name and for a solver that cannot integrate the diagram.
     """
-    if asked == AUTO and not assembly.algebraic_names and not changes_states:
+    if name == AUTO and not assembly.algebraic_names and not changes_states:
         return Choice("cvodes", "no algebraic unknowns", provisional=True)
-    if asked is None or asked == AUTO:
+    if name is None or name == AUTO:
         return Choice(DEFAULT, "the default")
-    _check(asked, assembly, changes_states)
+    _check(name, assembly, changes_states)
     written = assembly.model.solver
-    return Choice(asked, "as the diagram says" if written is not None and written.text == asked else "asked for")
+    return Choice(name, "as the diagram says" if written is not None and written.text == name else "asked for")
 
 
-def _check(asked: str, assembly: Assembly, changes_states: bool) -> None:
+def _check(name: str, assembly: Assembly, changes_states: bool) -> None:
     written = assembly.model.solver
-    place = written.place if written is not None and written.text == asked else None
-    if asked not in SOLVERS:
-        raise UsageError([Problem("solver-unknown", f"'{asked}' is no solver", place,
-                                  suggest(asked, SOLVERS) or f"There are {listing(SOLVERS)}.")])
-    if asked == "cvodes" and (left := assembly.algebraic_names):
-        raise UsageError([algebraic_left(left, place)])
-    if asked != "rosenbrock":
+    place = written.place if written is not None and written.text == name else None
+    if name not in SOLVERS:
+        raise UsageError([Problem("solver-unknown", f"'{name}' is not a solver", place,
+                                  suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")])
+    if name == "cvodes" and (algebraic := assembly.algebraic_names):
+        raise UsageError([algebraic_left(algebraic, place)])
+    if name != "rosenbrock":
         return
     if assembly.flat.events or assembly.flat.delays or changes_states:
-        what = "has events" if assembly.flat.events else "has delayed variables" if assembly.flat.delays else \
+        feature = "has events" if assembly.flat.events else "has delayed variables" if assembly.flat.delays else \
             "may change its states along a run (a mechanism that turns over)"
-        other = "idas" if assembly.algebraic_names else "cvodes"
+        alternative = "idas" if assembly.algebraic_names else "cvodes"
         raise UsageError([Problem(
-            "solver-cut", f"rosenbrock cannot run this diagram: it {what}", place, RETYPE.format(other) + ".",
+            "solver-cut", f"rosenbrock cannot run this diagram: it {feature}", place, RETYPE.format(alternative) + ".",
             ("It is compiled for the times of one run; such a run is cut where nobody knows beforehand.",))])
     if machine_code.compiler() is None:
         raise UsageError([Problem(
@@ -111,30 +111,31 @@ def algebraic_left(names: list[str], place: Place | None = None) -> Problem:
                    f"{RETYPE.format('idas')}, the default, which solves for {them} on its way, or `auto`.")
 
 
-def integrator(solver: str, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS
+def integrator(solver: str, integrand: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS
                ) -> Integrator:
     """An integrator of a name that `chosen` gave."""
     if solver in (DEFAULT, STRICT):
-        return Idas(made, stops, tolerances, most_steps, solver == STRICT)
-    return Explicit(solver, made, stops, tolerances, most_steps)
+        return Idas(integrand, stops, tolerances, most_steps, solver == STRICT)
+    return Explicit(solver, integrand, stops, tolerances, most_steps)
 
 
 def other(solver: str, loops: bool) -> str:
-    """What `auto` changes to where a solver stops, for a system with or without algebraic unknowns."""
+    """The solver with which `auto` continues after a failure, for a system with or without algebraic unknowns."""
     return DEFAULT if solver != DEFAULT else STRICT if loops else "cvodes"
 
 
 class Explicit:
     """An integration by CVODES or by the compiled Rosenbrock method, called as that by IDAS is."""
 
-    def __init__(self, solver: str, made: Integrand, stops: Array, tolerances: Tolerances, most_steps: int = MOST_STEPS):
+    def __init__(self, solver: str, integrand: Integrand, stops: Array, tolerances: Tolerances,
+                 most_steps: int = MOST_STEPS):
         self._counts = solver == "cvodes"
         unit = time_unit(stops)
-        dae, begin = in_unit_of_time(made.dae, unit), float(stops[0] / unit)
+        dae, begin = in_unit_of_time(integrand.dae, unit), float(stops[0] / unit)
         outputs = [float(t) for t in stops[1:] / unit] or [begin + 1.0]
-        options = {**solver_options(solver, dae, tolerances, made.smallest_pivot), "max_num_steps": most_steps}
-        if made.longest:
-            options["max_step_size"] = made.longest / unit
+        options = {**solver_options(solver, dae, tolerances, integrand.smallest_pivot), "max_num_steps": most_steps}
+        if integrand.longest:
+            options["max_step_size"] = integrand.longest / unit
         def make(more: Mapping[str, Any]) -> ca.Function:
             return ca.integrator("run", solver, dae, begin, outputs, {**options, **more})
 
@@ -149,8 +150,8 @@ class Explicit:
         if isinstance(self._function, Evaluated):
             self._function.expect(seconds)
 
-    def __call__(self, **given: Any) -> dict[str, Array]:
-        return self._function(**given)
+    def __call__(self, **arguments: Any) -> dict[str, Array]:
+        return self._function(**arguments)
 
     def stats(self) -> dict[str, Any]:
         """Counts of steps and evaluations of the last call (a compiled method keeps none), and how its equations were
@@ -159,7 +160,7 @@ class Explicit:
 
 
 def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances, pivot: float) -> dict[str, Any]:
-    """The options of a solver for a DAE; a smaller pivot of its Newton matrix is zero."""
+    """The options of a solver for a DAE; pivots of its Newton matrix below `smallest_pivot` count as zero."""
     options = integrator_options(dae, tolerances, pivot)
     unknown = {"idas": (), "cvodes": ("suppress_algebraic",),
                "rosenbrock": ("suppress_algebraic", "linear_solver", "linear_solver_options", "cache")}[solver]
@@ -167,10 +168,10 @@ def solver_options(solver: str, dae: Mapping[str, ca.SX], tolerances: Tolerances
 
 
 def _compiled(make: Made) -> ca.Function:
-    """The integrator as machine code; UsageError where the compiler fails."""
+    """The integrator as machine code; UsageError if the compiler fails."""
     try:
         return compiled(make, FLAGS)
     except RuntimeError as error:
-        said = str(error).strip().splitlines()[-1]
+        message = str(error).strip().splitlines()[-1]
         raise UsageError([Problem("compiler-failed", f"{machine_code.compiler()} could not compile the equations", None,
-                                  RETYPE.format("auto") + ".", (said[:300],))]) from None
+                                  RETYPE.format("auto") + ".", (message[:300],))]) from None

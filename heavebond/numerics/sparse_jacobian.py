@@ -26,13 +26,13 @@ def jacobian(residuals: ca.SX, unknowns: ca.SX) -> ca.SX:
     if not len(backwards):
         return ca.jacobian(residuals, unknowns)
     forwards = np.setdiff1d(np.arange(residuals.numel()), backwards)
-    parts = [ca.jacobian(residuals[rows.tolist()], unknowns, {other: False})
-             for rows, other in ((backwards, "allow_forward"), (forwards, "allow_reverse"))]
+    parts = [ca.jacobian(residuals[rows.tolist()], unknowns, {direction: False})
+             for rows, direction in ((backwards, "allow_forward"), (forwards, "allow_reverse"))]
     return ca.vertcat(*parts)[np.argsort(np.concatenate([backwards, forwards])).tolist(), :]
 
 
 def rows_backwards(pattern: ca.Sparsity) -> NDArray[np.int_]:
-    """The rows that are differentiated backwards, a sweep each; none where sweeps in one direction are as few.
+    """The rows that are differentiated backwards, a sweep each; none if sweeps in one direction are not more.
 
     The k fullest rows are left to backward sweeps; the others need at least as many forward sweeps as the fullest of them
     has entries. The sum of both is the least."""
@@ -46,12 +46,12 @@ def rows_backwards(pattern: ca.Sparsity) -> NDArray[np.int_]:
 
 
 def given_jacobian(dae: Mapping[str, ca.SX]) -> dict[str, Any]:
-    """The option of CasADi's integrators that brings the Jacobian of a system with x, z, ode and alg (t, p, u); none where
-    sweeps in one direction are as few."""
+    """The option of CasADi's integrators with the Jacobian of a system with x, z, ode and alg (t, p, u); empty if sweeps in
+    one direction are not more."""
     n_x, unknowns, rates = dae["x"].numel(), ca.vertcat(dae["x"], dae["z"]), ca.vertcat(dae["ode"], dae["alg"])
     if not len(rows_backwards(ca.jacobian_sparsity(rates, unknowns))):
         return {}
     whole = jacobian(rates, unknowns)
     blocks = [whole[:n_x, :n_x], whole[n_x:, :n_x], whole[:n_x, n_x:], whole[n_x:, n_x:]]
-    given = [dae.get(name, ca.SX.sym("t") if name == "t" else ca.SX(0, 1)) for name in INPUTS]
-    return {"cache": {"jacF": ca.Function("jacF", given, blocks, INPUTS, OUTPUTS)}}
+    arguments = [dae.get(name, ca.SX.sym("t") if name == "t" else ca.SX(0, 1)) for name in INPUTS]
+    return {"cache": {"jacF": ca.Function("jacF", arguments, blocks, INPUTS, OUTPUTS)}}

@@ -30,21 +30,21 @@ from heavebond.numerics.sparse_jacobian import jacobian
 class InitialisationConstants:
     """The constants of the search for consistent initial values.
 
-    max_nesting: conditional expressions nested in each other through which slopes of their conditions are followed.
-        Origin: a bound. Doubled: nothing but for deeper expressions.
+    max_nesting: conditional expressions nested in each other through which slopes of their conditions are followed. Origin:
+        a bound. Doubled: nothing but for deeper expressions.
     sharp: width of a smoothed step that counts as sharp, in the unit of its argument. Origin: below any value. Doubled:
         nothing.
     singular: singular value, over the largest, of a system that is singular at the solution. Origin: rounding of a few
         hundred terms. Doubled: nothing but for values within rounding of it.
     max_shifts: shifted guesses from which a start is tried, after six plain attempts. Origin: a bound on the time of an
         impossible start. Doubled: an impossible start is refused later.
-    dependent: share up to which gradients of two conditions depend on each other. Origin: square root of rounding.
-        Doubled: nothing.
+    dependent: share up to which gradients of two conditions depend on each other. Origin: square root of rounding. Doubled:
+        nothing.
     disagree: residual from which such conditions contradict each other. Origin: `acceptable` of the nonlinear solver.
-        Doubled: smaller contradictions are told as too many conditions.
-    undetermined: singular value, over the largest, below which a direction of a start is named as undetermined. Origin:
-        ten times `rank`. Doubled: nothing but for values within rounding of it.
-    just_after: time in s after the start at which values are evaluated again, where they are not finite at it. Origin:
+        Doubled: smaller contradictions are reported as too many conditions.
+    undetermined: singular value, over the largest, below which a direction of a start is named as undetermined. Origin: ten
+        times `rank`. Doubled: only values within rounding of it are affected.
+    just_after: time in s after the start at which values are evaluated again if they are not finite at the start. Origin:
         short against motions of machines. Doubled: nothing.
     share: share of an unknown in an undetermined direction from which on it is named. Origin: rounding is far below.
         Doubled: nothing.
@@ -72,8 +72,8 @@ INITIALISATION = InitialisationConstants()
 
 @dataclass(frozen=True)
 class StartRow:
-    """One equation of the start: its residual in the arguments of the assembly, its words for messages, its place; `name`
-    is the variable that a condition is about."""
+    """One equation of the start: its residual in the arguments of the assembly, its text in messages, its location; `name`
+    is the variable of a condition."""
 
     residual: ca.SX
     label: str
@@ -84,13 +84,14 @@ class StartRow:
 
 def _words(equation: FlatEquation) -> str:
     """An equation in messages; the laws of a component with its name, as several have the same ones."""
-    said = equation.label or equation.text
-    return f"{equation.owner}: {said}" if equation.role is EquationRole.LAW and equation.owner else said
+    text = equation.label or equation.text
+    return f"{equation.owner}: {text}" if equation.role is EquationRole.LAW and equation.owner else text
 
 
 @dataclass(frozen=True)
 class Point:
-    """Where the equations are taken: time, x, z, all parameters, the pieces of the inputs, the time rate."""
+    """The point at which the equations are evaluated: time, x, z, all parameters, the pieces of the inputs, the time
+    rate."""
 
     t: float
     x: Array
@@ -112,7 +113,7 @@ class StartSystem:
     """Residuals (m,) of some rows and their Jacobian with respect to the unknowns (x, z, solved parameters), or z."""
 
     def __init__(self, assembly: Assembly, rows: list[StartRow], unknowns: ca.SX, slopes: ca.SX | None = None):
-        """`slopes` are the Jacobian where it is known."""
+        """`slopes` are the Jacobian if it is known."""
         self.rows = rows
         self._arguments = list(assembly.arguments)
         self.residuals, self._unknowns = stack([r.residual for r in rows]), unknowns
@@ -127,30 +128,30 @@ class StartSystem:
         return residual.ravel(), jacobian
 
     def standing(self, row: int) -> list[int]:
-        """The unknowns that stand in a row, whatever they do to it at a point."""
+        """The unknowns that occur in a row, also with a zero derivative at the point."""
         rows, columns = self._function.sparsity_out(1).get_triplet()
         return [column for at, column in zip(rows, columns, strict=True) if at == row]
 
     @cached_property
     def affine(self) -> bool:
-        """Whether the residuals are straight lines in the unknowns, whatever else they contain: then one step of Newton's
-        method tells all."""
+        """True if the residuals are affine in the unknowns: one step of Newton's method solves them."""
         corners = {self._function.instruction_id(k) for k in range(self._function.n_instructions())} & CORNERS
         return not corners and not any(ca.which_depends(self.residuals, self._unknowns, 2, True))
 
     @cached_property
     def _rounded(self) -> tuple[SmoothedColumn, ca.Function, ca.Function]:
-        """The residuals with rounded corners: their values and Jacobian, and the Jacobian of what is zero at the corners."""
-        found = rounded(self.residuals, self._arguments)
-        arguments = [*self._arguments, found.widths]
-        return (found, ca.Function("rounded", arguments, [found.column, ca.jacobian(found.column, self._unknowns)]),
-                ca.Function("corners", arguments, [ca.jacobian(found.at, self._unknowns)]))
+        """The residuals with rounded corners: their values and Jacobian, and the Jacobian of the arguments that are zero at
+        the corners."""
+        smoothed = rounded(self.residuals, self._arguments)
+        arguments = [*self._arguments, smoothed.widths]
+        return (smoothed, ca.Function("rounded", arguments, [smoothed.column, ca.jacobian(smoothed.column, self._unknowns)]),
+                ca.Function("corners", arguments, [ca.jacobian(smoothed.at, self._unknowns)]))
 
     def corner_widths(self, point: Point, sizes: Array) -> Array:
-        """How far each corner (n,) moves while every unknown moves by its size; what a corner that is shut hides counts as
-        it does where its own is rounded."""
-        found, _, slopes = self._rounded
-        widths = np.full(found.widths.numel(), INITIALISATION.sharp)
+        """The change of each corner argument (n,) while every unknown changes by its size. Corners inside an inactive branch
+        count as if that branch were rounded, too."""
+        values, _, slopes = self._rounded
+        widths = np.full(values.widths.numel(), INITIALISATION.sharp)
         for _ in range(INITIALISATION.max_nesting if len(widths) else 0):
             widths = np.maximum(abs(self._matrix(slopes(*point.values(), widths))) @ sizes, INITIALISATION.sharp)
         return np.asarray(widths)
@@ -171,13 +172,13 @@ class StartSystem:
                            [ca.jacobian(self.residuals, p), ca.jacobian(self.residuals, x)])
 
     def moved(self, point: Point, dp: Array, dx: Array | None = None) -> Array:
-        """Change of the residuals (m, k) while p moves along dp (n_p, k) and x along dx (n_x, k)."""
+        """The derivatives of the residuals (m, k) along dp (n_p, k) and dx (n_x, k)."""
         by_p, by_x = (self._matrix(s) for s in self._slopes(*point.values()))
         return np.asarray(by_p @ dp if dx is None else by_p @ dp + by_x @ dx)
 
 
 class StartEquations:
-    """What a diagram asks of its start, as equations: conditions, guesses, rest or steady, and the loops."""
+    """The requirements on the start of a diagram as equations: conditions, guesses, rest or steady state, and the loops."""
 
     def __init__(self, assembly: Assembly):
         self.assembly = assembly
@@ -199,27 +200,27 @@ class StartEquations:
 
     @cached_property
     def with_components(self) -> StartSystem:
-        """Everything that must hold, and the initial values of the components."""
+        """All equations of the start, and the initial values of the components."""
         return self._system([*self.rows, *self.component_rows])
 
     def following(self, sizes: Array) -> Array:
-        """The sizes of the unknowns for the initial values of the components: these move their own states and the algebraic
-        unknowns, and leave all other states where they are."""
-        own = {self.assembly.flat.names[row.name] for row in self.component_rows}
-        found = sizes.copy()
+        """The scales of the unknowns for the initial values of the components: these change the states of their component
+        and the algebraic unknowns only."""
+        component_unknowns = {self.assembly.flat.names[row.name] for row in self.component_rows}
+        scales = sizes.copy()
         for k, (j, order) in enumerate(self.assembly.reduced.states):
-            if j not in own or order:
-                found[k] *= INITIALISATION.fixed
+            if j not in component_unknowns or order:
+                scales[k] *= INITIALISATION.fixed
         begin = len(self.assembly.x_nominal) + len(self.assembly.z_nominal)
-        found[begin:begin + len(self.initial.solve)] *= INITIALISATION.fixed  # values before the start follow
-        return found
+        scales[begin:begin + len(self.initial.solve)] *= INITIALISATION.fixed  # values before the start follow
+        return scales
 
     def _of_components(self, conditions: list[Condition]) -> list[StartRow]:
         """The initial values of the components (`initial:` in their files) of states that the conditions of the diagram
         leave open. A condition on another variable of the component, such as the output of a filter, takes the place of one
         of them if it depends on no other state of the component. States that are `steady` have the derivative 0, if the
         diagram decides none of them, and if such values exist whatever the input."""
-        assembly, found = self.assembly, list[StartRow]()
+        assembly, rows = self.assembly, list[StartRow]()
         names, formula = assembly.flat.names, assembly.model.library.formula
         symbols = {j: s.element_hash() for s, (j, order) in zip(split(assembly.arguments[1]), assembly.reduced.states,
                                                                 strict=True) if order == 0}
@@ -228,15 +229,16 @@ class StartEquations:
         for path, leaf in assembly.flat.expanded.leaves.items():
             if not leaf.component.initial:
                 continue
-            component, own = leaf.component, {j for name, j in names.items() if name.rpartition(".")[0] == path}
+            component, component_unknowns = leaf.component, {j for name, j in names.items()
+                                                             if name.rpartition(".")[0] == path}
             open_states = {names[name]: (name, reset) for reset in component.initial for name in names
                            if f"{path}.{reset.target.text}" in (name, name.partition("[")[0]) and names[name] in symbols}
-            others = {symbols[j] for j in own & symbols.keys() - open_states.keys() - decided}
+            determined = {symbols[j] for j in component_unknowns & symbols.keys() - open_states.keys() - decided}
             replaced = set[int]()
             for c in conditions:
                 if c.name.rpartition(".")[0] == path and names.get(c.name) not in symbols and not c.guess:
                     inside = {s.element_hash() for s in ca.symvar(self._condition(c).residual)}
-                    replaced |= set() if inside & others else inside
+                    replaced |= set() if inside & determined else inside
             steady = dict[int, StartRow]()
             for j, (name, reset) in open_states.items():
                 if j not in decided and symbols[j] not in replaced:
@@ -250,11 +252,11 @@ class StartEquations:
                         text = re.sub(rf"{re.escape(f'{path}.{integer}')}\b", str(number), text)
                     value = assembly.expression(formula(text))
                     residual = assembly.expression(formula(name)) - value
-                    found.append(StartRow(residual, f"{path}: {name.rpartition('.')[2]} = {reset.value.text} at the start",
-                                          reset.value.place, name=name))
+                    rows.append(StartRow(residual, f"{path}: {name.rpartition('.')[2]} = {reset.value.text} at the start",
+                                         reset.value.place, name=name))
             if len(steady) == sum(reset.steady for _, reset in open_states.values()) and self._regular(list(steady)):
-                found += steady.values()
-        return found
+                rows += steady.values()
+        return rows
 
     def _regular(self, rows: Sequence[int]) -> bool:
         """Whether the derivatives of some linear states determine these states: False for an integrator among them."""
@@ -269,9 +271,10 @@ class StartEquations:
         return bool(np.isfinite(matrix).all()) and np.linalg.matrix_rank(matrix) == len(rows)
 
     def _decides(self, guess: Condition) -> bool:
-        """Whether a guess is used: one of a rate, `der(joint.v): ~ 0`, only where the variable consists of speeds alone. The
-        positions that they leave open then follow from it (the elongation of a spring between two masses, from the load
-        that it carries). Otherwise the variable's own guess decides the positions, as that of a joint without mass does."""
+        """True if a guess is used: a guess of a rate, `der(joint.v): ~ 0`, is used only if the variable consists of speeds
+        alone. The positions that they leave open then follow from it (the elongation of a spring between two masses, from
+        the load that it carries). Otherwise the guess of the variable determines the positions, such as the guess of a joint
+        without mass."""
         inner = rate_of(guess.name)
         if inner is None:
             return True
@@ -308,17 +311,17 @@ class StartEquations:
 
     @cached_property
     def all(self) -> StartSystem:
-        """Everything that must hold."""
+        """All equations of the start."""
         return self._system(self.rows, self.with_guesses.slopes[:len(self.rows), :]) if self.guesses else self.with_guesses
 
     @cached_property
     def with_guesses(self) -> StartSystem:
-        """Everything that must hold, and the guesses: what is undetermined beyond these is not decided at all."""
+        """All equations of the start and the guesses; the remaining directions are undetermined."""
         return self._system([*self.rows, *self.guesses])
 
     @cached_property
     def approach(self) -> StartSystem:
-        """The guesses and conditions without the steady state: where the search begins."""
+        """The guesses and conditions without the steady state, with which the search begins."""
         return self._system([r for r in self.rows if not r.steady] + self.guesses)
 
     @cached_property
@@ -335,9 +338,9 @@ class StartEquations:
     def separate(self) -> bool:
         """Whether the conditions, if any, are about states alone, so that these are known before the loops are solved."""
         inner = {s.element_hash() for s in split(self.assembly.arguments[2])}
-        asked = self.rows[len(self.loops):]
+        conditions = self.rows[len(self.loops):]
         return not self.steady and not self.solved_for and not any(
-            s.element_hash() in inner for row in asked for s in ca.symvar(row.residual))
+            s.element_hash() in inner for row in conditions for s in ca.symvar(row.residual))
 
     @cached_property
     def algebraic(self) -> StartSystem:
@@ -349,36 +352,37 @@ class StartEquations:
         """The declared bounds of (x, z, solved parameters)."""
         assembly, everything = self.assembly, (-np.inf, np.inf)
         symbols = [*split(assembly.reduced.x), *split(assembly.reduced.z), *(assembly.flat.p[k] for k in self.solved_for)]
-        found = np.array([assembly.flat.bounds.get(s.element_hash(), everything) for s in symbols]).reshape(len(symbols), 2)
-        return found[:, 0], found[:, 1]
+        intervals = np.array([assembly.flat.bounds.get(s.element_hash(), everything)
+                              for s in symbols]).reshape(len(symbols), 2)
+        return intervals[:, 0], intervals[:, 1]
 
     @cached_property
     def felt(self) -> NDArray[np.int64]:
-        """The parameters (indices) on which the start depends: others may be changed without solving it again."""
+        """The parameters (indices) on which the start depends; others may change without another solution."""
         stand = stack([*(row.residual for row in (*self.rows, *self.guesses, *self.component_rows)), self.guess.expressions])
-        there = {s.element_hash() for s in ca.symvar(stand)}
-        return np.array([k for s, k in self.assembly.flat.places.items() if s in there], np.int64)
+        present = {s.element_hash() for s in ca.symvar(stand)}
+        return np.array([k for s, k in self.assembly.flat.places.items() if s in present], np.int64)
 
     @cached_property
     def widths(self) -> list[int]:
-        """The parameters that are widths of regularised laws: that over which `smooth_sign` and `signed_sqrt` turn."""
+        """The parameters that are widths of regularised laws, the second arguments of `smooth_sign` and `signed_sqrt`."""
         names = {name: k for k, name in enumerate(self.assembly.parameter_names)}
         leaves = self.assembly.flat.expanded.leaves
-        found = (names.get(f"{path}.{width}") for path, leaf in leaves.items() for width in leaf.component.widths)
-        return sorted({k for k in found if k is not None})
+        names_of_widths = (names.get(f"{path}.{width}") for path, leaf in leaves.items() for width in leaf.component.widths)
+        return sorted({k for k in names_of_widths if k is not None})
 
     @cached_property
     def _told(self) -> Buffered:
-        """The coefficients that were divided by, the rates and all variables, given a point."""
+        """The divisors, the rates and all variables at a point."""
         assembly = self.assembly
         arguments = list(assembly.arguments)
         return Buffered(ca.Function("told", arguments, [
             stack([f(*arguments)]) for f in (assembly.pivots, assembly.values)] + [assembly.ode]))
 
     def sound(self, point: Point) -> bool:
-        """Whether every variable and rate is a number at a point, and no coefficient that was divided by is zero."""
-        found = list(self._told(*point.values()).values())
-        return all(np.isfinite(values).all() for values in found) and bool(np.all(found[0] != 0))
+        """True if every variable and rate is finite at a point, and no divisor is zero."""
+        numbers = list(self._told(*point.values()).values())
+        return all(np.isfinite(values).all() for values in numbers) and bool(np.all(numbers[0] != 0))
 
     def asks_tiny_values(self, p: Array) -> bool:
         """True if a condition asks for a value other than 0 that is far below the nominal size of its variable."""
@@ -389,17 +393,17 @@ class StartEquations:
 
     @cached_property
     def constants(self) -> tuple[list[Pivot], Buffered]:
-        """The coefficients of parameters alone that were divided by, and their values, given the parameters."""
+        """The divisors that depend on parameters alone, and their values."""
         flat, pivots = self.assembly.flat, self.assembly.reduced.pivots
         coefficients = stack([q.coefficient for q in pivots])
-        others = [s for s in ca.symvar(coefficients) if s.element_hash() not in flat.places]
-        varying = ca.which_depends(coefficients, stack(others), 1, True) if others else [False] * len(pivots)
-        found = [q for q, varies in zip(pivots, varying, strict=True) if not varies]
-        return found, Buffered(ca.Function("constants", [flat.p], [stack([q.coefficient for q in found])]))
+        variables = [s for s in ca.symvar(coefficients) if s.element_hash() not in flat.places]
+        varying = ca.which_depends(coefficients, stack(variables), 1, True) if variables else [False] * len(pivots)
+        constant = [q for q, varies in zip(pivots, varying, strict=True) if not varies]
+        return constant, Buffered(ca.Function("constants", [flat.p], [stack([q.coefficient for q in constant])]))
 
     @cached_property
     def _usual(self) -> list[float]:
-        """The usual sizes of what has the dimensions of the solved parameters."""
+        """The usual sizes of quantities with the dimensions of the solved parameters."""
         flat = self.assembly.flat
         # a dimension is slow to hash, and most unknowns share one of a few
         each = {id(u.unit.dimension): (u.unit.dimension, u.nominal) for u in flat.unknowns}
@@ -409,7 +413,7 @@ class StartEquations:
     def sizes(self, p: Array) -> Array:
         """The usual sizes of (x, z, solved parameters)."""
         assembly = self.assembly
-        own = [max(abs(p[k]), usual) for k, usual in zip(self.solved_for, self._usual, strict=True)]
+        solved_sizes = [max(abs(p[k]), usual) for k, usual in zip(self.solved_for, self._usual, strict=True)]
         n = len(self.initial.solve)
-        own[n:] = [INITIALISATION.follows * size for size in own[n:]]
-        return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(own)])
+        solved_sizes[n:] = [INITIALISATION.follows * size for size in solved_sizes[n:]]
+        return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(solved_sizes)])

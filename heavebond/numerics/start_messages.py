@@ -1,4 +1,5 @@
-"""Why no start was found: what contradicts, what is left open, which value is zero, in the words of the diagram."""
+"""Messages on a start that was not found: contradictory conditions, undetermined unknowns and zero divisors, by the names of
+the diagram."""
 
 from __future__ import annotations
 
@@ -30,16 +31,17 @@ BALANCES = {"m": "a Fixed, a Spring", "m/s": "a Fixed, a Spring, a Damper", "rad
 
 
 def lost(assembly: Assembly, point: Point) -> list[Problem]:
-    """What the equations of the diagram leave undecided at a point, whatever is asked of the start."""
+    """The unknowns that the equations of the diagram leave undetermined at a point, for any requirements on the start."""
     values = point.values()
     if not all(np.all(np.isfinite(v)) for v in values):
         return []
-    found = losses(assembly.reduced.system, assembly.point(*values))
-    if found and (problem := redundant_loop(assembly)):
+    rank_losses = losses(assembly.reduced.system, assembly.point(*values))
+    if rank_losses and (problem := redundant_loop(assembly)):
         return [problem]
-    if found and not any(loss.parameters or loss.variables for loss in found) and (problem := dead_centre(assembly)):
+    if rank_losses and not any(loss.parameters or loss.variables
+                               for loss in rank_losses) and (problem := dead_centre(assembly)):
         return [problem]
-    return structural_messages.lost(assembly.flat, found, AT)
+    return structural_messages.lost(assembly.flat, rank_losses, AT)
 
 
 def failure(equations: StartEquations, point: Point, residual: Array, system: StartSystem, sizes: Array) -> StartError:
@@ -61,8 +63,8 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
     if len(numbers) == 1 and (problem := _unmoved(equations, system, point, numbers[0])):
         return StartError([problem])
     conflict = [rows[k] for k in numbers]
-    own = {id(row) for row in equations.loops}
-    if any(id(row) not in own for row in conflict):  # the diagram's own equations are no values to be removed
+    loop_rows = {id(row) for row in equations.loops}
+    if any(id(row) not in loop_rows for row in conflict):  # the diagram's own equations are no values to be removed
         settled = _settling(equations, system, point, sizes)
         follow = f"\nOr let a parameter follow: `solve: [{settled[0]}]`" if settled else ""
         more = f", or {listing(settled[1:], MOST_NAMED)}" if len(settled) > 1 else ""
@@ -80,7 +82,8 @@ def failure(equations: StartEquations, point: Point, residual: Array, system: St
 
 
 def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> tuple[str, Place | None]:
-    """What to type where something has no value: which zero, had it another value, would give it one; and its place."""
+    """Suggest the input line that would determine an undetermined variable, with its location: a value of zero that must
+    differ."""
     flat = assembly.flat
     states = [k for k, (_, order) in enumerate(assembly.reduced.states) if order == 0 and point.x[k] == 0]
     # a default of 0 of the library is right everywhere
@@ -98,15 +101,15 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
             "other values.", flat.parameters[numbers[0]].place
     begun = [k for k in states if finite(replace(point, x=_moved(point.x, k, assembly.x_nominal[k])))]
     if not begun and finite(replace(point, t=point.t + INITIALISATION.just_after)):
-        return "It has one just after the start: something is divided by the time, or the root or logarithm taken of what " \
-            "the time makes 0. Write it such that it has a value at the start, too.", None
+        return "It has one just after the start: an equation divides by the time, or takes the root or logarithm of an " \
+            "expression that is 0 at the start. Write it such that it has a value at the start, too.", None
     begun = begun or states
     if not begun:
-        return f"Give guesses, for example `initial: {{{_example(assembly)}}}`, away from where it has none.", None
+        return f"Give guesses, for example `initial: {{{_example(assembly)}}}`, at which it has a value.", None
     unknowns = [flat.unknowns[assembly.reduced.states[k][0]] for k in begun]
     entries = ", ".join(f"{u.name}: ~ {u.nominal:g} {u.unit.text}" for u in unknowns[:3])
-    return f"{listing((u.name for u in unknowns), MOST_NAMED)} begin{'s' * (len(unknowns) == 1)} at 0, where it has " \
-        f"none; begin elsewhere, for example `initial: {{{entries}}}`.", unknowns[0].place
+    return f"{listing((u.name for u in unknowns), MOST_NAMED)} begin{'s' * (len(unknowns) == 1)} at 0, at which it has " \
+        f"no value; begin at another value, for example `initial: {{{entries}}}`.", unknowns[0].place
 
 
 def _moved(values: Array, k: int, by: float) -> Array:
@@ -124,8 +127,8 @@ def _example(assembly: Assembly) -> str:
 
 
 def _dependent(system: StartSystem, point: Point, sizes: Array) -> tuple[Array, Array]:
-    """The directions of the weighted rows (m, k) whose gradients depend on each other, and how far each row's residual
-    takes part in what disagrees (m,)."""
+    """The directions of the weighted rows (m, k) with dependent gradients, and the share of each row (m,) in the
+    contradictory residual."""
     residual, jacobian = system.at(point)
     if not finite(jacobian) or not residual.size:
         return np.zeros((len(residual), 0)), np.zeros(len(residual))
@@ -136,7 +139,7 @@ def _dependent(system: StartSystem, point: Point, sizes: Array) -> tuple[Array, 
 
 
 def _at_bounds(equations: StartEquations, point: Point) -> list[str]:
-    """What the search has pushed against a declared bound."""
+    """The sentence on unknowns that the search has pushed to a declared bound."""
     assembly = equations.assembly
     low, high = equations.bounds
     y = np.concatenate([point.x, point.z, point.p[equations.solved_for]])
@@ -149,16 +152,16 @@ def _at_bounds(equations: StartEquations, point: Point) -> list[str]:
 
 
 def _unmoved(equations: StartEquations, system: StartSystem, point: Point, row: int) -> Problem | None:
-    """A condition that nothing moves at the point, though it hangs on unknowns that may be elsewhere: the force of a contact
-    that is open, the flow through a valve that is shut. None for one that something moves, or that others decide."""
-    assembly, asked = equations.assembly, system.rows[row]
+    """A condition without a gradient at the point, though it depends on unknowns that have one elsewhere: the force of an
+    open contact, the flow through a shut valve. None if it has a gradient, or if other conditions determine it."""
+    assembly, row_asked = equations.assembly, system.rows[row]
     standing = system.standing(row)
-    if asked.name not in assembly.flat.names or not standing or np.any(dense(system.at(point)[1][[row]])):
+    if row_asked.name not in assembly.flat.names or not standing or np.any(dense(system.at(point)[1][[row]])):
         return None
     solved = [assembly.parameter_names[k] for k in equations.solved_for]
     names = [*assembly.state_names, *assembly.algebraic_names, *solved]
     units = {p.name: p.unit.text for p in assembly.flat.parameters}
-    j = assembly.flat.names[asked.name]
+    j = assembly.flat.names[row_asked.name]
     value = float(np.array(assembly.values(*point.values())).ravel()[j])
     known = {name: v for name, v in zip(assembly.parameter_names, point.p, strict=True) if name in solved}
     first = [f"{name} (tried from {readable(float(known[name]), units[name], 4)}: `set: {{{name}: ...}}`)"
@@ -172,9 +175,9 @@ def _unmoved(equations: StartEquations, system: StartSystem, point: Point, row: 
     guesses = [n for n in guesses if unknowns.get(n) not in speeds]
     begin = [*([f"a guess (`~`) for {listing(guesses, 3)}"] if guesses else []),
              *([f"another first value for {listing(first, 3)}"] if first else [])]
-    return Problem("start-unmoved", f"{asked.label} was not reached: where the search stands it is "
-                   f"{readable(value, assembly.flat.unknowns[j].unit.text, 6)}, and nothing moves it a little", asked.place,
-                   "So it is with a contact that is open, or a valve that is shut. Begin where it acts: give "
+    return Problem("start-unmoved", f"{row_asked.label} was not reached: at the end of the search it is "
+                   f"{readable(value, assembly.flat.unknowns[j].unit.text, 6)}, and small changes have no effect on it",
+                   row_asked.place, "An open contact and a shut valve behave like this. Begin where it acts: give "
                    f"{', or '.join(begin)}.")
 
 
@@ -196,7 +199,7 @@ def _contradiction(equations: StartEquations, point: Point, conflict: Sequence[S
 
 
 def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRow]) -> Problem:
-    """Rates that no state can make zero."""
+    """The message on rates that no state can make zero."""
     raw = dict(zip(equations.all.rows, equations.all.at(point)[0], strict=True))
     assembly = equations.assembly
     units = {f"steady: der({name}) = 0": (assembly.flat.unknowns[j].unit.text + "/s" * (order + 1)).replace("/s/s", "/s**2")
@@ -220,7 +223,7 @@ def _inputs_held(assembly: Assembly, point: Point) -> tuple[str, ...]:
 
 
 def _balances(equations: StartEquations, conflict: Sequence[StartRow]) -> str:
-    """`: a Spring or a Fixed`, for what moves on in a conflict."""
+    """`: a Spring or a Fixed`, for a part that cannot be at rest."""
     flat, moving = equations.assembly.flat, " ".join(row.label for row in conflict)
     kinds = [BALANCES[unit] for j, _ in equations.assembly.reduced.states
              if (unit := flat.unknowns[j].unit.text) in BALANCES and f"({flat.unknowns[j].name})" in moving]
@@ -228,43 +231,45 @@ def _balances(equations: StartEquations, conflict: Sequence[StartRow]) -> str:
 
 
 def _conflict(system: StartSystem, point: Point, sizes: Array) -> list[int]:
-    """The equations whose gradients depend on each other while their residuals do not agree."""
+    """The message on equations with dependent gradients and contradictory residuals."""
     _, share = _dependent(system, point, sizes)
     if not share.size or share.max() < INITIALISATION.disagree:
         return []
     # equal shares, which differ by rounding, in the order of the file
     order = np.argsort(-np.round(share / share.max(), 6), kind="stable")
     # what the user asked for is told whatever its share, as it can be taken back
-    asked = [bool(system.rows[k].name) for k in range(len(share))]
-    return [int(k) for k in order if share[k] > (1e-4 if asked[k] else 0.1) * share.max()][:8]
+    is_condition = [bool(system.rows[k].name) for k in range(len(share))]
+    return [int(k) for k in order if share[k] > (1e-4 if is_condition[k] else 0.1) * share.max()][:8]
 
 
 def _settling(equations: StartEquations, system: StartSystem, point: Point, sizes: Array) -> list[str]:
     """Parameters of components that would settle a contradiction if they were solved for, those that matter most first."""
     null, _ = _dependent(system, point, sizes)
     assembly, flat = equations.assembly, equations.assembly.flat
-    own = [k for k, name in enumerate(assembly.parameter_names) if not name.startswith(("initial.", "scale.", "history."))
-           and "." in name and k not in equations.solved_for]
-    if not own or not null.size:
+    adjustable = [k for k, name in enumerate(assembly.parameter_names) if not name.startswith(("initial.", "scale.",
+                                                                                               "history."))
+                  and "." in name and k not in equations.solved_for]
+    if not adjustable or not null.size:
         return []
     usual = {u.unit.dimension: u.nominal for u in flat.unknowns}
-    directions = np.zeros((len(point.p), len(own)))
-    directions[own, range(len(own))] = [abs(point.p[k]) or usual.get(flat.parameters[k].unit.dimension, 0.0) for k in own]
+    directions = np.zeros((len(point.p), len(adjustable)))
+    directions[adjustable, range(len(adjustable))] = [abs(point.p[k]) or usual.get(flat.parameters[k].unit.dimension,
+                                                                                   0.0) for k in adjustable]
     effect = np.abs(null.T @ system.moved(point, directions)).max(axis=0)
-    asked = {flat.unknowns[flat.names[row.name]].unit.dimension for row in system.rows if row.name in flat.names}
+    dimensions = {flat.unknowns[flat.names[row.name]].unit.dimension for row in system.rows if row.name in flat.names}
 
     def rank(k: int) -> tuple[bool, bool, float]:  # a length for a position, what the diagram itself gives, what does most
-        name = assembly.parameter_names[own[k]]
-        unlike = flat.parameters[own[k]].unit.dimension not in asked
+        name = assembly.parameter_names[adjustable[k]]
+        unlike = flat.parameters[adjustable[k]].unit.dimension not in dimensions
         return unlike, assumed(flat, name), -float(effect[k])
 
-    chosen = sorted((k for k in range(len(own)) if effect[k] > 1e-6 * max(effect.max(), 1e-300)), key=rank)
-    return [assembly.parameter_names[own[k]] for k in chosen[:MOST_NAMED // 2]]
+    chosen = sorted((k for k in range(len(adjustable)) if effect[k] > 1e-6 * max(effect.max(), 1e-300)), key=rank)
+    return [assembly.parameter_names[adjustable[k]] for k in chosen[:MOST_NAMED // 2]]
 
 
 def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple[str, ...]:
-    """StartError for what a steady start, or the parameters that it solves for, leave open. Pressures of what is shut in may
-    be any: they keep their guess, and their names are returned."""
+    """StartError for undetermined directions of a steady start, or of the parameters under `solve:`. Pressures of shut
+    volumes are free: they keep their guess, and their names are returned."""
     residual, jacobian = equations.with_guesses.at(point)
     if not finite(jacobian):
         return ()
@@ -275,12 +280,15 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
     names = [*assembly.state_names, *assembly.algebraic_names, *(assembly.parameter_names[k] for k in equations.solved_for)]
     begin = len(assembly.state_names) + len(assembly.algebraic_names)
     if not equations.steady:
-        asked = np.abs(null[:, begin:begin + len(solved)]).max(axis=1, initial=0.0) > 1e-6
-        null = null[asked] if len(null) else null
+        solved_for = np.abs(null[:, begin:begin + len(solved)]).max(axis=1, initial=0.0) > 1e-6
+        null = null[solved_for] if len(null) else null
     if not len(null):
         return ()
     shut_in = [name for name, share in zip(names, np.abs(null).max(axis=0), strict=True) if share > INITIALISATION.share]
-    if set(shut_in) <= _pressures(assembly):
+    # the states that are pressures of oil or gas: in the domains with `fills:`
+    members = {domain.across[0] for domain in assembly.model.library.domains.values() if domain.fills}
+    if set(shut_in) <= {name for (j, _), name in zip(assembly.reduced.states, assembly.state_names, strict=True)
+                        if assembly.flat.unknowns[j].role == "across" and name.rpartition(".")[2] in members}:
         return tuple(shut_in)
     notes, suggestions = [], list[str]()
     for direction in null:
@@ -293,25 +301,19 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
     raise StartError([_open(equations, point, notes, suggestions)])
 
 
-def _pressures(assembly: Assembly) -> set[str]:
-    """The states that are pressures of oil or gas: in the domains that say what fills a node."""
-    members = {domain.across[0] for domain in assembly.model.library.domains.values() if domain.fills}
-    return {name for (j, _), name in zip(assembly.reduced.states, assembly.state_names, strict=True)
-            if assembly.flat.unknowns[j].role == "across" and name.rpartition(".")[2] in members}
-
-
-def _solve_open(equations: StartEquations, names: list[str], moved: list[str]) -> Problem:
-    """What is solved for without an equation that decides it, and the variables that would follow it (`moved`)."""
+def _solve_open(equations: StartEquations, names: list[str], followers: list[str]) -> Problem:
+    """The parameters under `solve:` without an equation that determines them, and the variables that would follow them
+    (`followers`)."""
     place = equations.assembly.model.initial.solve[names[0]]
     steady = "" if equations.steady else "`start: steady`, or "
     return Problem("solve-undetermined", f"no equation determines {listing(names)} under `solve:`", place,
                    f"Each parameter that is solved for needs one condition more under `initial:`: {steady}a value of "
-                   f"{_one_of(moved) if moved else 'a variable that it brings about'}.\nOr take it out of `solve:`.")
+                   f"{_one_of(followers) if followers else 'a variable that it brings about'}.\nOr take it out of `solve:`.")
 
 
 def _one_of(names: list[str]) -> str:
-    shown = names[:MOST_NAMED]
-    return " or ".join(filter(None, [", ".join(shown[:-1]), shown[-1]]))
+    named = names[:MOST_NAMED]
+    return " or ".join(filter(None, [", ".join(named[:-1]), named[-1]]))
 
 
 def _open(equations: StartEquations, point: Point, notes: list[str], suggestions: list[str]) -> Problem:
@@ -327,7 +329,7 @@ def _open(equations: StartEquations, point: Point, notes: list[str], suggestions
 
 
 def singular_loop(assembly: Assembly, point: Point, direction: Array) -> StartError:
-    """The error for loops that leave an algebraic unknown undecided along a direction (n_z,)."""
+    """The error for loops that leave an algebraic unknown undetermined along a direction (n_z,)."""
     if problems := lost(assembly, point):
         return StartError(problems)
     share = np.abs(direction)
@@ -339,9 +341,9 @@ def singular_loop(assembly: Assembly, point: Point, direction: Array) -> StartEr
         tuple(f"{e.owner}: {e.text}" for e in assembly.reduced.alg_equations[:6]))])
 
 
-def check_pivots(assembly: Assembly, found: Sequence[tuple[Pivot, float]], point: Point) -> None:
-    """StartError for coefficients that were divided by and are zero, or no numbers."""
-    zero = [(pivot, value) for pivot, value in found if (value == 0 and not pivot.derived) or not np.isfinite(value)]
+def check_pivots(assembly: Assembly, pivots: Sequence[tuple[Pivot, float]], point: Point) -> None:
+    """Raise StartError for divisors that are zero or not finite."""
+    zero = [(pivot, value) for pivot, value in pivots if (value == 0 and not pivot.derived) or not np.isfinite(value)]
     if not zero:
         return
     problems = Problems()
@@ -364,7 +366,7 @@ def _sound(assembly: Assembly, point: Point) -> bool:
 
 
 def check_values(assembly: Assembly, point: Point) -> None:
-    """StartError for variables, and for rates of states, that are no numbers, but for those that are undetermined without an
+    """Raise StartError for variables and rates of states that are not finite, except for undetermined ones that have no
     effect on the motion."""
     def values(at: Point) -> Array:
         rates = np.array(assembly.rates(*at.values())[0]).ravel()
@@ -384,7 +386,7 @@ def check_values(assembly: Assembly, point: Point) -> None:
     names = [*(u.name for u in unknowns), *(f"der({name})" for name in assembly.state_names)]
     places = [*(u.place for u in unknowns), *(unknowns[j].place for j, _ in assembly.reduced.states)]
     wrong = [k for k in range(len(names)) if bad[k]]
-    shown = listing((names[k] for k in wrong), MOST_NAMED)
+    listed = listing((names[k] for k in wrong), MOST_NAMED)
     hint, place = _cure(assembly, point, lambda p: bool(np.isfinite(values(p)).sum() > (~bad).sum()))
-    raise StartError([Problem("value-not-finite", f"{shown} {'has' if len(wrong) == 1 else 'have'} no finite value {AT}",
+    raise StartError([Problem("value-not-finite", f"{listed} {'has' if len(wrong) == 1 else 'have'} no finite value {AT}",
                               place or places[wrong[0]], hint)])

@@ -22,8 +22,8 @@ PUSHES = (0.1, 1.0)  # of the fastest growing mode, in usual sizes of its states
 
 def unstable_start(assembly: Assembly, first: Start, u: Array, duration: float) -> Finding | None:
     """The finding that the equilibrium at which a run of this duration (s) begins is unstable, from the eigenvalues of
-    dx'/dx there (held variables stay). None where it is stable, does not leave the equilibrium by e within the run, or
-    where a sampled controller may stabilise it."""
+    dx'/dx there (held variables stay). None if it is stable, if the deviation grows by less than a factor e within the run,
+    or if a sampled controller may stabilise it."""
     sampled = any(event.period is not None for event in assembly.flat.events)
     if assembly.model.initial.mode != "steady" or sampled or not 0 < len(first.x) <= MOST_STATES:
         return None
@@ -41,8 +41,8 @@ def unstable_start(assembly: Assembly, first: Start, u: Array, duration: float) 
     speeds = [order > 0 or assembly.flat.unknowns[j].motion for j, order in assembly.reduced.states]
     k = int(np.argmax(np.abs(mode) * (1.0 if all(speeds) else np.logical_not(speeds))))
     name, unknown = assembly.state_names[k], assembly.flat.unknowns[assembly.reduced.states[k][0]]
-    others = _others(assembly, first, u, mode / np.abs(mode).max(), k)
-    places = [readable(value, unknown.unit.text) for value in others]
+    settled_values = _others(assembly, first, u, mode / np.abs(mode).max(), k)
+    places = [readable(value, unknown.unit.text) for value in settled_values]
     choice = f"Other equilibria: {' or '.join(places)}. Write a guess near the one that is meant, " \
         f"`initial: {{{name}: ~ {places[0]}}}`" if places else \
         "`heavebond modes` shows the components that oscillate or run away"
@@ -57,18 +57,19 @@ def _state_matrix(assembly: Assembly, first: Start, u: Array) -> Array:
         slopes = [ca.jacobian(side, by) for side in (assembly.ode, assembly.alg) for by in (x, z)]
         return ca.Function("slopes", list(assembly.arguments), slopes)
 
-    found = assembly.once("state matrix", slopes)(first.t, first.x, first.z, first.p, u, 0.0)
-    ode_x, ode_z, alg_x, alg_z = (np.array(part.full()) for part in found)
+    matrices = assembly.once("state matrix", slopes)(first.t, first.x, first.z, first.p, u, 0.0)
+    ode_x, ode_z, alg_x, alg_z = (np.array(part.full()) for part in matrices)
     matrix = ode_x - ode_z @ np.linalg.lstsq(alg_z, alg_x, rcond=None)[0] if len(first.z) else ode_x
     return np.asarray(matrix * assembly.x_nominal / assembly.x_nominal[:, None])
 
 
 def _others(assembly: Assembly, first: Start, u: Array, mode: Array, k: int) -> list[float]:
-    """The values of state k at the equilibria to which the machine settles when it is pushed along the mode, both ways."""
+    """The values of state k at the equilibria to which the machine settles after a disturbance along the mode in either
+    direction."""
     search = StartSearch(StartEquations(assembly), assembly, first.t, u)
     y = np.concatenate([first.x, first.z, first.p[search.equations.solved_for]])
-    found: list[float] = []
-    for push in (way * size for size in PUSHES for way in (-1, 1)):
+    equilibria: list[float] = []
+    for push in (direction * size for size in PUSHES for direction in (-1, 1)):
         begin = y.copy()
         begin[: len(first.x)] += push * mode * assembly.x_nominal
         try:
@@ -77,6 +78,6 @@ def _others(assembly: Assembly, first: Start, u: Array, mode: Array, k: int) -> 
             check()
             continue
         value, near = float(end[k]) if end is not None else np.nan, SAME_EQUILIBRIUM * float(assembly.x_nominal[k])
-        if np.isfinite(value) and all(abs(value - other) > 10 * near for other in (*found, float(first.x[k]))):
-            found.append(0.0 if abs(value) < near else value)
-    return sorted(found, key=lambda value: (abs(value - first.x[k]) // (10 * near), value))[:3]
+        if np.isfinite(value) and all(abs(value - known) > 10 * near for known in (*equilibria, float(first.x[k]))):
+            equilibria.append(0.0 if abs(value) < near else value)
+    return sorted(equilibria, key=lambda value: (abs(value - first.x[k]) // (10 * near), value))[:3]

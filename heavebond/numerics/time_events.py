@@ -17,12 +17,12 @@ from heavebond.numerics.event_constants import EVENTS
 
 
 def same_instant(begin: float, end: float) -> float:
-    """How near to each other two instants of a run are one."""
+    """The time difference (s) below which two instants of a run are identical."""
     return float(max(EVENTS.same_instant * (end - begin), EVENTS.same_roundings * np.spacing(max(abs(begin), abs(end)))))
 
 
 def clocks_at(assembly: Assembly, t: float, p: Array) -> Array:
-    """The parameters with what conditions of the time (see `equations.time_conditions`) hold at a time."""
+    """The parameters with the values of conditions of the time (see `equations.time_conditions`) at a time."""
     clocks = {held: e for e in reversed(assembly.flat.events) if e.by_clock and (held := e.resets[0].held) is not None}
     if not clocks:
         return p
@@ -54,13 +54,13 @@ def timetable(events: Sequence[FlatEvent], instants: tuple[Array, Array, Array, 
               ) -> Timetable:
     """The instants of a run.
 
-    `instants` are the first instant and the period (n,) of every event with their derivatives (n, m). What happens once, and
-    was to happen before the run begins, happens as it begins; of what is repeated the instants before are passed over.
-    The instants of an irregular clock are late or left out (see `Clock`). SimulationError for a period that is none.
+    `instants` are the first instant and the period (n,) of every event with their derivatives (n, m). A single event whose
+    instant lies before the begin of the run happens at the begin; instants of a repeated event before the begin are omitted.
+    The instants of an irregular clock are late or left out (see `Clock`). SimulationError for a period that is not positive.
     """
     first, period, by_first, by_period = instants
     same = same_instant(begin, end)
-    times, owners, moved = [np.zeros(0)], [np.zeros(0, np.int32)], [np.zeros((0, by_first.shape[1]))]
+    times, owners, derivatives = [np.zeros(0)], [np.zeros(0, np.int32)], [np.zeros((0, by_first.shape[1]))]
     clocks: dict[str, tuple[FlatEvent, float, float]] = {}
     for i, event in enumerate(events):
         if event.period is not None:
@@ -75,15 +75,15 @@ def timetable(events: Sequence[FlatEvent], instants: tuple[Array, Array, Array, 
             if event.clock is not None and event.clock.jitter:
                 at = at + np.array([event.clock.late(int(j)) for j in k])
             times.append(at[at <= end + same])
-            moved.append((by_first[i] + k[:, None] * by_period[i])[at <= end + same])
+            derivatives.append((by_first[i] + k[:, None] * by_period[i])[at <= end + same])
         elif event.indicator is None and max(first[i], begin) <= end + same:
             late = first[i] >= begin - same
             times.append(np.array([first[i] if late else begin]))
-            moved.append(by_first[i:i + 1] if late else np.zeros_like(by_first[i:i + 1]))
+            derivatives.append(by_first[i:i + 1] if late else np.zeros_like(by_first[i:i + 1]))
         else:
             continue
         owners.append(np.full(len(times[-1]), i, np.int32))
-    at, owner, along = np.concatenate(times), np.concatenate(owners), np.concatenate(moved)
+    at, owner, along = np.concatenate(times), np.concatenate(owners), np.concatenate(derivatives)
     order = np.lexsort((owner, at))
     groups = np.cumsum(np.diff(at[order], prepend=at[order][:1]) > same)
     order = order[np.lexsort((owner[order], groups))]
@@ -106,11 +106,11 @@ def _check_clock(event: FlatEvent, period: float, first: float, clocks: dict[str
     are those that are known."""
     if (clock := event.clock) is None:
         return
-    other, other_period, other_first = clocks.setdefault(clock.name, (event, period, first))
+    earlier, other_period, other_first = clocks.setdefault(clock.name, (event, period, first))
     if (period, first) != (other_period, other_first):
         raise SimulationError([Problem(
-            "clock-periods", f"'{event.name}' and '{other.name}' have the clock '{clock.name}', and different periods "
-            f"({period:g} s, {other_period:g} s) or first instants", clock.place, "Give each rate a clock of its own.")])
+            "clock-periods", f"'{event.name}' and '{earlier.name}' have the clock '{clock.name}', and different periods "
+            f"({period:g} s, {other_period:g} s) or first instants", clock.place, "Give each rate a separate clock.")])
     if clock.jitter >= period:
         raise SimulationError([Problem(
             "clock-jitter", f"the jitter of clock '{clock.name}', {clock.jitter:g} s, is not below the period of "

@@ -1,4 +1,4 @@
-"""Search of functions of time alone: where they change their sign, and where they move too shortly for the output points.
+"""Search in functions of time alone: for sign changes, and for motions that are too short for the output points.
 
 Both searches divide intervals of time until interval bounds decide. An interval in which no zero can lie, or in which a
 function differs by less than a tolerance from a constant (by its range) or from a straight line (by its second derivative),
@@ -26,13 +26,12 @@ class TimeSearchConstants:
     """The constants of the searches.
 
     share: excursion of a function from the straight line between two output points, over its range, from which on it is
-        searched for. Origin: that of the limit of the steps (`forcing.FORCING`). Doubled: smaller short motions are passed
-        over.
+        searched for. Origin: the share of the limit of the steps (`forcing.FORCING`). Doubled: smaller short motions are
+        passed over.
     narrow: share of an output interval below which the motion is too short for the output points. Origin: an interval of a
         twentieth of the width of a bell holds its excursion. Doubled: sines with few output points a period are cut, too.
     most_intervals: intervals that are looked at in one search. Origin: a tenth of a second. Doubled: the search of a
-    function
-        whose bounds are wide takes twice as long.
+    function whose bounds are wide takes twice as long.
     roundings: distance in units of rounding within which two times are one. Origin: the rounding of an instant that is
         computed from parameters in two or three operations. Doubled: no change to be seen.
     best_first: number of intervals from which on the widest ranges are divided first. Origin: the range of a function
@@ -105,7 +104,7 @@ def sign_changes(course: Course, p: Array, edges: Array) -> Instants:
     """The times at which one of the functions changes its sign between the first and the last of the edges (n,), to
     rounding.
     Kinks that are known are given as edges."""
-    m, found = course.m, list[Array]()
+    m, zeros = course.m, list[Array]()
     begin, end = (np.tile(e, m) for e in (edges[:-1], edges[1:]))
     row = np.repeat(np.arange(m), len(edges) - 1)
     unknown, spent = np.zeros(0, dtype=np.intp), 0
@@ -121,13 +120,13 @@ def sign_changes(course: Course, p: Array, edges: Array) -> Instants:
         changes = np.sign(first) != np.sign(last)
         small = end - begin <= 2 * rounding(end)
         single = (falls > 0) | (rises < 0) | small | bool(len(unknown))
-        found.append(_bisected(course, p, row[zero & single & changes], begin[zero & single & changes],
+        zeros.append(_bisected(course, p, row[zero & single & changes], begin[zero & single & changes],
                                end[zero & single & changes]))
-        left = zero & ~single
-        middle = (begin[left] + end[left]) / 2
-        begin, end = np.append(begin[left], middle), np.append(middle, end[left])
-        row = np.append(row[left], row[left])
-    return Instants(np.concatenate(found), unknown)
+        remaining = zero & ~single
+        middle = (begin[remaining] + end[remaining]) / 2
+        begin, end = np.append(begin[remaining], middle), np.append(middle, end[remaining])
+        row = np.append(row[remaining], row[remaining])
+    return Instants(np.concatenate(zeros), unknown)
 
 
 def straight_sign_changes(course: Course, p: Array, edges: Array) -> Array:
@@ -137,8 +136,8 @@ def straight_sign_changes(course: Course, p: Array, edges: Array) -> Array:
         inset = np.minimum(rounding(edges[1:]), np.diff(edges) / 4)
         begin, end = edges[:-1] + inset, edges[1:] - inset
         row, k = np.nonzero(np.sign(course.at(begin, p)) != np.sign(course.at(end, p)))
-        found = _bisected(course, p, row, begin[k], end[k])
-        joined = np.union1d(edges, found)
+        zeros = _bisected(course, p, row, begin[k], end[k])
+        joined = np.union1d(edges, zeros)
         joined = joined[np.diff(joined, prepend=-np.inf) > rounding(joined)]
         if len(joined) == len(edges):
             return edges
@@ -160,8 +159,8 @@ def _bisected(course: Course, p: Array, row: NDArray[np.intp], begin: Array, end
 
 @dataclass(frozen=True)
 class Narrow:
-    """The times (n,) at which short motions are to be met, the longest step (s; 0: no limit) with which those are not
-    passed over that were not found in time, and the rows for which there is neither."""
+    """The times (n,) of stops within short motions, the longest step (s; 0: no limit) for motions that were not located, and
+    the rows for which there is neither."""
 
     times: Array
     longest: float
@@ -192,22 +191,22 @@ def short_motions(course: Course, p: Array, times: Array, edges: Array) -> Narro
         allowed = TIME_SEARCH.share * (most - least)[:, None]
         width, bend = (high - low)[rows], np.maximum(-down, up)[rows]
         flat = np.isfinite(width) & (width <= np.maximum(allowed[rows], 1e-12 * np.maximum(np.abs(low), np.abs(high))[rows]))
-        done = (flat | (bend * (end - begin)**2 / 8 <= allowed[rows])).all(axis=0) | (end - begin <= 4 * rounding(end))
-        left = np.flatnonzero(~done)
-        if spent > TIME_SEARCH.most_intervals and len(left):
-            worst = bend[:, left].max(axis=1)
+        resolved = (flat | (bend * (end - begin)**2 / 8 <= allowed[rows])).all(axis=0) | (end - begin <= 4 * rounding(end))
+        remaining = np.flatnonzero(~resolved)
+        if spent > TIME_SEARCH.most_intervals and len(remaining):
+            worst = bend[:, remaining].max(axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 limits = np.sqrt(8 * allowed[rows, 0] / worst)
             bounded = np.isfinite(worst) & (limits * TIME_SEARCH.most_steps > times[-1] - times[0])
-            open_rows = ~flat[:, left].all(axis=1)
+            open_rows = ~flat[:, remaining].all(axis=1)
             longest, unknown = float(limits[bounded & open_rows].min(initial=np.inf)), rows[~bounded & open_rows]
             break
-        if len(left) > TIME_SEARCH.best_first:
-            widest = np.where(np.isfinite(width[:, left]), width[:, left], np.inf).max(axis=0)
-            now = widest >= 0.5 * widest.max() if np.isfinite(widest.max()) else ~np.isfinite(widest)
+        if len(remaining) > TIME_SEARCH.best_first:
+            widest = np.where(np.isfinite(width[:, remaining]), width[:, remaining], np.inf).max(axis=0)
+            divided = widest >= 0.5 * widest.max() if np.isfinite(widest.max()) else ~np.isfinite(widest)
         else:
-            now = np.ones(len(left), dtype=bool)
-        split, wait = left[now], left[~now]
+            divided = np.ones(len(remaining), dtype=bool)
+        split, wait = remaining[divided], remaining[~divided]
         mesh.append(middle[split])
         begin, end = (np.concatenate(parts) for parts in ((begin[wait], begin[split], middle[split]),
                                                           (end[wait], middle[split], end[split])))

@@ -54,8 +54,8 @@ class SolverChange:
 
 @dataclass(frozen=True)
 class AlternativeStates:
-    """The stops of a run at which other states than those of its diagram were integrated, by the mask `at` (N,): x and z
-    there as in `Trace`."""
+    """The stops of a run at which the integrated states differ from those of the diagram, by the mask `at` (N,): x and z at
+    these as in `Trace`."""
 
     assembly: Assembly
     at: NDArray[np.bool_]
@@ -74,10 +74,10 @@ class Driven:
 @dataclass(frozen=True)
 class Trace:
     """A run at its stops: x, z, integrals with all blocks of sensitivities, the held variables (n_h, N) and their
-    sensitivities (m, n_h, N), the events, and the stops at which other states were integrated. `between` gives times and the
-    run at these (at the stops, at points between them, and on both sides of events), and a function that gives the algebraic
-    unknowns at points by their numbers, where those of the run have yet to be solved for. `driven` are the inputs, where
-    they are not known before the run."""
+    sensitivities (m, n_h, N), the events, and the stops at which other states were integrated. `between` gives times, the
+    run at these (at the stops, at points between them, and on both sides of events), and a function for the algebraic
+    unknowns at points by their numbers, if they must still be solved for. `driven` are the inputs, if they are known only
+    after the run."""
 
     x: Array
     z: Array
@@ -159,18 +159,19 @@ class EventState:
                 for values, size in zip((self.y, self.z), sizes, strict=True))
         return x, z
 
-    def standing(self, point: Point, moved: PointSensitivity) -> EventState:
-        """This state at another point of the same time; the integrals stay, except for their sensitivities in `moved`."""
+    def standing(self, point: Point, sensitivity: PointSensitivity) -> EventState:
+        """This state at another point of the same time; the integrals are unchanged, except for their sensitivities in
+        `sensitivity`."""
         assembly, y = self.frame.assembly, self.y.copy()
         x_size, z_size, n_x = assembly.x_nominal, assembly.z_nominal, len(point.x)
         y[:n_x] = point.x / x_size
         z = point.z / z_size
         if self.blocks > 1:
-            y[n_x:n_x * self.blocks] = (moved.x / x_size[:, None]).T.ravel()
-            if moved.q.size:
-                y[len(y) - moved.q.size:] = moved.q.T.ravel()
-            z = np.append(z, (self.frame.equations.along_z(point, moved) / z_size[:, None]).T.ravel())
-        return replace(self, y=y, z=z, p=point.p, dp=moved.p, given=self.frame.hoist(point.p, moved.p)["o0"])
+            y[n_x:n_x * self.blocks] = (sensitivity.x / x_size[:, None]).T.ravel()
+            if sensitivity.q.size:
+                y[len(y) - sensitivity.q.size:] = sensitivity.q.T.ravel()
+            z = np.append(z, (self.frame.equations.along_z(point, sensitivity) / z_size[:, None]).T.ravel())
+        return replace(self, y=y, z=z, p=point.p, dp=sensitivity.p, given=self.frame.hoist(point.p, sensitivity.p)["o0"])
 
 
 class Record:
@@ -196,27 +197,28 @@ class Record:
         self.ended = False  # by a condition
         self.compiled = 0  # intervals that the compiled program passed
 
-    def write(self, now: EventState, times: Array, y: Array, z: Array) -> None:
+    def write(self, state: EventState, times: Array, y: Array, z: Array) -> None:
         """Record the points at times (n,), with y and z (., n), that are stops."""
         if not len(times):
             return
-        self.keep(now, times, y[:, :len(times)], z[:, :len(times)])
-        self.write_stops(now, times, y, z)
+        self.keep(state, times, y[:, :len(times)], z[:, :len(times)])
+        self.write_stops(state, times, y, z)
 
-    def end(self, now: EventState) -> None:
+    def end(self, state: EventState) -> None:
         """End the run at a point, which becomes its last stop."""
-        n = int(np.searchsorted(self.stops, now.t - self.same))
-        self.stops, self.ended = np.append(self.stops[:n], now.t), True
-        self.frame = np.append(self.frame[:n], self._number(now.frame))
-        self.y, self.p = np.column_stack([self.y[:, :n], now.y]), np.column_stack([self.p[:, :n], now.p])
-        self.dp = np.concatenate([self.dp[:, :, :n], now.dp[:, :, None]], axis=2)
-        self.z = [np.column_stack([z[:, :n], now.z if k == self.frame[-1] else np.zeros(len(z))])
+        n = int(np.searchsorted(self.stops, state.t - self.same))
+        self.stops, self.ended = np.append(self.stops[:n], state.t), True
+        self.frame = np.append(self.frame[:n], self._number(state.frame))
+        self.y, self.p = np.column_stack([self.y[:, :n], state.y]), np.column_stack([self.p[:, :n], state.p])
+        self.dp = np.concatenate([self.dp[:, :, :n], state.dp[:, :, None]], axis=2)
+        self.z = [np.column_stack([z[:, :n], state.z if k == self.frame[-1] else np.zeros(len(z))])
                   for k, z in enumerate(self.z)]
 
-    def keep(self, now: EventState, times: Array, y: Array, z: Array) -> None:
+    def keep(self, state: EventState, times: Array, y: Array, z: Array) -> None:
         """Keep points between the stops, where these are asked for."""
         if self.points is not None:
-            self.points.append((now.frame, times, y, z, now.p, now.dp, now.p[self.held, None], now.dp[self.held, :, None]))
+            self.points.append((state.frame, times, y, z, state.p, state.dp, state.p[self.held, None], state.dp[self.held,
+                                                                                                                :, None]))
 
     def keep_many(self, frame: Frame, times: Array, y: Array, z: Array, p: Array, dp: Array) -> None:
         """Record points at times (n,), those among them that are stops and, where these are asked for, those between; y, z,
@@ -224,25 +226,25 @@ class Record:
         if self.points is not None:
             self.points.append((frame, times, y, z, p[:, 0].copy(), dp[:, :, 0].copy(), p[self.held], dp[self.held]))
         stop = np.searchsorted(self.stops, times - self.same)
-        which = np.flatnonzero(np.abs(self.stops.take(stop, mode="clip") - times) <= self.same)
+        indices = np.flatnonzero(np.abs(self.stops.take(stop, mode="clip") - times) <= self.same)
         # of several at one time the last is that after its events
-        which = which[np.append(np.diff(stop[which]) > 0, True)] if len(which) else which
-        at, number = stop[which], self._number(frame)
+        indices = indices[np.append(np.diff(stop[indices]) > 0, True)] if len(indices) else indices
+        at, number = stop[indices], self._number(frame)
         self.frame[at] = number
-        self.y[:, at], self.z[number][:, at] = y[:, which], z[:, which]
-        self.p[:, at], self.dp[:, :, at] = p[:, which], dp[:, :, which]
+        self.y[:, at], self.z[number][:, at] = y[:, indices], z[:, indices]
+        self.p[:, at], self.dp[:, :, at] = p[:, indices], dp[:, :, indices]
 
-    def write_stops(self, now: EventState, times: Array, y: Array, z: Array) -> None:
+    def write_stops(self, state: EventState, times: Array, y: Array, z: Array) -> None:
         """Record the points at times (n,), with y and z (., n), that are stops; none of them is kept as a point between."""
         stop = np.searchsorted(self.stops, times - self.same)
         if len(times) == 1 and not abs(self.stops[min(stop[0], len(self.stops) - 1)] - times[0]) <= self.same:
             return
-        which = np.flatnonzero(np.abs(self.stops.take(stop, mode="clip") - times) <= self.same)
-        at = stop[which]
-        number = self._number(now.frame)
+        indices = np.flatnonzero(np.abs(self.stops.take(stop, mode="clip") - times) <= self.same)
+        at = stop[indices]
+        number = self._number(state.frame)
         self.frame[at] = number
-        self.y[:, at], self.z[number][:, at] = y[:, which], z[:, which]
-        self.p[:, at], self.dp[:, :, at] = now.p[:, None], now.dp[:, :, None]
+        self.y[:, at], self.z[number][:, at] = y[:, indices], z[:, indices]
+        self.p[:, at], self.dp[:, :, at] = state.p[:, None], state.dp[:, :, None]
 
     def _number(self, frame: Frame) -> int:
         numbers = [k for k, known in enumerate(self.frames) if known is frame]
@@ -302,10 +304,10 @@ class Record:
         n, m = int(stay.at.sum()), self.dp.shape[1]
         (n_x, n_z), home = (len(stay.assembly.x_nominal), len(stay.assembly.z_nominal)), self.home.chart
         x, z, p = stay.x[:, stay.at], stay.z[:, stay.at], self.p[:, stay.at]
-        given = (self.stops[None, stay.at], x[:n_x], z[:n_z], p, u[:, stay.at], np.ones((1, n)))
+        arguments = (self.stops[None, stay.at], x[:n_x], z[:n_z], p, u[:, stay.at], np.ones((1, n)))
         chart = self.frames[number].chart
-        found = [chart.values_in(home, given)]
+        transformed = [chart.values_in(home, arguments)]
         for k in range(1, 1 + m):
-            found.append(chart.along_in(home, given, x[n_x * k:n_x * (k + 1)], z[n_z * k:n_z * (k + 1)],
-                                        self.dp[:, k - 1, stay.at]))
-        return np.vstack([f[:n_x] for f in found]), np.vstack([f[n_x:] for f in found])
+            transformed.append(chart.along_in(home, arguments, x[n_x * k:n_x * (k + 1)], z[n_z * k:n_z * (k + 1)],
+                                              self.dp[:, k - 1, stay.at]))
+        return np.vstack([f[:n_x] for f in transformed]), np.vstack([f[n_x:] for f in transformed])

@@ -1,12 +1,12 @@
 """The order of updates at one instant: sampled blocks are evaluated along the flow of their signals.
 
-At an instant several time events may assign held variables, h_i := r_i(t, x, z, p, h). Within its component, an update reads
-the held variables as they were before the instant (`n: n + 1`). Along signals it reads those of other components as they are
-assigned at the same instant, so that blocks of one rate in series add no sample. Quantities of the physical network have
-their values before the instant: a converter samples before the forces of the same instant act. The updates are sorted by
-these dependencies and written into each other, with a symbol for each event that is 1 if the event happens at the instant;
-a loop of updates that may happen at the same instant is an error. E. A. Lee, D. G. Messerschmitt, Synchronous data flow,
-Proc. IEEE 75 (1987) 1235, doi:10.1109/PROC.1987.13876.
+At an instant several time events may assign held variables, h_i := r_i(t, x, z, p, h). Within its component, an update
+reads the held variables as they were before the instant (`n: n + 1`). Along signals it reads the values of other components
+after their assignment at the same instant, so that blocks of one rate in series add no sample. Quantities of the physical
+network have their values before the instant: a converter samples before the forces of the same instant act. The updates are
+sorted by these dependencies and written into each other, with a symbol for each event that is 1 if the event happens at the
+instant; a loop of updates that may happen at the same instant is an error. E. A. Lee, D. G. Messerschmitt, Synchronous data
+flow, Proc. IEEE 75 (1987) 1235, doi:10.1109/PROC.1987.13876.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class RateTransition:
     def advice(self) -> str:
         """What the reader takes of the values of the source, and the block that would state it."""
         fast, slow = sorted((self.period, self.source_period))
-        ratio, own, other = slow / fast, readable(self.period, "s"), readable(self.source_period, "s")
+        ratio, period, source_period = slow / fast, readable(self.period, "s"), readable(self.source_period, "s")
         if abs(ratio - round(ratio)) > SAME_RATIO * LARGEST_RATIO * ratio:
             return "neither period is a multiple of the other, so that the age of the value changes from sample to " \
                 "sample. Choose multiples, or state the hold by a SampleHold at the period of the reader"
@@ -85,9 +85,9 @@ class RateTransition:
                 "with the T_s and t_0 of the reader, or give both one t_0"
         if self.period < self.source_period:
             return "it holds each value, without a computing time of the slower part. If that takes its period, add a " \
-                f"UnitDelay with T_s: {other} behind {self.source}"
-        return f"it takes one value of {round(ratio)}: what is faster than {readable(0.5 / self.period, 'Hz')} folds. Add " \
-            f"a DiscreteLowPass at {other} and a SampleHold with T_s: {own} between them"
+                f"UnitDelay with T_s: {source_period} behind {self.source}"
+        return f"it takes one value of {round(ratio)}: frequencies above {readable(0.5 / self.period, 'Hz')} alias. Add " \
+            f"a DiscreteLowPass at {source_period} and a SampleHold with T_s: {period} between them"
 
 
 class UpdateOrder:
@@ -114,8 +114,8 @@ class UpdateOrder:
 
     @property
     def direct(self) -> list[ca.SX]:
-        """The new value of each reset as a formula of the arguments of the assembly, with the held variables that its
-        component reads itself, and of those that it reads along signals, which are symbols of their own."""
+        """The new value of each reset as a formula of the arguments of the assembly, with held variables of two kinds: those
+        that its component reads itself, and those that it reads along signals, which are separate symbols."""
         return self._graph.direct
 
     def instants(self, p: Array) -> tuple[Array, Array]:
@@ -155,23 +155,23 @@ class _Graph:
         self.direct = split(ca.substitute(column, known, express(known)))
 
     def _along_signals(self, values: Sequence[ca.SX], rows: Sequence[int]) -> list[ca.SX]:
-        """New values (raw) with their signals traced back to held variables: `after` for the held variables of other
-        components, p for those of the same component. Physical unknowns remain."""
+        """New values (raw) with their signals traced back to held variables: `after` for held variables of other components,
+        p for those of the same component. Physical unknowns remain."""
         reduced, flat = self.reduced, self.reduced.flat
         owners, signals = _traced(reduced)
         held, before = stack(flat.p[k] for k in self.setters), stack(ca.SX.sym("before") for _ in self.setters)
-        own: dict[str, list[int]] = {}
+        by_component: dict[str, list[int]] = {}
         for n, row in enumerate(rows):
-            own.setdefault(self._part(row), []).append(n)
-        found = list(values)
-        for path, places_of in own.items():
+            by_component.setdefault(self._part(row), []).append(n)
+        expressions = list(values)
+        for path, places_of in by_component.items():
             inner = {h: value for h, value in signals.items() if owners[h] == path}
             column = _substituted(stack(values[n] for n in places_of), inner)
             mine = [k for k, setters in enumerate(self.setters.values()) if path and self._part(setters[0]) == path]
             column = ca.substitute(column, held[mine], before[mine]) if mine else column
             for n, value in zip(places_of, split(column), strict=True):
-                found[n] = value
-        column = _substituted(stack(found), signals)
+                expressions[n] = value
+        column = _substituted(stack(expressions), signals)
         column = ca.substitute(column, held, stack(self.after[k] for k in self.setters))
         return split(ca.substitute(column, before, held))
 
@@ -205,47 +205,47 @@ class _Graph:
         first, period = self.instants(p)
         for loop in self.loops(needs):
             for row in loop:
-                for other in needs[row] & set(loop):
-                    pair = self.owner[row], self.owner[other]
+                for other_row in needs[row] & set(loop):
+                    pair = self.owner[row], self.owner[other_row]
                     once = any(self.events[e].period is None for e in pair)
                     if once or not _meet(*(float(a[e]) for a in (first, period) for e in pair)):
-                        read[row].discard(other)
+                        read[row].discard(other_row)
                         apart |= set() if once else {pair}
-        if left := self.loops(read):
-            raise ModelError([self.problem(loop) for loop in left])
+        if remaining_loops := self.loops(read):
+            raise ModelError([self.problem(loop) for loop in remaining_loops])
         return self._written_out(read, frozenset(apart))
 
     def instants(self, p: Array) -> tuple[Array, Array]:
-        found = ca.Function("instants", [self.p], [
+        function = ca.Function("instants", [self.p], [
             self.express(stack(e.first for e in self.events)),
             self.express(stack(ca.SX(0) if e.period is None else e.period for e in self.events))])(p)
-        first, period = (np.array(v).ravel() for v in found)
+        first, period = (np.array(v).ravel() for v in function)
         return first, period
 
     def transitions(self, p: Array) -> list[RateTransition]:
         """The transitions between rates that no block states."""
         first, period = self.instants(p)
-        found: dict[tuple[str, str], RateTransition] = {}
+        transitions: dict[tuple[str, str], RateTransition] = {}
         needs = self.needs(())
         for row, read in enumerate(needs):
-            for other in sorted(read):
-                a, b = self.owner[row], self.owner[other]
+            for source_row in sorted(read):
+                a, b = self.owner[row], self.owner[source_row]
                 if any(self.events[e].period is None for e in (a, b)):
                     continue
                 near = SAME_RATIO * LARGEST_RATIO * max(period[a], period[b])
                 same = abs(period[a] - period[b]) <= near and abs(first[a] - first[b]) <= near
                 # a hold: its new value is a multiple of the value that it reads
-                held = self.held[other]
-                taken = held is not None and ca.substitute(self.direct[row], self.after[held], ca.SX(0)).is_zero()
+                held = self.held[source_row]
+                is_hold = held is not None and ca.substitute(self.direct[row], self.after[held], ca.SX(0)).is_zero()
                 # a delay: its new value is one that it holds itself
-                delayed = self.direct[other].is_symbolic() and period[b] > period[a] and not needs[other]
-                if not (same or taken or delayed):
-                    parts = self._part(row), self._part(other)
+                delayed = self.direct[source_row].is_symbolic() and period[b] > period[a] and not needs[source_row]
+                if not (same or is_hold or delayed):
+                    parts = self._part(row), self._part(source_row)
                     fast, slow = sorted((float(period[a]), float(period[b])))
                     rests = np.array([slow / fast, (first[a] - first[b]) / fast])
                     regular = bool((np.abs(rests - np.round(rests)) <= SAME_RATIO * LARGEST_RATIO * slow / fast).all())
-                    found.setdefault(parts, RateTransition(*parts, float(period[a]), float(period[b]), regular))
-        return list(found.values())
+                    transitions.setdefault(parts, RateTransition(*parts, float(period[a]), float(period[b]), regular))
+        return list(transitions.values())
 
     def _written_out(self, read: Sequence[Set[int]], apart: frozenset[tuple[int, int]]) -> Updates:
         """The updates in ranks, and each with those that it reads written into it."""
@@ -256,28 +256,28 @@ class _Graph:
             if used:
                 direct[row] = ca.substitute(direct[row], self.after[used], self.p[used])
         ranks = _ranks(read)
-        now, values = {k: self.p[k] for k in self.setters}, list(direct)
+        written, values = {k: self.p[k] for k in self.setters}, list(direct)
         for rank in ranks:
             column = stack(direct[row] for row in rank)
-            if now:
-                column = ca.substitute(column, stack(self.after[k] for k in now), stack(now.values()))
+            if written:
+                column = ca.substitute(column, stack(self.after[k] for k in written), stack(written.values()))
             for row, value in zip(rank, split(column), strict=True):
                 values[row] = value
-                if (k := self.held[row]) in now:
-                    now[k] = ca.if_else(fired[self.owner[row]], value, now[k])
+                if (k := self.held[row]) in written:
+                    written[k] = ca.if_else(fired[self.owner[row]], value, written[k])
         self._give_precedence(values, fired)
         last = {self.owner[row]: k for k, rank in enumerate(ranks) for row in rank}
         sequence = tuple(sorted(last, key=last.__getitem__))
         return Updates(fired, stack(values), self.after, stack(direct), ranks, apart, sequence)
 
     def _give_precedence(self, values: list[ca.SX], fired: ca.SX) -> None:
-        """Let an event that happens together with one that it yields to set nothing of its own."""
-        number, own = {event.name: e for e, event in enumerate(self.events)}, list(values)
+        """Remove the assignments of an event that coincides with an event of higher precedence."""
+        number, assigned = {event.name: e for e, event in enumerate(self.events)}, list(values)
         for row, (e, held) in enumerate(zip(self.owner, self.held, strict=True)):
             for name in reversed(self.events[e].yields_to):
                 first = [r for r, owner in enumerate(self.owner) if owner == number[name] and self.held[r] == held]
-                kept = own[first[0]] if first else values[row] if held is None else self.p[held]
-                values[row] = ca.if_else(fired[number[name]], kept, values[row])
+                unchanged = assigned[first[0]] if first else values[row] if held is None else self.p[held]
+                values[row] = ca.if_else(fired[number[name]], unchanged, values[row])
 
     def problem(self, loop: Sequence[int]) -> Problem:
         """The problem of a loop of updates (rows)."""
@@ -297,7 +297,7 @@ def _traced(reduced: Reduced) -> tuple[dict[int, str], dict[int, tuple[ca.SX, ca
     with its definition (raw), both by the hash of the symbol. Variables of components that exchange power are left out,
     except for signals that follow from signals and held variables alone."""
     flat = reduced.flat
-    leaves, owners, found = flat.expanded.leaves, dict[int, str](), dict[int, tuple[ca.SX, ca.SX]]()
+    leaves, owners, definition_of = flat.expanded.leaves, dict[int, str](), dict[int, tuple[ca.SX, ca.SX]]()
     roles = {s.element_hash(): flat.unknowns[j].role for level in flat.levels for j, s in enumerate(level)}
     symbols, definitions = split(reduced.symbols), split(reduced.definitions)
     for k, column in enumerate(reduced.defined):
@@ -316,8 +316,8 @@ def _traced(reduced: Reduced) -> tuple[dict[int, str], dict[int, tuple[ca.SX, ca
                 continue
         h = symbols[k].element_hash()
         owners[h] = laws[0] if len(laws) == 1 else ""
-        found[h] = symbols[k], definitions[k]
-    return owners, found
+        definition_of[h] = symbols[k], definitions[k]
+    return owners, definition_of
 
 
 def _substituted(column: ca.SX, known: Mapping[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
@@ -331,12 +331,12 @@ def _ranks(read: Sequence[Set[int]]) -> tuple[tuple[int, ...], ...]:
     """The rows by the longest chain of rows that each reads."""
     rank = [0] * len(read)
     for (row,) in block_lower_triangular([[row, *sorted(rows)] for row, rows in enumerate(read)], list(range(len(read)))):
-        rank[row] = max((rank[other] + 1 for other in read[row]), default=0)
+        rank[row] = max((rank[source] + 1 for source in read[row]), default=0)
     return tuple(tuple(row for row, r in enumerate(rank) if r == k) for k in range(max(rank, default=-1) + 1))
 
 
 def _meet(first: float, other_first: float, period: float, other_period: float) -> bool:
-    """Whether two periodic events ever happen at the same instant: with T_1 = a g and T_2 = b g for whole numbers a and b
+    """True if two periodic events can happen at the same instant: with T_1 = a g and T_2 = b g for whole numbers a and b
     without a common factor, if the difference of their first instants is a multiple of g."""
     ratio = Fraction(period / other_period).limit_denominator(LARGEST_RATIO)
     if ratio == 0 or abs(float(ratio) * other_period / period - 1) > SAME_RATIO:

@@ -1,9 +1,9 @@
-"""Whether the values of a run mean something: the checks behind its verdict.
+"""Checks of the values of a run, from which its verdict follows.
 
-What is looked for, at the output points and those between them (see `Result.dense`): values that are not finite; values of
-more than a million typical sizes; components whose power does not balance; values outside the range that a component or a
-domain declares, or larger than in any machine; states that grow exponentially to the end. The first three mean that the
-numbers are worthless, the others are told: a diagram in the making may go there, and a short while may not matter.
+The checks, at the output points and points between them (see `Result.dense`), find values that are not finite; values
+above a million typical sizes; components whose power does not balance; values outside the range declared by a component or a
+domain, or larger than in any machine; states that grow exponentially to the end. The first three make the numbers worthless.
+The others are reported only: a diagram under construction may leave a range, and a short time outside may not matter.
 """
 
 from __future__ import annotations
@@ -39,34 +39,34 @@ class ValidityConstants:
     rounding: share of the usual size of a variable by which it may always pass a physical limit. Origin: ten times the
         absolute tolerance of the integration. Doubled: a tank that is empty may be emptied a little further.
     worthless: magnitude that no unit explains. Origin: its square is infinite. Doubled: nothing.
-    fast: multiple of the typical speed of its domain at which a position may move for the whole run. Origin: a shaft
-        that turns for hours. Doubled: a position that runs away is named later.
-    samples: points of a run at which everything is evaluated. Origin: all points would cost a tenth of the run.
-        Doubled: twice that time, short excesses of algebraic variables are found.
+    fast: multiple of the typical speed of its domain at which a position may move for the whole run. Origin: a shaft that
+        turns for hours. Doubled: a position that runs away is named later.
+    samples: points of a run at which everything is evaluated. Origin: all points would cost a tenth of the run. Doubled:
+        twice that time, short excesses of algebraic variables are found.
     watched: points at which variables with a declared range are evaluated in any case. Origin: as above. Doubled: as above.
-    near: multiple of their moves from one of these points to the next by which they must keep away from their limits;
-        else they are evaluated at all points between. Origin: a curve goes beyond its points by less than it moves.
+    near: multiple of their moves from one of these points to the next by which they must keep away from their limits; else
+        they are evaluated at all points between. Origin: a curve exceeds its points by less than the change between them.
         Doubled: more evaluations.
-    excursion: share of its range along the run by which a state that leaves its values at two of these points has all
-        points between evaluated. Origin: half of what is drawn as one line. Doubled: smaller excursions are passed over.
-    growth_parts: equal parts of the second half of a run that are compared for growth. Origin: an exponential is told
+    excursion: share of its range along the run by which a state that leaves its values at two of these points has all points
+        between evaluated. Origin: half of what is drawn as one line. Doubled: smaller excursions are passed over.
+    growth_parts: equal parts of the second half of a run that are compared for growth. Origin: it separates an exponential
         from a power of time. Doubled: slow growth is less often named.
-    growth: factor by which each part goes further than the one before. Origin: t**6 does not. Doubled: only fast growth
-        is named.
-    grown: typical sizes below which growth does not matter. Origin: machines exceed their typical sizes by less.
-        Doubled: named later.
-    grown_unknown: the same in its unit for what has no typical size. Origin: no better yardstick. Doubled: named later.
-    front: segments of a line in a front (its height over the largest rate and the travel time of a segment) below which
-        it is reported. Origin: the overshoot of a lumped line at a ramp of x segments is up to 0.45/x; 12 % at this front.
+    growth: factor by which each part goes further than the one before. Origin: t**6 does not. Doubled: only fast growth is
+        named.
+    grown: typical sizes below which growth does not matter. Origin: machines exceed their typical sizes by less. Doubled:
+        named later.
+    grown_unknown: the same in the unit of a variable without a typical size. Origin: no better measure. Doubled: named
+        later.
+    front: segments of a line in a front (its height over the largest rate and the travel time of a segment) below which it
+        is reported. Origin: the overshoot of a lumped line at a ramp of x segments is up to 0.45/x; 12 % at this front.
         Doubled: reported from 6 % on.
     front_window: travel times of a segment before and after the largest rate in which the height of a front is measured.
         Origin: a ripple and the front before it. Doubled: two fronts may count as one.
     front_size: share of its largest value by which a variable of a line changes for its front to matter. Origin: the error
         is a hundredth of the value then. Doubled: errors of two hundredths are silent.
     resolved: segments in a front that are recommended. Origin: 5 % of overshoot. Doubled: 2.5 %.
-    own_front: segments a and factor b of the front sqrt(a**2 + (b*x)**2) that a ramp of x segments becomes in a lumped
-        line. Origin: ramps of the flow at the end of a line, x from 0.01 to 9, within 5 %. Doubled: other numbers are
-        recommended.
+    own_front: segments a and factor b of the front sqrt(a**2 + (b*x)**2) that a ramp of x segments becomes in a lumped line.
+        Origin: ramps of the flow at the end of a line, x from 0.01 to 9, within 5 %. Doubled: other numbers are recommended.
     """
 
     grace: float = 1e-3
@@ -97,12 +97,12 @@ FRONT = ("behind a front of so few segments the lumped line oscillates, and its 
          "{} segments in place of {}, or a longer time for the change that causes the front. A hydraulic line as a "
          "TransmissionLine has no segments, and fronts keep their shape")
 _NUMBER = re.compile(r"_[0-9]+$")
-UNDETERMINED = "It is 0/0 there. No motion depends on it, so the run goes on, and its values are missing"
-NO_VALUE = ("{} has no value there: a root, a power or a logarithm of what is below zero, or a division by 0. Bound its "
+UNDETERMINED = "It is 0/0 there. No motion depends on it, so the run continues without its values"
+NO_VALUE = ("{} has no value there: a root, a power or a logarithm of a negative number, or a division by 0. Bound its "
             "argument (max(x, 0)), or look at what drives it there")
-OPEN = ("Its equations are at odds with what it states under `stores` and `dissipates`: check their signs. "
+OPEN = ("Its equations contradict its `stores` and `dissipates`: check their signs. "
         "`heavebond energy` shows all components")
-MAKES = "What it states under `dissipates` is below zero there, it makes energy: check the signs of its law"
+MAKES = "Its `dissipates` is below zero there, so it creates energy: check the signs of its law"
 
 
 Points = NDArray[np.intp]
@@ -120,21 +120,21 @@ class RunSection:
 
 
 def judged(stretches: Sequence[RunSection], also: Sequence[Finding] = (), dense: Sequence[RunSection] = ()) -> Verdict:
-    """The verdict on a run of one stretch or several; `also` was found during the run, `dense` is the run with points
-    between its output points, where there are any."""
+    """The verdict on a run in one or several stretches; `also` are findings made during the run, `dense` is the run with
+    points between its output points, if there are any."""
     duration = max((float(s.time[-1]) for s in stretches), default=0.0) - min((float(s.time[0]) for s in stretches),
                                                                               default=0.0)
     with np.errstate(over="ignore", invalid="ignore"):  # what has run away may overflow
         longest = max((len(s.time) for s in stretches), default=0)
-        found = [f for s in dense for f in _between(s, duration)]
-        found += [f for s in stretches for f in _of_stretch(s, duration, len(s.time) == longest, not dense)]
+        findings = [f for s in dense for f in _between(s, duration)]
+        findings += [f for s in stretches for f in _of_stretch(s, duration, len(s.time) == longest, not dense)]
         if len(stretches) == 1:
-            found += _growing(stretches[0])
-    return verdict([*found, *also])
+            findings += _growing(stretches[0])
+    return verdict([*findings, *also])
 
 
 def at_point(assembly: Assembly, point: Point) -> Verdict:
-    """What is outside its range at one point, as at a start."""
+    """The findings on variables outside their range at one point, such as a start."""
     values = np.array(assembly.values(*point.values())).reshape(-1, 1)
     columns = [np.reshape(v, (-1, 1)) for v in point.values()]
     lost = missing(assembly, range(len(values)), columns, values)
@@ -142,8 +142,8 @@ def at_point(assembly: Assembly, point: Point) -> Verdict:
 
 
 def _between(s: RunSection, duration: float) -> Iterator[Finding]:
-    """What is outside its range in one part of a run, at all points: states, and variables with a declared range where
-    these come near to it or the states move (see `near`)."""
+    """The findings on variables outside their range in one part of a run, at all points: states, and variables with a
+    declared range if these come near to it or the states change much (see `near`)."""
     flat, states = s.assembly.flat, {j: k for k, (j, order) in enumerate(s.assembly.reduced.states) if order == 0}
     yield from _outside([flat.unknowns[j] for j in states], s.x[list(states.values())], s.time, duration)
     looked_at = [j for j, u in enumerate(flat.unknowns) if j not in states and _ranged(u)]
@@ -165,13 +165,15 @@ def _between(s: RunSection, duration: float) -> Iterator[Finding]:
 
 
 def _moves(values: Array) -> Array:
-    """By how much values (k, n) differ between two points at most, in each interval (k, n - 1) and those next to it."""
-    moved = np.pad(np.abs(np.diff(values, axis=1)), ((0, 0), (1, 1)))
-    return np.asarray(np.maximum(moved[:, 1:-1], np.maximum(moved[:, :-2], moved[:, 2:])))
+    """The largest difference of values (k, n) between neighbouring points, in each interval (k, n - 1) and the adjacent
+    ones."""
+    changes = np.pad(np.abs(np.diff(values, axis=1)), ((0, 0), (1, 1)))
+    return np.asarray(np.maximum(changes[:, 1:-1], np.maximum(changes[:, :-2], changes[:, 2:])))
 
 
 def _excursions(x: Array, at: Points) -> NDArray[np.bool_]:
-    """Between which of the points `at` (k,) states (n, N) go beyond their values at both by more than these tell."""
+    """The intervals between points `at` (k,) in which states (n, N) leave the range of their values at both ends by more
+    than neighbouring values suggest."""
     if not len(x):
         return np.zeros(len(at) - 1, bool)
     first, last = x[:, at[:-1]], x[:, at[1:]]
@@ -184,9 +186,9 @@ def _excursions(x: Array, at: Points) -> NDArray[np.bool_]:
 def _values_of(s: RunSection, unknowns: Sequence[int], at: Points) -> Array:
     """Some of the unknowns (k, n) at points of a run."""
     arguments = list(s.assembly.arguments)
-    made = s.assembly.once(("some", *unknowns), lambda: ca.Function("some", arguments, [
+    function = s.assembly.once(("some", *unknowns), lambda: ca.Function("some", arguments, [
         ca.densify(s.assembly.values(*arguments)[list(unknowns)])]))
-    return evaluated(s.assembly, made, s.columns(at))[0]
+    return evaluated(s.assembly, function, s.columns(at))[0]
 
 
 def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) -> Iterator[Finding]:
@@ -208,28 +210,28 @@ def _of_stretch(s: RunSection, duration: float, balanced: bool, ranged: bool) ->
         yield from _closely(s, looked_at, _spread(n, n if wrong else VALIDITY.watched), duration)
     if not balanced or not (np.isfinite(values) | undecided).all():
         return
-    shown = s.assembly.once("formulas", lambda: _formulas(s.assembly))
-    imbalance, outputs = balance(s.assembly, columns, values, list(shown.values()))
+    formulas = s.assembly.once("formulas", lambda: _formulas(s.assembly))
+    imbalance, outputs = balance(s.assembly, columns, values, list(formulas.values()))
     for part in imbalance:
         advice = MAKES if part.made else OPEN
         yield Finding("energy", part.owner, part.owner, part.time, part.missing, part.limit, "W", advice)
-    yield from without_value(dict(zip(shown, outputs, strict=False)), s.time[chosen], lambda name, course: undetermined(
-        s.assembly, s.assembly.express(shown[name]), columns, course)).findings
+    yield from without_value(dict(zip(formulas, outputs, strict=False)), s.time[chosen], lambda name, course: undetermined(
+        s.assembly, s.assembly.express(formulas[name]), columns, course)).findings
     if len(s.time) > 1:
         yield from _fronts(s)
 
 
 def _closely(s: RunSection, looked_at: Sequence[int], at: Points, duration: float) -> Iterator[Finding]:
-    """What is wrong with some of the unknowns at more points of a run."""
+    """The findings on some of the unknowns at further points of a run."""
     flat = s.assembly.flat
     values = _values_of(s, looked_at, at)
-    for found in _outside([flat.unknowns[j] for j in looked_at], values, s.time[at], duration,
-                          missing(s.assembly, looked_at, s.columns(at), values)):
-        if found.kind == "not-finite":
-            k = int(np.argmin(np.abs(s.time - found.time)))
-            there = evaluated(s.assembly, s.assembly.values, s.columns(np.array([k])))[0][:, 0]
-            found = replace(found, advice=_culprit(flat, there))
-        yield found
+    for finding in _outside([flat.unknowns[j] for j in looked_at], values, s.time[at], duration,
+                                missing(s.assembly, looked_at, s.columns(at), values)):
+        if finding.kind == "not-finite":
+            k = int(np.argmin(np.abs(s.time - finding.time)))
+            point_values = evaluated(s.assembly, s.assembly.values, s.columns(np.array([k])))[0][:, 0]
+            finding = replace(finding, advice=_culprit(flat, point_values))
+        yield finding
 
 
 def _fronts(s: RunSection) -> Iterator[Finding]:
@@ -247,14 +249,14 @@ def _fronts(s: RunSection) -> Iterator[Finding]:
         name = block if block in leaves else series
         if len(segments) == 1 and name != block:
             continue  # a lumped line
-        own = {j: path for path in segments for port in leaves[path].component.ports
-               for member in flat.domains[f"{path}.{port}"].across
-               if (j := flat.names[f"{path}.{port}.{member}"]) in states}
-        if not own:
+        path_of = {j: path for path in segments for port in leaves[path].component.ports
+                           for member in flat.domains[f"{path}.{port}"].across
+                           if (j := flat.names[f"{path}.{port}.{member}"]) in states}
+        if not path_of:
             continue
-        rows = [states[j] for j in own]
-        made = s.assembly.once(("fronts", series), partial(_rates_and_travel, s.assembly, rows, list(own.values())))
-        values, = evaluated(s.assembly, made, s.columns(chosen))
+        rows = [states[j] for j in path_of]
+        function = s.assembly.once(("fronts", series), partial(_rates_and_travel, s.assembly, rows, list(path_of.values())))
+        values, = evaluated(s.assembly, function, s.columns(chosen))
         rates, times = values[:len(rows)], values[len(rows):]
         x = s.x[rows]
         steepest = np.maximum(np.abs(rates).max(axis=1), np.abs(np.diff(x) / np.diff(s.time)).max(axis=1, initial=0.0))
@@ -263,7 +265,7 @@ def _fronts(s: RunSection) -> Iterator[Finding]:
         reach = np.where(near, x, -np.inf).max(axis=1) - np.where(near, x, np.inf).min(axis=1)
         # where a wave is reflected to nothing, only its ripples remain: the larger half of the changes counts
         least = np.maximum(reach.max() / 2, VALIDITY.front_size * np.maximum(
-            np.abs(x).max(initial=0.0), [flat.unknowns[j].nominal * VALIDITY.grace for j in own]))
+            np.abs(x).max(initial=0.0), [flat.unknowns[j].nominal * VALIDITY.grace for j in path_of]))
         with np.errstate(divide="ignore", invalid="ignore"):
             inside = np.where(reach >= least, reach / (steepest * travel), np.inf)
         k = int(np.argmin(inside))
@@ -290,32 +292,32 @@ def _spread(n: int, most: int) -> Points:
 
 def _formulas(assembly: Assembly) -> dict[str, ca.SX]:
     """The outputs that are more than a name, in raw symbols."""
-    found, resolver = {}, assembly.resolver()
-    for name, shown in assembly.model.show.items():
-        if not isinstance(shown.expr, Name):
+    formulas, resolver = {}, assembly.resolver()
+    for name, output in assembly.model.show.items():
+        if not isinstance(output.expr, Name):
             with suppress(ExpressionProblem):  # said when it is asked for
-                found[name] = resolver.evaluate(shown.expr)
-    return found
+                formulas[name] = resolver.evaluate(output.expr)
+    return formulas
 
 
 def without_value(signals: Mapping[str, Array], time: Array, lost: Callable[[str, Array], NDArray[np.bool_]]) -> Verdict:
     """The verdict on signals by name or formula (N,) at times: that each has a value, whatever the variables have. `lost`
     gives the points at which a signal with these values is undetermined."""
-    found = []
+    findings = []
     for name, course in signals.items():
         undecided = lost(name, course)
         if undecided.any():
             first = float(time[np.argmax(undecided)])
-            found.append(Finding("undetermined", name, "", first, math.nan, None, "1", UNDETERMINED))
+            findings.append(Finding("undetermined", name, "", first, math.nan, None, "1", UNDETERMINED))
         if not (np.isfinite(course) | undecided).all():
             at = int(np.argmin(np.isfinite(course) | undecided))
-            found.append(Finding("not-finite", name, "", float(time[at]), float(course[at]), None, "1",
-                                 NO_VALUE.format(f"the formula of {name}")))
-    return verdict(found)
+            findings.append(Finding("not-finite", name, "", float(time[at]), float(course[at]), None, "1",
+                                          NO_VALUE.format(f"the formula of {name}")))
+    return verdict(findings)
 
 
 def _culprit(flat: Flat, values: Array) -> str:
-    """What to look at where values (n,) are not finite: the equation that has no value although all else in it has one."""
+    """The hint for values (n,) that are not finite: the equation without a value although all its other terms have one."""
     bad = set(np.flatnonzero(~np.isfinite(values)).tolist())
     for equation, entries in zip(flat.equations, flat.entries, strict=True):
         if len({column % len(flat.unknowns) for column, _ in entries} & bad) == 1:
@@ -346,7 +348,7 @@ def _ranged(unknown: Unknown) -> bool:
 
 def _outside(unknowns: Sequence[Unknown], values: Array, time: Array, duration: float,
              lost: NDArray[np.bool_] | None = None) -> Iterator[Finding]:
-    """What is wrong with the values (k, N) of unknowns at times of a run, but for those that are undetermined (`lost`)."""
+    """The findings on values (k, N) of unknowns at times of a run, except for undetermined ones (`lost`)."""
     if not len(unknowns):
         return
     low, high = values.min(axis=1), values.max(axis=1)  # NaN where one is
@@ -354,17 +356,17 @@ def _outside(unknowns: Sequence[Unknown], values: Array, time: Array, duration: 
     with np.errstate(invalid="ignore"):
         fine = (low >= bounds[:, 0]) & (high <= bounds[:, 1])
     for k in np.flatnonzero(~fine).tolist():
-        there = slice(None) if lost is None else ~lost[k]
-        if values[k, there].size:
-            yield from _wrong(unknowns[k], values[k, there], time[there], duration)
+        determined = slice(None) if lost is None else ~lost[k]
+        if values[k, determined].size:
+            yield from _wrong(unknowns[k], values[k, determined], time[determined], duration)
 
 
 def _bounds(u: Unknown, duration: float) -> tuple[float, float]:
-    """Between which values nothing is wrong with a variable."""
+    """The range of a variable without a finding."""
     most = min(RUNAWAY * typical_size(u, duration), VALIDITY.worthless, _largest(u, duration))
-    own = u.role == "own"
-    least = max(u.plausible.least - physical_grace(u), u.low - _grace(u, u.low) if own else -np.inf)
-    return max(-most, least), min(most, u.high + _grace(u, u.high) if own else np.inf)
+    internal = u.role == "own"
+    least = max(u.plausible.least - physical_grace(u), u.low - _grace(u, u.low) if internal else -np.inf)
+    return max(-most, least), min(most, u.high + _grace(u, u.high) if internal else np.inf)
 
 
 def _grace(u: Unknown, limit: float) -> float:
@@ -372,7 +374,7 @@ def _grace(u: Unknown, limit: float) -> float:
 
 
 def physical_grace(u: Unknown, reach: float = 0.0) -> float:
-    """How far a variable may fall below its physical limit, in a run in which it stood up to `reach` above it."""
+    """The tolerance below the physical limit of a variable, in a run in which it was up to `reach` above the limit."""
     limit = u.plausible.least
     share = VALIDITY.grace * max(abs(limit), VALIDITY.grace * min(u.nominal, reach)) if math.isfinite(limit) else 0.0
     return max(share, VALIDITY.rounding * u.nominal)
@@ -383,7 +385,7 @@ def _largest(u: Unknown, duration: float) -> float:
 
 
 def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[Finding]:
-    """What is wrong with one variable, the worst first."""
+    """The findings on one variable, the worst first."""
     finite = np.isfinite(values)
     if not finite.all():
         at = int(np.argmin(finite))
@@ -406,7 +408,7 @@ def _wrong(u: Unknown, values: Array, time: Array, duration: float) -> Iterator[
 
 
 def typical_size(unknown: Unknown, duration: float) -> float:
-    """The typical size of a variable in a run of so many seconds; inf where none is known."""
+    """The typical size of a variable in a run of so many seconds; inf if none is known."""
     return max(unknown.plausible.typical, unknown.plausible.per_second * duration)
 
 

@@ -1,4 +1,4 @@
-"""Where a condition becomes true between two points of a run, from its indicator and its rate at both."""
+"""Location of the zero crossing of a condition between two points of a run, from its indicator and its rate at both."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ Indicator = Callable[[float], tuple[float, float]]
 
 @dataclass(frozen=True)
 class CrossingIntervals:
-    """Intervals (n_c, n) in which each condition surely or possibly becomes true, and at which shares of them (n_c, n) the
-    cubics are highest and lowest."""
+    """The intervals (n_c, n) in which each condition certainly or possibly becomes true, and the shares of them (n_c, n) at
+    which the cubics are highest and lowest."""
 
     certain: NDArray[np.bool_]
     possible: NDArray[np.bool_]
@@ -32,12 +32,12 @@ class CrossingIntervals:
 
     @property
     def intervals(self) -> list[int]:
-        """The intervals with a suspect, in order."""
+        """The intervals in which some condition may become true, in order."""
         return np.flatnonzero((self.certain | self.possible).any(axis=0)).tolist()
 
 
 def suspects(t: Array, indicators: Array, rates: Array, true: NDArray[np.bool_]) -> CrossingIntervals:
-    """Look at the intervals between times t (n+1,); indicators and rates (n_c, n+1), `true` (n_c,) at the first time.
+    """Examine the intervals between times t (n+1,); indicators and rates (n_c, n+1), `true` (n_c,) at the first time.
 
     Between two points an indicator is taken as the cubic with its values and rates, so that one that is positive in
     between only is suspected too.
@@ -68,11 +68,11 @@ def _extrema(step: Array, begin: Array, end: Array) -> Array:
 
 def crossing(indicator: Indicator, begin: float, end: float, first: float, extremes: tuple[float, float], certain: bool,
              precision: float) -> float | None:
-    """The time at which an indicator passes zero upwards between two times, None where it turns out not to.
+    """The time at which an indicator passes zero upwards between two times, None if it does not.
 
-    `first` is its value at the begin (above zero: it falls at once), `extremes` the shares of the interval at which the
-    cubic is highest and lowest; `certain` says that it is above zero at the end. Newton's method, kept in a bracket that is
-    halved where it does not converge.
+    `first` is its value at the begin (if above zero, it falls below zero first), `extremes` the shares of the interval at
+    which the cubic is highest and lowest; `certain` is true if it is above zero at the end. Newton's method, kept in a
+    bracket that is halved if it does not converge.
     """
     low, high = begin, end
     if first >= 0:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -123,3 +125,33 @@ def _rms(e: Array) -> float:
 
 def _ratio(over: float, under: float) -> float:
     return over / under if under else math.nan
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """An error measure of a channel, as `compare` computes, prints and stores it.
+
+    name: key in `Channel.statistics` and in JSON; value: function of measured y (n,), model ym (n,), weights (n,) of the
+    samples (usual noise over the noise of each sample) and the noise; column: heading in the table of `compare`, empty for
+    a measure that is not shown there; form: `unit` for a value in the unit of the channel, `%`, or `1` for a plain number.
+    """
+
+    name: str
+    value: Callable[[Array, Array, Array, float], float]
+    column: str = ""
+    form: str = "1"
+
+
+STATISTICS = (
+    Statistic("error", lambda y, ym, weight, noise: rms_error(y, ym), "rms error", "unit"),
+    Statistic("normalised", lambda y, ym, weight, noise: normalised_rms(y, ym)),
+    Statistic("relative", lambda y, ym, weight, noise: relative_rms(y, ym)),
+    Statistic("fit_percent", lambda y, ym, weight, noise: fit_percent(y, ym), "fit", "%"),
+    Statistic("bias", lambda y, ym, weight, noise: bias(y, ym), "bias", "unit"),
+    Statistic("chi2_per_sample", lambda y, ym, weight, noise: chi2_per_sample(weight * y, weight * ym, noise)),
+    Statistic("white_p", lambda y, ym, weight, noise: whiteness(y - ym)))
+
+
+def statistics(y: Array, ym: Array, weight: Array, noise: float) -> dict[str, float]:
+    """All statistics of a channel by name (see `Statistic`)."""
+    return {s.name: s.value(y, ym, weight, noise) for s in STATISTICS}

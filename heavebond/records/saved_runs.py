@@ -144,7 +144,7 @@ def write_run(run: SavedRun, path: str | Path) -> None:
 
 
 def read_run(path: str | Path) -> SavedRun:
-    """Read a run that `result.save` wrote: .csv, .parquet, .mat or .nc by the suffix of `path`.
+    """Read a run that `result.save` wrote, in the format of the suffix of `path` (see SUFFIXES).
 
     The signals (N,) have the units in which they were saved. Raises UsageError for another suffix or a missing file,
     DataError if the file has another content or is incomplete.

@@ -23,9 +23,9 @@ from heavebond.estimation.comparison import Channel, Comparison
 from heavebond.estimation.fitting import Fit
 from heavebond.laws.find import Laws
 from heavebond.localise.misfit import Localization, PlaceEstimate, summary
+from heavebond.records import metrics
 
 RANKED = 12  # candidates that are shown
-COMPARED = ("record", "channel", "rms error", "fit", "bias", "noise", "error/noise")
 FITTED = ("parameter", "before", "fitted", "95 % interval", "range")
 RECORDS = ("record", "channel", "error before", "after", "noise", "reduced chi-square")
 LADDER = ("error, fitted", "held out", "chi-square, fitted", "held out")
@@ -96,15 +96,18 @@ def _compared(comparison: Comparison) -> ResultTable:
             largest[name] = max(largest.get(name, 0.0), channel.error, channel.noise)
     rows = [(part.name if k == 0 else "", *_row(channel, largest[name])) for part in comparison.parts
             for k, (name, channel) in enumerate(part.channels.items())]
-    return ResultTable(comparison.experiment.name, COMPARED, rows, text=2)
+    heads = ("record", "channel", *(s.column for s in metrics.STATISTICS if s.column), "noise", "error/noise")
+    return ResultTable(comparison.experiment.name, heads, rows, text=2)
 
 
 def _row(channel: Channel, largest: float) -> tuple[str, ...]:
     """A row of the table; all values in the unit that suits the `largest`, so that they can be compared."""
-    error, bias, noise = (readable_difference(v, channel.unit, 3, beside=largest)
-                          for v in (channel.error, channel.bias, channel.noise))
-    return (channel.name, error, _percent(channel.fit), bias, noise,
-            number(channel.error / channel.noise, 3) if channel.noise else "-")
+    def written(value: float, form: str) -> str:
+        return readable_difference(value, channel.unit, 3, beside=largest) if form == "unit" else \
+            _percent(value) if form == "%" else number(value, 3) if math.isfinite(value) else "-"
+
+    return (channel.name, *(written(channel.statistics[s.name], s.form) for s in metrics.STATISTICS if s.column),
+            written(channel.noise, "unit"), number(channel.error / channel.noise, 3) if channel.noise else "-")
 
 
 def _percent(value: float) -> str:

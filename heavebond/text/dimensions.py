@@ -330,7 +330,7 @@ def check_origins(expr: Expr, lookup: Callable[[Name], float | None], *, shown: 
     if not (shown or has_origin(expr)):
         return weight
     if weight is not None and weight not in (0.0, 1.0):
-        raise ExpressionProblem("unit-offset", "temperatures are added, each with an origin of its own", _start(expr), 1,
+        raise ExpressionProblem("unit-offset", "temperatures are added, each with a separate origin", _start(expr), 1,
                                 "Write an interval in K, as in `20 degC + 5 K`; the mean of two is `(a.T + b.T)/2`.")
     for part in _parts(expr):
         if isinstance(part, Binary) and part.op == "*":

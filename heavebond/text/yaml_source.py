@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from typing import Protocol, Union
 
@@ -41,6 +42,8 @@ class Scalar:
     _block_lines: tuple[Scalar, ...] = ()
 
 
+# keys whose values are sentences, in which a comma is likely
+TEXTS = {"doc", "summary", "description", "restrictions", "source", "title", "placeholder"}
 # keys written without a value, as in `{integer, min: 1}`
 FLAGS = ("integer", "width", "instant")
 
@@ -418,8 +421,9 @@ class _Builder:
     def _refuse_bare(self, items: dict[str, Node], keys: dict[str, Scalar], bare: list[str]) -> None:
         """A key without value; most often a value that a comma, or a missing space behind `:`, has cut off."""
         order = list(keys)
+        of_text: set[str] = set()
         for name in bare:
-            if name in FLAGS:
+            if name in FLAGS or name in of_text:
                 continue
             key = keys[name]
             at = order.index(name)
@@ -430,6 +434,12 @@ class _Builder:
                 both = cut.place.moved(0, key.place.column + len(name) - cut.place.column)
                 self.problems.add("decimal-comma", f"'{cut.text},{name}' has a decimal comma", both,
                                   hint=f"Write '{cut.text}.{name}'.")
+            elif cut and order[at - 1] in TEXTS:
+                pieces = [name, *takewhile(lambda other: other in bare and other not in FLAGS, order[at + 1:])]
+                of_text |= set(pieces)
+                text = ", ".join([cut.text, *pieces])
+                self.problems.add("key-without-value", f"the comma in '{text}' ends the text", cut.place,
+                                  hint=f'Put the text in quotes: `{order[at - 1]}: "{text}"`.')
             elif cut and cut.text.count("(") > cut.text.count(")"):
                 self.problems.add("key-without-value", f"the comma in '{cut.text}, {name}' ends the value", cut.place,
                                   hint=f'Put the formula in quotes: "{cut.text}, {name}".')
