@@ -51,7 +51,7 @@ class Level:
 
 def known_rows(study: str = STUDY) -> list[Row]:
     """A row for each tree of the answer to each case that could be drawn; the last answer counts."""
-    cases: dict[tuple[str, int], Row] = {(r["machine"], r["number"]): r for r in keeping.read(study).values()}
+    cases: dict[object, Any] = {(r["machine"], r["number"]): r for r in keeping.read(study).values()}
     return [{**case, **tree, "tree": k} for case in cases.values() for k, tree in enumerate(case.get("trees", []))]
 
 

@@ -555,7 +555,7 @@ def _self_test(candidate: _Program) -> bool:
 
     def closed(w: complex) -> NDArray[np.complex128]:
         turn = np.sqrt(w**2 - damping**2 + 0j)
-        return np.exp(-damping * stops) * (np.cos(turn * stops) + damping / turn * np.sin(turn * stops))
+        return np.asarray(np.exp(-damping * stops) * (np.cos(turn * stops) + damping / turn * np.sin(turn * stops)))
 
     exact = closed(frequency + 1e-30j)  # its imaginary part is the derivative times the step
     error = np.abs(integrated.signals[:, :, 0] - np.stack([exact.real, exact.imag / 1e-30], axis=1)).max()

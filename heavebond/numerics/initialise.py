@@ -221,11 +221,7 @@ class StartSearch:
 
     def _without_components(self) -> Array:
         y, equations = self.y0, self.equations
-        # raise an error for coefficients of parameters alone that are zero: a mass or stiffness of 0 is reported before the
-        # equations are solved
-        constant, function = self.equations.constants
-        values = function(self.assembly.p)["o0"].ravel()
-        start_messages.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))
+        self._check_constants()
         if equations.separate and (result := self._in_turn()) is not None:
             self.in_turn = True
             return result
@@ -235,6 +231,13 @@ class StartSearch:
         if equations.steady or equations.initial.solve:
             self.shut_in = start_messages.undetermined(equations, self._point(y), self.nominal)
         return self._settle(y)
+
+    def _check_constants(self) -> None:
+        """Raise an error for coefficients of parameters alone that are zero: a mass or stiffness of 0 is reported before the
+        equations are solved."""
+        constant, function = self.equations.constants
+        values = function(self.assembly.p)["o0"].ravel()
+        start_messages.check_pivots(self.assembly, list(zip(constant, values, strict=True)), self._point(self.y0, 1.0))
 
     def _in_turn(self) -> Array | None:
         """The states by the conditions about them, then the algebraic unknowns by the loops; nothing where that fails, as in

@@ -373,7 +373,7 @@ def law_weights(trials: Sequence[Refit], penalised: bool = True) -> dict[float, 
     ahead = log - log.min(axis=1, keepdims=True)
     blocks = _independent_blocks(part - part[first], counts, stretch, max(lengths, default=1.0))
     noise = 1 / max(1.0, min(float(e.sums.sum()) for e in errors) / samples)
-    more = np.array([trials[k].unknowns for k in close], float)
+    more = np.array([trials[k].unknowns for k in close.tolist()], dtype=np.float64)
     for t in TEMPERATURES:
         power = (noise * samples / t + (1 - noise) * min(samples / t, blocks)) / 2 if t > 0 else 0.0
         lost = penalised * (more - more.min()) / 2 * np.log(max(2 * power, 1.0))

@@ -473,7 +473,7 @@ def retraced(displacements: Sequence[Array]) -> bool:
     positions = low + (high - low) * (np.arange(POSITIONS) + 0.5) / POSITIONS
     passes = sum((np.count_nonzero(np.diff(x[:, None] > positions, axis=0), axis=0) for x in displacements),
                  np.zeros(POSITIONS, dtype=np.int64))
-    return not passes.any() or 2 * np.count_nonzero(passes > 1) >= np.count_nonzero(passes)
+    return not passes.any() or bool(2 * np.count_nonzero(passes > 1) >= np.count_nonzero(passes))
 
 
 def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
