@@ -19,7 +19,8 @@ pytestmark = pytest.mark.long
 PAGE = Path(__file__).parents[1] / "docs" / "drilling.md"
 NEAR = 0.03     # of a value: the solvers' steps at reversals of friction, on other computers
 # the case of each study that is run here; the others in the slow tests
-SHORT = {"changeover": 6, "accumulator": 12, "energy": 1, "modern": 4, "wire": 4, "landing": 5}
+SHORT = {"changeover": 6, "accumulator": 12, "energy": 1, "modern": 4, "wire": 4, "landing": 5,
+         "riser_tensioner": 0, "recoil": 3, "modern_depth": 0, "modern_energy": 0}
 
 
 @cache
