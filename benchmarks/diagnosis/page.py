@@ -49,7 +49,7 @@ the [probabilities](diagnosis_method.md#probabilities) hold:
   samples; the noise is 0.3 to 1.5 % of the motion of a channel, and given in 60 % of the cases;
 * each diagnosis has 60 s of processor time; the answer at the limit counts.
 
-The tables count the deepest level that the answer states, and whether it is that of the dominant effect."""
+The tables count the deepest level that each tree of the answer states, and whether it is that of a hidden difference."""
 CALIBRATED = """\
 The constants of the [probabilities](diagnosis_method.md#probabilities) are fitted to these cases, those of a machine to all
 others (`python -m benchmarks.diagnosis.calibration report`).

@@ -488,10 +488,14 @@ def _instead(way: Selection, k: int, again: Stage, others: Selection, say: Progr
     others."""
     assert again.chosen is not None
     last = (*others, SelectedEffect(again, again.cluster, _labels(others)))
-    there = next((t for t in way[k].step.trials if t.candidate.label == again.chosen.candidate.label), None)
-    if there is None or k == len(way) - 1:
+    if k == len(way) - 1:
         return last
-    step = choosing(way[k].step, there)
+    label = again.chosen.candidate.label
+    made = _with_refit(way[k].step, lambda candidate: candidate.label == label, say)
+    there = next((t for t in made.trials if t.candidate.label == label), None)
+    if there is None:
+        return last
+    step = choosing(made, there)
     if not worth_it(step):
         return last
     found = _continued((*way[:k], SelectedEffect(step, step.cluster, _labels(way[:k]))), way, k, say)
@@ -499,6 +503,15 @@ def _instead(way: Selection, k: int, again: Stage, others: Selection, say: Progr
         return last
     found = _with_last(found, again.chosen)
     return _with(found, k, found[k].judged((found[k].chosen, *again.cluster[1:]), _others(found, k), again))
+
+
+def _with_refit(step: Stage, wanted: Callable[[Candidate], bool], say: Progress) -> Stage:
+    """The step with a refit of the wanted candidate, which it may have left to the next step."""
+    if any(wanted(t.candidate) for t in step.trials):
+        return step
+    candidate = next((c for rule in (candidates, between_all_nodes) for c in rule(step.experiment) if wanted(c)), None)
+    trials = single(step.experiment, candidate, say).trials if candidate is not None else ()
+    return replace(step, trials=tuple(sorted((*step.trials, *trials), key=merit)))
 
 
 def _in_order(way: Selection, say: Progress) -> Selection:
@@ -556,11 +569,12 @@ def _continued(found: Selection, way: Selection, k: int, say: Progress) -> Selec
     """Extend the selection `found` by the effects of `way` after the k-th one, refitted one after the other. None if one
     of them depends on the k-th effect."""
     for added in way[k + 1:]:
-        step = way[0].step if not found else None  # the first step has already refitted most candidates
         wanted, gone = added.candidate, way[k].candidate
         beside: frozenset[str] | None = frozenset()
-        if step is None or not any(_is(t.candidate, wanted, gone) for t in step.trials):
-            now = following(found[-1].step) if found else way[0].step.experiment
+        if not found:  # the first step has already refitted most candidates
+            step = _with_refit(way[0].step, lambda c, wanted=wanted, gone=gone: _is(c, wanted, gone), say)  # type: ignore[misc]
+        else:
+            now = following(found[-1].step)
             there = next((c for rule in (candidates, between_all_nodes) for c in rule(now) if _is(c, wanted, gone)), None)
             if there is None:
                 return None
