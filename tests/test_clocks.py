@@ -197,7 +197,7 @@ def test_transitions_between_rates_are_listed_with_the_block_to_add() -> None:
     texts = found()
     assert set(texts) == {("slow", "fast"), ("back", "slow"), ("odd", "fast"), ("late", "fast")}
     assert "one value of 3" in texts["slow", "fast"] and "SampleHold with T_s: 0.3 s" in texts["slow", "fast"]
-    assert "1.6667 Hz folds" in texts["slow", "fast"]  # 1/(2 * 0.3 s)
+    assert "above 1.6667 Hz alias" in texts["slow", "fast"]  # 1/(2 * 0.3 s)
     assert "UnitDelay with T_s: 0.3 s behind slow" in texts["back", "slow"]
     assert "neither period is a multiple" in texts["odd", "fast"]
     assert "its instants are others" in texts["late", "fast"]

@@ -124,5 +124,5 @@ def test_what_is_found_on_an_excerpt_is_fitted_to_all(tmp_path: Path) -> None:
     assert found.findings[0].parameters[0].value == pytest.approx(-2, abs=0.01)
     assert found.findings[0].fit.experiment.records["one"].end is None
     assert (found.steps[0].samples, found.findings[0].fit.samples) == (400, 1000)
-    assert "looked at their beginning (one up to 11.98 s), and what" in found.words[-1]
+    assert "used their beginning (one up to 11.98 s), and the effects were" in found.words[-1]
     assert found.searched.records["one"].end == pytest.approx(11.98)

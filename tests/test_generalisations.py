@@ -49,10 +49,10 @@ class Law(_Trial):
             size = np.maximum(np.abs(y[free]), 1e-6 * np.tile(self.size, 2)[[k % (2 * n) for k in free]])
             scaled = jacobian[:m, free] * size
             weight = 1 / np.maximum(np.abs(scaled).max(axis=1, initial=0.0), 1e-300)
-            y[free] -= size * np.linalg.lstsq(scaled * weight[:, None], rows[:m, 0] * weight, rcond=1e-12)[0]
+            y[free] -= size * np.linalg.lstsq(scaled * weight[:, None], rows.ravel()[:m] * weight, rcond=1e-12)[0]
         rows, jacobian = (np.array(a) for a in self.system(y, p, 0.0))
         scale = np.abs(jacobian[:m] * np.maximum(np.abs(y), 1e-12 * np.tile(self.size, 3))).max(axis=1)
-        return float(np.max(np.abs(rows[:m, 0]) / np.where(scale > 0, scale, 1.0)))
+        return float(np.max(np.abs(rows.ravel()[:m]) / np.where(scale > 0, scale, 1.0)))
 
 
 # laws with an offset that permits zero: a gas column of 10 km, of 1e11 Pa
@@ -236,7 +236,7 @@ NOT_A_GENERALISATION = {
         "~LuGreFriction < ~Hysteresis; ~StribeckFriction < ~DirectionalFriction; *DamperWithPlay < RotationalDamper; "
         "SpringDamperWithPlay < *Damper; *WithPlay < Contact; *WithPlay < ShockAbsorber; SlackWire < *; WormGear < *; "
         "PowerScrew < *; Conduction < *; NaturalConvection < HeatRadiation; TransmissionLine < *; Lookup < MonotoneLookup; "
-        "MonotoneLookup < Lookup",
+        "MonotoneLookup < Lookup; StepLookup < Lookup; StepLookup < MonotoneLookup",
     "it sticks by events: the same law in the limit of its transition, with the same parameters":
         "~DryFriction < *; LockingClutch < Clutch",
     "a whole number makes the difference":

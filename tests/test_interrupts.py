@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.core.cancellation import check, clear_signal, deferred, finishing, is_interrupt, listening
+from heavebond.core.cancellation import check, clear_signal, deferred, finishing, is_interrupt, listening, time_limit
 from heavebond.core.parallel import Processes, as_done
 from heavebond.diagnosis.answer import files
 from heavebond.estimation.residuals import Residuals
@@ -449,3 +450,18 @@ def test_in_python_an_interrupt_stays_one_unless_a_part_is_asked_for(folder: Pat
     ended_after(4, Residuals, "evaluate", monkeypatch)
     with listening():
         assert hb.fit("chirp.yaml", partial=True).message == "interrupted"
+
+
+def test_a_signal_in_the_conversion_of_a_matrix_is_an_interrupt_and_no_system_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """NumPy calls `DM.__array__` from C; an exception in it was a SystemError, which ended a search without its answer."""
+    elements = ca.DM.elements
+
+    def late(matrix: ca.DM) -> object:
+        signal.raise_signal(signal.SIGALRM)
+        return elements(matrix)
+
+    monkeypatch.setattr(ca.DM, "elements", late)
+    with time_limit(1000.0):
+        assert np.array(ca.DM([1.0, 2.0])).ravel().tolist() == [1.0, 2.0]  # the conversion is completed
+        with pytest.raises(KeyboardInterrupt):
+            check()

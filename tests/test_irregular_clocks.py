@@ -95,7 +95,7 @@ def test_reports_analysis_and_exports_name_an_irregular_clock(tmp_path: Path) ->
     ("clocks: {c: {parts: [hold], lost: 1}}", "Write a probability below 1"),
     ("clocks: {c: {parts: [hold], lost: 0.1, seed: 1.5}}", "Write a whole number"),
     ("clocks: {c: {parts: [hold], jitter: 10 ms}}", "is not below the period of 'hold.sample', 0.01 s"),
-    ("clocks: {c: {parts: [hold, slow], jitter: 1 ms}}", "Give each rate a clock of its own"),
+    ("clocks: {c: {parts: [hold, slow], jitter: 1 ms}}", "Give each rate a separate clock"),
     ("clocks: {c: {parts: [hold], jitter: 1 ms}, d: {parts: [hold], lost: 0.1}}", "'hold' has the clocks 'c' and 'd'"),
 ])
 def test_mistakes_in_clocks(clocks: str, words: str) -> None:

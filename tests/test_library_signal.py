@@ -167,6 +167,8 @@ STATIC: list[tuple[str, dict[str, object], dict[str, object], object]] = [
      1 - 4*U),
     ("Lookup", {"u": "0 V", "x": "[-1 V, 0 V, 2 V]", "v": "[5 N, 1 N, 5 N]", "outside": 2}, {"u": 3*U},
      np.interp((3*U + 1) % 3 - 1, [-1, 0, 2], [5, 1, 5])),
+    ("StepLookup", {"u": "0 V", "x": "[-1 V, 0 V, 2 V]", "v": "[5 N, 1 N, -3 N]"}, {"u": U},
+     np.interp(U, [-1, 0, 2], [5, 1, -3])),  # without steps
     ("MonotoneLookup", {"u": "0 V", "x": "[-2 V, -1.5 V, 0 V, 1 V, 2 V]", "v": "[0 N, 3 N, 3.5 N, 3.5 N, -2 N]"}, {"u": U},
      PchipInterpolator([-2, -1.5, 0, 1, 2], [0, 3, 3.5, 3.5, -2])(np.clip(U, -2, 2))),
     ("TableSource", {"t": "[1 s, 2 s, 4 s]", "v": "[5 N, 1 N, -3 N]"}, {"time": TIME},

@@ -242,7 +242,7 @@ components: {{part: {{is: {part}}}, other: {{is: {other}}}, drive: {{is: Sf, u: 
 nodes: {{bonds: [part.a, other.a], slide: [drive.a, part.m]}}
 simulate: {{until: 3 s}}
 """
-    with pytest.warns(hb.RunWarning, match=f"part.{name} goes to 0"):
+    with pytest.warns(hb.RunWarning, match=f"part.{name} reaches 0"):
         verdict = hb.simulate(hb.loads(text)).verdict
     (found,) = verdict.findings
     assert (found.kind, found.part) == ("range", "part")

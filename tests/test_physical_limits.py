@@ -294,7 +294,7 @@ initial: {load.x: 0 m, load.v: 0 m/s}
 """), [])
     laws = [k for k, e in enumerate(flat.equations) if e.owner == "spring"]
     said = str(singular(flat, collapse_rows(flat), [-1] * len(flat.equations), laws))
-    assert "equations of spring say the same" in said and "[singular]" in said
+    assert "equations of spring are equivalent" in said and "[singular]" in said
     assert "Hooke's law" in said and "spring.yaml:15" in said
 
 

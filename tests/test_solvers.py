@@ -331,7 +331,7 @@ simulate: {until: 1 s, every: 10 ms}
 
 def test_the_verdict_names_a_node_without_capacity_that_was_filled() -> None:
     """Once the node has a volume of its own, the verdict is clean."""
-    with pytest.warns(hb.RunWarning, match=r"middle has no capacity of its own: .* a volume of 0\.001 L there"):
+    with pytest.warns(hb.RunWarning, match=r"middle has no capacity: .* a volume of 0\.001 L there"):
         run = hb.simulate(hb.loads(SHUT))
     assert [(f.kind, f.part, f.value, f.failed) for f in run.verdict.findings] == [("filled", "middle", 1e-6, False)]
     block = SHUT.replace("  tank:", "  block: {is: Volume, V: 1 cm**3}\n  tank:").replace("exit.a]", "exit.a, block.a]")

@@ -209,5 +209,5 @@ simulate: {until: UNTIL, every: 50 ms}
 """
     high = hb.simulate(hb.loads(text.replace("UNTIL", "9 s")))
     assert high["line.p"][-1] > 1.7e8
-    assert "line.p goes to" in high.verdict.text and high.verdict.status == "outside"
+    assert "line.p reaches" in high.verdict.text and high.verdict.status == "outside"
     assert hb.simulate(hb.loads(text.replace("UNTIL", "4 s"))).verdict.text == "clean"

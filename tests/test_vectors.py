@@ -178,7 +178,7 @@ def stopped(new: str) -> str:
 
 
 @pytest.mark.parametrize(("new", "code", "said"), [
-    ("{w: 0}", "reset-no-state", r"sets 'top.w\[1\]', which is no state"),
+    ("{w: 0}", "reset-no-state", r"sets 'top.w\[1\]', which is not a state"),
     ("{L: '2*L[1]'}", "list-length", "the target and its new value are")])
 def test_mistakes_of_an_event_that_sets_a_list(tmp_path: Path, new: str, code: str, said: str) -> None:
     """Of a list, an event sets each element, which is a state; only zero stands for a list of the same length."""

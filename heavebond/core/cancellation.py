@@ -2,7 +2,7 @@
 
 A signal handler raises an exception wherever the program is. CasADi occasionally discards it (its conversion of arguments
 and its calls clear pending exceptions), so that the handler also stores the signal: `check`, called between the steps of
-long computations, raises again until `obeyed` is called.
+long computations, raises again until `clear_signal` is called.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ class Interrupted(KeyboardInterrupt):
         self.number, self.figures = int(number), dict(figures or {})
 
 
+DEPTH = 4  # functions of CasADi's Python code that are called within each other, and the handler of another signal
 SOON = 1e-3  # the shortest limit (s): a timer of 0 never fires
 T = TypeVar("T")
 ENDED_EARLY = "interrupted"  # reason of the end of a search that returns its best result so far
@@ -75,13 +76,26 @@ def listening(numbers: Sequence[int] = SIGNALS) -> Iterator[None]:
 
 def _hear(number: int, frame: FrameType | None) -> None:
     _heard[:] = _last[:] = [number]
-    _raise(number)
+    _raise(number, frame)
 
 
-def _raise(number: int) -> None:
-    if not _deferring:
+def _raise(number: int, frame: FrameType | None) -> None:
+    """Raise the signal, or store it if signals are deferred. NumPy calls the conversion of a CasADi matrix from C, where an
+    exception becomes a SystemError that no search expects: inside CasADi's Python code nothing is raised, and the next
+    `check` raises the signal."""
+    if _deferring:
+        _deferred.append(number)
+    elif not any(inner.f_code.co_filename.endswith("casadi.py") for inner in _innermost(frame)):
         raise Interrupted(number)
-    _deferred.append(number)
+
+
+def _innermost(frame: FrameType | None) -> Iterator[FrameType]:
+    """A frame and those that called it, at most DEPTH."""
+    for _ in range(DEPTH):
+        if frame is None:
+            return
+        yield frame
+        frame = frame.f_back
 
 
 @contextmanager
@@ -161,7 +175,7 @@ def time_limit(seconds: float) -> Iterator[None]:
     def late(number: int, frame: FrameType | None) -> None:
         if within:
             _heard[:] = [number]
-            _raise(number)
+            _raise(number, frame)
 
     outer, began = set_timer(0), now()  # time left to the outer limit, 0 for none
     before = signal.signal(signal.SIGALRM, late)
