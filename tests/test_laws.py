@@ -167,7 +167,7 @@ def test_units_of_amplitudes_follow_from_the_law(place: Place) -> None:
 # -- energy, sums of formulas, domains -------------------------------------------------------------------------------------
 def test_a_component_declares_the_energy_of_its_law(place: Place) -> None:
     """Laws of the speed that dissipate say so, laws of the position store their integral; the values of both are checked."""
-    texts = {form.name: formula(place, form).component("Law", effect=False) for form in FORMS}
+    texts = {form.name: formula(place, form).component("Law") for form in FORMS}
     dissipating = {name for name, text in texts.items() if "\ndissipates: F*v\n" in text}
     storing = {name for name, text in texts.items() if "\nstores: " in text}
     assert {"sign", "falling sign", "drag times exp(w/w_0)"} <= dissipating

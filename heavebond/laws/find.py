@@ -520,7 +520,7 @@ def _confirmed(original: Experiment, law: FoundLaw, folder: Path, say: Progress)
     words = re.findall(r"[A-Za-z0-9]+", law.formula.place.name)
     base = "Law" + "".join(word[:1].upper() + word[1:] for word in words)
     name = next(n for n in (base, *(f"{base}{k}" for k in range(2, 99))) if n not in original.model.library.files)
-    experiment = _with_components(original, {name: law.formula.component(name)}, folder)
+    experiment = _with_components(original, {name: law.formula.component(name, effect=False)}, folder)
     candidate = candidate_of(experiment, law.formula, name)
     free = {n.name: n for n in law.formula.numbers if n.range is not None}
     change = candidate.change.with_values({f"{candidate.name}.{n.name}": quantity(law.numbers[n.name], n.unit)

@@ -42,6 +42,7 @@ CARRIED = {
 ENTHALPY = "  H: {unit: W, doc: enthalpy flow from a to b}"
 # Names that a parameter cannot have.
 RESERVED = frozenset(["a", "b", "pi", "s", "c_p", "G", "H", "T", "rho", "alpha", "beta", "k_T", "T_0", "m_t"])
+CONTROLLED = "power: controlled, an empirical law"
 EFFORT_TIMES_FLOW = ("translational", "rotational", "hydraulic", "electrical")  # domains whose power is that product
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
@@ -240,7 +241,7 @@ class Formula:
         values = {n.name: numbers.get(n.name, n.value) for n in self.numbers}
         kinds = {part.first.kind for part in self.parts}
         if self.node.domain.name not in EFFORT_TIMES_FLOW:
-            return "power: controlled, an empirical law"
+            return CONTROLLED
         if kinds == {"across"} and all(part.form.passive for part in self.parts) and all(
                 values[name] > 0 for names in self._named[1] for key, name in names.items()
                 if key.isdigit() or key in ("u_0", "n")):
@@ -252,7 +253,7 @@ class Formula:
                      for part, names in zip(self.parts, self._named[1], strict=True)
                      for k, text in enumerate(part.form.energies)]
             return f"stores: {' + '.join(terms)}"
-        return "power: controlled, an empirical law"
+        return CONTROLLED
 
     @staticmethod
     def _shown(text: str, names: Mapping[str, str]) -> str:
@@ -302,7 +303,8 @@ class Formula:
     def component(self, name: str, numbers: Mapping[str, float] | None = None, notes: Mapping[str, str] | None = None,
                   restrictions: str = "", effect: bool = True) -> str:
         """The text of a component file with the law, at these values of its numbers (SI); `notes` are added to their
-        descriptions. Without an `effect:` a diagnosis does not try it."""
+        descriptions. Without an `effect:` a diagnosis does not try it, its energy is not declared, and an amplitude may have any
+        sign, as in a search."""
         domain, across, through = self.node.domain, self.node.across, self.node.through
         pair, symbol, noun = len(self.place.nodes) == 2, self.symbol, self.node.domain.members[self.node.through].noun
         ports = [f"  {port}: {domain.name}" for port in ("a", "b")[:1 + pair]]
@@ -310,7 +312,7 @@ class Formula:
                   for s, v in self.inputs.items()]
         parameters, variables = list[str](), list[str]()
         lines: list[tuple[str, str]] = []
-        energy = self._energy(numbers or {})
+        energy = self._energy(numbers or {}) if effect else CONTROLLED
         least = self._least(numbers or {}) if energy.startswith("dissipates") else {}
         for number in self.numbers:
             value = (numbers or {}).get(number.name, number.value)
