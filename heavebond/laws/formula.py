@@ -303,8 +303,8 @@ class Formula:
     def component(self, name: str, numbers: Mapping[str, float] | None = None, notes: Mapping[str, str] | None = None,
                   restrictions: str = "", effect: bool = True) -> str:
         """The text of a component file with the law, at these values of its numbers (SI); `notes` are added to their
-        descriptions. Without an `effect:` a diagnosis does not try it, its energy is not declared, and an amplitude may have any
-        sign, as in a search."""
+        descriptions. Without an `effect:` a diagnosis does not try it, its energy is not declared, and an amplitude may
+        have any sign, as in a search."""
         domain, across, through = self.node.domain, self.node.across, self.node.through
         pair, symbol, noun = len(self.place.nodes) == 2, self.symbol, self.node.domain.members[self.node.through].noun
         ports = [f"  {port}: {domain.name}" for port in ("a", "b")[:1 + pair]]
