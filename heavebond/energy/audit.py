@@ -1,16 +1,16 @@
-"""Energy audit: a run in which the power of every component is integrated with the states.
+"""Energy audit: simulate a model and integrate the power of every component together with the states.
 
-Over a run, for each component
+Over a run, each component satisfies
 
     energy in over its ports + supplied by a source + set by events
         = change of the stored energy + dissipated + unbalanced
 
-The stored energy is taken from its formula at both ends and at both sides of every event, the others are integrals, so
-an error of the integration shows as an energy that is missing, and a component whose own law is wrong shows by name. At
-the nodes no power is lost (Tellegen's theorem): the powers of all ports sum to zero at every instant.
+The formula of the stored energy is evaluated at the start, at the end, and before and after every event. The other terms
+are integrals. An integration error therefore appears as missing energy, and a component with a wrong law is identified by
+its name. At the nodes no power is lost (Tellegen's theorem): the powers of all ports sum to zero at every instant.
 
-The activity of a component is the integral of the size of the power that it takes in or gives out (over all its ports
-together): an element through which little power goes matters little. L. S. Louca, J. L. Stein, G. M. Hulbert, J. Sprague,
+The activity of a component is the integral of the absolute value of its net power, summed over all its ports: an element
+with low activity has little influence. L. S. Louca, J. L. Stein, G. M. Hulbert, J. Sprague,
 Proper model generation: an energy-based methodology, Proc. ICBGM'97, 1997; L. S. Louca, J. L. Stein, Energy-based model
 reduction of linear systems, Proc. ICBGM'99, 1999.
 
@@ -44,22 +44,26 @@ from heavebond.numerics.simulator import Simulator, Tolerances
 if TYPE_CHECKING:
     from rich.table import Table
 
-# The integrator keeps states and integrals to 1e-8 a step; over some thousands of steps these errors add up.
+# The integrator controls the error of states and integrals to 1e-8 per step; the errors of thousands of steps add up.
 TOLERANCE = 1e-6
-ROUNDING = 1e-9  # of the largest energy: not shown in a table
-IN_KILOJOULES = 1e4  # J; a run with such an energy is told in kJ
-SHOWN = 6  # decimal places of the largest energy that a table goes down to
-LITTLE = 1e-4  # a share of activity that is told as less than this
+ROUNDING = 1e-9  # share of the largest energy; a table shows no smaller value
+IN_KILOJOULES = 1e4  # J; tables of runs with a larger energy are in kJ
+SHOWN = 6  # decimal places of a table, relative to the largest energy
+LITTLE = 1e-4  # a smaller share of activity is shown as `< 0.01 %`
 BLOCK = "block"
 QUADRATURES = 3  # energy in, dissipated, unbalanced
 
 
 @dataclass(frozen=True)
 class EnergyLine:
-    """The energies of one component over the run in J; `supplied` is what a source or a controlled law adds, `events` what
-    the store gains where events set states, `imbalance` what is missing, `why` the reason of the unbalanced power, `kind`
-    what stands under `power:`, or `block`. `start` and `end` are what the store holds, `delivered` what goes out while power
-    goes out, and `activity` what goes in and out; these two by the trapezoidal rule over the output points."""
+    """The energies of one component over a run, in J.
+
+    `supplied` is the energy from a source or a controlled law, `events` the stored energy that is added when events set
+    states, `imbalance` the missing energy, and `why` the reason of the unbalanced power. `kind` is the entry `power:` of the
+    component, or `block`. `start` and `end` are the stored energies at both ends of the run. `delivered` is the integral of
+    the outgoing power, and `activity` the integral of the absolute power, both by the trapezoidal rule over the output
+    points.
+    """
 
     component: str
     energy_in: float
@@ -77,19 +81,19 @@ class EnergyLine:
 
     @property
     def end(self) -> float:
-        """What the store holds at the end, in J."""
+        """The stored energy at the end of the run, in J."""
         return self.start + self.stored
 
 
 @dataclass(frozen=True)
 class EnergyAudit:
-    """The energies of a run: a line for each component with power ports or storage, and what is lost at the nodes.
+    """The energies of a run: a line for each component with power ports or storage, and the error of power at the nodes.
 
-    `largest` is the largest energy in J that any component took in, dissipated, left unbalanced or held in store at any
-    time: what all errors are compared with, as those of the states are relative too. `nodes` is the largest sum of all
-    port powers over the sum of their sizes, or over what would pass `largest` on within the run if that is more: at rest
-    there is but the rounding of powers. `ports` is the power in W into a component or a block over each of its ports,
-    (N,) at the times of the result.
+    `largest` is the maximum over time and components of the energy taken in, dissipated, unbalanced or stored, in J. All
+    errors are relative to it, like the errors of the states. `nodes` is the maximum over time of the sum of all port powers,
+    divided by the maximum of the sum of their absolute values, or by `largest` over the duration of the run if that is
+    larger: in a machine at rest the powers contain only rounding errors. `ports` is the power in W into a component or a
+    block through each port, (N,) at the times of the result.
     """
 
     lines: tuple[EnergyLine, ...]
@@ -100,13 +104,13 @@ class EnergyAudit:
 
     @property
     def ranking(self) -> list[tuple[EnergyLine, float]]:
-        """The components that store, dissipate or supply, with their share of the activity of all, the most active first."""
+        """The components with their share of the total activity, the most active first."""
         total = sum(line.activity for line in self.lines)
         order = sorted(self.lines, key=lambda line: -line.activity)
         return [(line, line.activity / total if total else 0.0) for line in order]
 
     def as_dict(self) -> dict[str, object]:
-        """The audit for machines, in J."""
+        """The audit as a dictionary for JSON, in J."""
         shares = {line.component: share for line, share in self.ranking}
         return {"until": float(self.result.time[-1]), "supplied": self.supplied, "taken": self.taken, "stored": self.stored,
                 "dissipated": self.dissipated, "unbalanced": self.unbalanced, "events": self.events,
@@ -117,7 +121,7 @@ class EnergyAudit:
 
     @property
     def supplied(self) -> float:
-        """What sources give, in J."""
+        """The energy supplied by sources, in J."""
         return sum(line.supplied for line in self.lines if line.supplied > 0)
 
     def __repr__(self) -> str:
@@ -126,43 +130,43 @@ class EnergyAudit:
 
     @property
     def taken(self) -> float:
-        """What sources take back, in J (negative)."""
+        """The energy that sources absorb, in J (negative)."""
         return sum(line.supplied for line in self.lines if line.supplied < 0)
 
     @property
     def stored(self) -> float:
-        """What the stores hold at the end beyond the beginning, in J."""
+        """The change of the stored energy over the run, in J."""
         return sum(line.stored for line in self.lines)
 
     @property
     def dissipated(self) -> float:
-        """What turns to heat, in J."""
+        """The dissipated energy, in J."""
         return sum(line.dissipated for line in self.lines)
 
     @property
     def events(self) -> float:
-        """What events add to the stores, in J (an impact takes away)."""
+        """The stored energy added at events, in J (negative for an impact)."""
         return sum(line.events for line in self.lines)
 
     @property
     def unbalanced(self) -> float:
-        """What laws that do not conserve exactly leave over, in J."""
+        """The unbalanced energy of laws that do not conserve energy exactly, in J."""
         return sum(line.unbalanced for line in self.lines)
 
     @property
     def imbalance(self) -> float:
-        """The largest share of the largest energy that is missing, in a component or in the whole."""
+        """The largest missing energy, of one component or of the whole model, relative to `largest`."""
         if not self.largest:
             return 0.0
         whole = self.supplied + self.taken + self.events - self.stored - self.dissipated - self.unbalanced
         return max(abs(whole), *(abs(line.imbalance) for line in self.lines)) / self.largest
 
     def closes(self, tolerance: float = TOLERANCE) -> bool:
-        """Whether no energy is missing beyond `tolerance` times the largest one."""
+        """True if the relative errors of the energy and of the power at the nodes are at most `tolerance`."""
         return self.imbalance <= tolerance and self.nodes <= tolerance
 
     def raise_if_open(self, tolerance: float = TOLERANCE) -> EnergyAudit:
-        """The audit itself; SimulationError with the components that lose energy where it does not close."""
+        """Return the audit; raise SimulationError with the components that lose energy if the audit does not close."""
         if self.closes(tolerance):
             return self
         losing = sorted((line for line in self.lines if abs(line.imbalance) > tolerance * self.largest),
@@ -180,22 +184,22 @@ class EnergyAudit:
 @cancellable
 def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Time | None = None,
           parameters: Mapping[str, float | str] | None = None, rtol: float = 1e-9, atol: float = 1e-11) -> EnergyAudit:
-    """Simulate a diagram and account for its energy: what each component stores, dissipates and supplies, in J.
+    """Simulate a diagram and compute the energy that each component stores, dissipates and supplies, in J.
 
-    The balance is the integral of the power (W) over all ports of a component. `model`, `until`, `every`, `parameters`,
-    `rtol` and `atol` are those of `simulate`, and so are the errors that it raises; SimulationError also where the
-    verdict of the run fails. The tolerances are a tenth of the usual ones, as the errors of all steps add up in an
-    energy.
+    The balance is the integral of the power (W) over all ports of a component. The arguments `model`, `until`, `every`,
+    `parameters`, `rtol` and `atol` and the errors are the same as in `simulate`. SimulationError is also raised if the
+    verdict of the run fails. The default tolerances are a tenth of the usual ones, because the errors of all steps add up
+    in an energy.
     """
     assembly, parameters = with_equations_at_zero(assemble(model), parameters)
     tolerances = Tolerances(rtol, atol)
     before = run_by_auto(Simulator(assembly, until, every=every, tolerances=tolerances, solver="auto"), parameters)
-    worthless = [f for f in before.verdict.findings if f.failed and f.kind != "energy"]  # which is what is asked here
+    worthless = [f for f in before.verdict.findings if f.failed and f.kind != "energy"]  # the audit itself checks the energy
     verdict(worthless).raise_if_failed()
-    if before.assembly.flat is not assembly.flat:  # with nodes filled, which has the parameters
+    if before.assembly.flat is not assembly.flat:  # with filled nodes; this assembly already contains the parameters
         assembly, parameters = before.assembly, None
     found = _integrated(before, assembly, parameters, tolerances)
-    if found.result.assembly.flat is not assembly.flat:  # integrals beside it have made it need filled nodes
+    if found.result.assembly.flat is not assembly.flat:  # with the integrals the model needed filled nodes
         before, assembly = found.result, found.result.assembly
         found = _integrated(before, assembly, None, tolerances)
     parts, integrals, result = found.parts, found.integrals, found.result
@@ -219,9 +223,12 @@ def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Ti
 
 @dataclass(frozen=True)
 class _Integrated:
-    """The components of a balance, their energies (n, 1), the integrals of power, dissipated and unbalanced power of each
-    (3 n, N) in J with their rates in W, and the run beside which they were integrated, without them where it needed filled
-    nodes."""
+    """The result of a run with integrated powers.
+
+    `parts` are the n components of the balance, `energy` their stored energies (n, 1). `integrals` are the integrals of the
+    power, the dissipated power and the unbalanced power of each component (3 n, N) in J, `rates` the integrands in W. The
+    integrals are zero if the run needed filled nodes.
+    """
 
     parts: list[Energetics]
     energy: ca.SX
@@ -232,13 +239,13 @@ class _Integrated:
 
 def _integrated(before: Result, assembly: Assembly, parameters: Mapping[str, float | str] | None, tolerances: Tolerances
                 ) -> _Integrated:
-    """The run `before` once more with the integrals of the powers under error control."""
+    """Repeat the run `before` with the integrals of the powers under error control."""
     leaves = assembly.flat.expanded.leaves
     parts = [e for e in assembly.flat.energetics if leaves[e.owner].component.ports or leaves[e.owner].component.stores]
     raw, energy = stack([stack([e.power, e.dissipated, e.unbalanced]) for e in parts]), stack([e.energy for e in parts])
     rates, held, powers = before.evaluate(raw), before.evaluate(energy), assembly.express(raw)
-    # integrals in units of a common size, as the error control has one absolute tolerance for all that is integrated;
-    # what is always zero would only dilute its norm
+    # scale the integrals to a common size, because the error control has one absolute tolerance for all of them; exclude
+    # integrands that are always zero, because they would only dilute the error norm
     duration = before.time[-1] - before.time[0]
     size = max(float(np.abs(held).max(initial=0.0)), float(np.abs(rates).max(initial=0.0) * duration)) or 1.0
     chosen = [k for k, power in enumerate(split(powers)) if not power.is_zero()]
@@ -252,15 +259,17 @@ def _integrated(before: Result, assembly: Assembly, parameters: Mapping[str, flo
 
 
 def port_powers(result: Result) -> dict[str, Array]:
-    """The power in W into a component or a block over each port along a run, (N,)."""
+    """The power in W into a component or a block through each port during a run, (N,)."""
     flat = result.assembly.flat
     bonds = {**flat.bonds, **flat.block_bonds}
     return dict(zip(bonds, result.evaluate(stack([b.power(flat.levels[0]) for b in bonds.values()])), strict=True))
 
 
 def with_blocks(found: EnergyAudit, blocks: Iterable[str]) -> EnergyAudit:
-    """The audit with each of some blocks as one line: what its components store, dissipate and supply is summed up, and
-    active is what goes in and out of it. UsageError for what is no block."""
+    """Replace the components of each block in `blocks` by one line with the sums of their energies.
+
+    The activity of a block is the integral of the absolute power through its ports. Raises UsageError for an unknown block.
+    """
     known = found.result.assembly.flat.expanded.blocks
     closed = list(dict.fromkeys(blocks))
     for name in closed:
@@ -297,7 +306,7 @@ def _line(part: Energetics, integrals: Array, stored: float, jumps: float) -> En
 
 
 def _jumps(result: Result, energy: ca.SX) -> Array:
-    """What each of the stored energies (m,) gains at all events of a run after its start."""
+    """The sum of the jumps of each stored energy (m,) at all events after the start of a run."""
     total = np.zeros(energy.numel())
     for instant in result.instants:
         if instant.time > result.time[0]:
@@ -308,8 +317,10 @@ def _jumps(result: Result, energy: ca.SX) -> Array:
 
 
 def table(found: EnergyAudit) -> Table:
-    """The audit as a table in J or kJ, sources first and then the most active first; below it the components that only
-    pass energy on or have none, what is missing, and why some power is unbalanced."""
+    """The audit as a table in J or kJ: sources first, then the other components by decreasing activity.
+
+    Notes below the table list the components without energy, the missing energy, and the reasons of unbalanced power.
+    """
     from rich import box
     from rich.table import Table
 
@@ -351,7 +362,7 @@ def _has_energy(found: EnergyAudit, line: EnergyLine) -> bool:
 
 
 def _told(value: float, largest: float, unit: str) -> str:
-    """Four digits, and none that are nothing beside the largest energy of the run."""
+    """A value with at most four digits; digits that are negligible relative to the largest energy are omitted."""
     if abs(value) <= ROUNDING * largest:
         return ""
     size = read_unit(unit).scale
@@ -360,7 +371,7 @@ def _told(value: float, largest: float, unit: str) -> str:
 
 
 def _notes(found: EnergyAudit, busy: Sequence[tuple[EnergyLine, float]], why: Mapping[str, str]) -> list[str]:
-    """What is said below the table."""
+    """The notes below the table."""
     told = {line.component for line, _ in busy}
     idle = [line.component for line in found.lines if line.component not in told]
     return [*([f"nothing kept, lost or given: {', '.join(idle)}"] if idle else []),

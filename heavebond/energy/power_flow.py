@@ -1,7 +1,7 @@
 """Energy flow of a run as a graph: components and nodes as boxes, net energies as links.
 
-The net energy over a port goes between its component and its node. A node through which energy only passes from one
-component to another is left out: the two are linked directly. What circulates is kept, and drawn backwards.
+The net energy through a port is a link between its component and its node. A node with one incoming or one outgoing link
+is omitted, and its neighbours are linked directly. A link that would close a cycle is kept and drawn backwards.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 from heavebond.energy.audit import EnergyAudit, EnergyLine
 from heavebond.equations.flatten import Flat
 
-LEAST = 0.005  # share of the largest link below which one is left out: a line too thin to be seen
-SWEEPS = 6  # of the ordering within the columns; more change nothing that the eye would see
+LEAST = 0.005  # share of the largest link; smaller links are omitted, their lines would be invisible
+SWEEPS = 6  # of the ordering within the columns; further sweeps make no visible difference
 
 
 class BoxKey(NamedTuple):
@@ -28,8 +28,8 @@ class BoxKey(NamedTuple):
 
 @dataclass(frozen=True)
 class Box:
-    """A component or a node: what it supplies, turns to heat, and stores over the run, in J; the `column`
-    from the left and the place `row` in it."""
+    """A component or a node: the energy supplied, dissipated and stored over the run, in J; the `column` from the left and
+    the position `row` in the column."""
 
     key: BoxKey
     supplied: float = 0.0
@@ -41,7 +41,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Link:
-    """Net energy in J from one box to another, in a domain; `back` where it goes against the columns."""
+    """Net energy in J from one box to another, in a domain; `back` is true if it points against the order of the columns."""
 
     source: BoxKey
     target: BoxKey
@@ -52,7 +52,7 @@ class Link:
 
 @dataclass(frozen=True)
 class EnergyFlow:
-    """Boxes, and the links between them. `left_out` is the energy of the largest one not shown."""
+    """Boxes, and the links between them. `left_out` is the energy of the largest omitted link, in J."""
 
     boxes: dict[BoxKey, Box]
     links: tuple[Link, ...]
@@ -60,7 +60,7 @@ class EnergyFlow:
 
 
 def energy_flow(found: EnergyAudit) -> EnergyFlow:
-    """The flow of energy of a run; links below `LEAST` of the largest are left out."""
+    """Build the energy flow of a run; links smaller than `LEAST` times the largest link are omitted."""
     flat = found.result.assembly.flat
     lines, bonds = {line.component: line for line in found.lines}, {**flat.bonds, **flat.block_bonds}
     nets = {port: float(np.trapezoid(power, found.result.time)) for port, power in found.ports.items()
@@ -84,14 +84,14 @@ def _box(key: BoxKey, line: EnergyLine) -> Box:
 
 
 def _node_of(flat: Flat, port: str) -> tuple[str, str]:
-    """The node that a port is on, and its domain."""
+    """The node and the domain of a port."""
     domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
     domain = next(d for d in domains if all(f"{port}.{m}" in flat.names for m in (*d.across, *d.through)))
     return flat.unknowns[flat.names[f"{port}.{domain.across[0]}"]].name.rpartition(".")[0], domain.name
 
 
 def _contracted(links: Sequence[Link]) -> list[Link]:
-    """Nodes with one link in, or one out, are gone through: their links join the components directly."""
+    """Remove each node with one incoming or one outgoing link, and link its neighbours directly."""
     found = list(links)
     for node in dict.fromkeys(key for link in links for key in (link.source, link.target) if key.node):
         inner, outer = [k for k in found if k.target == node], [k for k in found if k.source == node]
@@ -108,7 +108,7 @@ def _contracted(links: Sequence[Link]) -> list[Link]:
 
 
 def _with_directions(links: Sequence[Link]) -> tuple[Link, ...]:
-    """The largest links forward; one that would close a circle goes back."""
+    """Set the directions of the links, the largest first; a link that would close a cycle points back."""
     after: dict[BoxKey, set[BoxKey]] = {}
 
     def reaches(start: BoxKey, end: BoxKey) -> bool:
@@ -132,9 +132,10 @@ def _with_directions(links: Sequence[Link]) -> tuple[Link, ...]:
 
 
 def _in_columns(boxes: Mapping[BoxKey, Box], links: Sequence[Link]) -> dict[BoxKey, Box]:
-    """Each box as far to the left as what it gets allows; what gets nothing stands just before what it feeds."""
+    """Assign columns: each box is one column after the last of its sources; a box without a source is just before its first
+    target."""
     column = dict.fromkeys(boxes, 0)
-    for _ in boxes:  # the longest way has at most as many links as there are boxes
+    for _ in boxes:  # the longest path has fewer links than there are boxes
         for link in links:
             if not link.back:
                 column[link.target] = max(column[link.target], column[link.source] + 1)
@@ -147,7 +148,7 @@ def _in_columns(boxes: Mapping[BoxKey, Box], links: Sequence[Link]) -> dict[BoxK
 
 
 def _ordered(boxes: Mapping[BoxKey, Box], links: Sequence[Link]) -> dict[BoxKey, Box]:
-    """Rows such that links cross little: each box moves to the mean of those it is linked to, column after column."""
+    """Order the rows to reduce crossings of links: sweep over the columns and sort each by the mean rows of linked boxes."""
     columns: dict[int, list[BoxKey]] = {}
     for name, box in boxes.items():
         columns.setdefault(box.column, []).append(name)

@@ -1,10 +1,11 @@
-"""Model simplification by activity: components of least activity are removed one by one, each checked by a run.
+"""Model simplification by activity: remove the components with the least activity one by one, and check each by a run.
 
-The components are ranked by activity (see `audit`); those that together make up the wanted share stay. Each of the others
-is set to the values at which it is absent (`effect:` of its component: a spring of no stiffness, a friction of no force),
-or taken out of the diagram where that does not run (a mass), the least active first; it stays so if the diagram still runs
-and no output moves by more than a limit. What follows its values by a formula (the weight of a mass) keeps its own.
-A stiff part in a line of parts is little active too, and cannot go: that shows as an error.
+The components are ranked by activity (see `audit`). The most active ones, which together have the requested share, are kept.
+Each of the others, the least active first, is set to its null values (`effect:` of its component: a spring of zero
+stiffness, a friction of zero force). If that does not run (a mass), the component is deleted from the diagram. The change is
+kept if the diagram still runs and no output changes by more than a limit. Parameters of other components that depend on it
+by a formula (the weight of a mass) keep their values. A stiff part in series with other parts also has a low activity but
+cannot be removed: the outputs then change by more than the limit.
 """
 
 from __future__ import annotations
@@ -30,22 +31,22 @@ from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator
 from heavebond.text.yaml_source import parse
 
-STILL = 1e-9  # a share of activity below this is rounding
+STILL = 1e-9  # a smaller share of activity is a rounding error
 
 
 @dataclass(frozen=True)
 class Step:
-    """A change to a diagram: values set by name, parts taken out."""
+    """A change to a diagram: values by name, and components to delete."""
 
     settings: dict[str, str] = field(default_factory=dict)
     removed: tuple[str, ...] = ()
 
     def joined(self, other: Step) -> Step:
-        """Both at once."""
+        """Combine two changes."""
         return Step({**self.settings, **other.settings}, (*self.removed, *other.removed))
 
     def diagram(self, name: str, summary: str, extends: str) -> str:
-        """The text of the diagram that extends the one before."""
+        """The text of the changed diagram, which extends the original diagram."""
         settings = {k: v for k, v in self.settings.items() if k.rpartition(".")[0] not in self.removed}
         return Change(settings=settings).diagram(name, summary, extends) + (
             f"remove: [{', '.join(self.removed)}]\n" if self.removed else "")
@@ -56,14 +57,15 @@ class Step:
 
     @property
     def words(self) -> str:
-        """`crown.m = 0 kg`, or that it is taken out."""
+        """The change in words: `crown.m = 0 kg`, or `crown is taken out`."""
         return ", ".join([*(f"{name} is taken out" for name in self.removed),
                           *(f"{name} = {value}" for name, value in self.settings.items())])
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A component of little activity: its share, the step that neutralises it, and why it stays (empty: it does not)."""
+    """A component with low activity, its share, and the change that removes its effect; `kept` is the reason for keeping it,
+    empty if the change was made."""
 
     component: str
     share: float
@@ -73,8 +75,8 @@ class Tried:
 
 @dataclass(frozen=True)
 class Simplified:
-    """The reduced diagram: what was tried, the error of each output (rms over the rms about its mean) that all of it makes
-    together, and the number of states before and after."""
+    """The reduced diagram, the tried components, the error of each output due to all changes (rms of the change over rms of
+    the output about its mean), and the number of states before and after."""
 
     model: Model
     original: Model
@@ -84,11 +86,11 @@ class Simplified:
 
     @property
     def removed(self) -> tuple[Tried, ...]:
-        """What was neutralised."""
+        """The components without effect in the reduced diagram."""
         return tuple(one for one in self.tried if not one.kept)
 
     def diagram(self, path: Path) -> str:
-        """The text of the diagram at `path` that extends the original one."""
+        """The text of the reduced diagram at `path`, which extends the original one."""
         whole = Step()
         for one in self.removed:
             whole = whole.joined(one.step)
@@ -96,7 +98,7 @@ class Simplified:
                              extended_from(path, self.original.path))
 
     def as_dict(self) -> dict[str, object]:
-        """For machines."""
+        """The result as a dictionary for JSON."""
         return {"tried": [{"component": one.component, "activity_share": one.share, "set": one.step.settings,
                            "removed": list(one.step.removed), "kept": one.kept} for one in self.tried],
                 "errors": self.errors, "states": {"before": self.states[0], "after": self.states[1]}}
@@ -106,11 +108,11 @@ class Simplified:
 def simplify(model: ModelOrFile, share: float | str = 0.99, limit: float | str = 0.05, *, until: Time | None = None,
              every: Time | None = None, found: EnergyAudit | None = None,
              progress: Callable[[str], None] = lambda text: None) -> Simplified:
-    """Neutralise the components beyond `share` of the activity, as far as no output moves by more than `limit`.
+    """Remove the effect of the components outside `share` of the activity while no output changes by more than `limit`.
 
-    Both are shares (0 to 1, or text such as `"99 %"`); the activity of a component is the integral of |power| over the
-    run. `model`, `until` and `every` are those of `simulate`; `found` is the audit of the diagram where it exists.
-    `progress` is called with the name of each component. Raises what `simulate` raises.
+    Both are shares (0 to 1, or text such as `"99 %"`). The activity of a component is the integral of |power| over the
+    run. The arguments `model`, `until` and `every` and the errors are the same as in `simulate`. `found` is the audit of
+    the diagram, if it exists already. `progress` is called with the name of each component.
     """
     model = loaded(model)
     share, limit = si_value(share, "1", "share"), si_value(limit, "1", "limit")
@@ -136,8 +138,10 @@ def simplify(model: ModelOrFile, share: float | str = 0.99, limit: float | str =
 
 
 def _inactive(found: EnergyAudit, share: float) -> list[tuple[EnergyLine, float]]:
-    """What is beyond the wanted share of activity, the least active first; sources are left, they drive the machine, and so
-    are parts without power (sensors)."""
+    """The components outside the requested share of activity, the least active first.
+
+    Sources are excluded because they drive the machine, and so are components without power (sensors).
+    """
     total, beyond = 0.0, []
     for line, part in found.ranking:
         if total >= share and not line.kind and part > STILL:
@@ -147,11 +151,11 @@ def _inactive(found: EnergyAudit, share: float) -> list[tuple[EnergyLine, float]
 
 
 def _steps(model: Model, whole: Result, component: str) -> list[Step]:
-    """The ways to neutralise a component: by values at which it is absent, or taken out of the diagram."""
+    """The changes that remove the effect of a component: set its null values, or delete it from the diagram."""
     flat = whole.assembly.flat
     effect = flat.expanded.leaves[component].component.effect
     if effect is None or not effect.amplitude or any(sought is not None for sought in effect.amplitude.values()) \
-            or effect.start.keys() & effect.amplitude:  # absent at a value of the simpler part instead of 0
+            or effect.start.keys() & effect.amplitude:  # the null value is a value of the simpler part, not 0
         return []
     units = flat.units
     own = {f"{component}.{name}": f"0 {units[f'{component}.{name}'].text}" for name in effect.amplitude}
@@ -160,7 +164,7 @@ def _steps(model: Model, whole: Result, component: str) -> list[Step]:
 
 
 def _followers(flat: Flat, component: str, p: Array) -> dict[str, str]:
-    """The parameters of others that follow those of a component by a formula, with their present values."""
+    """The parameters of other components that depend on the parameters of a component by a formula, with their values."""
     given = [value for name, value in flat.constants.items() if name.startswith(component + ".") and value.is_symbolic()]
     names = [name for name, value in flat.constants.items()
              if not name.startswith(component + ".") and given and ca.depends_on(value, stack(given))]
@@ -169,7 +173,7 @@ def _followers(flat: Flat, component: str, p: Array) -> dict[str, str]:
 
 
 def _moved(step: Step, model: Model, whole: Result, outputs: list[str]) -> tuple[dict[str, float], int, str]:
-    """How far each output moves, the number of states, and what went wrong instead."""
+    """The error of each output due to a change, the number of states, and the message if the changed diagram fails."""
     try:
         assembly = assemble(step.on_model(model))
         result = Simulator(assembly, times=whole.time).run()
