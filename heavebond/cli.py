@@ -1,7 +1,8 @@
 """Entry point of the command line: the commands, and the handling of errors (message, exit code, JSON).
 
-Exit codes: 0 fine; 1 the model, the data or a run is at fault; 2 wrong usage; 70 a fault of heavebond itself; 130
-interrupted by Ctrl-C, 143 by SIGTERM; 141 the reader went away. A run is at fault where its verdict is (see `run_verdict`).
+Exit codes: 0 success; 1 an error in the model, the data or a run; 2 wrong usage; 70 an internal error of heavebond; 130
+interrupted by Ctrl-C, 143 by SIGTERM; 141 the reader of the output closed the pipe. A run is an error if its verdict fails
+(see `run_verdict`).
 """
 
 from __future__ import annotations
@@ -33,17 +34,17 @@ from heavebond.core.writable import write_text
 if TYPE_CHECKING:
     from heavebond.numerics.run_verdict import Verdict
 
-# the commands, each the function of that name in its module of `heavebond.commands`, where not named otherwise
+# the commands; each is the function of the same name in a module of `heavebond.commands`, except for `FUNCTIONS`
 NAMES = ("check", "draw", "run", "plot", "animate", "compare", "fit", "localize", "candidates", "try", "diagnose", "laws",
          "errors", "tune", "study", "sweep", "signal", "modes", "linear", "energy", "sensitivity",
          "library", "demo", "export", "import", "new", "studio")
 FUNCTIONS = {"try": "try_effect", "import": "import_model"}
-SERVING = ("studio",)  # commands that go on until they are ended: no lines of progress
+SERVING = ("studio",)  # commands that run until they are interrupted: no progress lines
 FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128
 
 
 class CommandTable(MutableMapping[str, click.Command]):
-    """The commands by name, each imported when it is looked up."""
+    """The commands by name; each is imported at its first use."""
 
     def __init__(self) -> None:
         self._known: dict[str, click.Command | None] = dict.fromkeys(NAMES)
@@ -72,7 +73,7 @@ class CommandTable(MutableMapping[str, click.Command]):
 
 
 class Commands(click.Group):
-    """A group that ends every run itself: problems printed without a traceback, an exit code, the JSON file."""
+    """A command group that handles errors: print problems without a traceback, write the JSON file, set the exit code."""
 
     def resolve_command(self, ctx: click.Context, args: list[str]
                         ) -> tuple[str | None, click.Command | None, list[str]]:
@@ -82,14 +83,14 @@ class Commands(click.Group):
         return super().resolve_command(ctx, args)
 
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, *_: Any, **__: Any) -> NoReturn:
-        # most objects of a command live as long as it does; at Python's own 700 a run spends a twentieth of its time on
-        # them, at 20 000 still a fortieth
+        # most objects live until the end of a command; with Python's default threshold of 700, garbage collection takes 1/20
+        # of the time of a run, with 20 000 still 1/40
         gc.set_threshold(100_000, 5, 2)
-        # at its end Python looks for cycles in all objects, those of CasADi among them: a tenth of a run for nothing
+        # avoid the search for cycles in all objects at exit, which takes 1/10 of the time of a run because of CasADi
         atexit.register(gc.freeze)
-        # before NumPy is imported: small matrices are not split over processors (see core.threads)
+        # set before NumPy is imported: do not split small matrices over processors (see core.threads)
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        # before matplotlib is imported: pictures go to files, and a name that it does not know would end every command
+        # set before matplotlib is imported: pictures are written to files, and an unknown backend would stop every command
         os.environ["MPLBACKEND"] = "agg"
         with signals_heard():
             self._main(args, prog_name)
@@ -111,7 +112,7 @@ class Commands(click.Group):
         except HeavebondError as error:
             problems, figures = list(error.problems), error.figures
             code = WRONG_USAGE if isinstance(error, UsageError) else AT_FAULT
-            if is_interrupt(error):  # it comes of a signal that a library has dropped
+            if is_interrupt(error):  # caused by a signal that a library has discarded
                 problems, code = _interrupted()
         except BrokenPipeError:
             _forget_output()
@@ -122,7 +123,7 @@ class Commands(click.Group):
                 problems, code = [own_fault(error, given)], AT_FAULT
         except (click.Abort, KeyboardInterrupt) as error:
             problems, code = _interrupted()
-            figures = getattr(error.__cause__ or error, "figures", {})  # click makes an Abort of it
+            figures = getattr(error.__cause__ or error, "figures", {})  # click converts KeyboardInterrupt to Abort
         except Exception as error:
             problems, code = _interrupted() if is_interrupt(error) else (
                 [own_fault(error, given)], AT_FAULT if lacks_memory(error) else OWN_FAULT)
@@ -150,7 +151,7 @@ class Commands(click.Group):
 
 def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem], figures: dict[str, object]
             ) -> tuple[int, list[Problem], dict[str, object]]:
-    """The verdicts of the runs of a command: a line each where a range was left, a problem where a run is worthless."""
+    """Report the verdicts of the runs of a command: a warning for each exceeded range, a problem for each failed run."""
     from heavebond.numerics.run_verdict import verdict_of_all, verdicts_as_dict
 
     for name, found in dict(heard).items():
@@ -163,18 +164,18 @@ def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem]
 
 
 def _interrupted() -> tuple[list[Problem], int]:
-    """What is said, and the exit code that shells have for a program that a signal ended."""
+    """The problem of an interrupted command, and the exit code of a program that was ended by a signal (128 + number)."""
     number = last_heard()
     clear_signal()
     return [Problem("interrupted", WORDS.get(Signals(number).name, "interrupted"))], SIGNALLED + number
 
 
-# what libraries raise instead of a MemoryError: the loader of shared libraries, CasADi, threads
+# messages of errors that libraries raise instead of MemoryError: the loader of shared libraries, CasADi, threads
 NO_MEMORY = ("failed to map segment", "cannot allocate memory", "bad_alloc", "can't start new thread")
 
 
 def lacks_memory(error: BaseException | None) -> bool:
-    """Whether an exception, or one that led to it, comes of too little memory."""
+    """True if an exception or one of its causes is due to insufficient memory."""
     while error is not None:
         if isinstance(error, MemoryError) or any(words in str(error).lower() for words in NO_MEMORY):
             return True
@@ -183,7 +184,7 @@ def lacks_memory(error: BaseException | None) -> bool:
 
 
 def own_fault(error: Exception, given: Sequence[str]) -> Problem:
-    """The problem for an exception that is none of the project's own; its full trace goes to a file."""
+    """The problem for an unexpected exception; write its full traceback to a file."""
     import platform
     import tempfile
     import traceback
@@ -206,7 +207,7 @@ def own_fault(error: Exception, given: Sequence[str]) -> Problem:
 
 
 def _usage_problem(error: click.UsageError) -> Problem:
-    """What click found wrong, with how the command is called."""
+    """Convert a usage error of click to a problem with the usage of the command."""
     message = error.format_message().rstrip(".")
     hint = ""
     if error.ctx is not None:
@@ -217,9 +218,9 @@ def _usage_problem(error: click.UsageError) -> Problem:
 
 
 def _end(given: list[str], command: str, code: int, problems: list[Problem], figures: dict[str, object]) -> int:
-    """Write the JSON file and print the problems; the exit code."""
+    """Write the JSON file, print the problems and return the exit code."""
     unwritten = _write(given, command, code, problems, figures)
-    if unwritten and code == FINE:  # else it was found at the beginning, or is the lesser trouble
+    if unwritten and code == FINE:  # otherwise the error was reported before, or another problem is more important
         problems, code = [unwritten], WRONG_USAGE
     if problems and problems[0].code == "interrupted":
         print(problems[0].message, file=sys.stderr)
@@ -230,7 +231,7 @@ def _end(given: list[str], command: str, code: int, problems: list[Problem], fig
 
 def _write(given: list[str], command: str, code: int, problems: list[Problem], figures: dict[str, object]
            ) -> Problem | None:
-    """The file of --json, where it is asked for; the problem if it cannot be written."""
+    """Write the file of --json if it is requested; return the problem if it cannot be written."""
     path = json_path(given)
     if not path:
         return None
@@ -243,7 +244,7 @@ def _write(given: list[str], command: str, code: int, problems: list[Problem], f
 
 
 def json_path(given: Sequence[str]) -> str:
-    """The FILE of --json, read from the words as they stand: also wrong usage is to be reported there."""
+    """The FILE of --json, read from the unparsed arguments because wrong usage must be reported there too."""
     for k, word in enumerate(given):
         if word == "--":
             break
@@ -255,7 +256,7 @@ def json_path(given: Sequence[str]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """What JSON knows: tuples as lists, arrays' numbers as numbers, no number for NaN and infinity."""
+    """Convert a value for JSON: tuples to lists, NumPy scalars to numbers, NaN and infinity to null."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -270,7 +271,7 @@ def _plain(value: Any) -> Any:
 
 
 def _forget_output() -> None:
-    """Nobody reads any more: what is still buffered goes nowhere, so that Python does not complain at its end."""
+    """Redirect standard output to the null device after the pipe is closed, so that Python reports no error at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
 
