@@ -1,4 +1,4 @@
-"""The dimension of every expression: the first law of a component, and the check of every formula in a diagram."""
+"""Dimensions of expressions: check the units of the equations of components and of the formulas in diagrams."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from heavebond.text.expression import (
     constant,
 )
 
-ANY = None  # a bare 0 fits any unit
+ANY = None  # dimension of a bare 0, which is compatible with any unit
 TRUTH: Dimension = (("truth", Fraction(1)),)
 SECOND: Dimension = (("s", Fraction(1)),)
 Lookup = Callable[[Name], Dimension | None]
@@ -36,7 +36,7 @@ _DIMENSIONLESS = {"exp", "log", "sin", "cos", "tan", "tanh", "asin", "acos", "at
 
 
 def check_equation(equation: Equation, lookup: Lookup) -> None:
-    """Both sides agree; raises ExpressionProblem that names the two units."""
+    """Check that both sides of an equation have the same unit; raises ExpressionProblem with the two units."""
     left, right = number_dimension(equation.left, lookup), number_dimension(equation.right, lookup)
     if left is not ANY and right is not ANY and left != right:
         raise ExpressionProblem("units-differ", f"the left side is {_in(left)}, the right side is {_in(right)}",
@@ -45,7 +45,7 @@ def check_equation(equation: Equation, lookup: Lookup) -> None:
 
 
 def dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
-    """The dimension of `expr`; ANY for a bare 0. `lookup` gives that of a name; raises ExpressionProblem."""
+    """The dimension of `expr`; ANY for a bare 0. `lookup` returns the dimension of a name. Raises ExpressionProblem."""
     if isinstance(expr, Number):
         if expr.unit is not None:
             return expr.unit.dimension
@@ -71,12 +71,12 @@ def dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
         for item in expr.items:
             found = _same((first, found), (item, number_dimension(item, lookup)), "the list", _start(item))
         return found
-    assert not isinstance(expr, Slice)  # stands in names alone
+    assert not isinstance(expr, Slice)  # a slice occurs only as an index of a name
     return _truth(expr, lookup)
 
 
 def number_dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
-    """The dimension of what must be a number; raises ExpressionProblem for a comparison."""
+    """The dimension of a numeric expression; raises ExpressionProblem for a comparison."""
     found = dimension(expr, lookup)
     if found == TRUTH:
         raise ExpressionProblem("units-truth", "a comparison is no number", _start(expr),
@@ -85,8 +85,11 @@ def number_dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
 
 
 def counted(expr: Expr, counts: Callable[[Name], str]) -> str:
-    """What a quantity counts (`angle`, `cycles` or nothing): a name, its absolute value, its negative, and sums and
-    differences count as the name does. Of products nothing is known, as they may convert: w/(2*pi)."""
+    """The counted quantity of an expression: `angle`, `cycles`, or an empty text if it is unknown.
+
+    `counts` returns the counted quantity of a name. The absolute value, the negative, sums and differences inherit it.
+    The counted quantity of a product is unknown, because a product may convert between them: w/(2*pi).
+    """
     if isinstance(expr, Name):
         return counts(expr)
     if isinstance(expr, Negative):
@@ -120,7 +123,7 @@ def _power(expr: Binary, lookup: Lookup) -> Dimension | None:
         return base
     if base in (ONE, ANY):
         return base
-    if not abs(exponent) <= LARGEST_EXPONENT:  # not-a-number included
+    if not abs(exponent) <= LARGEST_EXPONENT:  # true for NaN too
         raise ExpressionProblem("units-power", f"an exponent of {exponent:g} gives no unit", _start(expr.right), 1,
                                 f"Use an exponent up to {LARGEST_EXPONENT}.")
     return times(ONE, base, Fraction(exponent).limit_denominator(1000))
@@ -164,8 +167,11 @@ def _call(expr: Call, lookup: Lookup) -> Dimension | None:
 
 
 def _function_call(expr: FunctionCall, lookup: Lookup) -> Dimension | None:
-    """The dimension of the output; each argument has the unit of its input. Units that are open there (`$U`) are solved by
-    the first argument that has them; those of the caller may be open too, and are another thing."""
+    """The dimension of the output of a function call; each argument must have the unit of its input.
+
+    The first argument with a generic unit (`$U`) determines this unit for the call. Generic units of the caller are
+    independent of the generic units of the function.
+    """
     units: dict[str, Dimension] = {}
     for arg, wanted in zip(expr.args, expr.function.inputs.values(), strict=True):
         found = number_dimension(arg, lookup)
@@ -184,7 +190,7 @@ def _function_call(expr: FunctionCall, lookup: Lookup) -> Dimension | None:
 
 
 def _put_in(declared: Dimension, units: Mapping[str, Dimension]) -> tuple[Dimension, list[tuple[str, Fraction]]]:
-    """A declared unit with the open ones that are known put in, and those that are not with their powers."""
+    """Substitute known generic units in a declared dimension; return the result and the unknown units with their powers."""
     if not is_generic(declared):
         return declared, []
     known, unsolved = ONE, []
@@ -237,7 +243,7 @@ def _in(found: Dimension | None) -> str:
 
 
 def _factor(a: Dimension | None, b: Dimension | None) -> str:
-    """`; they differ by a factor in s.`: what an engineer looks for first (a forgotten time, area or g)."""
+    """The end of a message, `; they differ by a factor in s.`: it suggests a missing time, area or g."""
     if TRUTH in (a, b):
         return "."
     ratio = times(a or ONE, b or ONE, -1)
@@ -256,12 +262,15 @@ def _start(expr: Expr) -> int:
 
 # -- origins of temperatures ---------------------------------------------------------------------------------------
 KELVIN: Dimension = (("K", Fraction(1)),)
-_WIDTHS = {"deviation", "equivalent_range"}  # of a course: the origin does not matter
+_WIDTHS = {"deviation", "equivalent_range"}  # functions of a time series whose value does not depend on the origin
 
 
 def origins(expr: Expr, lookup: Callable[[Name], float | None]) -> float | None:
-    """How much `expr` rises, in K, if the origin of all temperatures falls by 1 K: 1 for a temperature, 0 for a difference,
-    2 for a sum of two; None if that is not known. `lookup` tells it of a name. A number in K alone may be either."""
+    """The weight of the temperature origin in `expr`: the increase of its value in K if the origin is lowered by 1 K.
+
+    The weight is 1 for a temperature, 0 for a difference, 2 for a sum of two temperatures, and None if it is unknown.
+    `lookup` returns the weight of a name. The weight of a number in K is unknown: it may be a temperature or a difference.
+    """
     if isinstance(expr, Number):
         if expr.unit is None or expr.unit.dimension != KELVIN:
             return 0.0
@@ -293,7 +302,7 @@ _SAME_ORIGIN = {"min", "max", "if_else", "abs", "smooth_abs", "mean", "rms", "pe
 def _binary_origins(expr: Binary, lookup: Callable[[Name], float | None]) -> float | None:
     left, right = origins(expr.left, lookup), origins(expr.right, lookup)
     if expr.op in "+-":
-        # beside a temperature or a difference, a number in K is an interval
+        # a number in K that is added to a temperature or a difference is an interval
         left, right = (0.0 if w is None and other is not None and _in_kelvin(e) else w
                        for e, w, other in ((expr.left, left, right), (expr.right, right, left)))
         return None if left is None or right is None else left + right if expr.op == "+" else left - right
@@ -307,7 +316,7 @@ def _binary_origins(expr: Binary, lookup: Callable[[Name], float | None]) -> flo
 
 
 def as_interval(expr: Expr) -> Expr:
-    """An expression of quantities as an interval: 0.3 degC counts as 0.3 K."""
+    """Convert temperatures in an expression to intervals: 0.3 degC becomes 0.3 K."""
     if isinstance(expr, Number) and expr.unit is not None and expr.unit.offset:
         return Number(expr.value - expr.unit.offset, expr.unit.of_intervals, expr.column)
     if isinstance(expr, Binary):
@@ -316,16 +325,19 @@ def as_interval(expr: Expr) -> Expr:
 
 
 def has_origin(expr: Expr) -> bool:
-    """Whether a quantity in a unit with an origin, such as 20 degC, stands in an expression."""
+    """True if an expression contains a quantity in a unit with an offset, such as 20 degC."""
     if isinstance(expr, Number):
         return expr.unit is not None and expr.unit.offset != 0
     return not isinstance(expr, Name) and any(has_origin(child) for child in children(expr))
 
 
 def check_origins(expr: Expr, lookup: Callable[[Name], float | None], *, shown: bool = False) -> float | None:
-    """`origins` of an expression; ExpressionProblem for a sum of temperatures in degC, for one times a variable, and for a
-    comparison of a temperature with a difference. Expressions without a quantity in degC may add absolute temperatures,
-    unless they are `shown` in degC."""
+    """Compute `origins` of an expression and check its use of temperatures.
+
+    Raises ExpressionProblem for a sum of temperatures in degC, for a product of a temperature in degC and a variable, and
+    for a comparison of a temperature with a difference. Expressions without a quantity in degC may add absolute
+    temperatures, unless they are `shown` in degC.
+    """
     weight = origins(expr, lookup)
     if not (shown or has_origin(expr)):
         return weight

@@ -1,4 +1,4 @@
-"""One equation or formula: text to a tree. A whitelist grammar of our own; nothing is ever evaluated by Python.
+"""Parser of equations and formulas: text to an expression tree. The grammar is restricted; Python evaluates no text.
 
     equation   = sum '=' sum
     formula    = or-expression
@@ -10,8 +10,8 @@
                | '(' formula ')'
     index      = sum ['..' sum]
 
-Units after a number (`2 * 460 L/min`) are understood in diagrams only; component equations know declared names, plain
-numbers and a bare 0.
+Units after a number (`2 * 460 L/min`) are allowed in diagrams only. Component equations contain declared names and numbers
+without unit.
 """
 
 from __future__ import annotations
@@ -50,17 +50,17 @@ from heavebond.text.tokens import KEYWORDS as KEYWORDS
 from heavebond.text.tokens import ExpressionProblem as ExpressionProblem
 from heavebond.text.tokens import Token, tokens
 
-# function: number of arguments
+# number of arguments by function
 FUNCTIONS = {
     "der": 1, "sqrt": 1, "exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 1, "tanh": 1, "asin": 1, "acos": 1, "atan": 1,
     "atan2": 2, "abs": 1, "sign": 1, "floor": 1, "min": 2, "max": 2, "smooth_sign": 2, "signed_sqrt": 2, "if_else": 3,
     "uniform": 2, "sum": 1, "dot": 2, "cross": 2, "transpose": 1, "symmetric": 1, "definite": 1, "semidefinite": 1,
 }
-# arguments as they are written in messages
+# usage of functions in messages
 USAGE = {"min": "min(a, b)", "max": "max(a, b)", "atan2": "atan2(y, x)", "smooth_sign": "smooth_sign(v, v_t)",
          "uniform": "uniform(seed, i)", "signed_sqrt": "signed_sqrt(dp, dp_t)", "if_else": "if_else(a > b, x, y)",
          "dot": "dot(a, b)", "cross": "cross(a, b)"}
-# what to write in place of functions of other programs
+# replacements for functions of other programs
 INSTEAD = {**dict.fromkeys(("if", "iif", "ifelse", "where", "ternary"), f"Write `{USAGE['if_else']}`."),
            "ln": "Write `log(a)`, the natural logarithm.", "log10": "Write `log(a)/log(10)`.", "pow": "Write `a**b`.",
            "sqr": "Write `a**2`.", "step": "Write `if_else(time > 1 s, 1, 0)`, or use the component Step.",
@@ -73,13 +73,13 @@ INSTEAD = {**dict.fromkeys(("if", "iif", "ifelse", "where", "ternary"), f"Write 
            "ddt": "Write `der(a)`.", "derivative": "Write `der(a)`."}
 SUM_FORM = "A sum is written `sum(... for i in 1..n)`."
 COMPARISONS = ("<=", ">=", "==", "!=", "<", ">")
-Functions = Mapping[str, Function]  # those of files, by name; one is read when it is first asked for
-_defined: ContextVar[Functions] = ContextVar("defined", default={})  # noqa: B039 - a mapping that nobody changes
+Functions = Mapping[str, Function]  # functions of files, by name; each is read at its first use
+_defined: ContextVar[Functions] = ContextVar("defined", default={})  # noqa: B039 - a mapping that is never changed
 
 
 @contextmanager
 def calling(defined: Functions) -> Iterator[None]:
-    """What is parsed within may call the functions that files define, beside those of the language."""
+    """Context in which parsed formulas may call the functions of files, in addition to the functions of the language."""
     before = _defined.set(defined)
     try:
         yield
@@ -104,8 +104,10 @@ def parse_equation(text: str) -> Equation:
 
 
 def parse_formula(text: str, *, units: bool = True, functions: Mapping[str, int] | None = None) -> Expr:
-    """Parse a formula (without a leading `=`); `functions` may be called beside the usual ones, each with so many
-    arguments. Raises ExpressionProblem."""
+    """Parse a formula (without a leading `=`); `functions` are additional functions with their numbers of arguments.
+
+    Raises ExpressionProblem.
+    """
     parser = _Parser(text, units=units, functions={**FUNCTIONS, **(functions or {})})
     formula = parser.formula()
     if parser.peek().text == "=":
@@ -117,7 +119,7 @@ def parse_formula(text: str, *, units: bool = True, functions: Mapping[str, int]
 
 
 def _check_depth(*trees: Expr) -> None:
-    """Everything that walks a tree does so recursively; a longer sum or product is split by the author."""
+    """Limit the depth of trees, because they are traversed recursively; the author must split a longer sum or product."""
     level = list(trees)
     for _ in range(OPERATIONS):
         level = [child for expr in level for child in children(expr)]
@@ -151,7 +153,7 @@ class _Parser:
         self.take()
 
     def broken(self, why: str, hint: str) -> ExpressionProblem:
-        """The problem at the next token."""
+        """The syntax problem at the next token."""
         token = self.peek()
         if token.kind == "end":
             return ExpressionProblem("formula-incomplete", f"the formula ends too early: {why}",
@@ -172,7 +174,7 @@ class _Parser:
 
     @contextmanager
     def _deeper(self) -> Iterator[None]:
-        """Brackets, functions and signs within each other: so many that the parser's own recursion stays bounded."""
+        """Count the nested brackets, functions and signs; their limit bounds the recursion of the parser."""
         self.depth += 1
         if self.depth > BRACKETS:
             raise ExpressionProblem("formula-too-deep", f"more than {BRACKETS} brackets or signs within each other",
@@ -281,7 +283,7 @@ class _Parser:
         while self.peek().text in (".", "["):
             if self.take().text == "[":
                 parts.append(self._index())
-                while self.peek().text == ",":  # of a matrix
+                while self.peek().text == ",":  # second index of a matrix
                     self.take()
                     parts.append(self._index())
                 self.expect("]", "a `]` is missing", "Each `[` needs a `]`.")
@@ -340,7 +342,7 @@ class _Parser:
         self.expect(")", f"a `)` is missing behind {name}(", f"Write `{usage}`.")
 
     def _definition(self, token: Token) -> Function:
-        """The function of a file; one that is being read itself calls itself in the end."""
+        """The function of a file; raises ExpressionProblem if it cannot be read, for example because it calls itself."""
         try:
             return self.defined[token.text]
         except ExpressionProblem as problem:
@@ -388,12 +390,12 @@ class _Parser:
 
 
 def too_long(column: int) -> ExpressionProblem:
-    """What is said of a sum that would fill the memory."""
+    """The problem of a sum with too many terms for the memory."""
     return ExpressionProblem("sum-too-long", f"a sum of more than {TERMS} terms", column, 3, "Use fewer terms.")
 
 
 def _terms(expr: Expr) -> float:
-    """How many terms the sums of an expression have when written out, as far as plain numbers tell."""
+    """The number of terms of an expression with expanded sums; sums with limits that are not constant are not counted."""
     inner = max((_terms(child) for child in children(expr)), default=1.0)
     if not isinstance(expr, SumOver):
         return inner

@@ -1,9 +1,9 @@
-"""Shapes of expressions: which equation is one of numbers, which of vectors, and which of matrices.
+"""Shapes of expressions: numbers, vectors and matrices.
 
-A list without an index is a vector of its elements, `x[2..n]` one of some of them; `K[i, 1..m]` is a row of a matrix as a
-vector. What has one shape is added, and multiplied and divided by numbers; a matrix is multiplied by a vector and by a
-matrix. `dot`, `cross` and `sum` take vectors. A product of two vectors is written out by what is meant: `dot`, `cross`, or
-element by element with `each`.
+The name of a list without an index is a vector of all elements, and `x[2..n]` is a vector of some of them. `K[i, 1..m]` is
+a row of a matrix as a vector. Expressions of equal shape can be added, and multiplied and divided by numbers. A matrix can
+be multiplied by a vector or a matrix. `dot`, `cross` and `sum` take vectors. The operator `*` is not defined for two
+vectors: write `dot`, `cross`, or an equation for each element with `each`.
 """
 
 from __future__ import annotations
@@ -55,12 +55,12 @@ def whole_number(expr: Expr, known: Mapping[str, int]) -> int | None:
 
 
 def elements(shape: Shape) -> int:
-    """How many numbers a shape has."""
+    """The number of elements of a shape."""
     return 1 if shape is None else shape if isinstance(shape, int) else shape[0] * shape[1]
 
 
 def indexed(shape: Shape, name: Name, size: Callable[[Slice], int]) -> Shape:
-    """The shape of what a name with indices means, of a list or matrix of that shape; `size` is that of a slice."""
+    """The shape of a name with indices; `shape` is the shape of the whole list or matrix, `size` the length of a slice."""
     listed = [part for part in name.parts if not isinstance(part, str)]
     if not listed:
         return shape
@@ -74,20 +74,20 @@ def indexed(shape: Shape, name: Name, size: Callable[[Slice], int]) -> Shape:
 
 
 class Lengths:
-    """Shapes of expressions, with those of names; `exact` is False where whole numbers are not known yet."""
+    """Computes shapes of expressions from the shapes of names; `exact` is False if the whole numbers are not known yet."""
 
     def __init__(self, length: Length, *, exact: bool):
         self.length, self.exact = length, exact
 
     def equation(self, equation: Equation) -> Shape:
-        """The shape of an equation; ExpressionProblem where its sides differ. A plain 0 has any shape."""
+        """The shape of an equation; raises ExpressionProblem if its sides differ. A plain 0 is compatible with any shape."""
         left, right = self.of(equation.left), self.of(equation.right)
         if _zero(equation.left) or _zero(equation.right):
             return left if left is not None else right
         return self._same(left, right, "the sides of the equation are", _start(equation.right))
 
     def assigned(self, target: Name, value: Expr) -> None:
-        """ExpressionProblem where a value does not have the shape of what an event sets to it."""
+        """Raise ExpressionProblem if a value does not have the shape of the variable that an event sets to it."""
         shape = self.of(target)
         if shape is None:
             self.number(value, "a new value")
@@ -95,13 +95,13 @@ class Lengths:
             self._same(shape, self.of(value), "the target and its new value are", _start(value))
 
     def number(self, expr: Expr, what: str) -> None:
-        """ExpressionProblem where a list stands for a number."""
+        """Raise ExpressionProblem if the expression is a list or a matrix."""
         if (found := self.of(expr)) is not None:
             raise ExpressionProblem("list-number", f"{what} is a number; this is {shape_text(found, self.exact)}",
                                     _start(expr), hint="Write an index, as in `x[1]`, or `sum(x)`, `dot(x, y)`.")
 
     def of(self, expr: Expr) -> Shape:
-        """The shape of an expression, None for a number; ExpressionProblem where lists are joined that do not fit."""
+        """The shape of an expression, None for a number; raises ExpressionProblem for operands with incompatible shapes."""
         if isinstance(expr, Name):
             for part in expr.parts:
                 if not isinstance(part, str):
@@ -149,7 +149,7 @@ class Lengths:
         return left if left is not None else right
 
     def _elements(self, expr: Elements) -> Shape:
-        """A list of numbers, or a matrix of rows of one length."""
+        """The shape of a list of numbers, or of a matrix of rows of equal length."""
         rows = [self.of(item) for item in expr.items]
         for item, row in zip(expr.items, rows, strict=True):
             if isinstance(row, tuple):
@@ -164,7 +164,7 @@ class Lengths:
         return len(rows) if not isinstance(first_row, int) else (len(rows), first_row)
 
     def _product(self, left: tuple[int, int], right: int | tuple[int, int], column: int) -> Shape:
-        """A matrix times a vector or a matrix."""
+        """The shape of the product of a matrix with a vector or a matrix."""
         inner = right if isinstance(right, int) else right[0]
         if self.exact and left[1] != inner:
             raise ExpressionProblem("list-length", f"a product of {shape_text(left)} and {shape_text(right)}", column, 1,
@@ -201,7 +201,7 @@ class Lengths:
         return None
 
     def _function(self, expr: FunctionCall) -> Shape:
-        """The output of a function, once its arguments have the shapes of its inputs."""
+        """The shape of the output of a function; check the shapes of the arguments first."""
         function, shapes = expr.function, [self.of(arg) for arg in expr.args]
         sizes: dict[str, int] = {}
         for arg, shape, wanted in zip(expr.args, shapes, function.inputs.values(), strict=True):
@@ -218,7 +218,7 @@ class Lengths:
         return declared(function.outputs[expr.output], sizes)
 
     def _told(self, what: str, shape: Shape, wanted: tuple[Expr, ...], sizes: dict[str, int], column: int) -> None:
-        """The lengths that an argument tells; ExpressionProblem where another one told others."""
+        """Add the lengths of an argument to `sizes`; raise ExpressionProblem if another argument has different lengths."""
         for size, expr in zip((shape,) if isinstance(shape, int) else shape or (), wanted, strict=True):
             known = whole_number(expr, sizes)
             if known is None and isinstance(expr, Name):
@@ -229,14 +229,14 @@ class Lengths:
                                         column, hint="Lists of one length are needed; `x[1..3]` is a part of one.")
 
     def _square(self, expr: Call, shape: Shape) -> None:
-        """A square matrix, or its rows one after the other in a list."""
+        """Check that an argument is a square matrix, or a list of the elements of a matrix row by row."""
         if shape is None or (self.exact and isinstance(shape, tuple) and shape[0] != shape[1]):
             raise ExpressionProblem("list-number", f"{expr.function} takes a square matrix; this is "
                                     f"{shape_text(shape, self.exact)}", _start(expr.args[0]),
                                     hint="Declare it with `count: [n, n]`.")
 
     def _vectors(self, expr: Call, shapes: list[Shape]) -> Shape:
-        """dot and cross."""
+        """The shape of `dot` or `cross`."""
         name = expr.function
         for arg, shape in zip(expr.args, shapes, strict=True):
             if not isinstance(shape, int) or (name == "cross" and self.exact and shape != 3):
@@ -276,21 +276,24 @@ def _start(expr: Expr) -> int:
 
 
 def gives_lists(expr: Expr) -> bool:
-    """Whether lists arise in an expression whose names are numbers: by their elements, or as an output of a function."""
+    """True if an expression whose names are numbers contains a list: in brackets, or as an output of a function."""
     if isinstance(expr, Elements) or (isinstance(expr, FunctionCall) and expr.function.outputs[expr.output].sizes):
         return True
     return any(map(gives_lists, children(expr)))
 
 
 def declared(quantity: Quantity, sizes: Mapping[str, int]) -> Shape:
-    """The shape of a quantity of a function; what is not known counts as 1."""
+    """The declared shape of a quantity of a function; an unknown length is taken as 1."""
     found = [whole_number(size, sizes) or 1 for size in quantity.sizes]
     return None if not found else found[0] if len(found) == 1 else (found[0], found[1])
 
 
 def check_steps(function: Function, sizes: Mapping[str, int], column: int, *, exact: bool) -> dict[str, Shape]:
-    """The shape of every name in a function whose lengths are known; ExpressionProblem, at a column of the call, where those
-    in a step do not fit, or where an output is not as it is declared."""
+    """The shape of every name in a function with known lengths `sizes`.
+
+    Raises ExpressionProblem at the `column` of the call if the shapes in a step are incompatible, or if the shape of an
+    output differs from its declaration.
+    """
     shapes: dict[str, Shape] = {q.name: declared(q, sizes) for q in function.inputs.values()}
 
     def number(expr: Expr) -> int:

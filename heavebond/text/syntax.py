@@ -1,4 +1,4 @@
-"""Trees of expressions: the nodes, the functions that files define, and what is read off a tree."""
+"""Expression trees: the node classes, the functions of files, and queries on a tree."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Expr = Union["Number", "Name", "Call", "FunctionCall", "Binary", "Negative", "Co
 
 @dataclass(frozen=True)
 class Number:
-    """A number in SI, `unit` None where none was written."""
+    """A number in SI; `unit` is None if it was written without a unit."""
 
     value: float
     unit: Unit | None
@@ -34,12 +34,12 @@ class Name:
 
     @property
     def base(self) -> str:
-        """The name without what follows it: `x` of `x[2]`."""
+        """The name without indices and members: `x` for `x[2]`."""
         return self.text.partition("[")[0]
 
     @property
     def text(self) -> str:
-        """`a.x`, or `p[2].effort` where every index is a number."""
+        """The name as text: `a.x`, or `p[2].effort`; an index that is not a number is `[...]`."""
         words: list[str] = []
         for part in self.parts:
             if isinstance(part, str):
@@ -62,7 +62,7 @@ class Call:
 
 @dataclass(frozen=True)
 class FunctionCall:
-    """function(args).output of a function that stands in a file of its own."""
+    """function(args).output of a function that is defined in a file."""
 
     function: Function
     args: tuple[Expr, ...]
@@ -129,7 +129,7 @@ class SumOver:
 
 @dataclass(frozen=True)
 class Elements:
-    """[a, b]: a list by its elements; of lists of one length, a matrix by its rows."""
+    """[a, b]: the elements of a list, or the rows of a matrix."""
 
     items: tuple[Expr, ...]
     column: int
@@ -137,7 +137,7 @@ class Elements:
 
 @dataclass(frozen=True)
 class Slice:
-    """low..high where an index stands: the elements of a list from one to the other."""
+    """low..high as an index: the elements of a list from `low` to `high`."""
 
     low: Expr
     high: Expr
@@ -154,9 +154,12 @@ class Equation:
 
 @dataclass(frozen=True)
 class Quantity:
-    """An input, an output or a constant of a function; its unit may be one that each call solves (`$U`). `sizes`: the length
-    of a list, or rows and columns of a matrix; a name among those of an input is a whole number that each call tells.
-    `value`: that of a constant, in SI."""
+    """An input, an output or a constant of a function.
+
+    The unit may be generic (`$U`); each call determines it. `sizes` is the length of a list, or the rows and columns of a
+    matrix. A name in the sizes of an input is a whole number that is determined by the arguments of each call. `value` is
+    the value of a constant, in SI.
+    """
 
     name: str
     unit: Unit
@@ -167,13 +170,13 @@ class Quantity:
 
     @property
     def description(self) -> str:
-        """What it is, for readers."""
+        """The description with the shape, for the documentation."""
         return ("", "list; ", "matrix; ")[len(self.sizes)] + self.doc
 
 
 @dataclass(frozen=True)
 class Step:
-    """One line of a function, `name = expr`, by its label; columns of `expr` count from `place`."""
+    """One step of a function, `name = expr`, with its label; the columns of `expr` count from `place`."""
 
     name: str
     expr: Expr
@@ -184,7 +187,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Function:
-    """A function file: outputs by inputs through steps, each of which gives a name that later ones may use."""
+    """A function of a file: steps compute the outputs from the inputs; each step defines a name for the later steps."""
 
     name: str
     summary: str
@@ -199,17 +202,17 @@ class Function:
 
     @property
     def usage(self) -> str:
-        """A call as it is written."""
+        """An example of a call."""
         output = f".{next(iter(self.outputs))}" if len(self.outputs) > 1 else ""
         return f"{self.name}({', '.join(self.inputs)}){output}"
 
     @property
     def lengths(self) -> list[str]:
-        """The whole numbers that a call tells, by the lengths of its arguments."""
+        """The names of the whole numbers that the lengths of the arguments of a call determine."""
         return list(dict.fromkeys(size.text for q in self.inputs.values() for size in q.sizes if isinstance(size, Name)))
 
     def needed(self, output: str) -> tuple[Step, ...]:
-        """The steps that an output depends on, in their order."""
+        """The steps on which an output depends, in the order of the file."""
         wanted, found = {output}, list[Step]()
         for step in reversed(self.steps):
             if step.name in wanted:
@@ -219,7 +222,7 @@ class Function:
 
 
 def functions_in(expr: Expr) -> Iterator[Function]:
-    """Every function of a file that an expression calls itself."""
+    """Every function of a file that an expression calls directly."""
     if isinstance(expr, FunctionCall):
         yield expr.function
     for child in children(expr):
@@ -227,8 +230,11 @@ def functions_in(expr: Expr) -> Iterator[Function]:
 
 
 def inside(call: FunctionCall) -> Iterator[Expr]:
-    """The steps on which the output of a call depends, with its arguments for the inputs: for whoever looks for what stands
-    in an equation. Names of steps remain, written so that they are none of the caller's."""
+    """The steps on which the output of a call depends, with the arguments substituted for the inputs.
+
+    Use it to search an equation including the functions that it calls. The names of steps get the prefix `function()`, so
+    that they differ from the names of the caller.
+    """
     function = call.function
     values: dict[str, Expr] = {step.name: Name((f"{function.name}()", step.name), call.column, 1) for step in function.steps}
     values.update(zip(function.inputs, call.args, strict=True))
@@ -237,7 +243,7 @@ def inside(call: FunctionCall) -> Iterator[Expr]:
 
 
 def _put_in(expr: Expr, values: Mapping[str, Expr]) -> Expr:
-    """An expression with others for some of its names."""
+    """Substitute expressions for names."""
     if isinstance(expr, Name):
         return values.get(expr.text, values.get(expr.base, expr))
     if isinstance(expr, (Call, FunctionCall)):
@@ -255,7 +261,7 @@ def _put_in(expr: Expr, values: Mapping[str, Expr]) -> Expr:
 
 
 def names(expr: Expr) -> Iterator[Name]:
-    """Every name in an expression, in the order of the text (the index of a sum is left out)."""
+    """Every name in an expression, in the order of the text, without the index of a sum."""
     if isinstance(expr, Name):
         yield expr
         for part in expr.parts:
@@ -287,7 +293,7 @@ def children(expr: Expr) -> tuple[Expr, ...]:
 
 
 def constant(expr: Expr) -> float | None:
-    """The value of an expression of plain numbers only, else None."""
+    """The value of an expression that contains numbers only, otherwise None."""
     if isinstance(expr, Number):
         return expr.value
     if isinstance(expr, Negative):

@@ -1,8 +1,8 @@
-"""Expression trees as formulas in TeX, for pages that are read: `F_c * smooth_sign(v, v_t)` as F_c tanh(v/v_t).
+"""Convert expression trees to TeX for documentation: `F_c * smooth_sign(v, v_t)` becomes F_c tanh(v/v_t).
 
-Only what KaTeX, MathJax and GitHub all know is written. Letters are the component's own: `dp` is a difference (a Delta
-before the letter), Greek letters are spelled (`kappa`), what stands behind `_` is an index, and a variable of a port has
-the port as its index.
+The output uses only commands that KaTeX, MathJax and GitHub support. Symbols follow the names of the component: `dp` is a
+difference (Delta p), a spelled Greek letter (`kappa`) becomes the letter, the text after `_` is an index, and a variable of
+a port has the port as its index.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _WORDS = {"exp": r"\exp", "log": r"\ln", "sin": r"\sin", "cos": r"\cos", "tan": 
           "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan", "min": r"\min", "max": r"\max",
           "sign": r"\operatorname{sgn}", "uniform": r"\operatorname{uniform}",
           **{name: rf"\operatorname{{{name}}}" for name in ("atan2", "symmetric", "definite", "semidefinite")}}
-# how strongly a written expression binds; a fraction needs no brackets in a product, but under an exponent
+# binding strength of an expression; a fraction needs no brackets in a product, but needs them as the base of a power
 _SUM, _SIGNED, _PRODUCT, _FRACTION, _POWER, _ATOM = range(6)
 _DIFFERENCE = re.compile(r"d([pTxVwm])")
 _SPECIAL = re.compile(r"[&%#$_{}]")
@@ -41,7 +41,7 @@ _NUMBERED = re.compile(r"([A-Za-z]+?)([0-9]+)")
 
 
 def equation_tex(equation: Equation, own: Iterable[str] = ()) -> str:
-    """`left &= right`, to be aligned with others; `own` are the names that the component declares."""
+    """An equation as `left &= right` for alignment; `own` are the names that the component declares."""
     names = _Names(frozenset(own))
     return f"{names.of(equation.left)} &= {names.of(equation.right)}"
 
@@ -52,13 +52,13 @@ def formula_tex(expr: Expr, own: Iterable[str] = ()) -> str:
 
 
 def symbol_tex(name: str) -> str:
-    """A name as a letter with its index: `p_up` as p with up below, `l0` as l with 0, `dp_t` as Delta p with t."""
+    """A name as a letter with an index: `p_up` is p with index up, `l0` is l with index 0, `dp_t` is Delta p with index t."""
     letter, index = _letter_and_index(name)
     return f"{letter}_{{{index}}}" if index else letter
 
 
 def text_tex(words: str) -> str:
-    """Words inside a formula; signs that mean something in TeX are taken literally."""
+    """Text inside a formula; special characters of TeX are escaped."""
     literal = _SPECIAL.sub(r"\\\g<0>", words)
     return rf"\text{{{literal}}}"
 
@@ -78,13 +78,13 @@ def _index(word: str) -> str:
 
 
 class _Names:
-    """Formulas of one component."""
+    """Converts the formulas of one component."""
 
     def __init__(self, own: frozenset[str]):
         self.own = own
 
     def of(self, expr: Expr, least: int = _SUM) -> str:
-        """TeX of an expression, in brackets where it binds less than `least`."""
+        """TeX of an expression, in brackets if it binds less strongly than `least`."""
         text, binds = self._written(expr)
         return text if binds >= least else rf"\left({text}\right)"
 
@@ -132,7 +132,7 @@ class _Names:
         return f"{self.of(expr.left, _ATOM)}^{{{exponent}}}", _POWER
 
     def _flat(self, expr: Binary) -> str:
-        """A quotient in an exponent stands on one line."""
+        """Write an exponent on one line, a quotient with a slash."""
         if expr.op != "/":
             return self.of(expr)
         return f"{self.of(expr.left, _PRODUCT)}/{self.of(expr.right, _POWER)}"
@@ -180,8 +180,10 @@ class _Names:
         return f"{letter}_{{{index}{indexed}}}" if index or indexed else letter
 
     def _split(self, name: Name) -> tuple[str, str] | None:
-        """The letter and the index of a name: `a.p` is p with a, `p[i].q` q with p_i. None where that is another name of
-        the component; it is then written as in the file."""
+        """The letter and the index of a name: `a.p` is p with index a, `p[i].q` is q with index p_i.
+
+        None if the component declares another name with the same letter and index; the name is then written as in the file.
+        """
         if name.text in ("time", "pi"):
             return ("t", "") if name.text == "time" else (r"\pi", "")
         words: list[str] = []
@@ -202,7 +204,7 @@ class _Names:
 
 
 def _letter_and_index(word: str) -> tuple[str, str]:
-    """`p_up` as p and up, `p[i]` as p and i."""
+    """Split a name into letter and index: `p_up` into p and up, `p[i]` into p and i."""
     name, bracket, indexed = word.partition("[")
     head, _, index = name.partition("_")
     if found := _NUMBERED.fullmatch(head):

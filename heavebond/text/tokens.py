@@ -1,4 +1,4 @@
-"""The words of a formula: numbers, units, names and operators, each with its column."""
+"""Tokens of a formula: numbers, units, names and operators, each with its column."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KEYWORDS = {"and", "or", "not", "for", "in"}
 
 
 class ExpressionProblem(ValueError):
-    """A text that is no expression; `column` counts from 0 in the text that was parsed."""
+    """Error in the text of an expression; `column` counts from 0 in the parsed text."""
 
     def __init__(self, code: str, message: str, column: int, length: int = 1, hint: str = ""):
         super().__init__(message)
@@ -23,7 +23,7 @@ class ExpressionProblem(ValueError):
 
 @dataclass(frozen=True)
 class Token:
-    """A word of a formula: number, unit, name, keyword, operator or end."""
+    """A token of a formula: number, unit, name, keyword, operator or end."""
 
     kind: str
     text: str
@@ -38,7 +38,10 @@ _OPERATOR = re.compile(r"\*\*|\.\.|<=|>=|==|!=|[-+*/(),=<>.\[\]]")
 
 
 def tokens(text: str, *, units: bool) -> Iterator[Token]:
-    """The tokens of a formula, `units` after numbers included; raises ExpressionProblem for a sign without meaning."""
+    """Split a formula into tokens, with units after numbers if `units` is true.
+
+    Raises ExpressionProblem for a character that is not allowed in a formula.
+    """
     at = 0
     while at < len(text):
         if skip := _SKIP.match(text, at):
@@ -70,10 +73,12 @@ def tokens(text: str, *, units: bool) -> Iterator[Token]:
 
 
 def _longest_unit(word: str, rest: str) -> str:
-    """The longest part of `word` that is a unit: in `3 N*s/m*load.v` the name after the last `*` is none. Where no part
-    is one, the whole, which is then told to be unknown."""
+    """The longest prefix of `word` that is a unit, `N*s/m` in `3 N*s/m*load.v`.
+
+    If no prefix is a unit, the whole word, which the caller reports as an unknown unit.
+    """
     part = word
-    if rest.startswith("."):  # the last factor is the head of a dotted name
+    if rest.startswith("."):  # the last factor is the first part of a dotted name
         part = _without_last_factor(part)
     while part:
         try:
