@@ -52,7 +52,7 @@ def formula_tex(expr: Expr, own: Iterable[str] = ()) -> str:
 
 
 def symbol_tex(name: str) -> str:
-    """A name as a letter with an index: `p_up` is p with index up, `l0` is l with index 0, `dp_t` is Delta p with index t."""
+    """A name as a letter with an index: `p_up` is p with index up, `l0` l with index 0, `dp_t` Delta p with index t."""
     letter, index = _letter_and_index(name)
     return f"{letter}_{{{index}}}" if index else letter
 

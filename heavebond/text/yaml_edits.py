@@ -1,6 +1,6 @@
-"""Changes of a YAML text that leave everything else in it as it is, to the byte: comments, order, spaces, quotes.
+"""Edits of a YAML text that preserve all other bytes: comments, order, spaces and quotes.
 
-Every change is checked: reading the changed text must give the tree of the text before with this one change.
+Every edit is checked: the changed text is parsed, and its tree must equal the original tree with only this change.
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Span, parse, spans
 
 Tree = dict[str, "Tree"] | list["Tree"] | str
-Key = str | int  # of a mapping, or the number of an item of a list
+Key = str | int  # key of a mapping, or index of an item of a list
 
 
 def set_entry(text: str, keys: Several[Key], value: Tree, *, after: str = "") -> str:
-    """The text with a value at a path of keys, `("components", "damper", "d")`. A value that is there is replaced where it
-    stands; a new entry follows the last one of its mapping, or the entry `after`, in the same style; mappings that are
-    missing are made, the first of them behind `after`. Lists and mappings are written in braces.
+    """Set the value at a path of keys, `("components", "damper", "d")`, and return the changed text.
 
-    ModelError for a text that cannot be read; UsageError where a key on the way holds no mapping, and where reading the
-    changed text would not give the tree with this one value changed.
+    An existing value is replaced in place. A new entry is added after the last entry of its mapping, or after the entry
+    `after`, in the same style. Missing mappings are created, the first of them after `after`. Lists and mappings are
+    written in braces.
+
+    Raises ModelError for a text that cannot be parsed, and UsageError if a key of the path does not have a mapping, or if
+    the tree of the changed text would differ in more than this value.
     """
     wanted = _with(tree(parse(text).root), keys, value, after)
     at, depth = _deepest(spans(text), keys)
@@ -30,7 +32,7 @@ def set_entry(text: str, keys: Several[Key], value: Tree, *, after: str = "") ->
     if not rest:
         blank = " " if text[at.begin - 1:at.begin] == ":" else ""
         end = at.end
-        while text[at.begin:at.begin + 1] in ("|", ">") and text[end - 1] == "\n":  # a block of text ends behind its lines
+        while text[at.begin:at.begin + 1] in ("|", ">") and text[end - 1] == "\n":  # a block of text ends after its last line
             end -= 1
         changed = text[:at.begin] + blank + _flow(value) + text[end:]
     else:
@@ -39,7 +41,7 @@ def set_entry(text: str, keys: Several[Key], value: Tree, *, after: str = "") ->
 
 
 def add_item(text: str, keys: Several[Key], value: str) -> str:
-    """The text with one more item at the end of the list at `keys`, in its style."""
+    """Append an item to the list at `keys` in the style of the list, and return the changed text."""
     before = tree(parse(text).root)
     old = _at(before, keys)
     if not isinstance(old, list) or not old:
@@ -57,8 +59,10 @@ def add_item(text: str, keys: Several[Key], value: str) -> str:
 
 
 def delete_entry(text: str, keys: Several[Key]) -> str:
-    """The text without the entry or list item at a path of keys, and without mappings and lists that are empty then. An
-    entry with lines of its own goes with these and the comment behind it; comments on other lines stay."""
+    """Delete the entry or list item at a path of keys and mappings and lists that become empty; return the changed text.
+
+    The comments on the deleted lines are deleted, and comments on other lines are preserved.
+    """
     before = tree(parse(text).root)
     keys = _emptied(before, keys)
     at, depth = _deepest(spans(text), keys[:-1])
@@ -75,7 +79,7 @@ def delete_entry(text: str, keys: Several[Key]) -> str:
 
 
 def rename_key(text: str, keys: Several[Key], name: str) -> str:
-    """The text with another name for the key at the end of a path; its place and its value stay."""
+    """Rename the last key of a path; its position and its value are unchanged."""
     before = tree(parse(text).root)
     at, depth = _deepest(spans(text), keys[:-1])
     key = keys[-1]
@@ -89,8 +93,10 @@ def rename_key(text: str, keys: Several[Key], name: str) -> str:
 
 
 def replace_scalars(text: str, change: Callable[[tuple[Key, ...], str], str]) -> str:
-    """The text with `change(path, raw)` in place of the raw text of each key and scalar value, quotes included; the path
-    of a key ends with `":"`. The caller sees to it that what it puts in is read as it means."""
+    """Replace the raw text of each key and scalar value, including quotes, by `change(path, raw)`.
+
+    The path of a key ends with `":"`. The changed text is not checked; the caller must return valid YAML.
+    """
     found: list[tuple[int, int, str]] = []
 
     def visit(at: Span, path: tuple[Key, ...]) -> None:
@@ -111,7 +117,7 @@ def replace_scalars(text: str, change: Callable[[tuple[Key, ...], str], str]) ->
 
 
 def tree(node: Node) -> Tree:
-    """What a text says, without places and style."""
+    """Convert a node to a tree of dictionaries, lists and strings, without places and style."""
     if isinstance(node, Mapping):
         return {key: tree(item) for key, item in node.items.items()}
     return node.text if isinstance(node, Scalar) else [tree(item) for item in node.items]
@@ -119,7 +125,7 @@ def tree(node: Node) -> Tree:
 
 # -- trees -----------------------------------------------------------------------------------------------------------------
 def _at(found: Tree, keys: Several[Key]) -> Tree | None:
-    """What stands at a path; None where nothing does."""
+    """The value at a path, or None if there is no value."""
     for key in keys:
         inner = found.get(str(key)) if isinstance(found, dict) else \
             found[key] if isinstance(found, list) and isinstance(key, int) and 0 <= key < len(found) else None
@@ -154,7 +160,7 @@ def _without(before: Tree, keys: Several[Key]) -> Tree:
 
 
 def _emptied(before: Tree, keys: Several[Key]) -> Several[Key]:
-    """The outermost of the mappings and lists that are empty without the entry at `keys`, else its own path."""
+    """The path of the outermost mapping or list that becomes empty without the entry at `keys`, otherwise `keys`."""
     if _at(before, keys) is None:
         raise _refused(keys)
     while len(keys) > 1 and len(_at(before, keys[:-1]) or "") == 1:
@@ -172,7 +178,7 @@ def _checked(changed: str, wanted: Tree, keys: Several[Key]) -> str:
 
 
 def _same(one: Tree, two: Tree) -> bool:
-    """Whether two trees are equal, the order of their keys included."""
+    """True if two trees are equal, including the order of keys."""
     if isinstance(one, dict) and isinstance(two, dict):
         return list(one) == list(two) and all(_same(one[k], two[k]) for k in one)
     if isinstance(one, list) and isinstance(two, list):
@@ -182,7 +188,7 @@ def _same(one: Tree, two: Tree) -> bool:
 
 # -- text ------------------------------------------------------------------------------------------------------------------
 def _deepest(at: Span, keys: Several[Key]) -> tuple[Span, int]:
-    """The place of the longest part of a path that is there, and its length."""
+    """The place of the longest existing prefix of a path, and the length of this prefix."""
     for depth, key in enumerate(keys):
         if isinstance(key, str) and key in at.entries:
             at = at.entries[key]
@@ -194,7 +200,7 @@ def _deepest(at: Span, keys: Several[Key]) -> tuple[Span, int]:
 
 
 def _inserted(text: str, at: Span, keys: Several[str], value: Tree, after: str) -> str:
-    """A new entry behind the last one of a mapping, or behind a certain one."""
+    """Insert an entry after the last entry of a mapping, or after the entry `after`."""
     last = at.entries[after].end if after in at.entries else \
         max((entry.end for entry in at.entries.values()), default=at.begin + 1)
     if at.flow:
@@ -204,7 +210,7 @@ def _inserted(text: str, at: Span, keys: Several[str], value: Tree, after: str) 
         raise _refused(keys)
     first = min(key.begin for key in at.keys.values())
     indent = " " * (first - (text.rfind("\n", 0, first) + 1))
-    while text[last - 1] == "\n":  # behind a block of text
+    while text[last - 1] == "\n":  # after a block of text
         last -= 1
     line_end = _line_end(text, last)
     head = f"\n{indent}{_flow(keys[0])}:"
@@ -214,7 +220,7 @@ def _inserted(text: str, at: Span, keys: Several[str], value: Tree, after: str) 
 
 
 def _gap(text: str, at: Span, key: str) -> str:
-    """The space between a new key and its value: where most values of its neighbours begin in one column, to that column."""
+    """The space between a new key and its value; it aligns the value if most values of the mapping begin in one column."""
     places = [(at.keys[k].begin, at.entries[k].begin) for k in at.entries]
     widths = [value - begin for begin, value in places if "\n" not in text[begin:value]]
     usual = max(widths, key=widths.count, default=0)
@@ -228,7 +234,7 @@ def _line_end(text: str, at: int) -> int:
 
 
 def _without_lines(text: str, begin: int, end: int) -> str:
-    """The text without the lines of a block's entry."""
+    """Delete the lines of an entry of a block."""
     while end > begin and text[end - 1] == "\n":
         end -= 1
     start, stop = text.rfind("\n", 0, begin) + 1, _line_end(text, end)
@@ -237,15 +243,15 @@ def _without_lines(text: str, begin: int, end: int) -> str:
 
 
 def _without_flow(text: str, places: Several[tuple[int, int]], k: int) -> str:
-    """The text without one of the entries in braces and the comma at it."""
+    """Delete an entry in braces and its comma."""
     begin, end = places[k]
     if k + 1 < len(places):
         comma = _comma(text, end)
         stop = comma + 1
         alone = not text[text.rfind("\n", 0, begin) + 1:begin].strip()
         while text[stop:stop + 1] == " " or (not k and not alone and text[stop:stop + 1] == "\n"):
-            stop += 1  # the next one moves up to the bracket
-        stop -= text[stop:stop + 1] == "#"  # a comment begins behind a blank
+            stop += 1  # the next entry moves to the bracket
+        stop -= text[stop:stop + 1] == "#"  # a comment needs a blank before `#`
         changed = text[:begin] + text[end:comma] + text[stop:]
     else:
         if k:
@@ -261,7 +267,7 @@ def _without_flow(text: str, places: Several[tuple[int, int]], k: int) -> str:
 
 
 def _comma(text: str, at: int) -> int:
-    """The first comma from `at` on that does not stand in a comment."""
+    """The position of the first comma at or after `at` that is not in a comment."""
     while text[at] != ",":
         at = _line_end(text, at) if text[at] == "#" else at + 1
     return at
@@ -272,8 +278,10 @@ def _nested(keys: Several[str], value: Tree) -> str:
 
 
 def _flow(value: Tree) -> str:
-    """A value on one line: lists and mappings in braces, a text as a plain scalar where that is read as the same, inside
-    braces too, else in double quotes."""
+    """A value on one line: lists in brackets, mappings in braces, and a text as a plain scalar or in double quotes.
+
+    A text is quoted if the plain scalar would be parsed differently, outside or inside braces.
+    """
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_flow(k)}: {_flow(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list):

@@ -1,7 +1,7 @@
-"""YAML text to a tree in which every scalar is text with its place (the only importer of yaml).
+"""Parse YAML text to a tree in which every scalar is text with its place (the only importer of yaml).
 
-`yaml.safe_load` guesses types (`1e6` is text, `on` is a boolean, `010` is 8), lets a duplicate key win silently and
-follows aliases; here nothing is guessed, and what could be misread is an error.
+`yaml.safe_load` guesses types (`1e6` is text, `on` is a boolean, `010` is 8), accepts duplicate keys silently and resolves
+aliases. This parser does not guess types, and ambiguous text is an error.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FAST_LOADER: type[yaml.SafeLoader] | type[yaml.CSafeLoader] = yaml.CSafeLoader i
 
 @dataclass(frozen=True)
 class Scalar:
-    """A piece of text as it stands in the file; `quoted` tells '5' from 5, `block` is a `|` or `>` text."""
+    """The text of a value in the file; `quoted` distinguishes '5' from 5, `block` is true for a `|` or `>` text."""
 
     text: str
     place: Place
@@ -34,7 +34,7 @@ class Scalar:
     kind = "a value"
 
     def lines(self) -> list[Scalar]:
-        """The lines of a block text, each with its own place (a plain text is its own single line)."""
+        """The lines of a block text, each with its place; a plain text is returned unchanged as one line."""
         if not self.block:
             return [self]
         return list(self._block_lines)
@@ -42,7 +42,7 @@ class Scalar:
     _block_lines: tuple[Scalar, ...] = ()
 
 
-# keys whose values are sentences, in which a comma is likely
+# keys whose values are sentences, which often contain a comma
 TEXTS = {"doc", "summary", "description", "restrictions", "source", "title", "placeholder"}
 # keys written without a value, as in `{integer, min: 1}`
 FLAGS = ("integer", "width", "instant")
@@ -50,12 +50,12 @@ FLAGS = ("integer", "width", "instant")
 
 @dataclass(frozen=True)
 class Mapping:
-    """Keys in the order of the file; `keys[name]` is the key's own scalar."""
+    """A mapping in the order of the file; `keys[name]` is the scalar of the key."""
 
     items: dict[str, Node]
     keys: dict[str, Scalar]
     place: Place
-    # those of its keys that have no value
+    # the keys without a value
     bare: frozenset[str] = frozenset()
 
     kind = "a list of `key: value` entries"
@@ -71,13 +71,13 @@ class Sequence:
     kind = "a list"
 
 
-# what only an escape sequence can write: the end of a name of a file for the system, and halves of characters
+# characters that only an escape sequence can write: NUL, which ends file names in system calls, and surrogates
 _NO_TEXT = re.compile("[\0\ud800-\udfff]")
 
 
 @dataclass(frozen=True)
 class Source:
-    """One file that was read: its path, its text lines and its top mapping."""
+    """A parsed file: its path, its name in messages, its top mapping and its text."""
 
     path: Path
     name: str
@@ -86,7 +86,7 @@ class Source:
 
 
 def read_text(path: Path, name: str | None = None) -> str:
-    """The text of a UTF-8 file; ModelError where it is absent, a folder, too large or not text."""
+    """The text of a UTF-8 file; raises ModelError if it is missing, a folder, too large or not text."""
     name = name or str(path)
     try:
         with open(path, "rb") as file:
@@ -97,7 +97,7 @@ def read_text(path: Path, name: str | None = None) -> str:
 
 
 def unreadable(error: OSError, name: str) -> ModelError:
-    """Why a file cannot be read."""
+    """The error for a file that cannot be read."""
     if isinstance(error, FileNotFoundError):
         return ModelError([Problem("file-missing", f"there is no file {name}", None,
                                    "Check the path; it counts from the current folder.")])
@@ -108,7 +108,7 @@ def unreadable(error: OSError, name: str) -> ModelError:
 
 
 def decoded_text(raw: bytes, name: str) -> str:
-    """The text of a file with line feeds at the ends of lines; ModelError where the file is too large or not UTF-8."""
+    """The text of a file with line feeds at the ends of lines; raises ModelError if it is too large or not UTF-8."""
     if len(raw) > FILE_BYTES:
         raise ModelError([Problem("file-too-large", f"{name} is larger than {FILE_BYTES // 10**6} MB", None,
                                   "Is this a record? A diagram is a small text file.")])
@@ -119,7 +119,7 @@ def decoded_text(raw: bytes, name: str) -> str:
 
 
 def _not_utf8(raw: bytes, name: str, position: int) -> Problem:
-    """What is wrong at byte `position`; where the rest looks like text, the line is shown with `?` for what is not."""
+    """The problem of the invalid byte at `position`; its line is shown with `?` for invalid bytes if the file is a text."""
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return Problem("not-text", f"{name} is UTF-16 text", None, "Save the file again with the encoding UTF-8.")
     if b"\0" in raw:
@@ -133,15 +133,18 @@ def _not_utf8(raw: bytes, name: str, position: int) -> Problem:
 
 
 def read(path: Path, name: str | None = None, *, bundled: bool = False) -> Source:
-    """Read a YAML file; raises ModelError with every problem of form that it has. `bundled` files are read by libyaml where
-    PyYAML has it: eight times as fast, and the same for each of them, which a test shows. Of other files libyaml accepts
-    some that PyYAML refuses (tabs between values)."""
+    """Read a YAML file; raises ModelError with all syntax problems.
+
+    `bundled` files are parsed by libyaml if PyYAML provides it. libyaml is eight times as fast, and a test shows that the
+    result is the same for each bundled file. Other files are parsed by PyYAML, because libyaml accepts some invalid files
+    (tabs between values).
+    """
     name = name or short_path(path)
     return parse(read_text(path, name), path, name, trusted=bundled)
 
 
 def parse(text: str, path: Path = Path("text"), name: str = "text", *, trusted: bool = False) -> Source:
-    """Read YAML from a text; one that is `trusted`, of a bundled file or written by heavebond, by libyaml (see `read`)."""
+    """Parse a YAML text; a `trusted` text, from a bundled file or written by heavebond, is parsed by libyaml (see `read`)."""
     builder = _Builder(text, name, FAST_LOADER if trusted else yaml.SafeLoader)
     root = builder.build()
     builder.problems.raise_as(ModelError)
@@ -153,7 +156,7 @@ def parse(text: str, path: Path = Path("text"), name: str = "text", *, trusted: 
     return Source(path, name, root, text)
 
 
-# what PyYAML says, what that means, what to do, and whether the place where it began is the one to show
+# message of PyYAML, meaning, hint, and whether to show the place of the opening sign
 SYNTAX = (
     ("while parsing a flow mapping", "the `{` is not closed by a `}`, or a comma between two entries is missing",
      "Inside `{}` entries are separated by commas: `{is: Spring, c: 1 kN/m}`.", True),
@@ -176,7 +179,7 @@ EMPTY_HINT = "A diagram begins with `model: name`, a component with `component: 
 
 
 def short_path(path: Path) -> str:
-    """The path as a user would write it: relative to the current folder where it lies below."""
+    """The path for messages: relative to the current folder if it is inside this folder."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
     except ValueError:
@@ -185,9 +188,10 @@ def short_path(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Span:
-    """The characters of a node in the text, [begin, end); of a mapping with those of its values and keys, of a list with
-    those of its items. That of a block ends with its last value, a comment behind it left out; a key without value has an
-    empty one."""
+    """The characters [begin, end) of a node in the text, with the spans of its keys and values or of its items.
+
+    The span of a block ends with its last value and excludes a comment after it. The span of a missing value is empty.
+    """
 
     begin: int
     end: int
@@ -199,14 +203,14 @@ class Span:
 
 
 def spans(text: str) -> Span:
-    """Where everything stands in a text that `parse` accepts."""
+    """The spans of all nodes in a text that `parse` accepts."""
     outside = (yaml.StreamStartEvent, yaml.DocumentStartEvent)
     events = (e for e in yaml.parse(text, Loader=yaml.SafeLoader) if not isinstance(e, outside))
     return _span(next(events), events)
 
 
 def _index(mark: _Mark | None) -> int:
-    assert mark is not None  # the scanner sets all
+    assert mark is not None  # the scanner sets all marks
     return mark.index
 
 
@@ -238,7 +242,7 @@ class _Mark(Protocol):
 
 
 class _Builder:
-    """Builds the tree from PyYAML's events, which carry tags, anchors and marks before any meaning is given."""
+    """Builds the tree from the events of PyYAML, which contain tags, anchors and marks without interpretation."""
 
     def __init__(self, text: str, name: str, loader: type[yaml.SafeLoader] | type[yaml.CSafeLoader]):
         self.name, self.loader = name, loader
@@ -248,7 +252,7 @@ class _Builder:
 
     def place(self, mark: _Mark | None, length: int = 1) -> Place:
         number, column = (mark.line, mark.column) if mark is not None else (0, 0)
-        while number >= len(self.raw) and number:  # what is left open is noticed at the end of the file
+        while number >= len(self.raw) and number:  # an unclosed bracket or quote is reported at the end of the file
             number, column = number - 1, 0
         line = self.raw[number] if number < len(self.raw) else ""
         return Place(self.name, number + 1, column + 1, line, max(1, length))
@@ -278,7 +282,7 @@ class _Builder:
         return self._node(next(self.events))
 
     def _shallow_events(self) -> list[yaml.Event]:
-        """PyYAML's events as long as entries are not nested too deeply (its scanner takes n**2 for n brackets)."""
+        """The events of PyYAML up to the limits of nesting and length (the time of its scanner is quadratic in the nesting)."""
         events: list[yaml.Event] = []
         depth = 0
         for event in yaml.parse(self.text, Loader=self.loader):
@@ -334,14 +338,14 @@ class _Builder:
                           "brackets or begins with a special sign is put in quotes.")
 
     def _bracketed(self, where: Place) -> str | None:
-        """The bare text of an entry whose bracket ends it for YAML, as in `{column: Force [N], unit: N}`."""
+        """The unquoted text of an entry that ends for YAML at a bracket, as in `{column: Force [N], unit: N}`."""
         before, after = where.text[:where.column - 1], where.text[where.column - 1:]
         head = re.search(r"[:,{[]\s*([^\s:,{}\[\]\"'][^:,{}\[\]\"']*)$", before)
         tail = re.match(r"\[[^\[\]{},]*\][^\[\]{},]*", after)
         return (head.group(1) + tail.group()).strip() if head and tail else None
 
     def _without_colon(self, where: Place) -> Place | None:
-        """The line, or the one before it, whose first word should be a key: `load {is: Mass}`, `model rig`."""
+        """The place of a key without colon in this line or in the line before: `load {is: Mass}`, `model rig`."""
         number = where.line - 1
         before = next((k for k in range(number - 1, -1, -1) if self.raw[k].strip()), None)
         bare = r"\s*[A-Za-z_]\w* +[^\s:#][^:#]*"
@@ -363,10 +367,10 @@ class _Builder:
             return Sequence(tuple(items), self.place(event.start_mark))
         if isinstance(event, yaml.ScalarEvent):
             return self._scalar(event)
-        return Scalar("*", self.place(event.start_mark))  # an alias, which is refused already
+        return Scalar("*", self.place(event.start_mark))  # an alias, for which an error is already reported
 
     def _refuse_hidden(self, event: yaml.Event) -> None:
-        """Anchors, aliases and tags give a value a second meaning that the reader of the file does not see."""
+        """Report anchors, aliases and tags: they give a value a second meaning that is not visible to the reader of the file."""
         mark = event.start_mark
         anchor = getattr(event, "anchor", None)
         if isinstance(event, yaml.AliasEvent):
@@ -407,7 +411,7 @@ class _Builder:
         return Mapping(items, keys, self.place(event.start_mark), frozenset(bare))
 
     def _refuse_cut(self, items: list[Node]) -> None:
-        """Values of a list that are one formula, which the comma between its arguments has cut: `[max(a, b)]`."""
+        """Report a formula in a list that is split at the comma between its arguments: `[max(a, b)]`."""
         opened: list[Scalar] = []
         for item in items:
             opened = [*opened, item] if isinstance(item, Scalar) and not item.quoted else []
@@ -419,7 +423,7 @@ class _Builder:
                 opened = []
 
     def _refuse_bare(self, items: dict[str, Node], keys: dict[str, Scalar], bare: list[str]) -> None:
-        """A key without value; most often a value that a comma, or a missing space behind `:`, has cut off."""
+        """Report keys without value; the usual cause is a comma in a value or a missing space after `:`."""
         order = list(keys)
         of_text: set[str] = set()
         for name in bare:
@@ -477,7 +481,7 @@ class _Builder:
         return Scalar(event.value, self._spread(self.place(start), event.value, rows), block=True, _block_lines=lines)
 
     def _rows(self, first: int, stop: int, column: int = 0) -> list[Place]:
-        """The lines first .. stop - 1 (from 0) that are not empty, each from its first sign on."""
+        """The places of the nonempty lines first .. stop - 1 (from 0), each from its first character."""
         rows = []
         for number in range(first, min(stop, len(self.raw))):
             raw = self.raw[number]
@@ -488,7 +492,7 @@ class _Builder:
 
     @staticmethod
     def _spread(place: Place, value: str, rows: list[Place], quote: int = 0) -> Place:
-        """The place of a text that YAML joined from several lines: where in it (behind its quote) each line begins."""
+        """The place of a text that YAML joined from several lines, with the position in the text at which each line begins."""
         continued, at = [], 0
         for row in rows:
             inner = row.text[row.column - 1:].strip().strip("'\"")
