@@ -342,7 +342,7 @@ class _Parser:
         self.expect(")", f"a `)` is missing behind {name}(", f"Write `{usage}`.")
 
     def _definition(self, token: Token) -> Function:
-        """The function of a file; raises ExpressionProblem if it cannot be read, for example because it calls itself."""
+        """The function of a file; raises ExpressionProblem if it cannot be called, for example because it calls itself."""
         try:
             return self.defined[token.text]
         except ExpressionProblem as problem:

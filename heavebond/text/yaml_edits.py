@@ -32,7 +32,7 @@ def set_entry(text: str, keys: Several[Key], value: Tree, *, after: str = "") ->
     if not rest:
         blank = " " if text[at.begin - 1:at.begin] == ":" else ""
         end = at.end
-        while text[at.begin:at.begin + 1] in ("|", ">") and text[end - 1] == "\n":  # a block of text ends after its last line
+        while text[at.begin:at.begin + 1] in ("|", ">") and text[end - 1] == "\n":  # ends after its last line
             end -= 1
         changed = text[:at.begin] + blank + _flow(value) + text[end:]
     else:

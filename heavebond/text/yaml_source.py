@@ -144,7 +144,7 @@ def read(path: Path, name: str | None = None, *, bundled: bool = False) -> Sourc
 
 
 def parse(text: str, path: Path = Path("text"), name: str = "text", *, trusted: bool = False) -> Source:
-    """Parse a YAML text; a `trusted` text, from a bundled file or written by heavebond, is parsed by libyaml (see `read`)."""
+    """Parse a YAML text; libyaml parses a `trusted` text, from a bundled file or written by heavebond (see `read`)."""
     builder = _Builder(text, name, FAST_LOADER if trusted else yaml.SafeLoader)
     root = builder.build()
     builder.problems.raise_as(ModelError)
@@ -282,7 +282,7 @@ class _Builder:
         return self._node(next(self.events))
 
     def _shallow_events(self) -> list[yaml.Event]:
-        """The events of PyYAML up to the limits of nesting and length (the time of its scanner is quadratic in the nesting)."""
+        """The events of PyYAML up to the limits of nesting and length (the scanner takes n**2 for n nested brackets)."""
         events: list[yaml.Event] = []
         depth = 0
         for event in yaml.parse(self.text, Loader=self.loader):
@@ -370,7 +370,7 @@ class _Builder:
         return Scalar("*", self.place(event.start_mark))  # an alias, for which an error is already reported
 
     def _refuse_hidden(self, event: yaml.Event) -> None:
-        """Report anchors, aliases and tags: they give a value a second meaning that is not visible to the reader of the file."""
+        """Report anchors, aliases and tags: they give a value a second meaning that a reader of the file does not see."""
         mark = event.start_mark
         anchor = getattr(event, "anchor", None)
         if isinstance(event, yaml.AliasEvent):
@@ -492,7 +492,7 @@ class _Builder:
 
     @staticmethod
     def _spread(place: Place, value: str, rows: list[Place], quote: int = 0) -> Place:
-        """The place of a text that YAML joined from several lines, with the position in the text at which each line begins."""
+        """The place of a text that YAML joined from several lines, with the position of the start of each line in it."""
         continued, at = [], 0
         for row in rows:
             inner = row.text[row.column - 1:].strip().strip("'\"")
