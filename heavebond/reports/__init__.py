@@ -1,4 +1,4 @@
-"""Pages on diagnoses, tables for notebooks, and summaries of models."""
+"""Reports: HTML pages of diagnoses, tables for notebooks and the terminal, and summaries of models."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What notebooks show of objects: small HTML tables with units, and pictures as SVG; all text is escaped.
+"""HTML representation of objects in notebooks: tables with units, and pictures as SVG; all text is escaped.
 
-A picture is embedded as a data URI, so that its styles and identifiers do not meet those of the page. A figure with many
-points is a PNG, one with many axes is left out: `result.plot()` and `comparison.plot()` draw it.
+A picture is embedded as a data URI, so that its styles and identifiers cannot conflict with the page. A figure with many
+points is a PNG. A figure with many axes is omitted: call `result.plot()` or `comparison.plot()` to draw it.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ if TYPE_CHECKING:
     from heavebond.numerics.extremes import SignalFigures
     from heavebond.numerics.result import Result
 
-MOST_POINTS = 20_000  # of a figure as SVG: about 0.3 MB
-MOST_AXES = 12  # of a figure
-MOST_ROWS = 60  # of a table
-ROUNDING = 1e-9  # a value below this share of the largest is rounding
+MOST_POINTS = 20_000  # maximum number of points of an SVG figure, about 0.3 MB
+MOST_AXES = 12  # maximum number of axes of a figure
+MOST_ROWS = 60  # maximum number of rows of a table
+ROUNDING = 1e-9  # a value smaller than this share of the largest is a rounding error
 WIDTH = "max-width: 100%"
 
 
 def model_html(model: Model) -> Html | None:
-    """The drawing of a diagram above the table of its parameters; None for a diagram that cannot be drawn."""
+    """The drawing of a diagram and the table of its parameters; None if the diagram cannot be drawn."""
     from heavebond.pictures.drawing import draw
 
     try:
@@ -62,7 +62,7 @@ def model_html(model: Model) -> Html | None:
 
 
 def result_html(result: Result) -> Html:
-    """A run: its verdict, each output with its first, smallest, largest and last value, and the plot of the outputs."""
+    """A run: its verdict, the first, minimum, maximum and last value of each output, and the plot of the outputs."""
     from heavebond.pictures.plot import drawn_run, plot_signals
 
     shown = list(result.assembly.model.show) or list(result.assembly.state_names)
@@ -97,8 +97,8 @@ def fit_html(fit: Fit) -> Html:
 
 
 def diagnosis_html(diagnosis: Diagnosis) -> Html:
-    """A diagnosis: its answer by levels, its verdict in words, probabilities, the errors of the models, and the parameters
-    of each added effect."""
+    """A diagnosis: the answer by levels, the verdict in words, the probabilities, the errors of the models, and the
+    parameters of each added effect."""
     tables = [*tree_tables(diagnosis.tree), *probability_table(diagnosis), ladder_table(diagnosis.ladder, "model"),
               *map(effect_table, diagnosis.findings), *map(effect_table, diagnosis.doubtful)]
     return element("div", _heading(diagnosis.experiment.name, f"verdict {diagnosis.verdict}"),
@@ -117,7 +117,7 @@ def _settings(model: Model) -> Iterable[tuple[str, str, str]]:
 
 
 def _value_text(value: Value) -> str:
-    """A value as written; a plain number from Python is in the base unit of its parameter."""
+    """A value as written; a number that was set in Python gets the SI unit of its parameter."""
     if not (value.si and isinstance(value.expr, Number)):
         return value.text.strip()
     unit = value.expr.unit
@@ -125,7 +125,7 @@ def _value_text(value: Value) -> str:
 
 
 def _course(name: str, unit: str, start: float, figures: SignalFigures) -> tuple[str, ...]:
-    """An output in the unit that suits its largest value."""
+    """The row of an output, in a unit suited to its largest value."""
     finite = [start, figures.least, figures.most, figures.final]
     largest = max(map(abs, finite))
     shown = readable_unit(unit, largest)
@@ -144,7 +144,7 @@ def _list(words: Sequence[str]) -> Html:
 
 
 def _items(items: Iterable[Item]) -> Iterable[Html]:
-    """Tables, sentences and notes of a result, as `heavebond.reports.result_tables` gives them to the terminal."""
+    """Convert the tables, sentences and notes of `heavebond.reports.result_tables` to HTML."""
     for item in items:
         if isinstance(item, ResultTable):
             yield element("p", item.title)
@@ -161,7 +161,7 @@ def _more(rows: Sequence[object]) -> list[Html]:
 
 
 def _figure(figure: Figure, points: int, says: str) -> Html:
-    """A figure as SVG, or as PNG where it has many points."""
+    """A figure as SVG, or as PNG if it has many points."""
     from matplotlib import rc_context
 
     svg, file = points <= MOST_POINTS, io.BytesIO()

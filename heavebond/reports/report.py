@@ -1,4 +1,4 @@
-"""HTML report of a diagnosis, for screen and print: the missing effect, its place, its certainty, the candidates tried.
+"""HTML report of a diagnosis, for screen and print: the missing effect, its place and certainty, the tested candidates.
 
 The file is self-contained: pictures are inline SVG, records are JSON, a small script provides zooming and panning. Equal
 diagnoses give equal files.
@@ -43,7 +43,7 @@ from heavebond.reports.report_tables import (
 )
 from heavebond.reports.report_where import failing, learnt
 
-# Heading of each verdict, and the class that sets its colour.
+# heading of each verdict, and the CSS class of its colour
 KINDS = {
     "nothing": ("No effect is missing", "fine"), "parameters": ("Parameters, not physics", "fine"),
     "effect": ("Missing effect found", "found"), "one_of": ("One of these is missing", "found"),
@@ -52,15 +52,16 @@ KINDS = {
     "undetermined": ("Not decided by these records", "open"),
 }
 FITTED, HELD_OUT = "#8fa3b5", BLUE
-HEADLINE = 3  # channels with an error card at the top: those with the largest ratio of error to noise
+HEADLINE = 3  # number of channels with an error card at the top; they have the largest ratios of error to noise
 Section = tuple[str, str, Html]
 
 
 def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: Sequence[Path] = ()) -> str:
-    """The page of a diagnosis as the text of an HTML file.
+    """The report of a diagnosis as the text of an HTML file.
 
-    `where` (see `localise.misfit`) adds the states of motion in which the original diagram fails and the inputs estimated
-    at its places; `written` are the experiment files of the findings, for the commands under the next steps.
+    `where` (see `localise.misfit`) adds the states of motion with a large misfit of the original diagram, and the
+    estimated inputs at its places. `written` are the experiment files of the findings, for the commands under the next
+    steps.
     """
     shown = shown_rungs(diagnosis.ladder)
     found = [s for s in _sections(diagnosis, shown, where, written) if s[2]]
@@ -74,7 +75,7 @@ def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: 
 def _sections(diagnosis: Diagnosis, shown: Sequence[ModelStyle], where: Localization | None,
               written: Sequence[Path]) -> list[Section]:
     """The sections below the verdict: name, title and content of each."""
-    if not diagnosis.ladder:  # nothing was simulated yet
+    if not diagnosis.ladder:  # no model was simulated
         return [("next", "How to go on", _next(diagnosis, written))]
     fit = _last_fit(diagnosis)
     finding = diagnosis.findings[0] if diagnosis.findings else diagnosis.shape
@@ -127,8 +128,10 @@ def _tree(tree: Tree) -> Html:
 
 
 def _figures(diagnosis: Diagnosis) -> Html:
-    """The summary values. Errors in the units of the channels, with their noise, come first, since an error may be a small
-    share of the measured signal and many times the noise."""
+    """The summary values: first the errors and the noise in the units of the channels, then relative errors.
+
+    A relative error alone is not sufficient, because it can be small although the error is many times the noise.
+    """
     added = diagnosis.added
     first, last = without_effects(diagnosis.ladder, added) if added else diagnosis.ladder[0], diagnosis.ladder[-1]
     held = math.isfinite(last.error_held_out)
@@ -155,7 +158,7 @@ def _figure(name: str, value: str, small: str) -> Html:
 
 # -- the machine and the finding ---------------------------------------------------------------------------------------
 def _machine(diagnosis: Diagnosis, where: Localization | None) -> Html:
-    """The last diagram with the findings marked; without findings, the place whose input would explain most."""
+    """The last diagram with the findings marked, or else the place at which an unknown input explains most."""
     model, marks = diagnosis.last.model, _marks(diagnosis)
     caption = "The diagram with the added effects marked." if marks else "The diagram without changes; nothing was added."
     if not marks and where is not None and where.suspects and diagnosis.verdict == "undetermined":
@@ -171,21 +174,21 @@ def _marks(diagnosis: Diagnosis) -> dict[str, str]:
     marks = {}
     for k, finding in enumerate(diagnosis.added, 1):
         candidate = finding.candidate
-        # a dormant parameter has no picture of its own; its component has
+        # an inactive parameter has no picture; mark its component
         name = candidate.where[0] if candidate.attaches == "in" else candidate.name
         marks[name] = candidate.kind if len(diagnosis.added) == 1 else f"{k}: {candidate.kind}"
     return marks
 
 
 def _rivals(diagnosis: Diagnosis) -> dict[str, str]:
-    """The other possible places of uncertain findings."""
+    """The alternative places of uncertain findings."""
     return {name: f"or here: {trial.candidate.kind}" for finding in diagnosis.findings if not finding.certain
             for trial in finding.alternatives[1:] for name in trial.candidate.where[:1]
             if trial.candidate.where != finding.candidate.where}
 
 
 def _drawn(model: Model, marks: dict[str, str], rivals: dict[str, str]) -> Html:
-    """The drawing; with fewer marks where not all can be drawn, empty where the diagram cannot be drawn."""
+    """The drawing, with fewer marks if some cannot be drawn; empty if the diagram cannot be drawn."""
     for wanted in ({**rivals, **marks}, marks, {}):
         try:
             return Html(draw(model, highlight=wanted))
@@ -195,7 +198,7 @@ def _drawn(model: Model, marks: dict[str, str], rivals: dict[str, str]) -> Html:
 
 
 def _found(diagnosis: Diagnosis) -> Html:
-    """Each effect with its parameters, and the candidates that cannot be distinguished from it."""
+    """Each effect with its parameters, and the candidates that the records cannot distinguish from it."""
     parts = [element("h3", PROBABILITY), table(("explanation", "probability"), [e.row for e in diagnosis.events],
                                                numbers=(1,))] if diagnosis.events else []
     parts += [_finding(k, f) for k, f in enumerate((*diagnosis.findings, *diagnosis.doubtful), 1)]
@@ -231,7 +234,7 @@ def _finding(k: int, finding: AddedEffect) -> Html:
 
 
 def _diagram(finding: AddedEffect) -> str:
-    """The text of a diagram that adds a finding to the previous one."""
+    """The text of a diagram that adds a finding to the previous diagram."""
     values = {p.name: read_unit(readable_unit(p.unit, p.value)).written(p.value) for p in finding.parameters}
     candidate, path = finding.candidate, finding.fit.experiment.model.path
     said = f"with {candidate.kind} {candidate.place}"
@@ -245,7 +248,7 @@ def _series(shown: Sequence[ModelStyle]) -> Html:
 
 
 def _ladder(rungs: Sequence[LadderEntry]) -> Html:
-    """The errors of the ladder as a bar chart and a table."""
+    """The errors of the models as a bar chart and a table."""
     levels = [100 * _noise_level(rungs[-1], use) for use in ("fit", "validate")]
     falls = [Fall(r.name, (("fitted", 100 * r.error_fit, levels[0]), ("held out", 100 * r.error_held_out, levels[1])))
              for r in rungs]
@@ -265,7 +268,7 @@ def _ladder(rungs: Sequence[LadderEntry]) -> Html:
 
 
 def _noise_level(rung: LadderEntry, use: str) -> float:
-    """The error due to noise alone on the records of one use; NaN where there are none."""
+    """The error due to noise alone on the records of one use; NaN if there are no such records."""
     shares = [_noise_share(part) for part in rung.comparison.parts if (part.use == "fit") == (use == "fit")]
     return float(np.sqrt(np.mean(shares))) if shares else math.nan
 
@@ -348,7 +351,7 @@ def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
 
 
 def _tries(diagnosis: Diagnosis, name: str) -> list[str]:
-    """A `heavebond try` command for each of the effects that cannot be distinguished."""
+    """A `heavebond try` command for each of the indistinguishable effects."""
     lines = []
     for finding in diagnosis.findings:
         for candidate in (t.candidate for t in finding.alternatives[:6]):

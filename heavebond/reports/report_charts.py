@@ -1,4 +1,4 @@
-"""Small charts as SVG: the falling error, parameters in their ranges, clouds and curves over one variable."""
+"""Small SVG charts: errors of successive models, parameters in their ranges, points and curves over one variable."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from heavebond.core.presentation import number
 from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element
 
-# Okabe and Ito, Color universal design, 2008: told apart by every kind of colour vision
+# Okabe and Ito, Color universal design, 2008: distinguishable for all kinds of colour vision
 BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#aa4a86"
 INK, QUIET, GRID, AXIS = "#1d2733", "#55606c", "#e4e8ec", "#7d8894"
-LETTER = 6.4  # px that a character of 12 px takes on average
+LETTER = 6.4  # average width in px of a character of 12 px
 MOST_POINTS = 1500
 
 
 def text(x: float, y: float, words: str, *, anchor: str = "start", fill: str = QUIET, size: float = 12, bold: bool = False,
          turned: bool = False, halo: bool = False) -> Html:
-    """Writing with its base line at (x, y), turned to read upwards if wanted; a halo keeps lines below it away."""
+    """A text with its base line at (x, y); `turned` rotates it to read upwards, a halo covers lines behind it."""
     return element("text", words, x=f"{x:.1f}", y=f"{y:.1f}", text_anchor=anchor if anchor != "start" else None, fill=fill,
                    font_size=f"{size:g}", font_weight="bold" if bold else None, paint_order="stroke" if halo else None,
                    stroke="#ffffff" if halo else None, stroke_width="4" if halo else None,
@@ -35,13 +35,13 @@ def line(x1: float, y1: float, x2: float, y2: float, stroke: str, width: float =
 
 
 def svg(width: float, height: float, label: str, *parts: Html) -> Html:
-    """A picture with a text for those who cannot see it."""
+    """A picture with an alternative text `label`."""
     return element("svg", *parts, class_="chart", viewBox=f"0 0 {width:g} {height:g}", width=f"{width:g}",
                    height=f"{height:g}", role="img", aria_label=label)
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """Round numbers between two ends, 1, 2 or 5 times a power of ten apart."""
+    """Round numbers between two ends with a spacing of 1, 2 or 5 times a power of ten."""
     rough = (high - low) / max(1, most)
     power = 10.0 ** math.floor(math.log10(rough))
     step = power * next(k for k in (1, 2, 5, 10) if k * power >= rough * 0.999)
@@ -51,15 +51,14 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 # -- the falling error -------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Fall:
-    """One model on the ladder: errors in per cent (NaN where there is none) on one set of
-    records each, and what noise alone would leave there."""
+    """The errors of one model; each bar is (set of records, error in per cent or NaN, error due to noise alone)."""
 
     name: str
     bars: tuple[tuple[str, float, float], ...]
 
 
 def ladder(falls: Sequence[Fall], colours: Sequence[str], label: str) -> Html:
-    """Bars from zero, a group for each model, with a mark on each where noise alone would end."""
+    """Bar chart of errors: a group of bars for each model; a mark on each bar is the error due to noise alone."""
     width, left, right, bar, head, gap = 640.0, 66.0, 70.0, 18.0, 22.0, 12.0
     most = max([v for f in falls for _, v, _ in f.bars if math.isfinite(v)], default=1.0) or 1.0
     scale = (width - left - right) / most
@@ -88,8 +87,8 @@ def ladder(falls: Sequence[Fall], colours: Sequence[str], label: str) -> Html:
 
 def interval(low: float, high: float, inner: tuple[float, float], value: float, before: float | None, logarithmic: bool,
              label: str) -> Html:
-    """A parameter in its range: a pale bar for the range, a dark one for the interval, a dot for the value, a tick for the
-    value of the data sheet."""
+    """A parameter in its range: a pale bar for the range, a dark bar for the confidence interval, a dot for the value, and a
+    tick for the value of the data sheet."""
     def place(v: float) -> float:
         a, b, c = (math.log(k) for k in (low, high, v)) if logarithmic else (low, high, v)
         return 8 + 164 * min(1.0, max(0.0, (c - a) / (b - a))) if b > a else 90.0
@@ -115,7 +114,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Line:
-    """A line through points, broken after those in `ends`."""
+    """A line through points, interrupted after the points `ends`."""
 
     x: Array
     y: Array
@@ -128,7 +127,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Frame:
-    """A rectangle of px for a rectangle of values."""
+    """A linear or logarithmic map from values to px."""
 
     width: float
     height: float
@@ -141,23 +140,23 @@ class Frame:
     logarithmic: bool = False
 
     def px(self, x: Array) -> Array:
-        """From the left."""
+        """The distance in px from the left."""
         return np.asarray(self.left + (x - self.x[0]) / (self.x[1] - self.x[0]) * (self.width - self.left - self.right))
 
     def py(self, y: Array) -> Array:
-        """From the top."""
+        """The distance in px from the top."""
         low, high = (math.log10(v) for v in self.y) if self.logarithmic else self.y
         v = np.log10(np.maximum(y, 1e-300)) if self.logarithmic else y
         return np.asarray(self.height - self.bottom - (v - low) / (high - low) * (self.height - self.top - self.bottom))
 
     def path(self, x: Array, y: Array, ends: Sequence[int] = ()) -> str:
-        """Points as the path of a line."""
+        """The SVG path of a line through points."""
         px, py = self.px(x), np.clip(self.py(y), self.top - 400, self.height + 400)
         starts = {0, *(e + 1 for e in ends)}
         return "".join(f"{'M' if k in starts else 'L'}{a:.1f} {b:.1f}" for k, (a, b) in enumerate(zip(px, py, strict=True)))
 
     def axes(self, title: str, across: str, up: str) -> list[Html]:
-        """Grid, numbers and names."""
+        """The grid, the numbers and the names of the axes."""
         base, parts = self.height - self.bottom, []
         for v in ticks(*self.x, 5):
             x = float(self.px(np.array(v)))
@@ -181,7 +180,7 @@ class Frame:
 
 def over(clouds: Sequence[Cloud], lines: Sequence[Line], *, title: str, across: str, up: str, label: str,
          size: tuple[float, float] = (338.0, 280.0), limits: Array | None = None) -> Html:
-    """Clouds and lines over one variable; the height is that of the clouds (or of `limits`), which a law may leave."""
+    """Points and lines over one variable; the points or `limits` set the vertical range, and lines are clipped to it."""
     xs = np.concatenate([*(c.x for c in clouds), *(part.x for part in lines)])
     ys = limits if limits is not None else np.concatenate([c.y for c in clouds] or [part.y for part in lines])
     frame = Frame(*size, _ends(xs, 0.03), _ends(ys, 0.08))
@@ -198,7 +197,7 @@ def over(clouds: Sequence[Cloud], lines: Sequence[Line], *, title: str, across: 
 
 
 def _hash(label: str, *arrays: Array) -> int:
-    """A number that is the same for the same picture on every machine."""
+    """A hash of a picture that is the same on every machine."""
     import hashlib
 
     found = hashlib.sha256(label.encode("utf-8", "replace"))
@@ -208,7 +207,7 @@ def _hash(label: str, *arrays: Array) -> int:
 
 
 def steps(series: Sequence[tuple[str, Array, Array]], *, title: str, across: str, up: str, label: str) -> Html:
-    """Levels (K,) between edges (K+1,), by name, over a logarithmic height, with a line at 1."""
+    """Step charts by name: levels (K,) between edges (K+1,) on a logarithmic vertical axis, with a line at 1."""
     size = 518.0, 230.0
     values = np.concatenate([np.maximum(level, 1e-2) for _, _, level in series])
     low, high = 10.0 ** math.floor(math.log10(min(values.min(), 0.9))), 10.0 ** math.ceil(math.log10(max(values.max(), 1.1)))
@@ -238,7 +237,7 @@ def swatch(*parts: tuple[str, str, str]) -> Html:
 
 
 def _short(value: float) -> str:
-    """A number at an axis: 50000000 as 5e7."""
+    """The label of a number at an axis: 5e7 for 50000000."""
     mantissa, exponent, power = f"{value:.6g}".partition("e")
     return f"{mantissa}e{int(power)}" if exponent else mantissa
 
@@ -249,7 +248,7 @@ def _points(frame: Frame, cloud: Cloud) -> str:
 
 
 def _ends(values: Array, room: float) -> tuple[float, float]:
-    """The ends of finite values with some room, never equal."""
+    """The range of the finite values with a margin; its ends are never equal."""
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     span = high - low

@@ -1,4 +1,4 @@
-"""Charts of the proposed experiment: its input, and the response predicted by each alternative."""
+"""Charts of the proposed experiment: the input, and the response predicted by each alternative."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from heavebond.reports.report_charts import BLUE, GREEN, INK, MOST_POINTS, ORANG
 
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, INK)
 DASHES = (None, "7 3", "2 2", "9 3 2 3", None)
-SHOWN = 8  # simulated inputs in the table
+SHOWN = 8  # number of simulated inputs in the table
 SIZE = (518.0, 230.0)
 
 
 def separating(found: Separation) -> Html:
-    """The section on the next experiment: the most discriminating input, the predicted channels, the pairs decided."""
+    """The section on the next experiment: the most discriminating input, the predicted channels, the distinguished pairs."""
     parts = [element("p", line) for line in found.words]
     if found.best is None:
         return joined(parts)
@@ -45,7 +45,7 @@ def _input(found: Separation, best: SimulatedInput) -> Html:
 
 
 def _channel(found: Separation, name: str, channel: Predicted) -> list[Html]:
-    """A channel under each alternative, and the differences from the first alternative in noise levels."""
+    """A channel under each alternative, and the differences from the first alternative in multiples of the noise."""
     shown = readable_unit(channel.unit, float(np.max(np.abs(channel.values), initial=0.0)))
     source, target = read_unit(channel.unit), read_unit(shown)
     values = (channel.values * source.scale + source.offset - target.offset) / target.scale

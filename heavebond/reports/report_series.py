@@ -1,4 +1,4 @@
-"""Records and the models of a ladder over time, thinned out and packed for the page's script."""
+"""Records and models over time, with a reduced number of samples, packed for the script of the page."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element, joined
 from heavebond.records.measurements import gaps
 
-# Samples that a page carries of one channel, and of all together with their models: some 2 MB.
+# maximum number of samples in a page, of one channel and of all channels with their models: about 2 MB
 MOST, IN_ALL = 8000, 250_000
-BAND = 2.0  # noise levels on either side of zero that the band shows: 95 of 100 samples of white noise
+BAND = 2.0  # half width of the band in multiples of the noise; it contains 95 % of the samples of white noise
 BEFORE, LAST = 0, 9  # the styles of the first and the last model
-QUANTA = 30.0  # of the noise, to which values are rounded
+QUANTA = 30.0  # values are rounded to the noise divided by this number
 
 
 @dataclass(frozen=True)
 class ModelStyle:
-    """One model of the ladder as it is drawn: its name, its style (see report.css), and whether it shows at first."""
+    """The curve of one model: its name, its style (see report.css), and whether it is visible initially."""
 
     label: str
     style: int
@@ -36,7 +36,7 @@ class ModelStyle:
 
 
 def shown_rungs(ladder: Sequence[LadderEntry]) -> list[ModelStyle]:
-    """The rungs with their styles: of the first ones only the fitted diagram shows, and the last model."""
+    """Assign styles to the models; only the fitted diagram without effects and the last model are visible initially."""
     before = 1 if len(ladder) > 2 else 0
     found = []
     for k, rung in enumerate(ladder):
@@ -46,7 +46,7 @@ def shown_rungs(ladder: Sequence[LadderEntry]) -> list[ModelStyle]:
 
 
 def packed(ladder: Sequence[ModelStyle]) -> list[dict[str, object]]:
-    """What the page's script draws: an entry for each record."""
+    """The data for the script of the page: an entry for each record."""
     records = list(ladder[-1].rung.comparison.records.values()) if ladder else []
     count = sum(len(r.channels) for r in records) * (1 + len(ladder))
     most = min(MOST, max(500, IN_ALL // max(1, count)))
@@ -81,7 +81,7 @@ def _chart(identity: str, record: RecordComparison, name: str, ladder: Sequence[
 
 
 def _conversion(channel: Channel) -> tuple[str, float, float]:
-    """The unit to show a channel in, and value * scale + offset that gives it."""
+    """The unit of a channel in the charts, and the scale and offset of the conversion value * scale + offset."""
     finite = np.abs(channel.measured[np.isfinite(channel.measured)])
     unit = readable_unit(channel.unit, float(finite.max()) if finite.size else 0.0)
     source, target = read_unit(channel.unit), read_unit(unit)
@@ -89,7 +89,7 @@ def _conversion(channel: Channel) -> tuple[str, float, float]:
 
 
 def held_out(record: RecordComparison, name: str) -> list[list[float]]:
-    """The stretches (s) of a channel that were held out of the fit, where those are parts of the record."""
+    """The intervals (s) of a channel that were held out of the fit, if they are parts of the record."""
     if record.validate is None or name not in record.validate.channels:
         return []
     part = record.validate.channels[name]
@@ -98,8 +98,12 @@ def held_out(record: RecordComparison, name: str) -> list[list[float]]:
 
 
 def thinned(measured: Array, models: Sequence[Array], always: NDArray[np.bool_], most: int) -> NDArray[np.int64]:
-    """The samples that are kept of n: all if there are no more than `most`; else, of equal stretches, those at which the
-    record and the rest to each model are least and largest, and those marked `always`. No peak is lost."""
+    """Select at most about `most` of n samples for a chart and return their indices.
+
+    All samples are selected if n <= `most`. Otherwise the record is divided into intervals of equal length, and the minima
+    and maxima of the record and of the residual of each model in each interval are selected, so that all peaks remain
+    visible. The samples marked `always` are selected too.
+    """
     n = len(measured)
     if n <= most:
         return np.arange(n)
@@ -113,7 +117,7 @@ def thinned(measured: Array, models: Sequence[Array], always: NDArray[np.bool_],
 
 
 def pack(values: Array, quantum: float) -> dict[str, object]:
-    """Values as whole numbers of quanta above the first, each as its difference from the one before."""
+    """Encode values as the first value and the differences of successive values in multiples of `quantum`."""
     sound = np.isfinite(values)
     finite = np.where(sound, values, values[np.argmax(sound)] if sound.any() else 0.0)
     whole = np.round((finite - finite[0]) / quantum).astype(np.int64)
@@ -121,14 +125,14 @@ def pack(values: Array, quantum: float) -> dict[str, object]:
 
 
 def _quantum(noise: float, values: Array) -> float:
-    """A power of ten that is small beside the noise, and not too small beside the values to be counted in."""
+    """The quantum of rounding: a power of ten below noise / QUANTA, but at least of the order of 1e-9 of the values."""
     size = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)) or 1.0
     return float(10.0 ** math.floor(math.log10(max(noise / QUANTA, 1e-9 * size))))
 
 
 # -- the page around the charts ----------------------------------------------------------------------------------------
 def record_section(index: int, record: RecordComparison, ladder: Sequence[ModelStyle]) -> Html:
-    """One record: its buttons and its charts, which the script fills."""
+    """The section of a record: buttons, and empty charts that the script fills."""
     use = "fitted" if record.use == "fit" else "held out of the fit"
     more = "; the shaded stretches were held out" if record.validate is not None else ""
     charts = [_figure(k, [s.rung.comparison.records[record.name].channels[name] for s in ladder])
@@ -152,7 +156,7 @@ def _toolbar(ladder: Sequence[ModelStyle]) -> Html:
 
 
 def _figure(index: int, channels: Sequence[Channel]) -> Html:
-    """A channel of a record, as each of the models shows it, in their order."""
+    """The figure of a channel with its errors for each model, in the order of the models."""
     last = channels[-1]
     errors = " → ".join(readable_difference(c.error, c.unit, 3) for c in channels)
     chi2 = " → ".join(number(c.chi2, 3) for c in channels)
@@ -164,7 +168,7 @@ def _figure(index: int, channels: Sequence[Channel]) -> Html:
 
 
 def key() -> Html:
-    """How to read the charts, and how to move in them."""
+    """Instructions for reading the charts and for zooming."""
     read = element("p", element("b", "How to read them. "), "Above: the record (grey) and the models; below: what each "
                    f"model misses, on a band of ±{BAND:g} noise levels, which holds 95 % of white noise. Behind a channel's "
                    "name stand its figures from model to model, in the order of the buttons. Crosses are samples far from "

@@ -1,4 +1,4 @@
-"""The tables of a report: candidates and their evidence, parameters, tests, noise, what was tried."""
+"""Tables of a report: candidates and their evidence, parameters, residual tests, noise, steps of the search, records."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.pictures.markup import Html, element, joined, table
 from heavebond.reports.report_charts import interval
 
-FIRST_ROWS = 12  # fitted candidates that are shown; the others are folded
-# how the page marks the row and the label of a judgement
+FIRST_ROWS = 12  # number of fitted candidates in the visible table; the others are folded
+# CSS classes of the row and of the label of a judgement
 MARKS = {"chosen": ("chosen", "good"), "indistinguishable": ("alike", "bad")}
 TESTS = {
     "score": "Does any effect of the catalogue explain more of it than chance would?",
@@ -29,7 +29,7 @@ TESTS = {
 
 
 def words_of_chance(p: float) -> str:
-    """A p value as one says it."""
+    """A p value in words."""
     if math.isnan(p):
         return "not tested"
     said = "never" if p < 1e-4 else "hardly" if p < 0.01 else "it may well be"
@@ -37,13 +37,13 @@ def words_of_chance(p: float) -> str:
 
 
 def chance(p: float) -> str:
-    """A p value as it is printed."""
+    """A p value as text: `p = 0.012`."""
     return "p < 0.000001" if p < 1e-6 else f"p = {p:.2g}"
 
 
 # -- candidates --------------------------------------------------------------------------------------------------------
 def ranking(step: Stage) -> Html:
-    """All candidates of one step: those that were fitted with their statistics, then the others by reason."""
+    """All candidates of one step: the fitted candidates with their statistics, then the other candidates by reason."""
     ranked = entries(step)
     fitted = [e for e in ranked if e.trial is not None]
     others = _others(ranked[len(fitted):])
@@ -68,7 +68,7 @@ def _ranked(ranked: Sequence[Entry], first: int, caption: str = "") -> Html:
 
 
 def _cell(column: Column, entry: Entry) -> Html | str:
-    """A cell of the ranking; the place names what acts the same there, the result is a label."""
+    """A cell of the ranking; the place also lists equivalent candidates, and the judgement is a label."""
     if column.key == "place" and entry.same_as:
         twins = f"acts the same as {listing(list(entry.same_as))}"
         return joined([column.text(entry), element("br"), element("span", twins, class_="quiet small")])
@@ -80,7 +80,7 @@ def _cell(column: Column, entry: Entry) -> Html | str:
 
 
 def _others(left: Sequence[Entry]) -> Html:
-    """Candidates that were not fitted, by reason."""
+    """The candidates that were not fitted, by reason."""
     parts = []
     for reason, words in JUDGEMENTS.items():
         found = [e for e in left if e.judgement == reason and reason != "same_direction"]
@@ -98,8 +98,10 @@ def _folded(title: str, inside: Html, kind: str | None = "long") -> Html:
 
 # -- parameters --------------------------------------------------------------------------------------------------------
 def parameters(fit: Fit, base: Fit | None) -> Html:
-    """Values fitted with the last model of the ladder, and alone before anything was added (`base`), in their ranges; and
-    what the records tell about them."""
+    """The fitted parameters of the last model in their ranges, and how well the records determine them.
+
+    `base` is the fit of the diagram without added effects.
+    """
     alone = {(p.name, p.record): p for p in base.parameters} if base is not None and base is not fit else {}
     rows = [_parameter(p, alone.get((p.name, p.record)), bool(alone),
                        parameter_description(fit, p.name)) for p in fit.parameters]
@@ -111,7 +113,7 @@ def parameters(fit: Fit, base: Fit | None) -> Html:
 
 
 def _parameter(p: Fitted, alone: Fitted | None, both: bool, description: str) -> list[str]:
-    """A row, `description` what the parameter is; of a number of the effect itself there is no value on a data sheet."""
+    """The row of a parameter with its `description`; a parameter of the added effect has no value of a data sheet."""
     sheet = alone.before if alone is not None else p.before
     value, inside = valued(p)
     least, most, before = in_one_unit(p.unit, p.value, (p.low, p.high, sheet))
@@ -124,44 +126,44 @@ def _parameter(p: Fitted, alone: Fitted | None, both: bool, description: str) ->
 
 
 def _span(least: str, most: str) -> str:
-    """A range, its unit once."""
+    """A range with one unit."""
     return f"{least.split(' ')[0]} … {most}"
 
 
 def valued(p: Fitted) -> tuple[str, str]:
-    """A value and what the records tell of it, in one unit."""
+    """A value and its confidence interval, in one unit."""
     unit, label = shown_unit(p.unit, p.value)
     written = partial(in_unit, unit=unit, digits=p.digits)
     return written(p.value) + label, p.known(written, label, "…")
 
 
 def explained(name: str, description: str) -> Html:
-    """A name with what it stands for below it."""
+    """A name with its description below it."""
     return joined([name, *([element("br"), element("span", description, class_="quiet small")] if description else [])])
 
 
 def _ended(value: str, p: Fitted) -> Html:
-    """A value, with a word where it stands at an end of its range."""
+    """A value, with a label if it is at an end of its range."""
     if not p.ended:
         return joined([value])
     return joined([value, element("br"), element("span", f"at the {p.ended} end", class_="tag bad")])
 
 
 def in_one_unit(unit: str, size: float, values: Sequence[float]) -> list[str]:
-    """Values in SI in the unit that suits `size`, each with it."""
+    """Values in SI as texts in the unit suited to `size`, each with the unit."""
     shown, label = shown_unit(unit, size)
     return [in_unit(value, shown, 5) + label for value in values]
 
 
 def shown_unit(unit: str, size: float) -> tuple[Unit, str]:
-    """The unit that suits values of a size, and how it stands behind a number."""
+    """The unit suited to values of a size, and its text after a number."""
     shown = readable_unit(unit, size)
     return read_unit(shown), "" if shown == "1" else f" {unit_label(shown)}"
 
 
 # -- residual tests ----------------------------------------------------------------------------------------------------
 def tests(steps: Sequence[Stage], names: Sequence[str]) -> Html:
-    """The tests on what each model leaves of the fitted samples; `names` says which model that is."""
+    """The tests of the residuals of the fitted samples for each model; `names` are the names of the models."""
     rows = []
     for step, name in zip(steps, names, strict=True):
         for test, question in TESTS.items():
@@ -178,7 +180,7 @@ def _answer(test: str, p: float, level: float, left: ResidualTests) -> Html:
 
 
 def noise(diagnosis: Diagnosis) -> Html:
-    """The noise of each channel beside what the first and the last model leave."""
+    """The noise of each channel and the rms residuals of the first and the last model."""
     first, last = diagnosis.ladder[0].comparison, diagnosis.ladder[-1].comparison
     rows = []
     for record in last.records.values():
@@ -198,7 +200,7 @@ def _white(p: float) -> str:
 
 # -- what was tried ----------------------------------------------------------------------------------------------------
 def tried(diagnosis: Diagnosis) -> Html:
-    """What each step tried and how long it took."""
+    """The candidates and the time of each step."""
     rows = []
     for k, step in enumerate(diagnosis.steps, 1):
         labels = {s.candidate.label for s in step.scores}
@@ -211,7 +213,7 @@ def tried(diagnosis: Diagnosis) -> Html:
 
 
 def records(diagnosis: Diagnosis) -> Html:
-    """The records and what they were used for."""
+    """The records and their use."""
     rows = []
     for record in diagnosis.ladder[-1].comparison.records.values():
         first = next(iter(record.channels.values()))

@@ -1,4 +1,4 @@
-"""Charts of the localisation: misfit over time and state, and the estimated input at a place with the law found there."""
+"""Charts of the localisation: the misfit over time and state, and the estimated input at a place with the identified law."""
 
 from __future__ import annotations
 
@@ -23,8 +23,10 @@ LAW, CURVE = "#000000", "#009e73"
 
 
 def failing(found: Localization, finding: AddedEffect | None) -> Html:
-    """The section on where the model fails: over time, by state of motion, by place. The law of a finding is drawn over the
-    input estimated at its place."""
+    """The section on the misfit of the model: over time, by state of motion and by place.
+
+    The law of a finding is drawn over the estimated input at its place.
+    """
     parts = [element("p", line) for line in summary(found)]
     parts += [element("div", *figures, class_="panels") for figures in (_over_time(found), _over_states(found)) if figures]
     parts += [element("p", line) for line in found.words]
@@ -36,13 +38,13 @@ def failing(found: Localization, finding: AddedEffect | None) -> Html:
 
 
 def _chosen(found: Localization, finding: AddedEffect | None) -> list[PlaceEstimate]:
-    """The best place, and that of the finding if it differs."""
+    """The best place, and the place of the finding if it is different."""
     best = list(best_of_each_group(found))[:1]
     if finding is not None:
         wanted = set(finding.candidate.where)
         there = next((s for s in found.suspects if {n.name for n in s.place.nodes} == wanted), None)
         if there is not None and best and there is not best[0]:
-            # the same effect on the records, so only one of them needs to be drawn
+            # both places have the same effect on the records, so one chart is sufficient
             return [there] if there.place.name in best[0].alike else [best[0], there]
     return best
 
@@ -114,7 +116,7 @@ def _variables(suspect: PlaceEstimate) -> list[str]:
 
 
 def _panel(suspect: PlaceEstimate, name: str, finding: AddedEffect | None, up: str, per: float) -> tuple[Html, bool]:
-    """A scatter plot of the estimated input over one variable, and whether the law is drawn in it."""
+    """A scatter plot of the estimated input over one variable, and True if it contains the law of the finding."""
     curve = suspect.curve
     assert curve is not None
     x = np.concatenate([i.local[name] for i in suspect.implied.values()])
@@ -138,8 +140,10 @@ def _panel(suspect: PlaceEstimate, name: str, finding: AddedEffect | None, up: s
 
 
 def _law(finding: AddedEffect, suspect: PlaceEstimate, name: str) -> Line | None:
-    """The through variable of a finding's component at a place, over a variable there, in the runs with it (SI); None where
-    the component is elsewhere, or has no port there."""
+    """The through variable of the component of a finding at a place over a local variable, from the runs with it (SI).
+
+    None if the component has no port at this place.
+    """
     xs, ys, ends = [], [], []
     for record in finding.rung.comparison.records.values():
         made = _through(finding, suspect, record.result, name)
@@ -160,7 +164,7 @@ def _through(finding: AddedEffect, suspect: PlaceEstimate, result: Result, name:
         if port is None:
             continue
         try:
-            # the flow into the node is the negative of that into the component
+            # the flow into the node is the negative of the flow into the component
             return result.si[name], -result.si[f"{port}.{nodes[node].through}"] / weight
         except HeavebondError:
             return None
@@ -179,9 +183,9 @@ def _course(suspect: PlaceEstimate, record: str, up: str, per: float) -> Html:
 
 # -- identified curves -----------------------------------------------------------------------------------------------------
 def learnt(finding: AddedEffect) -> Html:
-    """The identified curve of a finding without a named law, over the range of its runs; empty where there is no curve.
+    """The identified curve of a finding without a named law, over the range of its runs; empty if there is none.
 
-    The curve of a component is its last variable over its first; that of a signal block is output minus input.
+    The curve of a component is its last variable over its first variable. The curve of a signal block is output minus input.
     """
     runs = [r.result for r in finding.rung.comparison.records.values()]
     names = _curve_names(finding, runs[0])

@@ -1,5 +1,5 @@
-"""Results of `compare`, `fit`, `localize`, `diagnose`, `laws` and `errors` as tables and lines, the same in the
-terminal and in the studio."""
+"""Results of `compare`, `fit`, `localize`, `diagnose`, `laws` and `errors` as tables and lines, for the terminal and the
+studio."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from heavebond.laws.find import Laws
 from heavebond.localise.misfit import Localization, PlaceEstimate, summary
 from heavebond.records import metrics
 
-RANKED = 12  # candidates that are shown
+RANKED = 12  # maximum number of candidates in a table
 FITTED = ("parameter", "before", "fitted", "95 % interval", "range")
 RECORDS = ("record", "channel", "error before", "after", "noise", "reduced chi-square")
 LADDER = ("error, fitted", "held out", "chi-square, fitted", "held out")
@@ -37,7 +37,7 @@ EFFECT = ("parameter", "fitted", "95 % interval", "sought in", "what it is")
 
 @dataclass(frozen=True)
 class ResultTable:
-    """A table; its first `text` columns hold text, the others numbers."""
+    """A table; its first `text` columns contain text, the other columns numbers."""
 
     title: str
     head: Sequence[str]
@@ -47,7 +47,7 @@ class ResultTable:
 
 @dataclass(frozen=True)
 class Line:
-    """A sentence of a result; a `warning` is one that nobody should miss."""
+    """A sentence of a result; a `warning` is highlighted."""
 
     text: str
     warning: bool = False
@@ -55,7 +55,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Notes:
-    """What is noticed about records: pairs of a record (empty: the one before) and a note."""
+    """Notes on records: pairs of record and note; an empty record means the record of the row above."""
 
     rows: Sequence[tuple[str, str]]
 
@@ -65,7 +65,7 @@ Item = ResultTable | Line | Notes
 
 # -- compare -----------------------------------------------------------------------------------------------------------
 def comparison_items(comparison: Comparison) -> list[Item]:
-    """The errors of each channel and record, what is noticed, and what is advised."""
+    """The errors of each channel and record, the notes and the advice."""
     return [_compared(comparison),
             *(Line(f"{part.name} ({part.use}): normalised error {_percent(100 * part.normalised)}, "
                    f"reduced chi-square {number(part.chi2, 3)}") for part in comparison.parts),
@@ -73,7 +73,7 @@ def comparison_items(comparison: Comparison) -> list[Item]:
 
 
 def noticed(comparison: Comparison) -> list[Notes]:
-    """The notes on all records, that on feedback to an input once for all; none where there are none."""
+    """The notes on all records, with one note on feedback to an input for all its records; empty without notes."""
     fed: dict[str, list[str]] = {}
     for name, record in comparison.records.items():
         for note in record.feedback:
@@ -101,7 +101,7 @@ def _compared(comparison: Comparison) -> ResultTable:
 
 
 def _row(channel: Channel, largest: float) -> tuple[str, ...]:
-    """A row of the table; all values in the unit that suits the `largest`, so that they can be compared."""
+    """A row of the table; all values are in the unit suited to `largest`, so that they can be compared."""
     def written(value: float, form: str) -> str:
         return readable_difference(value, channel.unit, 3, beside=largest) if form == "unit" else \
             _percent(value) if form == "%" else number(value, 3) if math.isfinite(value) else "-"
@@ -116,14 +116,14 @@ def _percent(value: float) -> str:
 
 # -- fit -----------------------------------------------------------------------------------------------------------------
 def fit_items(found: Fit) -> list[Item]:
-    """The fitted parameters with their intervals, the errors before and after, and how well the records tell them."""
+    """The fitted parameters with their intervals, the errors before and after, and how well the records determine them."""
     at_bounds = ended_at_bounds(found)
     return [fitted_parameters(found), *map(Line, own_words(found)), _before_and_after(found), *noticed(found.after),
             *map(Line, found.identifiability.words), *([Line(at_bounds)] if at_bounds else [])]
 
 
 def ended_at_bounds(found: Fit) -> str:
-    """The parameters that ended at an end of their range, without those that the records cannot see; empty for none."""
+    """A sentence on the parameters that ended at an end of their range, without unobservable parameters; empty for none."""
     unseen = found.identifiability.unseen_names
     names = [p.name for p in found.parameters
              if p.at_bound and p.name + (f" ({p.record})" if p.record else "") not in unseen]
@@ -148,7 +148,7 @@ def fitted_parameters(found: Fit) -> ResultTable:
 
 
 def _own_row(found: Fit, record: str, name: str) -> tuple[str, str, str, str, str]:
-    """A value that a held-out record has for itself, in the columns of the parameters."""
+    """The row of a parameter that is fitted separately to a held-out record."""
     p = next(p for p in found.parameters if p.name == name)
     unit = found.experiment.free[name].range.unit
     of = "" if unit.text in ("1", "") else f" {unit.text}"
@@ -157,7 +157,7 @@ def _own_row(found: Fit, record: str, name: str) -> tuple[str, str, str, str, st
 
 
 def own_words(found: Fit) -> list[str]:
-    """What is done with values `each: record` on records that are held out."""
+    """Sentences on the treatment of parameters `each: record` for held-out records."""
     instants = {name: record for record, own in found.held_out.items() for name in own.instants}
     names = listing([name for name, free in found.experiment.free.items() if free.each and name not in instants], 4)
     fitted = [f"the first {number(own.seconds, 3)} s of {record}" for record, own in found.held_out.items()
@@ -190,7 +190,7 @@ def _before_and_after(found: Fit) -> ResultTable:
 
 # -- localize ------------------------------------------------------------------------------------------------------------
 def localization_items(found: Localization) -> list[Item]:
-    """When and in what state of motion the model fails, and the places at which something may be missing."""
+    """The times and states of motion with a large misfit, and the places at which an effect may be missing."""
     table = [ResultTable("", PLACES, [_place(s) for s in found.suspects], text=1)] if found.missing else []
     unseen = [Line(f"Not seen in these records: {', '.join(found.unseen)}.")] if found.unseen else []
     return [*map(Line, summary(found)), *table, *unseen, *map(Line, found.words)]
@@ -208,8 +208,8 @@ def _place(suspect: PlaceEstimate) -> tuple[str, ...]:
 
 # -- diagnose ------------------------------------------------------------------------------------------------------------
 def diagnosis_items(found: Diagnosis) -> list[Item]:
-    """The answer with its levels, the table of models, the candidates of each step, the values of the added effects,
-    probabilities, and the verdict."""
+    """The answer with its levels, the table of models, the candidates of each step, the parameters of the added effects, the
+    probabilities and the verdict."""
     items: list[Item] = [*map(Line, found.tree.words), *tree_tables(found.tree)]
     items += [ladder_table(found.ladder, "model")] if found.ladder else []
     items += [ranking_table(step, f"Step {k}: " if len(found.steps) > 1 else "")
@@ -221,7 +221,7 @@ def diagnosis_items(found: Diagnosis) -> list[Item]:
 
 
 def tree_tables(tree: Tree) -> list[ResultTable]:
-    """The levels of the answer with their probabilities, a table for each effect."""
+    """A table for each effect: the levels of the answer with their probabilities."""
     tables = []
     for k, effect in enumerate(tree.effects, 1):
         title = "The answer by levels" + (f", effect {k}" if len(tree.effects) > 1 else "")
@@ -231,12 +231,12 @@ def tree_tables(tree: Tree) -> list[ResultTable]:
 
 
 def probability_table(found: Diagnosis) -> list[ResultTable]:
-    """What the records may be explained by; of several effects the first."""
+    """The possible explanations of the records with their probabilities; if several effects were added, of the first one."""
     return [ResultTable(PROBABILITY, EVENTS, [e.row for e in found.events])] if found.events else []
 
 
 def attempt_items(found: Attempt) -> list[Item]:
-    """The ladder with an effect that was tried by hand, its numbers, and whether it is justified."""
+    """The errors with an effect that the user chose, its parameters, and whether it is statistically justified."""
     held_out = "the error falls by more than chance." if found.earned else \
         "the effect does not lower the error by more than chance."
     ends = at_ends(found.finding, found.earned and found.bic_difference < 0)
@@ -246,7 +246,7 @@ def attempt_items(found: Attempt) -> list[Item]:
 
 
 def laws_items(found: Laws) -> list[Item]:
-    """The formulas that were refitted in simulation beside laws of the catalogue, and the answer."""
+    """The formulas that were refitted in simulation, the laws of the catalogue for comparison, and the answer."""
     rows = [(law.text, law.formula.place.name, f"{law.formula.count}", number(law.chi2_fit, 3), number(law.chi2_held_out, 3),
              percent(law.probability)) for law in found.laws]
     rows += [(f"{t.candidate.component} (catalogue)", "-".join(t.candidate.where), f"{len(t.candidate.numbers)}",
@@ -257,17 +257,17 @@ def laws_items(found: Laws) -> list[Item]:
 
 
 def ladder_table(rungs: Sequence[LadderEntry], first: str) -> ResultTable:
-    """The errors of models on the same records; `first` says what stands in the rows."""
+    """The errors of models on the same records; `first` is the heading of the first column."""
     rows = [(r.name, *(f"{number(100 * e, 3)} %" for e in (r.error_fit, r.error_held_out)),
              *(number(c, 3) for c in (r.chi2_fit, r.chi2_held_out))) for r in rungs]
     return ResultTable("Error in % of what was measured; reduced chi-square (1 = noise level)", (first, *LADDER), rows)
 
 
 def ranking_table(step: Stage, which: str) -> ResultTable:
-    """The best candidates of a step; `which` step is said before the title."""
+    """The best candidates of a step; `which` is the first part of the title and names the step."""
     columns = shown_in("terminal")
     ranked = entries(step)
-    shown = ranked[:min(RANKED, len(step.trials))]  # and all that the words name
+    shown = ranked[:min(RANKED, len(step.trials))]  # and the candidates in the sentences
     shown += tuple(e for e in ranked[len(shown):] if e["cluster"])
     rows = [[column.text(entry) for column in columns] for entry in shown]
     more = f", the {RANKED} best shown" if len(step.trials) > RANKED else ""
@@ -276,12 +276,12 @@ def ranking_table(step: Stage, which: str) -> ResultTable:
 
 
 def effect_table(finding: AddedEffect) -> ResultTable:
-    """The numbers of an effect with their intervals."""
+    """The parameters of an effect with their intervals."""
     rows = []
     for p in finding.parameters:
         unit = read_unit(readable_unit(p.unit, p.value))
         name = "" if unit.text in ("1", "") else f" {unit.text}"
-        alike = len({in_unit(end, unit, 4) for end in p.interval}) == 1  # the ends of a narrow interval
+        alike = len({in_unit(end, unit, 4) for end in p.interval}) == 1  # with 4 digits the ends of a narrow interval are equal
         written = partial(in_unit, unit=unit, digits=p.digits if alike else 4)
         end = f", at its {p.ended} end" if p.ended else ""
         rows.append((p.name, f"{written(p.value)}{name}", p.known(written, name),

@@ -1,4 +1,4 @@
-"""The tables and lines of a study, as the command line prints them and the studio shows them, and the files it leaves."""
+"""Tables and lines of a study for the terminal and the studio, and the output files of a study."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from heavebond.studies.tables import (
     write_files,
 )
 
-LISTED = 12  # rows of a sample that are shown
-TOLD = 3  # cases that leave a range that are told one by one
-EXCEEDED = 1e-4  # share of a limit: less is within what the search is exact to
+LISTED = 12  # maximum number of rows of a sample
+TOLD = 3  # maximum number of warnings for cases that exceed a range
+EXCEEDED = 1e-4  # share of a limit; a smaller excess is within the accuracy of the search
 
 
 def study_items(result: StudyResult) -> list[Item]:
-    """What a study found: calibration, cases, samples, modes, stability, ranges and limits."""
+    """The results of a study: calibration, cases, samples, modes, stability, ranges and limits."""
     items = _calibration(result)
     head, rows, words = shown(result)
     left_out = max(0, len(rows) - LISTED) if result.study.sample is not None else 0
@@ -40,7 +40,7 @@ def study_items(result: StudyResult) -> list[Item]:
     if left_out:
         items.append(Line(f"and {left_out} more rows, in table.csv"))
     items += _sample(result)
-    modes = list(mode_rows(result)) if result.study.sample is None else []  # of a sample in study.json
+    modes = list(mode_rows(result)) if result.study.sample is None else []  # the modes of a sample are in study.json
     if modes:
         items.append(ResultTable("oscillatory modes", ("case", "frequency", "damping", "components"), modes, 4))
     items += map(Line, dict.fromkeys(text for o in result.outcomes for mode in o.modes for text in mode.get("held", ())))
@@ -55,7 +55,7 @@ def study_items(result: StudyResult) -> list[Item]:
 
 
 def _sample(result: StudyResult) -> list[Item]:
-    """What the points of a sample say together."""
+    """Statistics of a sample: means, distributions, Sobol indices and slopes."""
     items: list[Item] = []
     titles, means, left = mean_rows(result)
     if means:
@@ -90,7 +90,7 @@ def _calibration(result: StudyResult) -> list[Item]:
 
 
 def write_study(result: StudyResult, folder: Path) -> list[Path]:
-    """The tables, the calibrated diagram and the pictures of a study, written into its folder."""
+    """Write the tables, the calibrated diagram and the pictures of a study to a folder; return the paths."""
     files = list(write_files(result, folder))
     if result.calibrated is not None:
         path = folder / "calibrated.yaml"

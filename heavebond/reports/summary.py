@@ -1,4 +1,4 @@
-"""What the assembler made of a diagram: counts, states and why these, loops, index, and where the start comes from."""
+"""Summary of an assembled diagram: counts, states and reasons of their choice, loops, index, and initial conditions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TIMES = {1: "once", 2: "twice"}
 
 @dataclass(frozen=True)
 class ChosenState:
-    """A state: its unit, and in words why it is one."""
+    """A state with its unit and the reason of its choice in words."""
 
     name: str
     unit: str
@@ -32,8 +32,10 @@ class ChosenState:
 
 @dataclass(frozen=True)
 class OpenChoice:
-    """Unknowns that equations of a moving constraint tie together, of which a run takes others as states where the first
-    go bad: the `states` that it begins with, the `others` that may take their place, and the equations."""
+    """Unknowns that are coupled by the equations of a moving constraint, with a choice of states that may change in a run.
+
+    `states` are the initial states, and `others` the unknowns that may replace them if they become unsuitable.
+    """
 
     states: tuple[str, ...]
     others: tuple[str, ...]
@@ -42,7 +44,7 @@ class OpenChoice:
 
 @dataclass(frozen=True)
 class Differentiation:
-    """An equation that index reduction differentiated `times` times."""
+    """An equation that was differentiated `times` times by index reduction."""
 
     component: str
     equation: str
@@ -53,7 +55,7 @@ class Differentiation:
 
 @dataclass(frozen=True)
 class AlgebraicLoop:
-    """Simultaneous equations of these components: the unknowns that were torn, and how many the solver is left with."""
+    """Simultaneous equations of components, the tearing variables, and the number `left` of those that are iterated."""
 
     components: tuple[str, ...]
     torn: tuple[str, ...]
@@ -62,7 +64,7 @@ class AlgebraicLoop:
 
 @dataclass(frozen=True)
 class Summary:
-    """The assembled diagram. `components` and `blocks` map a kind to the paths of its instances."""
+    """The summary of an assembled diagram. `components` and `blocks` map a kind to the paths of its instances."""
 
     model: str
     summary: str
@@ -92,7 +94,7 @@ class Summary:
     transitions: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
-        """Everything, for machines; values in SI."""
+        """The summary as a dictionary for JSON; values in SI."""
         return {**asdict(self), "equations_left": {"differential": len(self.states), "algebraic": len(self.algebraic)}}
 
     def text(self, width: int = 100) -> str:
@@ -166,7 +168,7 @@ class Summary:
 
 
 def summary(assembly: Assembly, start: Start | None) -> Summary:
-    """The summary of an assembly and of its start (None where no start was found or sought)."""
+    """Build the summary of an assembly and of its start (None if the start was not computed or not found)."""
     flat, reduced = assembly.flat, assembly.reduced
     expanded, model = flat.expanded, assembly.model
     table = start.table if start is not None else ()
@@ -199,13 +201,13 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
 
 
 def _first_state(assembly: Assembly, path: str) -> str:
-    """The state in which a state machine begins."""
+    """The initial state of a state machine."""
     held = next(h for h in assembly.flat.held if h.name == f"{path}.{STATE}")
     return assembly.flat.expanded.leaves[path].component.states[int(assembly.p[held.index]) - 1].name
 
 
 def _sampled(assembly: Assembly) -> tuple[str, ...]:
-    """The rates of sampled parts, each with its parts in the order of evaluation; none for a single part."""
+    """The sampling rates, each with its sampled components in the order of evaluation; empty for a single component."""
     events, order = assembly.flat.events, assembly.update_order
     first, period = order.instants(assembly.p)
     clocks: dict[tuple[float, float], list[str]] = {}
@@ -221,17 +223,17 @@ def _sampled(assembly: Assembly) -> tuple[str, ...]:
 
 
 def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
-    """What may be exchanged for what where the states change during a run; nothing where one choice does for all of it."""
+    """The states that may be exchanged during a run; empty if one choice is valid for the whole run."""
     charts, flat = StateChoices(assembly), assembly.flat
     if not charts.needed:
         return ()
     found = []
     for part in charts.home.parts[::-1]:  # positions before their rates
-        # the highest derivatives stand in a part; states are one order lower
+        # a part contains the highest derivatives; states are one order lower
         states, others = ([assembly.reduced.name((j, order - 1)) for j, order in part.columns if
                            ((j, order) in part.dummies) == dummy] for dummy in (False, True))
         moving = [flat.equations[i] for i in part.rows if any((i, j) in charts.home.moving for j, _ in part.columns)]
-        # a rate that has a name of its own needs no second one
+        # omit derivatives that have another name
         named = [name for name in others if not name.startswith("der(")] or others
         found.append(OpenChoice(tuple(states), tuple(named), tuple(f"{e.owner}: {_one_space(e.text)}" for e in moving)))
     return tuple(found)
@@ -254,7 +256,7 @@ def _by_kind(assembly: Assembly, *, composite: bool) -> dict[str, tuple[str, ...
 
 
 def _medium(assembly: Assembly, medium: Medium) -> str:
-    """What fills a circuit, and on whose word; values that are formulas of other parameters are not repeated."""
+    """The medium of a circuit and its source, without values that are formulas of other parameters."""
     values, units, leaves = assembly.parameter_values, assembly.flat.units, assembly.flat.expanded.leaves
     told: dict[str, str] = {}
     for taker in medium.takers:
@@ -270,7 +272,7 @@ def _medium(assembly: Assembly, medium: Medium) -> str:
 
 
 def _tidy(line: StartLine, nominal: float) -> StartLine:
-    """Newton's rounding, 1e-18 m/s, is shown as the zero that it means."""
+    """Replace a rounding error of Newton's method, such as 1e-18 m/s, by zero."""
     return StartLine(line.name, line.asked, 0.0, line.unit, line.why) if abs(line.used) < 1e-10 * nominal else line
 
 
@@ -283,13 +285,13 @@ def _differentiation(equation: FlatEquation, times: int) -> Differentiation:
 
 
 def _loop(assembly: Assembly, owners: Sequence[str], torn: tuple[str, ...], left: int) -> AlgebraicLoop:
-    """A node has equations too, but it is components that close a loop."""
+    """An algebraic loop with its components; nodes are omitted if the loop contains components."""
     leaves = assembly.flat.expanded.leaves
     return AlgebraicLoop(tuple(o for o in owners if o in leaves) or tuple(owners), torn, left)
 
 
 def _one_space(text: str) -> str:
-    """Authors align the signs of their equations; a single line needs none of that."""
+    """Replace the spaces that align an equation in its file by single spaces."""
     return " ".join(text.split())
 
 
@@ -307,14 +309,14 @@ def _loop_words(loop: AlgebraicLoop) -> str:
 
 
 def _why(assembly: Assembly, state: Column) -> str:
-    """Where the rate of a state stands, and which unknowns tied to it by a differentiated equation it was preferred
-    to."""
+    """The equation that contains the rate of a state, and the unknowns of differentiated equations to which it was
+    preferred."""
     flat, (j, order) = assembly.flat, state
     n = len(flat.unknowns)
 
     def holding(level: int) -> list[FlatEquation]:
         found = [flat.equations[i] for i, row in enumerate(flat.entries) if any(c == level * n + j for c, _ in row)]
-        # a node's own `v = der(x)` says least: any other equation with the rate comes first
+        # the definition `v = der(x)` of a node is the least informative: prefer any other equation with the rate
         return sorted(found, key=lambda e: e.role is EquationRole.RATE)
 
     using, before = holding(order + 1), holding(order)
@@ -330,7 +332,7 @@ def _why(assembly: Assembly, state: Column) -> str:
 
 
 def _rivals(flat: Flat, assembly: Assembly, j: int) -> Sequence[str]:
-    """Unknowns that stand beside unknown j in a differentiated equation but became no state."""
+    """Unknowns that occur with unknown j in a differentiated equation but were not chosen as states."""
     n = len(flat.unknowns)
     states = {unknown for unknown, _ in assembly.reduced.states}
     found: dict[str, None] = {}

@@ -1,4 +1,4 @@
-"""Results of a tuning as tables and lines, the same in the terminal and in the studio."""
+"""Results of a tuning as tables and lines, for the terminal and the studio."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from heavebond.reports.result_tables import Item, Line, ResultTable
 
 def tuning_items(name: str, assembly: Assembly, result: Tuned, robust: Robustness | None,
                  swept: tuple[list[Array], Array] | None = None) -> list[Item]:
-    """The tuned values, their cost, the limits and the stability, what is around the best, and the best of a sweep."""
+    """The tuned values, their cost, the limits, the stability, the robustness, and the best cost of a sweep."""
     before = f"before {result.before:.5g}" if math.isfinite(result.before) else "before: beyond the stability boundary"
     items: list[Item] = [
         _table(name, assembly, result.task, result),
@@ -39,7 +39,7 @@ def tuning_items(name: str, assembly: Assembly, result: Tuned, robust: Robustnes
 
 
 def tuning_figures(name: str, result: Tuned, robust: Robustness | None) -> dict[str, object]:
-    """The same for machines."""
+    """The results as a dictionary for JSON."""
     return {**_figures(name, result), "robustness": _robust_figures(robust)}
 
 
@@ -81,7 +81,7 @@ def _end_words(result: Tuned) -> Iterator[str]:
 
 
 def _boundary_words(result: Tuned) -> Iterator[str]:
-    """How far the boundary of stability is along each free parameter."""
+    """Sentences on the distance to the stability boundary along each free parameter."""
     turns = "unstable" if result.stability.stable else "stable"
     for name, pair in (result.stability.boundary or {}).items():
         factors = " and ".join(f"at {factor:.3g}" for factor in pair if factor is not None)
