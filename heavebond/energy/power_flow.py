@@ -16,7 +16,7 @@ from heavebond.energy.audit import EnergyAudit, EnergyLine
 from heavebond.equations.flatten import Flat
 
 LEAST = 0.005  # share of the largest link; smaller links are omitted, their lines would be invisible
-SWEEPS = 6  # of the ordering within the columns; further sweeps make no visible difference
+SWEEPS = 6  # number of sweeps of the ordering; further sweeps make no visible difference
 
 
 class BoxKey(NamedTuple):

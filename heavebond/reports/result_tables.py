@@ -281,7 +281,7 @@ def effect_table(finding: AddedEffect) -> ResultTable:
     for p in finding.parameters:
         unit = read_unit(readable_unit(p.unit, p.value))
         name = "" if unit.text in ("1", "") else f" {unit.text}"
-        alike = len({in_unit(end, unit, 4) for end in p.interval}) == 1  # with 4 digits the ends of a narrow interval are equal
+        alike = len({in_unit(end, unit, 4) for end in p.interval}) == 1  # equal ends of a narrow interval
         written = partial(in_unit, unit=unit, digits=p.digits if alike else 4)
         end = f", at its {p.ended} end" if p.ended else ""
         rows.append((p.name, f"{written(p.value)}{name}", p.known(written, name),

@@ -125,7 +125,7 @@ def tree(node: Node) -> Tree:
 
 # -- trees -----------------------------------------------------------------------------------------------------------------
 def _at(found: Tree, keys: Several[Key]) -> Tree | None:
-    """The value at a path, or None if there is no value."""
+    """The value at a path, or None if the path does not exist."""
     for key in keys:
         inner = found.get(str(key)) if isinstance(found, dict) else \
             found[key] if isinstance(found, list) and isinstance(key, int) and 0 <= key < len(found) else None
