@@ -267,7 +267,7 @@ def ranking_table(step: Stage, which: str) -> ResultTable:
     """The best candidates of a step; `which` is the first part of the title and names the step."""
     columns = shown_in("terminal")
     ranked = entries(step)
-    shown = ranked[:min(RANKED, len(step.trials))]  # and the candidates in the sentences
+    shown = ranked[:min(RANKED, len(step.trials))]  # plus indistinguishable candidates
     shown += tuple(e for e in ranked[len(shown):] if e["cluster"])
     rows = [[column.text(entry) for column in columns] for entry in shown]
     more = f", the {RANKED} best shown" if len(step.trials) > RANKED else ""

@@ -240,7 +240,7 @@ def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
 
 
 def _tie(circuit: Circuit) -> str:
-    """`held by tank`; `carried by oil, its level is a matter of the start`."""
+    """The reference of a circuit in words, for example `held by tank`."""
     if circuit.held:
         return f"held by {listing(circuit.held, 6)}"
     return f"carried by {listing(circuit.carried, 6)}; its level is a matter of the start" if circuit.carried else \

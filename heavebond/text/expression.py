@@ -254,7 +254,7 @@ class _Parser:
         raise self.broken("a number or a name is missing", "Complete the formula, as in `2*a + b`.")
 
     def _elements(self, token: Token) -> Elements:
-        """The elements of a list, or the rows of a matrix, to the closing bracket."""
+        """Parse the elements of a list, or the rows of a matrix, up to the closing bracket."""
         items = [self.formula()]
         while self.peek().text == ",":
             self.take()
@@ -301,7 +301,7 @@ class _Parser:
         return name
 
     def _index(self) -> Expr:
-        """An index, or `low..high` for several elements."""
+        """Parse an index, or `low..high` for several elements."""
         low = self.sum()
         if self.peek().text != "..":
             return low
@@ -335,7 +335,7 @@ class _Parser:
         return Call(name, tuple(args), token.column)
 
     def _arguments(self, args: list[Expr], name: str, usage: str) -> None:
-        """The arguments behind the first one, to the closing parenthesis."""
+        """Parse the arguments after the first one, up to the closing parenthesis."""
         while self.peek().text == ",":
             self.take()
             args.append(self.formula())

@@ -26,7 +26,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Name:
-    """A dotted name; a part in brackets (`p[i]`) is kept as an expression after its name."""
+    """A dotted name; the index of a part (`p[i]`) is an expression after the name of the part."""
 
     parts: tuple[str | Expr, ...]
     column: int
