@@ -49,8 +49,6 @@ class CrossingConstants:
         shown. Doubled: a thousandth of the modulus margin.
     points_per_turn: points for each turn of a dead time's phase. Origin: far closer than half a turn. Doubled: time.
     max_points: points of all. Origin: memory. Doubled: longer dead times.
-    rounding: multiple of the rounding error of one term of C (s - A)^-1 B above which the sum is significant. Origin: errors
-        of some hundred operations. Doubled: nothing.
     """
 
     resolved: float = 1e-10
@@ -64,7 +62,6 @@ class CrossingConstants:
     close_enough: float = 1e-3
     points_per_turn: int = 16
     max_points: int = 200_000
-    rounding: float = 1e3
 
 
 CROSSINGS = CrossingConstants()
@@ -110,12 +107,12 @@ class Transfer:
 
     def significant(self, omega: Array) -> NDArray[np.bool_]:
         """Whether C (s - A)^-1 B at omega (N,) in rad/s exceeds the rounding errors of its terms, the largest of which is
-        |C| |B|/|s| far above all rates. Otherwise its phase is a rounding error."""
+        |C| |B|/|s| far above all rates; they are n times the precision. Otherwise its phase is a rounding error."""
         if self.exact is not None or not len(self.a):
             return np.ones(len(omega), dtype=bool)
-        s = 1j * omega / self.rate
+        s = np.asarray(1j * omega / self.rate, dtype=complex)
         terms = float(np.linalg.norm(self.b) * np.linalg.norm(self.c)) / np.maximum(np.abs(s), 1.0)
-        return np.asarray(np.abs(self._strictly_proper(s)) > CROSSINGS.rounding * np.finfo(float).eps * terms)
+        return np.asarray(np.abs(self._strictly_proper(s)) > len(self.a) * np.finfo(float).eps * terms)
 
     def at(self, omega: Array) -> Complex:
         """L (N,) with its dead time at omega (N,) in rad/s."""
