@@ -507,12 +507,13 @@ def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
     of the fitted data (cross-validated) and the selection data. If the leader only refines a simpler law with an equal
     residual, the simpler law is named.
 
-    If the plausible candidates reach the noise, the best prediction is a matter of chance. Then `merit` ranks them, and a
-    dormant parameter of a part is preferred to an additional part.
+    If the plausible candidates reach the noise, the best prediction is a matter of chance. Then `merit` ranks them, a
+    simpler law is preferred to a law that only refines it, and a dormant parameter of a part to an additional part.
     """
     plausible = _plausible(made, earned)
     first = min(plausible, key=merit)
     if leaves_noise(first):
+        first = min((t for t in plausible if leaves_noise(t) and _needless(first, t)), key=merit, default=first)
         own = [t for t in plausible if t.candidate.attaches == "in" and t.unknowns <= first.unknowns and leaves_noise(t)]
         return min(own, key=merit, default=first)
     first = best_predicting(plausible, FITTED, SELECTION)
