@@ -111,8 +111,8 @@ def simplify(model: ModelOrFile, share: float | str = 0.99, limit: float | str =
     """Remove the effect of the components outside `share` of the activity while no output changes by more than `limit`.
 
     Both are shares (0 to 1, or text such as `"99 %"`). The activity of a component is the integral of |power| over the
-    run. The arguments `model`, `until` and `every` and the errors are the same as in `simulate`. `found` is the audit of
-    the diagram, if it exists already. `progress` is called with the name of each component.
+    run. The arguments `model`, `until` and `every` are the same as in `simulate`. `found` is the audit of the diagram, if
+    it exists already. `progress` is called with the name of each component. Raises the errors of `simulate`.
     """
     model = loaded(model)
     share, limit = si_value(share, "1", "share"), si_value(limit, "1", "limit")
