@@ -188,8 +188,8 @@ def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Ti
 
     The balance is the integral of the power (W) over all ports of a component. The arguments `model`, `until`, `every`,
     `parameters`, `rtol` and `atol` are the same as in `simulate`. Raises the errors of `simulate`, and SimulationError if
-    the verdict of the run fails. The default tolerances are a tenth of the usual ones, because the errors of all steps add up
-    in an energy.
+    the verdict of the run fails. The default tolerances are a tenth of the usual ones, because the errors of all steps add
+    up in an energy.
     """
     assembly, parameters = with_equations_at_zero(assemble(model), parameters)
     tolerances = Tolerances(rtol, atol)
