@@ -104,7 +104,6 @@ def _schema(folder: Path, output: Path | None) -> dict[str, object]:
     return {"files": [str(written) for written in files], "settings": snippet}
 
 
-
 def _from(folder: Path, path: Path) -> str:
     """Path of the file from the folder that is open in the editor."""
     try:

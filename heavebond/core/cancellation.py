@@ -14,6 +14,8 @@ import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import islice
+from traceback import walk_stack
 from types import FrameType
 from typing import TypeVar
 
@@ -85,17 +87,8 @@ def _raise(number: int, frame: FrameType | None) -> None:
     `check` raises the signal."""
     if _deferring:
         _deferred.append(number)
-    elif not any(inner.f_code.co_filename.endswith("casadi.py") for inner in _innermost(frame)):
+    elif not any(inner.f_code.co_filename.endswith("casadi.py") for inner, _ in islice(walk_stack(frame), DEPTH)):
         raise Interrupted(number)
-
-
-def _innermost(frame: FrameType | None) -> Iterator[FrameType]:
-    """A frame and those that called it, at most DEPTH."""
-    for _ in range(DEPTH):
-        if frame is None:
-            return
-        yield frame
-        frame = frame.f_back
 
 
 @contextmanager

@@ -37,6 +37,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import inf
 
 import numpy as np
@@ -505,11 +506,16 @@ def _instead(way: Selection, k: int, again: Stage, others: Selection, say: Progr
     return _with(found, k, found[k].judged((found[k].chosen, *again.cluster[1:]), _others(found, k), again))
 
 
+def _candidate(experiment: Experiment, wanted: Callable[[Candidate], bool]) -> Candidate | None:
+    """The candidate of a diagram for which `wanted` is true."""
+    return next((c for rule in (candidates, between_all_nodes) for c in rule(experiment) if wanted(c)), None)
+
+
 def _with_refit(step: Stage, wanted: Callable[[Candidate], bool], say: Progress) -> Stage:
     """The step with a refit of the wanted candidate, which it may have left to the next step."""
     if any(wanted(t.candidate) for t in step.trials):
         return step
-    candidate = next((c for rule in (candidates, between_all_nodes) for c in rule(step.experiment) if wanted(c)), None)
+    candidate = _candidate(step.experiment, wanted)
     trials = single(step.experiment, candidate, say).trials if candidate is not None else ()
     return replace(step, trials=tuple(sorted((*step.trials, *trials), key=merit)))
 
@@ -569,19 +575,19 @@ def _continued(found: Selection, way: Selection, k: int, say: Progress) -> Selec
     """Extend the selection `found` by the effects of `way` after the k-th one, refitted one after the other. None if one
     of them depends on the k-th effect."""
     for added in way[k + 1:]:
-        wanted, gone = added.candidate, way[k].candidate
+        wanted = partial(_is, wanted=added.candidate, gone=way[k].candidate)
         beside: frozenset[str] | None = frozenset()
         if not found:  # the first step has already refitted most candidates
-            step = _with_refit(way[0].step, lambda c, wanted=wanted, gone=gone: _is(c, wanted, gone), say)  # type: ignore[misc]
+            step = _with_refit(way[0].step, wanted, say)
         else:
             now = following(found[-1].step)
-            there = next((c for rule in (candidates, between_all_nodes) for c in rule(now) if _is(c, wanted, gone)), None)
+            there = _candidate(now, wanted)
             if there is None:
                 return None
             step, beside = single(now, there, say), None
         if step.partial and found:
             raise KeyboardInterrupt
-        trial = next((t for t in step.trials if _is(t.candidate, wanted, gone)), None)
+        trial = next((t for t in step.trials if wanted(t.candidate)), None)
         if trial is None:
             return None
         step = choosing(step, trial)
