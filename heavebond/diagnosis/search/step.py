@@ -513,8 +513,9 @@ def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
     plausible = _plausible(made, earned)
     first = min(plausible, key=merit)
     if leaves_noise(first):
-        if not first.candidate.varies:  # the forms of a variation do not contain each other
-            first = min((t for t in plausible if leaves_noise(t) and _needless(first, t)), key=merit, default=first)
+        # the forms of a variation do not contain each other
+        simpler = [t for t in plausible if leaves_noise(t) and _needless(first, t) and not first.candidate.varies]
+        first = min(simpler, key=merit, default=first)
         own = [t for t in plausible if t.candidate.attaches == "in" and t.unknowns <= first.unknowns and leaves_noise(t)]
         return min(own, key=merit, default=first)
     first = best_predicting(plausible, FITTED, SELECTION)
