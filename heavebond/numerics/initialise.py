@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,8 +58,8 @@ def start(assembly: Assembly, t: float | None = None, u: Array | None = None, eq
     Unknowns that no condition determines keep their guess: states keep it exactly if the loops can be solved for the
     algebraic unknowns alone; otherwise all unknowns change by the least norm in scaled variables. After `start: steady` a
     direction that no equation determines is an error. The time defaults to the begin of the runs; `equations` are the
-    compiled equations of the start, if they exist. `near` is a start of the same equations with other parameters: a search
-    follows it if the equations determine all unknowns and the new start is close to it."""
+    compiled equations of the start, if they exist. `near` is a start with other parameters, or of another diagram (see
+    `renamed_start`): the search follows it if the equations determine all unknowns and the new start is close to it."""
     t = assembly.begin if t is None else t
     if (p := clocks_at(assembly, t, assembly.p)) is not assembly.p:
         assembly = replace(assembly, p=p)
@@ -71,6 +72,21 @@ def start(assembly: Assembly, t: float | None = None, u: Array | None = None, eq
         if wrong := mechanism_messages.unassembled(assembly):
             raise StartError([wrong]) from error
         raise
+
+
+def renamed_start(known: Start, of: Assembly, other: Assembly) -> Start:
+    """The values of a start of the assembly `of` at the same names of the assembly `other`, and nan at names that `of` does
+    not have."""
+    def values(names: Sequence[str], known_names: Sequence[str], known_values: Array) -> Array:
+        by_name = dict(zip(known_names, known_values, strict=True))
+        return np.array([by_name.get(name, np.nan) for name in names])
+
+    if of.state_names == other.state_names and of.algebraic_names == other.algebraic_names \
+            and of.parameter_names == other.parameter_names:
+        return known
+    return replace(known, x=values(other.state_names, of.state_names, known.x),
+                   z=values(other.algebraic_names, of.algebraic_names, known.z),
+                   p=values(other.parameter_names, of.parameter_names, known.p))
 
 
 def held_still(u: Array, t: float) -> Array:
@@ -184,9 +200,10 @@ class StartSearch:
         if equations.separate or equations.component_rows or not (equations.steady or equations.initial.solve):
             return None
         before = np.concatenate([near.x, near.z, near.p[equations.solved_for]])
+        unknown = np.isnan(before)
         system = self._scaled(equations.all)
-        found = newton(system, before, self.frame, NEWTON.path_iterations)
-        if not found.good or self._apart(found.y, before) > FOLLOWED:
+        found = newton(system, np.where(unknown, self.y0, before), self.frame, NEWTON.path_iterations)
+        if not found.good or self._apart(found.y, np.where(unknown, found.y, before)) > FOLLOWED:
             return None
         residual, jacobian = system(found.y)
         weighted = scaled(jacobian, weights(residual, jacobian))

@@ -39,7 +39,7 @@ from heavebond.numerics.compiled_cvodes import (
 )
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import in_unit_of_time, time_unit
-from heavebond.numerics.initialise import Start, Tangent
+from heavebond.numerics.initialise import Start, Tangent, renamed_start
 from heavebond.numerics.physical_limits import check_limits, limited
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulator import Simulator
@@ -89,7 +89,7 @@ class Unexplained(Simulator):
                  **named: Any):
         """`probe` are the signals that `measured` gives. The compiled program has derivatives by all parameters `among`,
         which include the sensitivities: simulators with equal equations share one list of operations. The integrator is
-        taken from the simulator `like` if it is of the same kind."""
+        taken from the simulator `like` if it is of the same kind; its start is the one that the first start follows."""
         self.probe, self.among = probe, among
         of = like.driver if isinstance(like, Unexplained) and type(like) is type(self) else None
         self.method = None if of is None else of.method
@@ -98,6 +98,8 @@ class Unexplained(Simulator):
         self._whole: Integrated | None = None  # the first run of `measured` with its states, which set the sizes of all
         self._measured = False
         super().__init__(*given, like=like, **named)
+        if isinstance(like, Unexplained) and (known := like.begun or like.near) is not None:
+            self.near = renamed_start(known, like.assembly, self.assembly)
 
     @property
     def looks_up(self) -> bool:
