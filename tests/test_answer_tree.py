@@ -36,7 +36,7 @@ def _step(found: list[Candidate], partial: bool = False, planned: int = 0) -> An
     """A step with these candidates, the scores of which are equal, and no refits."""
     scores = tuple(SimpleNamespace(candidate=c, gain=1.0) for c in found)
     return SimpleNamespace(experiment=EXPERIMENT, scores=scores, trials=(), places=PLACES, partial=partial, planned=planned,
-                           joint=())
+                           joint=(), twins={})
 
 
 def _evidence(weights: dict[str, float], left: float = 1.0, missing: float = 0.0) -> Evidence:
@@ -66,6 +66,21 @@ def test_the_branches_of_every_level_add_up_and_the_deepest_probable_one_is_stat
                                        "on the speed (9")
     assert {child.name for child in effect.path[-1].children} == {"dry friction", "viscous damping",
                                                                   "a law outside the catalogue", ANOTHER}
+
+
+def test_places_that_the_records_cannot_distinguish_are_stated_together_if_no_single_one_is_probable() -> None:
+    """An offset of a sensor acts like an offset of the other one: each of both places has less than one half."""
+    other = next(c for c in FOUND.values() if c.kind == "sensor offset" and c.label != OFFSET.label)
+    step = _step([OFFSET, other, FRICTION])
+    known = _evidence({OFFSET.label: 0.4, other.label: 0.4, FRICTION.label: 0.2})
+    (apart,) = answer_tree([step], known, (), (), None, False).effects
+    step.twins = {OFFSET.label: (other.label,)}
+    (together,) = answer_tree([step], known, (), (), None, False).effects
+    _sums(together.root)
+    assert [node.level for node in apart.path][-1] == "system"
+    assert together.path[1].name == f"{OFFSET.place} or {other.place}" and together.path[3].name == "sensor offset"
+    assert together.path[1].probability == pytest.approx(2 * next(
+        child.probability for node in apart.root.children for child in node.children if child.name == OFFSET.place))
 
 
 def test_a_law_outside_the_catalogue_takes_the_class_and_not_the_place() -> None:

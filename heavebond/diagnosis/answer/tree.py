@@ -16,7 +16,7 @@ were not reached is then moved from the effects to "another", and the answer beg
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -206,11 +206,16 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
                  ) -> EffectTree:
     library = step.experiment.model.library
     effects, outside, masses = answer_leaves(step, known, localization)
-    root = Node("answer", "the records", 1.0, (
-        *_grown([*effects, *outside], 0), *(Node("system", name, masses.get(name, 0.0), key=name)
-                                            for name in (NOTHING, PARAMETERS) if masses.get(name, 0.0) > 0)))
-    root = _with_rest(replace(root, children=_sorted(root.children)))
-    path = _path(root)
+    models = [Node("system", name, masses[name], key=name) for name in (NOTHING, PARAMETERS) if masses.get(name, 0.0) > 0]
+
+    def grown(leaves: Sequence[Leaf]) -> tuple[Node, tuple[Node, ...]]:
+        root = _with_rest(Node("answer", "the records", 1.0, _sorted([*_grown(leaves, 0), *models])))
+        return root, _path(root)
+
+    root, path = grown([*effects, *outside])
+    if path and path[-1].level == "system":  # no single place is stated; several that the records cannot distinguish may be
+        merged = grown(_with_equivalent_places([*effects, *outside], step.twins))
+        root, path = merged if len(merged[1]) > len(path) else (root, path)
     best = _best(step, finding, path, root)
     meaning = _meaning(best, library) if best is not None else ""
     return EffectTree(root, path, _statement(root, path, best), _introduced(meaning, path, best),
@@ -450,6 +455,26 @@ def branches(root: Node) -> list[tuple[int, Node]]:
         if child.probability >= SHOWN:
             found += [(0, child), *((depth + 1, node) for depth, node in branches(child))]
     return found
+
+
+def _with_equivalent_places(leaves: Sequence[Leaf], twins: Mapping[str, Sequence[str]]) -> list[Leaf]:
+    """Give the laws of one class that the records cannot distinguish (`twins`: labels of candidates with equal influence),
+    and the laws outside the catalogue of their kind there, one place: `before drive.u or before pump.u` in place of two with
+    half of the probability each."""
+    places: dict[tuple[object, ...], tuple[object, str]] = {}  # the common place of system, place, kind (and class)
+    for group in ({label, *others} for label, others in twins.items()):
+        alike: dict[object, list[Leaf]] = {}
+        for leaf in leaves:
+            if group & set(leaf.labels):
+                alike.setdefault((leaf.keys[0], *leaf.keys[2:4]), []).append(leaf)
+        for members in alike.values():
+            names = list(dict.fromkeys(leaf.names[1] for leaf in sorted(members, key=lambda leaf: -leaf.probability)))
+            common = frozenset(leaf.keys[1] for leaf in members), " or ".join(names[:LAWS])
+            for leaf in members if len(names) > 1 else ():
+                for key in (leaf.keys[:4], (*leaf.keys[:3], OUTSIDE)):
+                    places.setdefault(key, common)
+    return [replace(leaf, keys=(leaf.keys[0], common[0], *leaf.keys[2:]), names=(leaf.names[0], common[1], *leaf.names[2:]))
+            if (common := places.get(leaf.keys[:4])) is not None else leaf for leaf in leaves]
 
 
 # -- words --------------------------------------------------------------------------------------------------------------
