@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from heavebond.estimation.comparison import Comparison, compare
     from heavebond.estimation.experiment import Experiment, load_experiment
     from heavebond.estimation.fitting import Fit, fit
+    from heavebond.language.diagram import Diagram
     from heavebond.language.model import Model, load, loads
     from heavebond.laws.find import FoundLaw, Laws, find_laws
     from heavebond.linear.linear_system import StateSpace, state_space
@@ -77,6 +78,7 @@ _EXPORTS = {
     "diagnosis.state": ("ladder",),
     "estimation.fitting": ("Fit", "fit"),
     "localise.misfit": ("Localization", "localize"),
+    "language.diagram": ("Diagram",),
     "language.model": ("load", "loads", "Model"),
     "laws.find": ("find_laws", "FoundLaw", "Laws"),
     "numerics.dae": ("assemble", "Assembly"),
@@ -92,7 +94,7 @@ _EXPORTS = {
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
-    "Assembly", "Comparison", "DataError", "Diagnosis", "Experiment", "Fit", "FoundLaw", "HeavebondError", "Laws",
+    "Assembly", "Comparison", "DataError", "Diagnosis", "Diagram", "Experiment", "Fit", "FoundLaw", "HeavebondError", "Laws",
     "Localization", "Model", "ModelError", "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator",
     "StartError", "StateSpace", "Study", "StudyResult", "Tuned", "TuningProblem", "UsageError", "assemble", "attempt",
     "audit", "candidates", "compare", "diagnose", "draw", "find_laws", "fit", "ladder", "load", "load_experiment",

@@ -98,13 +98,21 @@ class Functions(Dictionary[str, Function]):
 
 @dataclass(frozen=True)
 class Library:
-    """Domains, and the file of each component and each function; the user's folders come first."""
+    """Domains, and the file of each component and each function; the user's folders come first. `defined`: components
+    without a file, such as those of a diagram that is built in Python."""
 
     domains: dict[str, Domain]
     files: dict[str, Path]
     # names in two of the user's files
     twice: dict[str, tuple[Path, Path]] = field(default_factory=dict)
     functions: Functions = field(default_factory=lambda: library_functions())
+    defined: dict[str, Component] = field(default_factory=dict)
+
+    def with_components(self, components: Dictionary[str, Component]) -> Library:
+        """A library in which these components take precedence over those of files."""
+        paths = {name: component.path for name, component in components.items()}
+        twice = {name: files for name, files in self.twice.items() if name not in components}
+        return replace(self, files={**self.files, **paths}, twice=twice, defined={**self.defined, **components})
 
     def formula(self, text: str, functions: Dictionary[str, int] | None = None) -> Expr:
         """Parse a formula of a diagram with `parse_formula`; it may call the functions of the library."""
@@ -123,11 +131,14 @@ class Library:
 
     def effects(self) -> list[Component]:
         """The components that have an `effect:`, in the order of their files; the others are not parsed."""
-        having = (name for name in self.names() if _has_effect(self.files[name].absolute(), _stamp(self.files[name])))
+        having = (name for name in self.names() if name in self.defined
+                  or _has_effect(self.files[name].absolute(), _stamp(self.files[name])))
         return [component for component in map(self.component, having) if component.effect is not None]
 
     def component(self, name: str, place: Place | None = None) -> Component:
         """The component `name`; ModelError with similar names if it does not exist."""
+        if name in self.defined:
+            return self.defined[name]
         if name not in self.files:
             hint = near_components(name, self.files)
             raise ModelError([Problem("component-unknown", f"there is no component '{name}'", place, hint)])
@@ -156,8 +167,9 @@ class Library:
     def checked(self, name: str, place: Place | None = None) -> Component:
         """The component with its laws checked, once for each state of its file; ModelError with all mistakes."""
         component = self.component(name, place)
-        if component.foreign is not None:
-            laws.check(component, self.domains)
+        if component.foreign is not None or name in self.defined:
+            if not component.composite:
+                laws.check(component, self.domains)
             return component
         return _checked_cached(*self._state(name), self._same_base(name))
 

@@ -7,13 +7,13 @@ from collections.abc import Container, Iterable
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from heavebond.core import facade
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count
 from heavebond.language import reading
-from heavebond.language.definition import Body, End, FileInput, Formula, Instance, Value, Wire
+from heavebond.language.definition import Body, Component, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, shown_path
 from heavebond.language.sections import (
     Clock,
@@ -156,7 +156,15 @@ def _like(value: Value, before: Value | FileInput | None) -> Value:
     return value
 
 
-ModelOrFile: TypeAlias = Model | str | Path
+class Buildable(Protocol):
+    """A diagram that is built step by step (`Diagram`)."""
+
+    def model(self) -> Model:
+        """The diagram as it is now; ModelError with its mistakes."""
+        raise NotImplementedError
+
+
+ModelOrFile: TypeAlias = Model | Buildable | str | Path
 
 
 def load(name: str | Path) -> Model:
@@ -176,8 +184,10 @@ def loads(text: str, folder: Path | str = ".") -> Model:
 
 
 def loaded(model: ModelOrFile) -> Model:
-    """A diagram itself, or the diagram of a path or bundled name (see `load`)."""
-    return model if isinstance(model, Model) else load(model)
+    """A diagram itself, one that is built in Python, or the diagram of a path or bundled name (see `load`)."""
+    if isinstance(model, Model):
+        return model
+    return load(model) if isinstance(model, (str, Path)) else model.model()
 
 
 def find(name: str | Path, head: str = "model", records: Container[str] = ()) -> Path:
@@ -268,13 +278,15 @@ def _load(path: Path, chain: tuple[Path, ...]) -> Model:
     return from_source(read(path, shown_path(path), bundled=is_bundled(path)), chain)
 
 
-def from_source(source: Source, chain: tuple[Path, ...] = ()) -> Model:
-    """Read a diagram from its source; `chain` contains the files that were read before through `extends`."""
+def from_source(source: Source, chain: tuple[Path, ...] = (), components: Dictionary[str, Component] | None = None) -> Model:
+    """Read a diagram from its source; `chain` contains the files that were read before through `extends`. `components`
+    have no file."""
     root = source.root
     if "model" not in root.items or "experiment" in root.items:
         message, hint = _other_kind(source)
         raise ModelError([Problem("not-a-model", message, root.place, hint)])
-    return extended(_base(source, chain), source)
+    base = _base(source, chain)
+    return extended(replace(base, library=base.library.with_components(components)) if components else base, source)
 
 
 def extended(base: Model, source: Source) -> Model:

@@ -26,14 +26,15 @@ MEANS = {
 def near_components(name: str, files: Mapping[str, Path]) -> str:
     """A hint for a component `name` that is none of `files` (by name).
 
-    If a word of it occurs nowhere, the component with the most similar spelling; else the components whose name, summary
-    and domain contain most of its words, the simplest first, and of these only such without other words, if there are
-    any.
+    If a word of it occurs nowhere, or none in a name, the component with the most similar spelling; else the components
+    whose name, summary and domain contain most of its words, the simplest first, and of these only such without other
+    words, if there are any.
     """
     hint = suggest(name, files) or "`heavebond library` lists every component."
     wanted = _words(name)
     scores = {known: _scores(wanted, known, path) for known, path in files.items() if path.suffix == ".yaml"}
-    found_nowhere = any(not any(column) for column in zip(*scores.values(), strict=True))
+    columns = list(zip(*scores.values(), strict=True))
+    found_nowhere = any(not any(column) for column in columns) or all(max(column) < 2 for column in columns)
     spelt = difflib.get_close_matches(name.lower(), map(str.lower, files), n=1, cutoff=MISSPELT)
     if spelt and (found_nowhere or spelt[0] == name.lower()):
         return hint

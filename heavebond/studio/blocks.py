@@ -12,30 +12,13 @@ from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.language import laws
 from heavebond.language.component_file import parse_component
 from heavebond.language.definition import Body, Component, Instance, Value
-from heavebond.language.library import Library, library
+from heavebond.language.library import library
 from heavebond.language.model import Model
 from heavebond.text.expression import Number, calling
 from heavebond.text.yaml_source import Source
 
 OUTSIDE = Place("", 0)  # problems that depend on the diagram which uses the block; they are not mistakes of its file
 NAME = "block"  # name of the only part of the diagram in which it is expanded
-
-
-@dataclass(frozen=True)
-class EditedLibrary(Library):
-    """A library in which one component has the text of the editor."""
-
-    edited: Component | None = None
-
-    def component(self, name: str, place: Place | None = None) -> Component:
-        return self.edited if self.edited is not None and name == self.edited.name else super().component(name, place)
-
-    def checked(self, name: str, place: Place | None = None) -> Component:
-        if self.edited is None or name != self.edited.name:
-            return super().checked(name, place)
-        if not self.edited.composite:
-            laws.check(self.edited, self.domains)
-        return self.edited
 
 
 @dataclass(frozen=True)
@@ -74,8 +57,7 @@ def read_block(source: Source) -> Block:
     known = library(beside(source.path))
     with calling(known.functions):
         component = parse_component(source, known.domains, known.base(source.path) if source.path.is_file() else None)
-    edited = EditedLibrary(known.domains, {**known.files, component.name: source.path}, known.twice, known.functions,
-                           component)
+    edited = known.with_components({component.name: component})
     counts = {name: Value(Number(1, None, 0), "1", OUTSIDE, si=True) for name, p in component.parameters.items()
               if p.integer and p.default is None and p.neutral is None}
     part = Instance(NAME, component.name, OUTSIDE, OUTSIDE, dict(counts))

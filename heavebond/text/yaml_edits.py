@@ -6,6 +6,7 @@ Every edit is checked: the changed text is parsed, and its tree must equal the o
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from collections.abc import Sequence as Several
 
@@ -13,6 +14,8 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Span, parse, spans
 
 Tree = dict[str, "Tree"] | list["Tree"] | str
+# texts that need no quotes in any place
+_WORDS = re.compile(r"[A-Za-z0-9_][\w.]*(?: [A-Za-z0-9_(=][\w./*()]*)*", re.ASCII)
 Key = str | int  # key of a mapping, or index of an item of a list
 
 
@@ -34,7 +37,7 @@ def set_entry(text: str, keys: Several[Key], value: Tree, *, after: str = "") ->
         end = at.end
         while text[at.begin:at.begin + 1] in ("|", ">") and text[end - 1] == "\n":  # ends after its last line
             end -= 1
-        changed = text[:at.begin] + blank + _flow(value) + text[end:]
+        changed = text[:at.begin] + blank + flow(value) + text[end:]
     else:
         changed = _inserted(text, at, [str(key) for key in rest], value, after)
     return _checked(changed, wanted, keys)
@@ -49,12 +52,12 @@ def add_item(text: str, keys: Several[Key], value: str) -> str:
     at, _ = _deepest(spans(text), keys)
     last = at.items[-1]
     if at.flow:
-        changed = text[:last.end] + ", " + _flow(value) + text[last.end:]
+        changed = text[:last.end] + ", " + flow(value) + text[last.end:]
     else:
         first = at.items[0].begin
         head = text[text.rfind("\n", 0, first) + 1:first]
         end = _line_end(text, last.end)
-        changed = text[:end] + "\n" + head + _flow(value) + text[end:]
+        changed = text[:end] + "\n" + head + flow(value) + text[end:]
     return _checked(changed, _with(before, keys, [*old, value]), keys)
 
 
@@ -89,7 +92,7 @@ def rename_key(text: str, keys: Several[Key], name: str) -> str:
     place = at.keys[str(key)]
     wanted = _with(before, keys[:-1], {name if k == key else k: v for k, v in owner.items()}) if keys[:-1] else \
         {name if k == key else k: v for k, v in owner.items()}
-    return _checked(text[:place.begin] + _flow(name) + text[place.end:], wanted, keys)
+    return _checked(text[:place.begin] + flow(name) + text[place.end:], wanted, keys)
 
 
 def replace_scalars(text: str, change: Callable[[tuple[Key, ...], str], str]) -> str:
@@ -204,7 +207,7 @@ def _inserted(text: str, at: Span, keys: Several[str], value: Tree, after: str) 
     last = at.entries[after].end if after in at.entries else \
         max((entry.end for entry in at.entries.values()), default=at.begin + 1)
     if at.flow:
-        entry = f"{_flow(keys[0])}: {_nested(keys[1:], value)}"
+        entry = f"{flow(keys[0])}: {_nested(keys[1:], value)}"
         return text[:last] + (", " if at.entries else "") + entry + text[last:]
     if not at.keys:
         raise _refused(keys)
@@ -213,9 +216,9 @@ def _inserted(text: str, at: Span, keys: Several[str], value: Tree, after: str) 
     while text[last - 1] == "\n":  # after a block of text
         last -= 1
     line_end = _line_end(text, last)
-    head = f"\n{indent}{_flow(keys[0])}:"
-    entry = f"{head}{_gap(text, at, keys[0])}{_flow(value)}" if len(keys) == 1 else \
-        f"{head}\n{indent}  {_flow(keys[1])}: {_nested(keys[2:], value)}"
+    head = f"\n{indent}{flow(keys[0])}:"
+    entry = f"{head}{_gap(text, at, keys[0])}{flow(value)}" if len(keys) == 1 else \
+        f"{head}\n{indent}  {flow(keys[1])}: {_nested(keys[2:], value)}"
     return text[:line_end] + entry + text[line_end:]
 
 
@@ -225,7 +228,7 @@ def _gap(text: str, at: Span, key: str) -> str:
     widths = [value - begin for begin, value in places if "\n" not in text[begin:value]]
     usual = max(widths, key=widths.count, default=0)
     aligned = len(widths) > 1 and 2 * widths.count(usual) > len(widths)
-    return " " * max(1, usual - len(_flow(key)) - 1) if aligned else " "
+    return " " * max(1, usual - len(flow(key)) - 1) if aligned else " "
 
 
 def _line_end(text: str, at: int) -> int:
@@ -274,18 +277,20 @@ def _comma(text: str, at: int) -> int:
 
 
 def _nested(keys: Several[str], value: Tree) -> str:
-    return f"{{{_flow(keys[0])}: {_nested(keys[1:], value)}}}" if keys else _flow(value)
+    return f"{{{flow(keys[0])}: {_nested(keys[1:], value)}}}" if keys else flow(value)
 
 
-def _flow(value: Tree) -> str:
+def flow(value: Tree) -> str:
     """A value on one line: lists in brackets, mappings in braces, and a text as a plain scalar or in double quotes.
 
     A text is quoted if the plain scalar would be parsed differently, outside or inside braces.
     """
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_flow(k)}: {_flow(v)}" for k, v in value.items()) + "}"
+        return "{" + ", ".join(f"{flow(k)}: {flow(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(map(_flow, value)) + "]"
+        return "[" + ", ".join(map(flow, value)) + "]"
+    if _WORDS.fullmatch(value):
+        return value
     try:
         said = tree(parse(f"c: {value}\na: {{b: {value}}}\nd: [{value}]").root)
         if said == {"c": value, "a": {"b": value}, "d": [value]} and "\n" not in value:
