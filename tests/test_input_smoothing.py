@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from heavebond.core.errors import ModelError
+from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import experiment_from_source
-from heavebond.estimation.input_smoothing import proposed_smoothing
+from heavebond.estimation.input_smoothing import proposed_smoothing, with_smoothed_inputs
 from heavebond.records.piecewise import evaluate, smoothed_pieces
 from heavebond.text.yaml_source import parse
 
@@ -70,3 +71,35 @@ def test_a_wrong_bandwidth_is_reported_with_its_line(tmp_path, interpolation, sm
     with pytest.raises(ModelError) as caught:
         loaded(tmp_path, interpolation, smooth)
     assert message in str(caught.value) and "rig.yaml:6:" in str(caught.value)
+
+
+FORCE = """experiment: driven mass
+model: driven.yaml
+records: {train: {file: record.csv, use: fit}}
+time: {column: t, unit: s}
+inputs:
+  drive.u: {column: u, unit: m/s, interpolation: linear}
+outputs:
+  CHANNEL: {column: x, unit: UNIT, noise: 1}
+"""
+DRIVEN = """model: driven
+components:
+  drive: {is: VelocitySource, u: 0 m/s}
+  cell:  {is: ForceSensor}
+  load:  {is: Mass, m: 2 kg}
+nodes:
+  drive: [drive.a, cell.a]
+  load:  [cell.b, load.a]
+simulate: {until: 1 s}
+"""
+
+
+@pytest.mark.parametrize(("channel", "unit", "smoothed"), [("cell.y", "N", True), ("load.v", "m/s", False)])
+def test_a_speed_whose_derivative_is_in_a_channel_only_is_smoothed(tmp_path, channel, unit, smoothed):
+    """The force on a mass with a prescribed speed is in no differential equation of the model."""
+    record(tmp_path, 3e-3, 0)
+    (tmp_path / "driven.yaml").write_text(DRIVEN)
+    text = FORCE.replace("CHANNEL", channel).replace("UNIT", unit).replace("noise: 1", f"noise: 1 {unit}")
+    experiment = experiment_from_source(parse(text, tmp_path / "exp.yaml", "exp.yaml"), ())
+    found, said = with_smoothed_inputs(experiment, assemble_for(experiment, experiment.records["train"]))
+    assert (found.inputs["drive.u"].smooth is not None, bool(said)) == (smoothed, smoothed)

@@ -71,9 +71,14 @@ class Smoothing:
         return f"smooth: {self.bandwidth:g} Hz, noise: {number(self.noise, 2)} {unit}"
 
 
-def differentiated_inputs(assembly: Assembly) -> list[str]:
-    """The measured inputs whose derivatives are in the equations of a model."""
-    used = {s.element_hash() for e in (assembly.reduced.ode, assembly.reduced.alg) for s in ca.symvar(e)}
+def differentiated_inputs(assembly: Assembly, experiment: Experiment) -> list[str]:
+    """The measured inputs whose derivatives are in the equations of a model or in the formula of a channel.
+
+    A prescribed speed of a mass leaves no differential equation for it; its derivative is in the measured force only.
+    """
+    resolver = assembly.resolver()
+    channels = [assembly.reduced.express(resolver.evaluate(output.shown.expr)) for output in experiment.outputs.values()]
+    used = {s.element_hash() for e in (assembly.reduced.ode, assembly.reduced.alg, *channels) for s in ca.symvar(e)}
     return [known.name for known in assembly.flat.inputs
             if any(s.element_hash() in used for s in split(known.symbols)[1:])]
 
@@ -114,7 +119,7 @@ def _error(time: Array, values: Array, noise: float, bandwidth: float, highest: 
 def smoothing_notes(experiment: Experiment, record: Record, assembly: Assembly) -> list[str]:
     """The advice for each input of a record that the model differentiates and that has visible noise or steps."""
     inputs = experiment.inputs_for(record)
-    proposals = {name: proposal for name in differentiated_inputs(assembly)
+    proposals = {name: proposal for name in differentiated_inputs(assembly, experiment)
                  if name in inputs and (proposal := proposed_smoothing(inputs[name])) is not None}
     return [f"the model differentiates the input {name}, whose {_cause(p, inputs[name].unit)}: the noise of its derivative "
             f"is {number(100 * p.share, 2)} % of the derivative. Write `{p.entry(inputs[name].unit)}` at this input"
@@ -132,7 +137,7 @@ def with_smoothed_inputs(experiment: Experiment, assembly: Assembly) -> tuple[Ex
     """The experiment with the proposed smoothing of each input that the model differentiates, the same on all records,
     and a sentence for each; the same object and no sentences without proposals."""
     proposals: dict[str, Smoothing] = {}
-    names = differentiated_inputs(assembly)
+    names = differentiated_inputs(assembly, experiment)
     for record in experiment.records.values():
         for name, file_input in experiment.inputs_for(record).items():
             if name in names and (proposal := proposed_smoothing(file_input)) is not None:
