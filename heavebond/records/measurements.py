@@ -106,7 +106,7 @@ def read_table(path: Path | str, *, place: Place | None = None, beside: str | No
     if suffix in TEXT_SUFFIXES:
         text = read_text_columns(path)
         return Table(path, text.header, text.lines, dict(text.columns), text.text, text.separator, units=dict(text.units),
-                     words=dict(text.words))
+                     words=dict(text.words), aside=dict(text.aside))
     if suffix in PARQUET_SUFFIXES:
         return _read_parquet(path)
     if suffix in MATLAB_SUFFIXES:
@@ -189,10 +189,11 @@ def check_time(table: Table, name: str) -> None:
             (steps == 0, "record-time-repeated", "stands twice",
              "A record has one row per instant: delete one of them, or write the times with more digits."),
             (steps < 0, "record-time-decreasing", "is less than the one before it",
-             "Sort the rows by their time; if a second run begins here, make it a separate record.")):
+             "Sort the rows by their time. If a second run begins here, make it a separate record, or delete the rows above "
+             "it if they remain from an earlier one.")):
         rows = where[wrong].tolist()
         if rows:
-            problems.add(code, f"the time {time[rows[0]]:.7g} in '{name}' {saying} ({table.lines_of(rows)})",
+            problems.add(code, f"the time {time[rows[0]]:.7g} in '{name}' ({table.lines_of(rows)}) {saying}",
                          table.place(rows[0], name),
                          hint=hint)
     problems.raise_as(DataError)

@@ -2,7 +2,7 @@
 
 Accepted are the usual output formats of programs: UTF-8, UTF-16 with byte order mark, or Windows-1252; commas, semicolons
 or tabs between the columns, or the separator of a first line `sep=;`; decimal points, or decimal commas throughout; a row
-of units below the names.
+of units below the names. The settings of a data logger above the names are skipped if they have fewer cells than the table.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from heavebond.core.errors import DataError, Place, Problem, Problems
+from heavebond.core.errors import DataError, Place, Problem, Problems, listing
 from heavebond.core.limits import COLUMNS
 from heavebond.core.numerals import number, plain
 from heavebond.core.units import Unit, UnitProblem, read_unit
@@ -49,7 +49,8 @@ _WORDS = {"-": "1", "–": "1", "sec": "s", "Sek": "s", "l/min": "L/min", "l": "
 @dataclass(frozen=True, eq=False)
 class TextColumns:
     """A text file as columns: `header` names all; `columns` contains the numeric ones (n,); `lines` (n,) is the line of
-    each row; `units` the row of units below the names; `words` the cells (n,) of the others."""
+    each row; `units` the row of units below the names; `words` the cells (n,) of the others. `aside` gives for a name of
+    several columns the reason why it is none, and advice."""
 
     header: tuple[str, ...]
     lines: NDArray[np.int64]
@@ -58,6 +59,7 @@ class TextColumns:
     separator: str
     units: dict[str, str] = field(default_factory=dict)
     words: dict[str, list[str]] = field(default_factory=dict)
+    aside: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
 def read_text_columns(path: Path) -> TextColumns:
@@ -93,10 +95,13 @@ def _columns(path: Path, text: str) -> TextColumns:
     names = tuple(sheet.header[1])
     if names[-1] == ROWS_LEFT:
         check_rows_left(path, columns[-1][0] if columns[-1][0] is not None else np.zeros(0))
-    numbers = {name: values for name, (values, _) in zip(names, columns, strict=True) if values is not None}
-    words = {name: [cells[k] for _, cells in rows] for k, name in enumerate(names) if name not in numbers}
+    aside = _without_own_name(names)
+    numbers = {name: values for name, (values, _) in zip(names, columns, strict=True)
+               if values is not None and name not in aside}
+    words = {name: [cells[k] for _, cells in rows] for k, name in enumerate(names)
+             if name not in numbers and name not in aside}
     lines = np.array([line for line, _ in rows], dtype=np.int64)
-    return TextColumns(names, lines, numbers, text, sheet.separator, dict(zip(names, units, strict=False)), words)
+    return TextColumns(names, lines, numbers, text, sheet.separator, dict(zip(names, units, strict=False)), words, aside)
 
 
 def check_rows_left(path: Path, left: Array) -> None:
@@ -190,7 +195,7 @@ def _cut(file: str, text: str) -> _Sheet:
     if not content:
         raise DataError([Problem("record-empty", f"'{Path(file).name}' has no rows", Place(file, 1),
                                  "A record begins with a row that names the columns.")])
-    separator = declared.group(1) if declared else max(SEPARATORS, key=content[0][1].count)
+    separator = declared.group(1) if declared else _separator([line for _, line in content])
     if '"' in text:
         cells = [next(csv.reader([line], delimiter=separator)) for _, line in content]
     else:
@@ -198,7 +203,28 @@ def _cut(file: str, text: str) -> _Sheet:
     rows = [(k, [cell.strip() for cell in row]) for (k, _), row in zip(content, cells, strict=True)]
     if all(row and row[-1] == "" for _, row in rows) and len(rows[0][1]) > 1:
         rows = [(k, row[:-1]) for k, row in rows]  # every line ends with a separator
+    rows = rows[_settings(rows):]
     return _Sheet(file, lines, separator, rows[0], rows[1:])
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """The separator of the columns: the most frequent one of the first line. If the last line does not have as many, the
+    first one may be a title; then it is the one that the last lines have in common."""
+    first = max(SEPARATORS, key=lines[0].count)
+    if lines[0].count(first) == lines[-1].count(first) > 0:
+        return first
+    last = [{line.count(sign) for line in lines[1:][-3:]} for sign in SEPARATORS]
+    return next((sign for sign, counts in zip(SEPARATORS, last, strict=True) if len(counts) == 1 and 0 not in counts), first)
+
+
+def _settings(rows: Cells) -> int:
+    """Number of rows above the names that are a title or the settings of a data logger: they have fewer cells than the
+    table, whose first row with all cells contains no number."""
+    width = len(rows[-1][1])
+    first = next(k for k, (_, cells) in enumerate(rows) if len(cells) == width)
+    named = any(rows[first][1]) and not any(map(_is_written_number, rows[first][1]))
+    below = any(_is_written_number(cell) for _, cells in rows[first + 1:first + 3] for cell in cells)
+    return first if named and below and all(len(cells) < width for _, cells in rows[:first]) else 0
 
 
 def _other_separator(sheet: _Sheet) -> str:
@@ -226,28 +252,16 @@ def _check_header(sheet: _Sheet, problems: Problems) -> None:
     if len(names) == 1 and (separator := _other_separator(sheet)):
         problems.add("record-separator", f"the columns seem to be separated by {separator}", sheet.place(line, 0),
                      hint="Separate them by commas, semicolons or tabs.")
-    elif len(names) == 1 and (below := _columns_below(sheet)):
-        problems.add("record-header", f"the first row has one column, those below have {below}", sheet.place(line, 0),
-                     hint="Put a # in front of every line above the row of names.")
-    first: dict[str, int] = {}
-    for k, name in enumerate(names):
-        if not name:
-            problems.add("record-header", f"column {k + 1} has no name", sheet.place(line, k),
-                         hint="Give each column a name in the first row.")
-        elif first.setdefault(name, k) != k:
-            problems.add("record-column-twice",
-                         f"two columns are called '{name}' (columns {first[name] + 1} and {k + 1})",
-                         sheet.place(line, k), hint="Give each column a different name.")
 
 
-def _columns_below(sheet: _Sheet) -> str:
-    """The separator of the last rows if the first one has none, in words: then there is a title above the names."""
-    lines = [sheet.lines[line - 1] for line, _ in sheet.rows[-3:]]
-    for separator, name in SEPARATORS.items():
-        counts = {line.count(separator) for line in lines}
-        if len(counts) == 1 and 0 not in counts:
-            return f"{counts.pop() + 1}, separated by {name}"
-    return ""
+def _without_own_name(names: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """The reason why a name is not that of one column, and advice, by name."""
+    columns: dict[str, list[int]] = {}
+    for k, name in enumerate(names, 1):
+        columns.setdefault(name, []).append(k)
+    return {name: (f"is the name of {len(at)} columns ({listing([str(k) for k in at], SHOWN)})" if name else
+                   f"is no name: column {at[0]} has none", "Give each column a different name in the file.")
+            for name, at in columns.items() if len(at) > 1 or not name}
 
 
 def _without_units_row(sheet: _Sheet, problems: Problems) -> tuple[Cells, list[str]]:
