@@ -15,8 +15,7 @@ from click.testing import CliRunner
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.pictures.bond_graph import Bond, BondGraph, Vertex, bond_graph, causal, told
-from heavebond.pictures.bond_layout import crossings, places
-from heavebond.pictures.bond_picture import draw_bond_graph
+from heavebond.pictures.bond_picture import crossings, draw_bond_graph, places
 
 MOUNT = """
 model: mount

@@ -7,7 +7,7 @@ from itertools import product
 import pytest
 
 from heavebond.core import units
-from heavebond.core.common_units import _UNITS, common_unit
+from heavebond.core.units import _UNITS, common_unit
 
 PRODUCTS = [
     *_UNITS, "%", *(f"1/{name}" for name in _UNITS), *(f"{a}{sign}{b}" for a, b in product(_UNITS, _UNITS) for sign in "*/"),

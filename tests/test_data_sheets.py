@@ -11,7 +11,7 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import HeavebondError, ModelError
 from heavebond.language.library import library
-from heavebond.studio.mentions import Named, renamed_mentions
+from heavebond.studio.diagram_edits import Named, renamed_mentions
 
 SHEETS = {
     "rubber": """

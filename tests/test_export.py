@@ -290,7 +290,7 @@ def without_warnings(fmu: Path, source: str) -> None:
 
 
 def test_names_of_outputs_that_are_taken(tmp_path: Path) -> None:
-    from heavebond.exchange.model_description import description
+    from heavebond.exchange.fmu_export import description
 
     text = LOOP.replace("inlet:  {is: inlet.p, unit: bar}", "inlet.p: {unit: bar}")
     names = [v.get("name") for v in Xml.fromstring(description(portable(hb.loads(text)), "m", "t")).iter("Float64")]

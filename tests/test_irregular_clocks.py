@@ -15,7 +15,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.exchange.c_code import export_c
 from heavebond.numerics.dae import assemble
 from heavebond.reports.summary import summary
-from heavebond.studio.mentions import Named, renamed_mentions
+from heavebond.studio.diagram_edits import Named, renamed_mentions
 
 LOOP = """
 model: loop

@@ -19,7 +19,7 @@ from heavebond.core.units import parse_range
 from heavebond.linear import linear_system
 from heavebond.linear.linear_system import LINEAR_SYSTEM, spread
 from heavebond.linear.linearisation import Linearisation
-from heavebond.linear.modal_energy import energy_shares
+from heavebond.linear.modal_values import energy_shares
 from heavebond.linear.operating_point import OperatingPoints
 from heavebond.pictures.plot_linear import plot_bode, plot_nyquist
 

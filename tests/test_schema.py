@@ -19,10 +19,9 @@ from doc_pages import PAGES, blocks
 from heavebond.cli import main
 from heavebond.core.units import unit
 from heavebond.estimation import experiment
-from heavebond.exchange.json_schema import component_file, diagram, schema
+from heavebond.exchange.json_schema import component_file, diagram, schema, written_units
 from heavebond.exchange.json_schema import experiment as experiment_file
 from heavebond.exchange.json_schema import study as study_file
-from heavebond.exchange.json_schema_values import written_units
 from heavebond.language import component_file as component_files
 from heavebond.language import effects, library, model
 from heavebond.studies import study

@@ -11,8 +11,7 @@ import pytest
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.records.signal_files import read_courses
-from heavebond.records.spectra import EvenSignal, SignalAnalysis, evenly, rainflow_cycles
+from heavebond.records.spectra import EvenSignal, SignalAnalysis, evenly, rainflow_cycles, read_courses
 
 TIME = np.arange(0, 200, 0.05)
 

@@ -23,10 +23,10 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import HeavebondError, UsageError
 from heavebond.studio.bench import Bench, view
+from heavebond.studio.diagram_edits import with_values
 from heavebond.studio.folder import BUNDLED, Folder, bundled_machines, version
 from heavebond.studio.job import Job
 from heavebond.studio.page_safety import Guard, policy
-from heavebond.studio.values import with_values
 from heavebond.studio.workers import Worker
 
 ROOT = Path(__file__).parents[1]

@@ -24,13 +24,13 @@ from heavebond.numerics.dae import assemble
 from heavebond.records.measurements import read_table
 from heavebond.studio import record_upload
 from heavebond.studio.bench import view
+from heavebond.studio.diagram_edits import with_records
 from heavebond.studio.evidence import Evidence, written_experiment
 from heavebond.studio.folder import Folder
 from heavebond.studio.job import Job
 from heavebond.studio.long_jobs import KINDS, LongJob, LongJobs
 from heavebond.studio.long_tasks import TASKS
 from heavebond.studio.record_upload import plain_name, store
-from heavebond.studio.values import with_records
 
 RIG = """\
 model: rig

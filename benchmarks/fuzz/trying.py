@@ -23,7 +23,7 @@ from heavebond.core.errors import HeavebondError
 from heavebond.energy.audit import table
 from heavebond.language.model import Model
 from heavebond.linear.linearisation import Linearisation, start_point
-from heavebond.linear.modal_energy import energy_shares
+from heavebond.linear.modal_values import energy_shares
 from heavebond.linear.operating_point import OperatingPoints, stuck
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.initialise import Start, start

@@ -35,7 +35,7 @@ def laws(experiment: str, at: tuple[str, ...], written: Path | None, decide: Pat
     from heavebond.estimation.experiment import load_experiment
     from heavebond.laws.find import find_laws, write_law
     from heavebond.pictures.plot import save
-    from heavebond.pictures.plot_law import plot_law
+    from heavebond.pictures.plot_where import plot_law
     from heavebond.reports.result_tables import laws_items
 
     check_picture(output)

@@ -19,7 +19,7 @@ from heavebond.commands.arguments import (
 if TYPE_CHECKING:
     from heavebond.linear.held_variables import HeldVariable
     from heavebond.linear.linearisation import Linear, Mode
-    from heavebond.linear.modal_energy import ModalShares
+    from heavebond.linear.modal_values import ModalShares
     from heavebond.linear.slow_modes import SlowModes
     from heavebond.numerics.dae import Assembly
     from heavebond.numerics.start_equations import Point
@@ -51,7 +51,7 @@ def modes(model: str, at: str | None, steady: bool, slowest: int | None, setting
     from heavebond.core.presentation import count
     from heavebond.language.model import load
     from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
-    from heavebond.linear.modal_energy import energy_shares
+    from heavebond.linear.modal_values import energy_shares
     from heavebond.linear.operating_point import OperatingPoints, stuck
     from heavebond.linear.sampled import sampled_words
 

@@ -51,8 +51,7 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
     """
     from heavebond.commands import terminal
     from heavebond.numerics.output_times import seconds
-    from heavebond.records.signal_files import read_courses
-    from heavebond.records.spectra import SignalAnalysis
+    from heavebond.records.spectra import SignalAnalysis, read_courses
 
     check_picture(output)
     window = seconds(begin or 0.0, "--from"), seconds(until or float("inf"), "--until")

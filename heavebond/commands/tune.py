@@ -69,7 +69,7 @@ def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str,
     from heavebond.optimise.robustness import robustness as around
     from heavebond.optimise.tuning import sweep
     from heavebond.optimise.tuning import tune as tuned
-    from heavebond.reports.tuning_tables import tuning_figures, tuning_items
+    from heavebond.reports.study_tables import tuning_figures, tuning_items
     from heavebond.studies.tuning_request import tuning_request, with_free
 
     check_picture(output)

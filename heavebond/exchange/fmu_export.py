@@ -5,6 +5,10 @@ inside. CasADi's own exporter (DaeBuilder 3.8) is not used: it writes units with
 definitions, adds variables with names that the standard does not allow, and knows algebraic unknowns only for importers with
 an extension of the standard. Modelica Association, Functional Mock-up Interface Specification 2.0.4 and 3.0.1,
 https://fmi-standard.org.
+
+modelDescription.xml of an exported diagram, of FMI 2.0 and 3.0, for model exchange and co-simulation.
+
+Modelica Association, Functional Mock-up Interface Specification 2.0.4 and 3.0.1, https://fmi-standard.org.
 """
 
 from __future__ import annotations
@@ -12,27 +16,35 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 from heavebond.core.errors import Problem, UsageError
+from heavebond.core.quoting import xml_text
+from heavebond.core.units import Unit
+from heavebond.core.version import VERSION
 from heavebond.core.writable import new_file
+from heavebond.equations.events import FlatEvent
 from heavebond.exchange.c_code import SOURCES, c_name, c_text
-from heavebond.exchange.model_description import description, xml_bytes
-from heavebond.exchange.portable import Portable, portable
+from heavebond.exchange.portable import Portable, Quantity, derived, portable
 from heavebond.language.model import Model
+from heavebond.numerics.output_times import grid
 
 COMPILERS = ("cc", "gcc", "clang")
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
 SYSTEMS_2 = {"linux": "linux", "darwin": "darwin", "win32": "win"}
 STAMP = (1980, 1, 1, 0, 0, 0)  # time stamp of every file in the archive, so that the same diagram gives the same bytes
 VERSIONS = (2, 3)
+STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*\)*")
 
 
 def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), version: int = 3) -> Portable:
@@ -111,3 +123,185 @@ def _build_description(identifier: str) -> bytes:
     files = Xml.SubElement(configuration, "SourceFileSet", {"language": "C99"})
     Xml.SubElement(files, "SourceFile", {"name": "fmi3.c"})  # which includes the others
     return xml_bytes(root)
+
+
+def description(exported: Portable, identifier: str, token: str, version: int = 3) -> bytes:
+    """The XML that describes the contents of the FMU; `version` of the standard is 2 or 3."""
+    shown_quantities = [q for group in (exported.states, exported.inputs, exported.outputs) for q in group]
+    structured = all(STRUCTURED.fullmatch(q.name) for q in shown_quantities)
+    root = Xml.Element("fmiModelDescription", {
+        "fmiVersion": f"{version}.0", "modelName": exported.name, "instantiationToken" if version == 3 else "guid": token,
+        "generationTool": f"heavebond {VERSION}",
+        "variableNamingConvention": "structured" if structured else "flat",
+        **({"numberOfEventIndicators": str(len(_conditions(exported)))} if version == 2 else {}),
+        **({"description": summary} if (summary := exported.assembly.model.summary) else {})})
+    (_kinds_3 if version == 3 else _kinds_2)(root, identifier, not exported.delays)
+    quantities = [q for group in (exported.states, exported.parameters, exported.inputs, exported.outputs) for q in group]
+    rates = [_rate(q) for q in exported.states]
+    _units(root, [*(q.unit for q in quantities), *(unit for _, unit in rates)])
+    _experiment(root, exported)
+    (_Variables3 if version == 3 else _Variables2)(root).write(exported, rates)
+    return xml_bytes(root)
+
+
+def _kinds_3(root: Xml.Element, identifier: str, exchange: bool) -> None:
+    """Co-simulation, and model exchange unless an importing integrator would have to keep the history of delays."""
+    shared = {"modelIdentifier": identifier, "canGetAndSetFMUState": "true", "providesDirectionalDerivatives": "true"}
+    shared["canSerializeFMUState"] = "true"
+    if exchange:  # a completed step tests physical limits
+        Xml.SubElement(root, "ModelExchange", {**shared, "needsCompletedIntegratorStep": "true"})
+    Xml.SubElement(root, "CoSimulation", {**shared, "canHandleVariableCommunicationStepSize": "true",
+                                          "hasEventMode": "true"})
+
+
+def _kinds_2(root: Xml.Element, identifier: str, exchange: bool) -> None:
+    shared = {"modelIdentifier": identifier, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true",
+              "providesDirectionalDerivative": "true"}
+    kinds = [("ModelExchange", dict[str, str]())] if exchange else []
+    for kind, more in (*kinds, ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
+        element = Xml.SubElement(root, kind, {**shared, **more})
+        Xml.SubElement(Xml.SubElement(element, "SourceFiles"), "File", {"name": "fmi2.c"})  # which includes the others
+
+
+def _rate(state: Quantity) -> tuple[str, Unit]:
+    """Name and unit of a state's derivative."""
+    return f"der({state.name})", derived(state.unit, 1)
+
+
+def unit_name(unit: Unit) -> str:
+    """A unit in the notation of FMI: `m3/(s.Pa)` for `m**3/(s*Pa)`."""
+    return unit.text.replace("**", "").replace("*", ".")
+
+
+def _units(root: Xml.Element, units: Sequence[Unit]) -> None:
+    definitions = Xml.SubElement(root, "UnitDefinitions")
+    for name, unit in {unit_name(unit): unit for unit in units}.items():
+        entry = Xml.SubElement(definitions, "Unit", {"name": name})
+        if any(power.denominator != 1 for _, power in unit.dimension):
+            continue  # FMI permits whole powers only
+        base = {symbol: str(power.numerator) for symbol, power in unit.dimension}
+        if unit.counts == "angle":
+            base["rad"] = "1"
+        if unit.scale != 1:
+            base["factor"] = repr(unit.scale)
+        if unit.offset:
+            base["offset"] = repr(unit.offset)
+        Xml.SubElement(entry, "BaseUnit", base)
+
+
+def _experiment(root: Xml.Element, exported: Portable) -> None:
+    model = exported.assembly.model
+    if model.until is not None:
+        times = grid(model, None, None)
+        Xml.SubElement(root, "DefaultExperiment", {"startTime": repr(float(times[0])) if times[0] else "0",
+                                                   "stopTime": repr(float(times[-1])), "tolerance": "1e-9",
+                                                   "stepSize": repr(float(times[1] - times[0]))})
+
+
+def _conditions(exported: Portable) -> list[FlatEvent]:
+    """The events with an indicator, in the order of the indicators."""
+    return [event for event in exported.events if event.indicator is not None]
+
+
+class _Variables3:
+    """Variables and model structure in the format of FMI 3.0; value references are numbered as in `fmu_core.c`."""
+
+    def __init__(self, root: Xml.Element):
+        self.variables, self.structure = Xml.SubElement(root, "ModelVariables"), Xml.SubElement(root, "ModelStructure")
+
+    def add(self, name: str, reference: int, causality: str, variability: str, **more: str) -> None:
+        """One variable; `derivative` is the value reference of the state."""
+        Xml.SubElement(self.variables, "Float64", {"name": name, "valueReference": str(reference), "causality": causality,
+                                                   "variability": variability, **{k: v for k, v in more.items() if v}})
+
+    def write(self, exported: Portable, rates: Sequence[tuple[str, Unit]]) -> None:
+        """All variables."""
+        names = {q.name for group in (exported.states, exported.parameters, exported.inputs) for q in group}
+        names |= {held.name for held in exported.held.values()}
+        self.add("time", 0, "independent", "continuous", description="time in s")
+        first, n_x = 1, len(exported.states)
+        # values that the initialisation may change
+        solved = list(range(first, first + n_x)) if exported.starting.follows else []
+        for k, q in enumerate(exported.states):
+            self.add(q.name, first + k, "local", "continuous", initial="approx" if solved else "exact", **_told(q),
+                     nominal=repr(q.nominal))
+        for k, (name, unit) in enumerate(rates):
+            self.add(name, first + n_x + k, "local", "continuous", initial="calculated", unit=unit_name(unit),
+                     derivative=str(first + k))
+        first += 2 * n_x
+        for k, (q, is_tunable) in enumerate(zip(exported.parameters, exported.tunable, strict=True)):
+            if is_tunable:
+                self.add(q.name, first + k, "parameter", "tunable", initial="exact", **_told(q), **_bounds(q))
+            elif held := exported.held.get(k):
+                self.add(held.name, first + k, "local", "discrete", initial="exact", **_told(replace(q, doc=held.doc)))
+        first += len(exported.parameters)
+        for k, q in enumerate(exported.inputs):
+            self.add(q.name, first + k, "input", "continuous", **_told(q))
+        first += len(exported.inputs)
+        for k, q in enumerate(exported.outputs):
+            # an output may have the name of a state or a parameter, which FMI does not allow
+            name = f"show.{q.name}" if q.name in names else q.name
+            self.add(name, first + k, "output", "continuous", initial="calculated", unit=unit_name(q.unit),
+                     description=q.doc)
+        outputs = list(range(first, first + len(exported.outputs)))
+        self.structured(solved, list(range(1 + n_x, 1 + 2 * n_x)), outputs,
+                        self.conditions(exported, first + len(exported.outputs)))
+
+    def conditions(self, exported: Portable, first: int) -> list[int]:
+        """The event indicators as variables, and their value references."""
+        events = _conditions(exported)
+        for k, event in enumerate(events):
+            self.add(f"{event.name}.indicator", first + k, "local", "continuous", initial="calculated",
+                     description=f"above 0 where this is true: {event.text}")
+        return list(range(first, first + len(events)))
+
+    def structured(self, solved: list[int], rates: list[int], outputs: list[int], indicators: list[int]) -> None:
+        """Outputs, derivatives of states, initial unknowns (also the states that are solved for), and event indicators,
+        by value references."""
+        for kind, references in (("Output", outputs), ("ContinuousStateDerivative", rates),
+                                 ("InitialUnknown", [*solved, *rates, *outputs]), ("EventIndicator", indicators)):
+            for reference in references:
+                Xml.SubElement(self.structure, kind, {"valueReference": str(reference)})
+
+
+class _Variables2(_Variables3):
+    """The same in the format of FMI 2.0: variables are numbered from 1 in the order of the file."""
+
+    def __init__(self, root: Xml.Element):
+        super().__init__(root)
+        self.index: dict[int, int] = {}
+
+    def add(self, name: str, reference: int, causality: str, variability: str, **more: str) -> None:
+        self.index[reference] = len(self.index) + 1
+        outer = {k: v for k in ("description", "initial") if (v := more.pop(k, ""))}
+        element = Xml.SubElement(self.variables, "ScalarVariable", {
+            "name": name, "valueReference": str(reference), "causality": causality, "variability": variability, **outer})
+        if state := more.pop("derivative", ""):
+            more["derivative"] = str(self.index[int(state)])
+        Xml.SubElement(element, "Real", {k: v for k, v in more.items() if v})
+
+    def conditions(self, exported: Portable, first: int) -> list[int]:
+        return []  # indicators are not variables
+
+    def structured(self, solved: list[int], rates: list[int], outputs: list[int], indicators: list[int]) -> None:
+        for kind, references in (("Outputs", outputs), ("Derivatives", rates),
+                                 ("InitialUnknowns", sorted([*solved, *rates, *outputs], key=lambda r: self.index[r]))):
+            if references:
+                group = Xml.SubElement(self.structure, kind)
+                for reference in references:
+                    Xml.SubElement(group, "Unknown", {"index": str(self.index[reference])})
+
+
+def _told(q: Quantity) -> dict[str, str]:
+    return {"description": q.doc, "unit": unit_name(q.unit), "start": repr(q.start)}
+
+
+def _bounds(q: Quantity) -> dict[str, str]:
+    return {name: repr(float(value)) for name, value in (("min", q.low), ("max", q.high)) if isfinite(value)}
+
+
+def xml_bytes(root: Xml.Element) -> bytes:
+    """The bytes of the file, without characters in attributes that XML does not permit."""
+    for element in root.iter():
+        element.attrib.update({name: xml_text(value) for name, value in element.attrib.items()})
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{Xml.tostring(root, encoding="unicode")}\n'.encode()

@@ -10,11 +10,10 @@ from heavebond.import_20sim.assignments import counts
 from heavebond.import_20sim.choices import names
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.evaluate import MEMBERS, MOST_ELEMENTS, Calculus, Evaluator, fold
-from heavebond.import_20sim.expressions_parser import Unreadable
+from heavebond.import_20sim.expressions_parser import Unreadable, unit_of
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.names import identifier
 from heavebond.import_20sim.sidops_tree import Declared, Equations, Expr, Port, Submodel
-from heavebond.import_20sim.units import unit_of
 
 ACROSS_IS_FLOW = {"translation", "rotation", "mechanical"}
 

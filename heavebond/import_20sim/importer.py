@@ -1,19 +1,32 @@
-"""Import of a 20-sim model: an .emx file to a folder with a diagram and its components."""
+"""Import of a 20-sim model: an .emx file to a folder with a diagram and its components.
+
+Power ports without a connection: determination whether their flow or their effort is 0.
+
+A bond of 20-sim without a partner has the causality of its submodel: a port that receives an effort, such as a mass, has
+effort 0, one that receives a flow has flow 0. The causality follows from a maximum matching of equations and unknowns, in
+which states are known and one equation of each free port determines its flow, or else its effort.
+"""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from heavebond.core.errors import ModelError, Place, Problem
 from heavebond.core.quoting import file_stem
 from heavebond.core.writable import write_text
+from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.block import Block, Part, Translator
+from heavebond.import_20sim.choices import OPPOSITE, names, rebuilt
 from heavebond.import_20sim.component import Component, Item, without_unit
 from heavebond.import_20sim.emx_file import EmxFile, read_emx
 from heavebond.import_20sim.evaluate import MEMBERS, fold
-from heavebond.import_20sim.free_ends import with_free_effort
 from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import identifier, labels, snake
@@ -21,24 +34,16 @@ from heavebond.import_20sim.recognition import recognised
 from heavebond.import_20sim.sampling import sampling
 from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_parser import parse_sidops
-from heavebond.import_20sim.sidops_tree import Expr, Submodel
-from heavebond.import_20sim.start_time import shift_time
-from heavebond.import_20sim.write import (
-    block_text,
-    component_text,
-    mapping,
-    numbers,
-    parts_text,
-    quantity,
-    remark,
-    scalar,
-)
+from heavebond.import_20sim.sidops_tree import Assign, Do, Equations, Expr, For, If, Statement, Submodel, While
+from heavebond.import_20sim.write import block_text, component_text, mapping, numbers, parts_text, quantity, remark, scalar
 
 NO_VALUE = "no value in the 20-sim file"  # characters of a description
 ASSUMED_SAMPLE_TIME = 0.1  # s
 USUAL_DURATION = 10.0  # duration in s, for a run of 20-sim whose file gives none
 EFFORTS, FLOWS = ({pair[side] for pair in MEMBERS.values()} for side in (0, 1))
 READ = 2000  # characters at the beginning of a component file that contain its summary
+INSTANT = {"timeevent": 0, "step": 0, "ramp": 0, "impulse": 0, "frequencyevent": 1}  # index of the argument that is a time
+Rows = list[set[str]]  # the unknowns of each equation
 
 
 @dataclass(frozen=True)
@@ -411,3 +416,143 @@ class _Writer:
 
 def _origin(block: Block) -> tuple[float, float]:
     return (min((p.x for p in block.parts.values()), default=0.0), max((p.y for p in block.parts.values()), default=0.0))
+
+
+def shift_time(submodel: Submodel, start: float) -> None:
+    """Rewrite the equations of a submodel and of those within it in the time since the start, which is given in s.
+    Instants that are compared with the time are reduced by the start; elsewhere, `time` is replaced by that time plus
+    the start."""
+    for section in (submodel.equations, submodel.relations):
+        if section is not None:
+            _shift(section, start)
+    for part in submodel.submodels:
+        shift_time(part, start)
+
+
+def _shift(equations: Equations, start: float) -> None:
+    declared = {d.name.lower() for d in (*equations.constants, *equations.parameters, *equations.variables)}
+    if "time" not in declared:
+        for section in (equations.initial, equations.equations, equations.code):
+            section[:] = _statements(section, start)
+
+
+def _statements(statements: Iterable[Statement], start: float) -> tuple[Statement, ...]:
+    shifted_statements: list[Statement] = []
+    for s in statements:
+        if isinstance(s, Assign):
+            shifted_statements.append(replace(s, left=_shifted(s.left, start), right=_shifted(s.right, start)))
+        elif isinstance(s, If):
+            shifted_statements.append(replace(s, condition=_shifted(s.condition, start), then=_statements(s.then, start),
+                                              otherwise=_statements(s.otherwise, start)))
+        elif isinstance(s, Do):
+            shifted_statements.append(replace(s, call=_shifted(s.call, start)))
+        elif isinstance(s, While):
+            shifted_statements.append(replace(s, condition=_shifted(s.condition, start), body=_statements(s.body, start)))
+        elif isinstance(s, For):
+            shifted_statements.append(replace(s, body=_statements(s.body, start)))
+    return tuple(shifted_statements)
+
+
+def _shifted(expr: Expr, start: float) -> Expr:
+    if _is_time(expr):
+        return Expr("+" if start > 0 else "-", (expr, f.number(abs(start))), line=expr.line)
+    if expr.op == "name" and expr.name.lower() == "starttime":
+        return f.number(start)
+    if expr.op in OPPOSITE and any(map(_is_time, expr.args)):
+        return rebuilt(expr, lambda e: e if _is_time(e) else _earlier(_shifted(e, start), start))
+    shifted = rebuilt(expr, lambda e: _shifted(e, start))
+    at = INSTANT.get(expr.name.lower()) if expr.op == "call" else None
+    if at is None or len(shifted.args) <= at:
+        return shifted
+    args = (*shifted.args[:at], _earlier(shifted.args[at], start), *shifted.args[at + 1:])
+    return Expr(shifted.op, args, shifted.name, line=shifted.line)
+
+
+def _is_time(expr: Expr) -> bool:
+    return expr.op == "name" and expr.name.lower() == "time"
+
+
+def _earlier(instant: Expr, start: float) -> Expr:
+    known = fold(instant, {})
+    return Expr("-", (instant, f.number(start)), line=instant.line) if known is None else f.number(known - start)
+
+
+def with_free_effort(components: list[tuple[str, Component]], blocks: list[tuple[str, Block]]) -> list[tuple[Block, str]]:
+    """The nodes with one end whose effort must be 0, with their blocks: with flow 0, no equation would determine it."""
+    free = [(path, block, name, ends[0]) for path, block in blocks for name, ends in block.nodes.items()
+            if len(ends) == 1 and block.is_bond(ends[0])]
+    if not free:
+        return []
+    rows: Rows = []
+    for path, component in components:
+        rows += _of_component(f"{path}." if path else "", component)
+    for path, block in blocks:
+        rows += _of_block(f"{path}." if path else "", block)
+    ports = [f"{path}.{end}" if path else end for path, _, _, end in free]
+    ends = [{f"{port}.f"} for port in ports]
+    loose = [{f"{port}.e", f"{port}.f"} for port in ports]
+    most = _matched([*rows, *loose])
+    for k, (_, block, _, end) in enumerate(free):
+        first, second = ("e", "f") if _gives_flow(block, end) else ("f", "e")
+        ends[k] = {f"{ports[k]}.{first}"}
+        if _matched([*rows, *ends[:k + 1], *loose[k + 1:]]) < most:
+            ends[k] = {f"{ports[k]}.{second}"}
+    return [(block, name) for (_, block, name, _), row in zip(free, ends, strict=True) if next(iter(row)).endswith(".e")]
+
+
+def _gives_flow(block: Block, end: str) -> bool:
+    """True if the equations of a port state its flow: they may contain its effort too without determining it."""
+    name, _, port = end.partition(".")
+    what = next(p.what for p in block.parts.values() if p.name == name)
+    if isinstance(what, Component):
+        stated = {left.args[0].name if left.op == "negative" else left.name for left, *_ in what.equations}
+        return f"{port}.f" in stated and f"{port}.e" not in stated
+    inner = [e for ends in what.nodes.values() if port in ends for e in ends if e != port and what.is_bond(e)]
+    return len(inner) == 1 and "." in inner[0] and _gives_flow(what, inner[0])
+
+
+def _rates(expr: Expr) -> Iterator[str]:
+    """The names whose rates occur in an expression."""
+    if expr.op == "call" and expr.name == "der":
+        yield from names(expr)
+    for e in expr.args:
+        yield from _rates(e)
+
+
+def _of_component(prefix: str, made: Component) -> Rows:
+    sides = [(left, right) for left, right, _ in made.equations]
+    rates = [{*_rates(left), *_rates(right)} for left, right in sides]
+    states = set().union(*rates) if rates else set()
+    kinds = {name: item.kind for name, item in made.items.items()}
+
+    def unknown(name: str) -> bool:
+        base = name.partition(".")[0]
+        return name not in states and kinds.get(base) in ("variable", "out", "in", "bond") and base not in made.shared
+
+    return [{prefix + n for e in pair for n in names(e) if unknown(n)} | {f"{prefix}der {n}" for n in base}
+            for pair, base in zip(sides, rates, strict=True)]
+
+
+def _of_block(prefix: str, block: Block) -> Rows:
+    rows: Rows = []
+    for ends in block.nodes.values():
+        own_ends = [prefix + end for end in ends]
+        if len(own_ends) > 1 and block.is_bond(ends[0]):
+            rows += [{f"{own_ends[0]}.e", f"{end}.e"} for end in own_ends[1:]]
+            rows.append({f"{end}.f" for end in own_ends})
+        elif not block.is_bond(ends[0]):
+            rows += [{own_ends[0], end} for end in own_ends[1:]]
+    for sides in block.equations:
+        rows.append({prefix + n for side in sides for n in re.findall(r"[A-Za-z_][\w.]*", side)})
+    return rows + [{f"{prefix}{part.name}.{name}"} for part in block.parts.values() for name in part.inputs]
+
+
+def _matched(rows: Rows) -> int:
+    """Number of matched equations."""
+    numbers: dict[str, int] = {}
+    pairs = [(i, numbers.setdefault(n, len(numbers))) for i, row in enumerate(rows) for n in sorted(row)]
+    if not pairs:
+        return 0
+    i, k = np.array(pairs).T
+    graph = csr_array((np.ones(len(pairs), dtype=np.int8), (i, k)), shape=(len(rows), len(numbers)))
+    return int(np.count_nonzero(maximum_bipartite_matching(graph, perm_type="column") >= 0))

@@ -5,6 +5,9 @@ from parameters, inputs and the time: A(s) z + b = 0, where s represents the der
 random values of s, of the parameters and of the inputs, the same port quantities solve them, and all branches of their
 choices occur there. Port quantities, inputs and parameters are assigned to each other in every order; a parameter of the
 library without a counterpart gets a number.
+
+Recognition of linear systems in imported submodels, `ddt (x) = A * x + B * u; y = C * x + D * u`, in the form of the
+editor.
 """
 
 from __future__ import annotations
@@ -15,9 +18,10 @@ import math
 import operator
 import random
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +30,10 @@ from heavebond.core.errors import HeavebondError
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.choices import names, renamed
 from heavebond.import_20sim.component import Component
-from heavebond.import_20sim.linear_recognition import linear_match
+from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.memory import DELAYED
-from heavebond.import_20sim.table_recognition import table_match
+from heavebond.import_20sim.tables import Table
 from heavebond.language import definition
 from heavebond.language.library import library
 from heavebond.text import syntax
@@ -43,6 +47,10 @@ TRIALS_OF_CHOICES = 60  # points for laws with branches, each of which must occu
 SAME = 1e-9  # relative size that counts as zero for matrices with entries of about 1
 FOR_FILES = {"Record"}  # it forwards a column of a file
 NUMBERS = (1.0, -1.0)  # values to try for a parameter without a counterpart, in addition to its default
+MATRIX = re.compile(r"[ABCD](_[0-9]+){0,2}")
+LINEAR = 1e-9  # tolerance relative to the largest value, with which the coefficients must reproduce another point
+BETWEEN = (0.0, 0.25, 0.7)  # shares of an interval at which both must agree
+ON_TABLE = 1e-9  # relative to the range of the values
 
 
 # -- equations as matrices -------------------------------------------------------------------------------------------------
@@ -466,3 +474,131 @@ def _dynamic(equation: syntax.Equation) -> bool:
 
 def _has(equation: syntax.Equation, wanted: Sequence[str]) -> bool:
     return any(n.text in wanted for side in (equation.left, equation.right) for n in syntax.names(side))
+
+
+def linear_match(component: Component, joined: Collection[str]) -> Match | None:
+    """The `LinearSystem` of the library for a component whose parameters are matrices A, B, C, D and whose rates and outputs
+    are linear in its states and inputs, with its matrices. All inputs must be connected."""
+    values = {item.name: item.value for item in component.of_kind("parameter")}
+    inputs, outputs = [i.name for i in component.of_kind("in")], [i.name for i in component.of_kind("out")]
+    states = [i.name for i in component.of_kind("variable")]
+    rates = {left.args[0].name: right for left, right, _ in component.equations if left.op == "call" and left.name == "der"}
+    others = {left.name: right for left, right, _ in component.equations if left.op == "name"}
+    if component.events or component.untranslated or component.shared or component.gives \
+            or component.tables or component.of_kind("bond", "held"):
+        return None
+    if not all(map(MATRIX.fullmatch, values)) or None in values.values() or not (states and inputs and outputs):
+        return None
+    if set(rates) != set(states) or set(others) != set(outputs) or not set(inputs) <= set(joined):
+        return None
+    rows, columns = [*(rates[x] for x in states), *(others[y] for y in outputs)], [*states, *inputs]
+    known = {name: value for name, value in values.items() if value is not None}
+
+    def at(point: np.ndarray) -> np.ndarray | None:
+        folded = [fold(e, {**known, **dict(zip(columns, map(float, point), strict=True))}) for e in rows]
+        return None if None in folded else np.array(folded, dtype=float)
+
+    offset, units = at(np.zeros(len(columns))), [at(p) for p in np.eye(len(columns))]
+    second_point = np.random.default_rng(0).uniform(-1, 1, len(columns))
+    value_there = at(second_point)
+    if offset is None or offset.any() or value_there is None or any(c is None for c in units):
+        return None
+    whole = np.array(units).T
+    if not np.allclose(whole @ second_point, value_there, rtol=LINEAR, atol=SAME * np.abs(whole).max(initial=0.0)):
+        return None
+    first = {name: fold(value, known) for name, value in component.initial.items()}
+    if None in first.values():
+        return None
+    n = len(states)
+    parts = {"A": whole[:n, :n], "B": whole[:n, n:], "C": whole[n:, :n], "D": whole[n:, n:]}
+    matrices = {name: m.tolist() for name, m in parts.items() if name != "D" or m.any()}
+    ports = {name: f"{kind}[{k + 1}]" for kind, group in (("u", inputs), ("y", outputs)) for k, name in enumerate(group)}
+    begins = {f"x[{k + 1}]": first.get(x) or 0.0 for k, x in enumerate(states)}
+    return Match("LinearSystem", ports, {}, {}, {"A": "1/s", "B": "1/s", "C": "", "D": "", **dict.fromkeys(begins, "")},
+                 begins, matrices=matrices)
+
+
+def table_match(component: Component) -> Match | None:
+    """A component that is only a table of its inputs or of the time."""
+    if component.events or component.untranslated or component.gives or len(component.of_kind("out")) != 1 \
+            or component.of_kind("bond", "held") or component.initial:
+        return None
+    if [len(table) for table in component.tables.values()] == [3]:
+        return _of_grid(component)
+    if len(component.of_kind("in")) > 1:
+        return None
+    if not component.tables:
+        return _of_matrix(component)
+    if len(component.equations) != 1 or len(component.items) > 2:
+        return None
+    left, right, _ = component.equations[0]
+    if right.op != "table" or left.op != "name" or component.items[left.name].kind != "out" or right.args[0].op != "name":
+        return None
+    input_name = right.args[0].name
+    if input_name == "time" and len(component.items) == 1:
+        return _match(component, "time")
+    return _match(component,
+                  input_name) if input_name in component.items and component.items[input_name].kind == "in" else None
+
+
+def _of_grid(component: Component) -> Match | None:
+    """A component whose output is a table of its two inputs."""
+    formulas = {left.name: right for left, right, _ in component.equations if left.op == "name"}
+    inputs, output = [item.name for item in component.of_kind("in")], component.of_kind("out")[0].name
+    value, input_names = formulas.get(output), []
+    if value is None or value.op != "table2" or component.shared:
+        return None
+    for e in value.args:
+        while e.op == "name" and e.name in formulas:
+            e = formulas[e.name]
+        input_names.append(e.name if e.op == "name" else "")
+    if sorted(input_names) != sorted(inputs) or len(set(input_names)) != 2:
+        return None
+    return Match("Lookup2", {output: "y", input_names[0]: "u_1", input_names[1]: "u_2"}, {}, {}, {},
+                 lists={"x": "x_1", "y": "x_2", "v": "v"})
+
+
+def _match(component: Component, given: str) -> Match:
+    output = component.of_kind("out")[0].name
+    if given == "time":
+        return Match("TableSource", {output: "y"}, {}, {}, {}, lists={"x": "t", "v": "v"})
+    steps = any(a == b for table in component.tables.values() for a, b in pairwise(table[0]))
+    return Match("StepLookup" if steps else "Lookup", {output: "y", given: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
+
+
+def _of_matrix(made: Component) -> Match | None:
+    """A component whose only parameters are a matrix of points (x, y) in rows, with an output that is linear between them
+    and constant outside; these points become its table."""
+    values = {item.name: item.value for item in made.of_kind("parameter")}
+    entries = {(m[1], int(m[2]), int(m[3])): v for n, v in values.items() if (m := re.fullmatch(r"(.*)_([0-9]+)_([12])", n))
+               and v is not None}
+    rows, bases = len(entries) // 2, {base for base, *_ in entries}
+    if len(bases) != 1 or rows < 2 or len(entries) != len(values):
+        return None
+    (base,) = bases
+    points = [[entries.get((base, i + 1, k), np.nan) for i in range(rows)] for k in (1, 2)]
+    x, y = np.array(points)
+    if not np.all(np.diff(x) > 0) or not np.all(np.isfinite(y)):
+        return None
+    known = {name: value for name, value in values.items() if value is not None}
+    input_name = made.of_kind("in")[0].name if made.of_kind("in") else "time"
+    steps = np.diff(x, append=2 * x[-1] - x[-2])
+    tried = [x[0] - steps[0], *(x[i] + share * steps[i] for i in range(rows) for share in BETWEEN)]
+    near = ON_TABLE * (np.ptp(y) or 1.0)
+    if any(not _agrees(made, {**known, input_name: float(u)}, float(np.interp(u, x, y)), near) for u in tried):
+        return None
+    table: Table = (tuple(points[0]), tuple(points[1]))
+    made.tables = {base: table}
+    return _match(made, input_name)
+
+
+def _agrees(component: Component, known: Mapping[str, float], expected: float, tolerance: float) -> bool:
+    """True if the output has the expected value, computed from the known quantities."""
+    at, output = dict(known), component.of_kind("out")[0].name
+    known_values = [(a.name, b) for a, b, _ in component.equations if a.op == "name"]
+    while output not in at:
+        new = {name: value for name, formula in known_values if name not in at and (value := fold(formula, at)) is not None}
+        if not new:
+            return False
+        at |= new
+    return abs(at[output] - expected) <= tolerance

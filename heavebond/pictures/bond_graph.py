@@ -91,7 +91,10 @@ class _Builder:
     beside: list[str] = field(default_factory=list)
 
     def build(self) -> None:
-        grounded = self._grounded()
+        # no power enters at nodes of the ground or a tank, so they and their bonds are omitted
+        references = {domain.reference for domain in self._domains().values()}
+        grounded = {self.network.group_of_port[f"{path}.{port}"] for path, leaf in self.expanded.leaves.items()
+                    if references & {leaf.component.name, *leaf.component.extends} for port in leaf.component.ports}
         for k, group in enumerate(self.network.groups):
             domain = self._domains().get(group.domain)
             if domain is not None and k not in grounded:
@@ -103,12 +106,6 @@ class _Builder:
 
     def _domains(self) -> dict[str, Domain]:
         return self.expanded.model.library.domains
-
-    def _grounded(self) -> set[int]:
-        """Nodes of the ground or a tank: no power enters there, so they and their bonds are omitted."""
-        references = {domain.reference for domain in self._domains().values()}
-        return {self.network.group_of_port[f"{path}.{port}"] for path, leaf in self.expanded.leaves.items()
-                if references & {leaf.component.name, *leaf.component.extends} for port in leaf.component.ports}
 
     def _element(self, path: str, leaf: Leaf) -> None:
         component = leaf.component
@@ -123,9 +120,27 @@ class _Builder:
         kinds = {self.network.domains[path].get(_array(p, path), "") for p in power}
         several = any(domain is not None and len(domain.efforts) > 1 for domain in (self._domain(path, p) for p in power))
         if len(power) == 1 and not several:
-            self._one_port(path, component, power[0], ports)
+            port = power[0]
+            letters = self._letters(path, component, [port])
+            domain_name = self.network.domains[path].get(_array(port, path), "")
+            sign = -1 if letters[0] in SOURCES else 1
+            if len(letters) == 1:
+                self._joined(Vertex(path, letters[0], path, domain_name), {port: sign}, ports)
+            else:
+                self._side_by_side(path, letters, domain_name, {port: 1}, ports)
         elif len(power) == 2 and len(kinds) == 1 and not several and (signs := self._signs(path, component, power)):
-            self._between(path, component, power, signs, ports)
+            # one junction between two nodes, and on it the element
+            letters = self._letters(path, component, power)
+            domain = self._domain(path, power[0])
+            assert domain is not None
+            if len(letters) == 1:
+                middle = f"{path} on"
+                self._joined(Vertex(middle, ZERO if _shares_flow(domain) else ONE_JUNCTION, "", domain.name), signs, ports)
+                self.vertices[path] = Vertex(path, letters[0], path, domain.name)
+                ends = (path, middle) if letters[0] in SOURCES else (middle, path)
+                self.bonds.append(Bond(*ends, domain.name))
+            else:
+                self._side_by_side(path, letters, domain.name, signs, ports)
         elif len(power) == 2 and not several and (letter := self._two_port(path, component, power)):
             self._joined(Vertex(path, letter, path, ""), {power[0]: 1, power[1]: -1}, ports)
         else:
@@ -166,30 +181,6 @@ class _Builder:
         if node in self.vertices and key in self.vertices:
             ends = (node, key) if sign > 0 else (key, node)
             self.bonds.append(Bond(*ends, self.network.groups[group].domain, "", modulated))
-
-    def _one_port(self, path: str, component: Component, port: str, ports: dict[str, int]) -> None:
-        letters = self._letters(path, component, [port])
-        domain = self.network.domains[path].get(_array(port, path), "")
-        sign = -1 if letters[0] in SOURCES else 1
-        if len(letters) == 1:
-            self._joined(Vertex(path, letters[0], path, domain), {port: sign}, ports)
-        else:
-            self._side_by_side(path, letters, domain, {port: 1}, ports)
-
-    def _between(self, path: str, component: Component, power: list[str], signs: dict[str, int],
-                 ports: dict[str, int]) -> None:
-        """One junction between two nodes, and on it the element."""
-        letters = self._letters(path, component, power)
-        domain = self._domain(path, power[0])
-        assert domain is not None
-        if len(letters) == 1:
-            middle = f"{path} on"
-            self._joined(Vertex(middle, ZERO if _shares_flow(domain) else ONE_JUNCTION, "", domain.name), signs, ports)
-            self.vertices[path] = Vertex(path, letters[0], path, domain.name)
-            ends = (path, middle) if letters[0] in SOURCES else (middle, path)
-            self.bonds.append(Bond(*ends, domain.name))
-        else:
-            self._side_by_side(path, letters, domain.name, signs, ports)
 
     def _side_by_side(self, path: str, letters: tuple[str, ...], domain: str, signs: dict[str, int],
                       ports: dict[str, int]) -> None:

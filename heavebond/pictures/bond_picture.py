@@ -1,14 +1,25 @@
-"""A bond graph as a picture (SVG): letters, straight bonds with half arrows, causal strokes."""
+"""A bond graph as a picture (SVG): letters, straight bonds with half arrows, causal strokes.
+
+Placement of the vertices of a graph so that straight bonds can be drawn between them.
+
+Distances on the paper should equal distances along the bonds: the weighted sum of squared differences (the stress) is
+minimised by majorisation, from several starts, and the result with the fewest crossings is chosen. T. Kamada, S. Kawai,
+Inf. Process. Lett. 31 (1989) 7-15, doi:10.1016/0020-0190(89)90102-6; E. R. Gansner, Y. Koren, S. North, Graph Drawing
+2004, LNCS 3383, 239-250, doi:10.1007/978-3-540-31843-9_25.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.quoting import xml
 from heavebond.language.model import Model
 from heavebond.pictures.bond_graph import WORD, Bond, BondGraph, Vertex, bond_graph, told
-from heavebond.pictures.bond_layout import Point, places
 from heavebond.pictures.drawing import EDGE, QUIET, WARNING, domain_colour
 from heavebond.pictures.text_metrics import FONT, KIND, NAME, SUMMARY, TITLE, Box, Style, bounds, text_width, wrapped
 
@@ -19,6 +30,12 @@ ROOM = 22.0  # px: free space around a vertex
 MORE = 7.0  # px: extra length of all bonds at a vertex for each bond beyond four
 BESIDE = 9.0  # px between two bonds of the same vertices
 LEAST = 520.0  # px: least width of a page
+Array = NDArray[np.float64]
+Point = tuple[float, float]
+STARTS, SWEEPS = 24, 200  # number of starts; steps of each
+INSISTING = 30.0  # weight of vertices that are too close
+NEAR = 16.0  # px: a vertex this close to a bond of others is hidden by it
+APART = 60.0  # px between components that no bond connects
 
 
 def draw_bond_graph(model: Model) -> str:
@@ -26,8 +43,9 @@ def draw_bond_graph(model: Model) -> str:
     graph = bond_graph(model)
     shapes = {key: _shape(vertex) for key, vertex in graph.vertices.items()}
     busy = Counter(key for b in graph.bonds for key in (b.tail, b.head))
-    lengths = {(b.tail, b.head): LENGTH + sum(_reach(shapes[key], busy[key]) for key in (b.tail, b.head))
-               for b in graph.bonds}
+    # bonds are longer at a word and at vertices with many bonds
+    extra = {key: max(0.0, (shape.right - 10) / 2) + MORE * max(0, busy[key] - 4) for key, shape in shapes.items()}
+    lengths = {(b.tail, b.head): LENGTH + sum(extra[key] for key in (b.tail, b.head)) for b in graph.bonds}
     at = places(lengths, {key: ROOM + 0.7 * shape.right for key, shape in shapes.items()})
     boxes = {key: shapes[key].moved(*place) for key, place in at.items()}
     ends = _ends(graph, at, boxes)
@@ -36,7 +54,17 @@ def draw_bond_graph(model: Model) -> str:
     for key, vertex in graph.vertices.items():
         lines += _vertex(vertex, at[key], boxes[key])
         if vertex.label and vertex.letter != WORD:
-            box = _label_box(vertex.label, boxes[key], covered_boxes, ends)
+            # box for the name of a letter: the place around it that covers least
+            own = boxes[key]
+            wide, high = text_width(vertex.label, LABEL) / 2, LABEL.size + 3
+            x, y = (own.left + own.right) / 2, (own.top + own.bottom) / 2
+            tried = [Box(u - wide, v - high / 2, u + wide, v + high / 2) for u, v in (
+                (x, own.bottom + 8), (x, own.top - 8), (own.right + wide + 4, y), (own.left - wide - 4, y),
+                (own.right + wide, own.bottom + 5), (own.left - wide, own.bottom + 5),
+                (own.right + wide, own.top - 5), (own.left - wide, own.top - 5))]
+            covered = [3 * sum(box.meets(neighbour) for neighbour in covered_boxes if neighbour is not own)
+                       + sum(_through(box, *bond) for bond in ends) for box in tried]
+            box = tried[covered.index(min(covered))]
             covered_boxes.append(box)
             lines.append(_text((box.left + box.right) / 2, box.bottom - 3, vertex.label, LABEL.size, QUIET, False))
     return _page(model, graph, lines, bounds(covered_boxes) if covered_boxes else Box(0, 0, LEAST, 0))
@@ -50,15 +78,20 @@ def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
     whole_x = round(width + 2 * EDGE)
     whole_y = round(box.bottom + EDGE + 40 + 15 * len(written)) - top
     y = box.bottom + 36
-    return "\n".join([
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
-        f'viewBox="{left} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
-        f"<title>{xml(model.name)}, bond graph</title>",
-        f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
-        _text(left + EDGE, top + EDGE + 4, f"{model.name}: bond graph", TITLE.size, "#000000", True, "start"), *lines,
-        *_legend(graph, left + EDGE, y),
-        *(_text(left + EDGE, y + 18 + 15 * k, line.text, SUMMARY.size, QUIET, False, "start")
-          for k, line in enumerate(written)), "</svg>"]) + "\n"
+    x: float = left + EDGE
+    entries = []
+    for domain in dict.fromkeys(b.domain for b in graph.bonds):
+        entries += [f'<path d="M{x:g} {y:g} h20" stroke="{domain_colour(domain)}" stroke-width="1.6"/>',
+                    _text(x + 25, y + 3, domain, KIND.size, QUIET, False, "start")]
+        x += 43 + text_width(domain, KIND)
+    return "\n".join([f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
+                      f'viewBox="{left} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" '
+                      'stroke-linejoin="round">',
+                      f"<title>{xml(model.name)}, bond graph</title>",
+                      f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
+                      _text(left + EDGE, top + EDGE + 4, f"{model.name}: bond graph", TITLE.size, "#000000", True, "start"),
+                      *lines, *entries, *(_text(left + EDGE, y + 18 + 15 * k, line.text, SUMMARY.size, QUIET, False, "start")
+                                          for k, line in enumerate(written)), "</svg>"]) + "\n"
 
 
 # -- vertices ----------------------------------------------------------------------------------------------------------
@@ -71,11 +104,6 @@ def _shape(vertex: Vertex) -> Box:
     return Box(-across, -high, across, high)
 
 
-def _reach(shape: Box, bonds: int) -> float:
-    """Extra length of a bond at a word, and at vertices with many bonds."""
-    return max(0.0, (shape.right - 10) / 2) + MORE * max(0, bonds - 4)
-
-
 def _vertex(vertex: Vertex, place: Point, box: Box) -> list[str]:
     colour = WARNING if vertex.derivative or vertex.broken else "#000000"
     if vertex.letter != WORD:
@@ -83,20 +111,6 @@ def _vertex(vertex: Vertex, place: Point, box: Box) -> list[str]:
     return [f'<rect x="{box.left:.1f}" y="{box.top:.1f}" width="{box.right - box.left:.1f}" '
             f'height="{box.bottom - box.top:.1f}" rx="3" stroke="{QUIET}" fill="#f7f7f5"/>',
             _text(place[0], place[1] + 4, vertex.label, NAME.size, colour, True)]
-
-
-def _label_box(label: str, own: Box, taken: list[Box], bonds: list[tuple[Point, Point]]) -> Box:
-    """Box for the name of a letter: the place around it that covers least."""
-    wide, high = text_width(label, LABEL) / 2, LABEL.size + 3
-    x, y = (own.left + own.right) / 2, (own.top + own.bottom) / 2
-    tried = [Box(u - wide, v - high / 2, u + wide, v + high / 2) for u, v in (
-        (x, own.bottom + 8), (x, own.top - 8), (own.right + wide + 4, y), (own.left - wide - 4, y),
-        (own.right + wide, own.bottom + 5), (own.left - wide, own.bottom + 5),
-        (own.right + wide, own.top - 5), (own.left - wide, own.top - 5))]
-    covered = [3 * sum(box.meets(neighbour) for neighbour in taken if neighbour is not own)
-               + sum(_through(box, *bond) for bond in bonds)
-               for box in tried]
-    return tried[covered.index(min(covered))]
 
 
 def _through(box: Box, start: Point, end: Point) -> bool:
@@ -159,10 +173,98 @@ def _bond(graph: BondGraph, bond: Bond, ends: tuple[Point, Point]) -> list[str]:
     return lines
 
 
-def _legend(graph: BondGraph, x: float, y: float) -> list[str]:
-    lines = []
-    for domain in dict.fromkeys(b.domain for b in graph.bonds):
-        lines += [f'<path d="M{x:g} {y:g} h20" stroke="{domain_colour(domain)}" stroke-width="1.6"/>',
-                  _text(x + 25, y + 3, domain, KIND.size, QUIET, False, "start")]
-        x += 43 + text_width(domain, KIND)
-    return lines
+# -- places of the vertices --------------------------------------------------------------------------------------------
+def places(lengths: Mapping[tuple[str, str], float], room: Mapping[str, float]) -> dict[str, Point]:
+    """x to the right and y downwards of each vertex in px, wider than high; `lengths` are the desired lengths of the
+    bonds, `room` is the free radius around each vertex."""
+    import networkx as nx
+
+    vertices, around = list(room), np.array(list(room.values()))
+    number = {name: k for k, name in enumerate(vertices)}
+    links = [(number[one], number[two]) for one, two in lengths if one != two]
+    graph: nx.Graph[int] = nx.Graph()
+    graph.add_nodes_from(range(len(vertices)))
+    graph.add_weighted_edges_from((number[one], number[two], length) for (one, two), length in lengths.items() if one != two)
+    wanted = np.asarray(nx.floyd_warshall_numpy(graph))  # the shortest path along bonds
+    places_found, top = {}, 0.0
+    # connected components, the largest first
+    for piece in sorted(map(sorted, nx.connected_components(graph)), key=lambda piece: (-len(piece), piece)):
+        inside = {k: n for n, k in enumerate(piece)}
+        piece_links = [(inside[one], inside[two]) for one, two in links if one in inside]
+        points = _laid(wanted[np.ix_(piece, piece)], around[piece], piece_links)
+        points += np.array([0.0, top]) - points.min(axis=0)
+        top = float(points[:, 1].max()) + APART
+        places_found.update({vertices[k]: (float(x), float(y)) for k, (x, y) in zip(piece, points.tolist(), strict=True)})
+    return places_found
+
+
+def _laid(wanted: Array, around: Array, links: Sequence[tuple[int, int]]) -> Array:
+    """The places (n, 2) of one connected component."""
+    if len(wanted) == 1:
+        return np.zeros((1, 2))
+    random = np.random.default_rng(len(wanted))
+    tried = []
+    for k in range(STARTS):
+        start = _scaled(wanted) if k == 0 else random.standard_normal((len(wanted), 2)) * wanted.max() / 4
+        points = _settled(start, wanted, around[:, None] + around[None, :])
+        hidden = crossings(points, links) + 2 * _covered(points, links)
+        apart = points[:, None, :] - points[None, :, :]
+        above = np.triu_indices(len(points), 1)
+        stress = float((((np.hypot(apart[..., 0], apart[..., 1]) - wanted)[above] / wanted[above])**2).sum())
+        tried.append((hidden, round(stress, 6), k, points))
+    # rotate the picture to its smallest height, with the first vertex at the left
+    points = min(tried, key=lambda one: one[:3])[3]
+    best = None
+    for angle in np.linspace(0, np.pi, 37)[:-1]:
+        turned = points @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).T
+        if best is None or np.ptp(turned[:, 1]) < np.ptp(best[:, 1]):
+            best = turned
+    assert best is not None
+    best = best - best.mean(axis=0)
+    return np.asarray(best * np.where(best[0] > 0, -1.0, 1.0))
+
+
+def _scaled(wanted: Array) -> Array:
+    """Classical scaling: the two largest principal axes of the squared distances."""
+    centred = wanted**2 - np.mean(wanted**2, axis=0)
+    values, vectors = np.linalg.eigh(-0.5 * (centred - np.mean(centred, axis=1)[:, None]))
+    coordinates = vectors[:, :-3:-1] * np.sqrt(np.maximum(values[:-3:-1], 1e-9))
+    spread = 1e-3 * wanted.max() * np.random.default_rng(0).standard_normal((len(wanted), 2))
+    return np.asarray((coordinates if coordinates.shape[1] == 2 else np.column_stack([coordinates, np.zeros(len(wanted))]))
+                      + spread)
+
+
+def _settled(points: Array, wanted: Array, least: Array) -> Array:
+    """Stress majorisation; in the last steps vertices nearer than `least` are pushed apart."""
+    with np.errstate(divide="ignore"):
+        usual = np.where(wanted > 0, 1 / wanted**2, 0.0)
+    for sweep in range(SWEEPS):
+        apart = points[:, None, :] - points[None, :, :]
+        size = np.maximum(np.hypot(apart[..., 0], apart[..., 1]), 1e-9)
+        near = (size < least) & (usual > 0) & (sweep > SWEEPS // 2)
+        aim, weight = np.where(near, least, wanted), np.where(near, INSISTING / least**2, usual)
+        aims = points[None, :, :] + (aim / size)[..., None] * apart
+        points = (weight[..., None] * aims).sum(axis=1) / weight.sum(axis=1)[:, None]
+    return points
+
+
+def crossings(points: Array, links: Sequence[tuple[int, int]]) -> int:
+    """Number of pairs of straight links that cross."""
+    def side(a: int, b: int, c: int) -> bool:
+        (x, y), (u, v), (p, q) = points[a], points[b], points[c]
+        return bool((u - x) * (q - y) > (v - y) * (p - x))
+
+    return sum(1 for (a, b), (c, d) in combinations(links, 2) if len({a, b, c, d}) == 4
+               and side(a, b, c) != side(a, b, d) and side(c, d, a) != side(c, d, b))
+
+
+def _covered(points: Array, links: Sequence[tuple[int, int]]) -> int:
+    """Number of vertices that nearly lie on a link of others."""
+    count = 0
+    for one, two in links:
+        direction = points[two] - points[one]
+        share = np.clip((points - points[one]) @ direction / max(float(direction @ direction), 1e-9), 0.0, 1.0)
+        off = np.hypot(*(points - points[one] - share[:, None] * direction).T)
+        off[[one, two]] = np.inf
+        count += int((off < NEAR).sum())
+    return count

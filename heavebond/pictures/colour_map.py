@@ -9,7 +9,7 @@ with opposite flows, i_a = -i_b, count as one: P = (v_a - v_b) i_a, whatever the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,7 +91,18 @@ def paint(model: Model, variable: str, *, at: Time | None = None, over: str = ME
     when = f"at {moment:g} s" if moment is not None else f"{over} over {result.time[0]:g} to {result.time[-1]:g} s"
     expanded = assembly.flat.expanded
     if variable == POWER:
-        parts, nets = _powers(result, expanded)
+        # transmitted power of components and nodes (N,), in W
+        powers = port_powers(result)
+        ports: Quantities = {}
+        for end in powers:
+            ports.setdefault(end.rpartition(".")[0], []).append(end)
+        ends = {path: [e.name for e in junction.ends if e.name in powers] for path, junction in expanded.junctions.items()}
+        known = result.assembly.flat.names
+        names = [f"{end}.{domain.flow}" for domain in expanded.model.library.domains.values() if domain.relative
+                 for end in powers if f"{end}.{domain.flow}" in known and f"{end}.{domain.effort}" in known]
+        flows = {name.rpartition(".")[0]: course for name, course in result.signals(names).items()}
+        parts = {path: _passed_on(_between(port_names, powers, flows)) for path, port_names in ports.items()}
+        nets = {path: _halves([powers[e] for e in port_names]) for path, port_names in ends.items() if port_names}
         unit = "W"
     else:
         parts, nets, unit = _variables(result, expanded, variable)
@@ -130,30 +141,9 @@ def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, floa
 
 
 # -- power -------------------------------------------------------------------------------------------------------------
-def _powers(result: Result, expanded: Expanded) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Transmitted power of components and nodes (N,), in W."""
-    powers = port_powers(result)
-    ports: Quantities = {}
-    for end in powers:
-        ports.setdefault(end.rpartition(".")[0], []).append(end)
-    ends = {path: [e.name for e in junction.ends if e.name in powers] for path, junction in expanded.junctions.items()}
-    flows = _relative_flows(result, expanded, powers)
-    return ({path: _passed_on(_between(component_ports, powers, flows)) for path, component_ports in ports.items()},
-            {path: _halves([powers[e] for e in component_ports]) for path, component_ports in ends.items()
-             if component_ports})
-
-
 def _ends(expanded: Expanded) -> list[str]:
     return list(dict.fromkeys(e.name for junction in expanded.junctions.values() for e in junction.ends
                               if e.name.partition("[")[0] in expanded.ports or e.name in expanded.ports))
-
-
-def _relative_flows(result: Result, expanded: Expanded, ends: Iterable[str]) -> dict[str, Array]:
-    """The flows (N,) at the ends whose efforts are voltages: differences only."""
-    known = result.assembly.flat.names
-    flows = [f"{end}.{domain.flow}" for domain in expanded.model.library.domains.values() if domain.relative for end in ends
-             if f"{end}.{domain.flow}" in known and f"{end}.{domain.effort}" in known]
-    return {name.rpartition(".")[0]: course for name, course in result.signals(flows).items()}
 
 
 def _between(ports: list[str], powers: Mapping[str, Array], flows: Mapping[str, Array]) -> list[Array]:
@@ -200,7 +190,14 @@ def _variables(result: Result, expanded: Expanded, variable: str) -> tuple[dict[
     if not names:
         raise UsageError([Problem("name-unknown", f"nothing in this diagram has a variable '{variable}'", None, suggest(
             variable, [POWER, *known]) or "Write `power`, a variable of nodes such as `p` or `v`, or one with its path.")])
-    unit = _one_unit(result, variable, names)
+    units: dict[str, str] = {}
+    for name in names:
+        units.setdefault(result.unit(name), name)
+    if len(units) > 1:
+        unit_list = listing(f"{name} in {unit_label(unit)}" for unit, name in units.items())
+        raise UsageError([Problem("unit-kind", f"'{variable}' is not the same quantity everywhere: {unit_list}", None,
+                                  "Write one with its path, or another variable.")])
+    unit = next(iter(units))
     values = result.signals(names)
     parts, nodes = ({place: _largest([values[name] for name in names_at_place]) for place, names_at_place in places.items()}
                     for places in (in_parts, at_nodes))
@@ -215,14 +212,3 @@ def _across(expanded: Expanded, member: str) -> bool:
 def _largest(courses: list[Array]) -> Array:
     """The largest of several time series at each time."""
     return max(courses, key=lambda c: float(np.max(np.abs(c))))
-
-
-def _one_unit(result: Result, variable: str, names: Iterable[str]) -> str:
-    units: dict[str, str] = {}
-    for name in names:
-        units.setdefault(result.unit(name), name)
-    if len(units) > 1:
-        unit_list = listing(f"{name} in {unit_label(unit)}" for unit, name in units.items())
-        raise UsageError([Problem("unit-kind", f"'{variable}' is not the same quantity everywhere: {unit_list}", None,
-                                  "Write one with its path, or another variable.")])
-    return next(iter(units))

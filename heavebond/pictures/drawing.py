@@ -153,7 +153,15 @@ def _port_name(anchor: Anchor, style: Style = KIND) -> Lettering:
 
 
 def _page(model: Model, drawn: Drawn, look: Look) -> str:
-    extent = extent_of(drawn)
+    # the box around the outermost sheet with all its names
+    boxes = [item.extent for item in drawn.items]
+    if drawn.sheet.ports:
+        boxes += [drawn.frame, *(_port_name(anchor, NAME).box for anchor in drawn.anchors)]
+    boxes += [item.caption.box for item in drawn.items if item.caption]
+    for line in drawn.lines:
+        boxes += [line.caption.box] if line.caption else []
+        boxes += [Box(x - 3, y - 3, x + 3, y + 3) for path in line.wire.lines for x, y in path]
+    extent = bounds(boxes)
     width = max(extent.right - extent.left, NARROWEST)
     heading = lettering((Line(model.name, TITLE), *wrapped(model.summary, SUMMARY, width)), extent.left, 0, "start")
     shift = heading.box.bottom - heading.box.top + 14
@@ -191,18 +199,6 @@ def _own_ports(drawn: Drawn) -> list[str]:
                      'stroke-width="1.6"/>')
         lines += _lettered(_port_name(anchor, NAME), colour, "own-port")
     return lines
-
-
-def extent_of(drawn: Drawn) -> Box:
-    """The box around the outermost sheet with all its names."""
-    boxes = [item.extent for item in drawn.items]
-    if drawn.sheet.ports:
-        boxes += [drawn.frame, *(_port_name(anchor, NAME).box for anchor in drawn.anchors)]
-    boxes += [item.caption.box for item in drawn.items if item.caption]
-    for line in drawn.lines:
-        boxes += [line.caption.box] if line.caption else []
-        boxes += [Box(x - 3, y - 3, x + 3, y + 3) for path in line.wire.lines for x, y in path]
-    return bounds(boxes)
 
 
 # -- one sheet ---------------------------------------------------------------------------------------------------------
@@ -353,7 +349,11 @@ def _lettered(text: Lettering, colour: str, css_class: str) -> list[str]:
         style = line.style
         base = y + style.size - 1 + (2 if style.tag else 0)
         if style.tag:
-            lines += _tag(line, x, y, text.align)
+            left = {"start": x, "middle": x - line.width / 2, "end": x - line.width}[text.align]
+            lines += [f'<rect x="{left:g}" y="{y + 1:g}" width="{line.width:g}" height="{line.height - 1}" rx="3" '
+                      f'fill="{WARNING}"/>',
+                      f'<text class="tag" x="{left + line.width / 2:g}" y="{y + style.size:g}" font-size="{style.size}" '
+                      f'font-weight="bold" fill="#ffffff" text-anchor="middle">{xml(line.text)}</text>']
         else:
             fill = QUIET if style.quiet else colour
             name = f' class="{css_class}"' if k == 0 else ""
@@ -365,14 +365,6 @@ def _lettered(text: Lettering, colour: str, css_class: str) -> list[str]:
 
 def _face(style: Style) -> str:
     return (' font-weight="bold"' if style.bold else "") + (' font-style="italic"' if style.italic else "")
-
-
-def _tag(line: Line, x: float, y: float, align: str) -> list[str]:
-    """A label in white on the warning colour."""
-    x_0 = {"start": x, "middle": x - line.width / 2, "end": x - line.width}[align]
-    return [f'<rect x="{x_0:g}" y="{y + 1:g}" width="{line.width:g}" height="{line.height - 1}" rx="3" fill="{WARNING}"/>',
-            f'<text class="tag" x="{x_0 + line.width / 2:g}" y="{y + line.style.size:g}" font-size="{line.style.size}" '
-            f'font-weight="bold" fill="#ffffff" text-anchor="middle">{xml(line.text)}</text>']
 
 
 def domain_colour(name: str) -> str:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from heavebond.pictures.captions import caption, name_of_node
 from heavebond.pictures.pictograms import GRID, SIDES, Anchor, Shape, box, symbol
 from heavebond.pictures.placement import Cell, Piece, Placement, place
-from heavebond.pictures.routing import Wire, route
+from heavebond.pictures.routing import Point, Wire, route
 from heavebond.pictures.sheets import NODE, Net, Part, Sheet, marks_on
 from heavebond.pictures.text_metrics import KIND, NAME, NODE_NAME, TAG, VALUE, Box, Lettering, Line, bounds, lettering, size
 
@@ -18,6 +17,8 @@ GAP_X, GAP_Y, MARGIN, STUB, CLEAR = 60, 40, 30, 20, 4
 WIDER = (1.0, 1.4, 1.9, 2.5)  # gaps that are tried in turn until every wire and name has a place
 FACING = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}  # by the clockwise rotation of a part in degrees
 OPPOSITE = {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}
+NEXT = 4  # px between a picture and its name
+MOUTH = 3 * GRID  # px that stay free before an anchor
 
 
 @dataclass(frozen=True)
@@ -96,12 +97,9 @@ def lay_out(sheet: Sheet, sides: Mapping[str, str], options: Options) -> Drawn:
 
 def placed(sheet: Sheet, sides: Mapping[str, str]) -> Placement:
     """The cells and turns of the parts of a sheet, without coordinates and wires."""
-    pieces = [*(_edge_piece(port, sides[port]) for port in sheet.ports), *(_piece(part) for part in sheet.parts.values())]
+    pieces = [*(Piece(f"/{port}", (port,), None, None, sides[port]) for port in sheet.ports),
+              *(_piece(part) for part in sheet.parts.values())]
     return place(pieces, [[(name or f"/{port}", port) for name, port in net.ends] for net in sheet.nets])
-
-
-def _edge_piece(port: str, side: str) -> Piece:
-    return Piece(f"/{port}", (port,), None, None, side)
 
 
 def _piece(part: Part) -> Piece:
@@ -192,9 +190,33 @@ class _Drafter:
         self.xs = self._columns(items)
         self.ys = self._rows(items)
         self.items = {item.part.name: self._at(item) for item in items}
-        self.edges = self._edge_places()
-        title = self._title()
-        self.frame = self._frame(title)
+        # places of the sheet's ports on its edge, side by side if they share a cell
+        self.edges: dict[str, Anchor] = {}
+        used: dict[Cell, int] = {}
+        for port in self.sheet.ports:
+            cell = self.placement.cells[f"/{port}"]
+            k = used[cell] = used.get(cell, -1) + 1
+            aside = 2 * GRID * ((k + 1) // 2) * (1 if k % 2 else -1)
+            side = self.sides[port]
+            x, y = self.xs[cell[0]], self.ys[cell[1]]
+            upright = side in ("left", "right")
+            self.edges[port] = Anchor(port, x if upright else x + aside, y + aside if upright else y, side)
+        # the name of an open block, in the upper left corner of its frame
+        if not self.sheet.path:
+            title = None
+        else:
+            tag = self.options.marks.get(self.sheet.path)
+            name = Line(self.sheet.path.rpartition(".")[2], NAME)
+            lines = (name, Line(self.sheet.kind, KIND), *([Line(tag, TAG)] if tag else []))
+            title = lettering(lines, 0, 0, "start")
+        inner = self._inner()
+        above = max(MARGIN, title.box.bottom + 2 * GRID) if title else MARGIN
+        edges = {"left": inner.left - MARGIN, "right": inner.right + MARGIN, "top": inner.top - above,
+                 "bottom": inner.bottom + MARGIN}
+        for anchor in self.edges.values():
+            edges[anchor.side] = anchor.x if anchor.side in ("left", "right") else anchor.y
+        self.frame = Box(*(GRID * (math.floor if k in ("left", "top") else math.ceil)(edges[k] / GRID)
+                           for k in ("left", "top", "right", "bottom")))
         self.title = title.moved(self.frame.left + 8, self.frame.top + 5) if title else None
 
     # -- coordinates -----------------------------------------------------------------------------------------------
@@ -242,57 +264,22 @@ class _Drafter:
                 lowest[column] = lines_by_row[row] + extent.bottom
             line = lines_by_row[row] + gap
         for row in [r for r in lines_by_row if all(cells[item.part.name][1] != r for item in items)]:
-            lines_by_row[row] = self._edge_row(row, items, lines_by_row)
+            # the upper or lower edge of an open block with ports there
+            extents = [_whole(item).moved(0, lines_by_row[self.placement.cells[item.part.name][1]]) for item in items]
+            if row < 0:
+                lines_by_row[row] = GRID * math.floor((min(box.top for box in extents) - GAP_Y * self.wider) / GRID)
+            else:
+                lines_by_row[row] = GRID * math.ceil((max(box.bottom for box in extents) + GAP_Y * self.wider) / GRID)
         return lines_by_row
-
-    def _edge_row(self, row: int, items: Sequence[Item], rows: dict[int, int]) -> int:
-        """The upper or lower edge of an open block with ports there."""
-        extents = [_whole(item).moved(0, rows[self.placement.cells[item.part.name][1]]) for item in items]
-        if row < 0:
-            return GRID * math.floor((min(box.top for box in extents) - GAP_Y * self.wider) / GRID)
-        return GRID * math.ceil((max(box.bottom for box in extents) + GAP_Y * self.wider) / GRID)
 
     def _at(self, item: Item) -> Item:
         column, row = self.placement.cells[item.part.name]
         x, y = self.xs[column], self.ys[row]
         return replace(item, x=x, y=y, caption=item.caption.moved(x, y) if item.caption else None, cell=(column, row))
 
-    def _edge_places(self) -> dict[str, Anchor]:
-        """Places of the sheet's ports on its edge, side by side if they share a cell."""
-        anchors_by_port: dict[str, Anchor] = {}
-        used: dict[Cell, int] = {}
-        for port in self.sheet.ports:
-            cell = self.placement.cells[f"/{port}"]
-            k = used[cell] = used.get(cell, -1) + 1
-            aside = 2 * GRID * ((k + 1) // 2) * (1 if k % 2 else -1)
-            side = self.sides[port]
-            x, y = self.xs[cell[0]], self.ys[cell[1]]
-            anchors_by_port[port] = Anchor(port, x, y + aside,
-                                           side) if side in ("left", "right") else Anchor(port, x + aside, y, side)
-        return anchors_by_port
-
-    def _title(self) -> Lettering | None:
-        """The name of an open block, in the upper left corner of its frame."""
-        if not self.sheet.path:
-            return None
-        tag = self.options.marks.get(self.sheet.path)
-        name = Line(self.sheet.path.rpartition(".")[2], NAME)
-        lines = (name, Line(self.sheet.kind, KIND), *([Line(tag, TAG)] if tag else []))
-        return lettering(lines, 0, 0, "start")
-
     def _inner(self) -> Box:
         return bounds([b for item in self.items.values()
                        for b in (item.extent, *([item.caption.box] if item.caption else []))])
-
-    def _frame(self, title: Lettering | None) -> Box:
-        inner = self._inner()
-        above = max(MARGIN, title.box.bottom + 2 * GRID) if title else MARGIN
-        edges = {"left": inner.left - MARGIN, "right": inner.right + MARGIN, "top": inner.top - above,
-                 "bottom": inner.bottom + MARGIN}
-        for anchor in self.edges.values():
-            edges[anchor.side] = anchor.x if anchor.side in ("left", "right") else anchor.y
-        return Box(*(GRID * (math.floor if k in ("left", "top") else math.ceil)(edges[k] / GRID)
-                     for k in ("left", "top", "right", "bottom")))
 
     # -- wires -----------------------------------------------------------------------------------------------------
     def drawn(self) -> Drawn:
@@ -360,3 +347,66 @@ def _rim(frame: Box) -> list[Box]:
     a, b, c, d = frame.left, frame.top, frame.right, frame.bottom
     return [Box(a, b, c, b), Box(a, d, c, d), Box(a, b, a, d), Box(c, b, c, d)]
 
+
+def ray(anchor: Anchor) -> Box:
+    """The strip of the wire that leaves an anchor."""
+    dx, dy = SIDES[anchor.side]
+    xs, ys = sorted((anchor.x, anchor.x + dx * MOUTH)), sorted((anchor.y, anchor.y + dy * MOUTH))
+    return Box(xs[0] - 4, ys[0] - 4, xs[1] + 4, ys[1] + 4)
+
+
+def caption(lines: tuple[Line, ...], shape: Shape, anchors: Sequence[Anchor]) -> Lettering:
+    """Place lines next to a picture on a side without wires at `anchors`: below, above, right, left, else at a corner."""
+    _, height = size(lines)
+    below, above, middle = shape.bottom + NEXT, shape.top - NEXT - height, (shape.top + shape.bottom - height) / 2
+    places = [lettering(lines, 0, below), lettering(lines, 0, above),
+              lettering(lines, shape.right + NEXT + 2, middle, "start"),
+              lettering(lines, shape.left - NEXT - 2, middle, "end")]
+    for y in (below, above):
+        right = max((a.x for a in anchors if a.side in ("top", "bottom")), default=0)
+        leftmost = min((a.x for a in anchors if a.side in ("top", "bottom")), default=0)
+        places += [lettering(lines, right + 7, y, "start"), lettering(lines, leftmost - 7, y, "end")]
+    for y in (shape.bottom - height, shape.top):
+        places += [lettering(lines, shape.right + NEXT + 2, y, "start"), lettering(lines, shape.left - NEXT - 2, y, "end")]
+    rays = [ray(a) for a in anchors]
+    return next((p for p in places if not any(p.box.meets(r) for r in rays)), places[-1])
+
+
+def name_of_node(lines: tuple[Line, ...], wire: Wire, covered: Sequence[Box], wires: Sequence[Box], area: Box
+                 ) -> tuple[Lettering, int]:
+    """Place the name of a node at its wire; returns also 1 if it covers something or is far from the wire, else 0."""
+    best: tuple[int, Lettering] | None = None
+    for candidate, far in _places(lines, wire):
+        box = candidate.box
+        outside = box.left < area.left or box.top < area.top or box.right > area.right or box.bottom > area.bottom
+        hits = sum(box.meets(b, 1.0) for b in covered) + sum(box.meets(b) for b in wires) + 5 * outside
+        if not hits:
+            return candidate, int(far)
+        if best is None or hits < best[0]:
+            best = hits, candidate
+    assert best is not None
+    return best[1], 1
+
+
+def _places(lines: tuple[Line, ...], wire: Wire) -> Iterator[tuple[Lettering, bool]]:
+    """Candidate places along the pieces of a wire, the longest first, above before below; then around its corners, and
+    whether they are far away.
+    """
+    width, height = size(lines)
+    pieces = [(a, b) for line in wire.lines for a, b in pairwise(line)] or [((0, 0), (0, 0))]
+    pieces.sort(key=lambda p: (-min(abs(p[1][0] - p[0][0]) + abs(p[1][1] - p[0][1]), 2 * width), p[0][0] == p[1][0], p))
+    for a, b in pieces:
+        for share in (0.5, 0.25, 0.75, 0.0, 1.0):
+            x, y = a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
+            if a[1] == b[1]:
+                yield lettering(lines, x, y - height - 3), False
+                yield lettering(lines, x, y + 4), False
+            else:
+                yield lettering(lines, x + 5, y - height / 2, "start"), False
+                yield lettering(lines, x - 5, y - height / 2, "end"), False
+    corners: list[Point] = sorted({point for line in wire.lines for point in line})
+    for distance in (6, 12, 20, 30, 45):
+        for x, y in corners:
+            for dy in (-height - distance, distance):
+                yield lettering(lines, x + distance, y + dy, "start"), distance > 12
+                yield lettering(lines, x - distance, y + dy, "end"), distance > 12

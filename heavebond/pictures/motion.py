@@ -114,7 +114,13 @@ def animate(model: Model, until: Time | None = None, *, every: Time | None = Non
     formulas = [f for shape in model.view.values() for part in shape.formulas.values() for f in part]
     chosen = list(signals)
     assembly = assemble(model, chosen)
-    apart = _apart(assembly, (n.text for f in formulas for n in names(f.tree)))
+    # the rate of each required position that no equation of the diagram needs
+    known, apart = assembly.flat.names, {}
+    for name in (n.text for f in formulas for n in names(f.tree)):
+        port, _, member = name.rpartition(".")
+        for domain in assembly.model.library.domains.values():
+            if name not in known and member in domain.positions and (rate := f"{port}.{domain.rate(member)}") in known:
+                apart[name] = _Apart(rate, domain.members[member].unit.dimension)
     _check(assembly, model.view, apart)
     result = simulate(assembly, until, every=every, parameters=parameters)
     courses = _courses(result, {f.text: f.tree for f in formulas}, _integrated(result, apart, parameters))
@@ -129,18 +135,6 @@ class _Apart:
 
     rate: str
     dimension: Dimension
-
-
-def _apart(assembly: Assembly, wanted: Iterable[str]) -> dict[str, _Apart]:
-    """The rate of each required position that no equation of the diagram needs. As a state it would need a start value
-    and prevent a steady start, so it is integrated separately, from 0."""
-    known, separate_positions = assembly.flat.names, {}
-    for name in wanted:
-        port, _, member = name.rpartition(".")
-        for domain in assembly.model.library.domains.values():
-            if name not in known and member in domain.positions and (rate := f"{port}.{domain.rate(member)}") in known:
-                separate_positions[name] = _Apart(rate, domain.members[member].unit.dimension)
-    return separate_positions
 
 
 def _integrated(result: Result, apart: Mapping[str, _Apart],

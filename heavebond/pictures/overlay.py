@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from heavebond.core.errors import DataError, Problem, UsageError, listing, suggest
 from heavebond.core.units import UnitProblem, read_unit
 from heavebond.records.saved_runs import SUFFIXES, SavedRun, read_run
-
-if TYPE_CHECKING:
-    from heavebond.estimation.experiment import Experiment
 
 EXPERIMENT = (".yaml", ".yml", "")  # the last: the name of a bundled one
 SECONDS = ("time", "s")
@@ -79,8 +75,23 @@ def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, boo
     """The file as signals, and True if they were measured."""
     if path.suffix in EXPERIMENT:
         from heavebond.estimation.experiment import load_experiment
+        from heavebond.estimation.records import measure
 
-        return _of_experiment(load_experiment(path), record), True
+        # the channels of one record, by their names and by their formulas
+        experiment = load_experiment(path)
+        if record and record not in experiment.records:
+            raise UsageError([Problem("record-unknown", f"the experiment has no record '{record}'", None, suggest(
+                record, experiment.records) or f"Records: {listing(experiment.records)}.")])
+        chosen = experiment.records[record or next(iter(experiment.records))]
+        measured = measure(experiment, chosen)
+        values: dict[str, np.ndarray] = {}
+        units: dict[str, str] = {}
+        for name, channel in measured.channels.items():
+            course = np.full(len(measured.grid), np.nan)
+            course[channel.index] = channel.measured
+            for called in (name, channel.output.shown.text.strip()):
+                values[called], units[called] = course, channel.output.shown.unit
+        return SavedRun(chosen.name, measured.grid, values, units), True
     try:
         return read_run(path), False
     except (DataError, UsageError) as error:
@@ -88,7 +99,18 @@ def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, boo
             raise
         if not columns:
             raise _undescribed(path) from None
-    return _of_table(path, columns), True
+    from heavebond.records.measurements import check_time, column, read_table, timed
+
+    # the named columns of a record; its first column is the time in s, or a column called `time` in --column
+    table = read_table(path)
+    clock = next((c for c in columns if c.signal == SECONDS[0]), Column(SECONDS[0], table.header[0], SECONDS[1]))
+    table = timed(table, clock.name, unit=clock.unit)
+    check_time(table, clock.name)
+    time = column(table, clock.name) * read_unit(clock.unit).scale
+    kept = np.isfinite(time)
+    named = [c for c in columns if c.signal != SECONDS[0]]
+    return SavedRun(path.stem, time[kept], {c.signal: column(table, c.name)[kept] for c in named},
+                    {c.signal: c.unit for c in named}), True
 
 
 def _undescribed(path: Path) -> UsageError:
@@ -98,49 +120,12 @@ def _undescribed(path: Path) -> UsageError:
         "describes it.", (f"saved runs end in {', '.join(SUFFIXES)}; `heavebond run MODEL --save FILE` writes them",))])
 
 
-def _of_table(path: Path, columns: list[Column]) -> SavedRun:
-    """The named columns of a record; its first column is the time in s, or a column called `time` in --column."""
-    from heavebond.records.measurements import check_time, column, read_table, timed
-
-    table = read_table(path)
-    clock = next((c for c in columns if c.signal == SECONDS[0]), Column(SECONDS[0], table.header[0], SECONDS[1]))
-    table = timed(table, clock.name, unit=clock.unit)
-    check_time(table, clock.name)
-    time = column(table, clock.name) * read_unit(clock.unit).scale
-    kept = np.isfinite(time)
-    named = [c for c in columns if c.signal != SECONDS[0]]
-    return SavedRun(path.stem, time[kept], {c.signal: column(table, c.name)[kept] for c in named},
-                    {c.signal: c.unit for c in named})
-
-
-def _of_experiment(experiment: Experiment, record: str) -> SavedRun:
-    """The channels of one record, by their names and by their formulas."""
-    from heavebond.estimation.records import measure
-
-    if record and record not in experiment.records:
-        raise UsageError([Problem("record-unknown", f"the experiment has no record '{record}'", None, suggest(
-            record, experiment.records) or f"Records: {listing(experiment.records)}.")])
-    chosen = experiment.records[record or next(iter(experiment.records))]
-    measured = measure(experiment, chosen)
-    values: dict[str, np.ndarray] = {}
-    units: dict[str, str] = {}
-    for name, channel in measured.channels.items():
-        course = np.full(len(measured.grid), np.nan)
-        course[channel.index] = channel.measured
-        for called in (name, channel.output.shown.text.strip()):
-            values[called], units[called] = course, channel.output.shown.unit
-    return SavedRun(chosen.name, measured.grid, values, units)
-
-
 def common_signals(overlay: Overlay) -> list[str]:
     """Default signals: the first that all files hold. UsageError if there is none."""
     first, *further_runs = overlay.runs.values()
     common = [name for name in first.names() if all(name in run.values for run in further_runs)]
     if not common:
         raise UsageError([Problem("nothing-to-plot", "the files have no signal in common", None,
-                                  "Name what to draw: --signal crown.x.", _contents(overlay.runs))])
+                                  "Name what to draw: --signal crown.x.", tuple(f"{label}: {listing(run.names(), 8)}"
+                                                                                for label, run in overlay.runs.items()))])
     return common[:MOST_SIGNALS]
-
-
-def _contents(runs: Mapping[str, SavedRun]) -> tuple[str, ...]:
-    return tuple(f"{label}: {listing(run.names(), 8)}" for label, run in runs.items())

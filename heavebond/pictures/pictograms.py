@@ -144,23 +144,19 @@ def _read(path: Path, stamp: int) -> Shape:
     for element in root.iter():
         if element is root:
             continue
-        mark = _mark(element, place)
+        tag = element.tag.removeprefix(_SVG) if isinstance(element.tag, str) else "?"
+        odd = [name for name, value in element.items() if name not in _ATTRIBUTES or
+               (name != "data-port" and not _PLAIN.fullmatch(value))]
+        if tag not in _ELEMENTS or odd:
+            raise _wrong("symbol-bad", f"a symbol has no <{tag}>" if tag not in _ELEMENTS else
+                         f"<{tag}> has {listing(odd)}, which a symbol cannot have", place,
+                         f"Elements: {listing(sorted(_ELEMENTS))}; attributes: {listing(sorted(_ATTRIBUTES), 30)}.")
+        mark = Mark(tag, tuple(element.items()), (element.text or "").strip())
         if element.get("data-port"):
             anchors.append(_anchor(element, (left, top, right, bottom), place))
         elif mark.tag != "title":
             marks.append(mark)
     return Shape(left, top, right, bottom, tuple(anchors), tuple(marks), root.get("data-domain", ""), turns)
-
-
-def _mark(element: ElementTree.Element, place: Place) -> Mark:
-    tag = element.tag.removeprefix(_SVG) if isinstance(element.tag, str) else "?"
-    odd = [name for name, value in element.items() if name not in _ATTRIBUTES or
-           (name != "data-port" and not _PLAIN.fullmatch(value))]
-    if tag not in _ELEMENTS or odd:
-        raise _wrong("symbol-bad", f"a symbol has no <{tag}>" if tag not in _ELEMENTS else
-                     f"<{tag}> has {listing(odd)}, which a symbol cannot have", place,
-                     f"Elements: {listing(sorted(_ELEMENTS))}; attributes: {listing(sorted(_ATTRIBUTES), 30)}.")
-    return Mark(tag, tuple(element.items()), (element.text or "").strip())
 
 
 def _anchor(element: ElementTree.Element, box: tuple[int, int, int, int], place: Place) -> Anchor:

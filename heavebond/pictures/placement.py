@@ -142,7 +142,9 @@ class _Search:
         waiting = [name for name in self.pieces if name not in self.cells]
         count = len(waiting)
         while waiting:
-            name = max(waiting, key=lambda n: (sum(self._placed(k) for k in self.of[n]), self._ways(n), -waiting.index(n)))
+            # the piece with the most nets to placed pieces
+            name = max(waiting, key=lambda n: (sum(any(m in self.cells for m, _ in self.nets[k]) for k in self.of[n]),
+                                               self._ways(n), -waiting.index(n)))
             name = first if first in waiting and len(waiting) == count else name
             waiting.remove(name)
             self._put(name, *self._best(name))
@@ -174,9 +176,6 @@ class _Search:
         """
         shape = self.pieces[name].shape
         return len(self.of[name]) if shape is None else len(shape.anchors)
-
-    def _placed(self, k: int) -> bool:
-        return any(name in self.cells for name, _ in self.nets[k])
 
     def sweep(self) -> bool:
         """Move every piece once to its cheapest cell, then swap pairs; returns True if the cost fell."""
@@ -300,12 +299,12 @@ class _Search:
     def _net_cost(self, k: int, most: float = math.inf) -> float:
         """The length of a tree over the placed terminals, with costs of bends and parts in between; costs above `most`
         need not be exact."""
-        total = 0.0
+        length = 0.0
         for cost, _, _ in self._tree(k):
-            total += cost
-            if total >= most:
+            length += cost
+            if length >= most:
                 break
-        return total
+        return length
 
     def _tree(self, k: int) -> Iterator[tuple[float, int, int]]:
         """The cheapest tree over the placed ends of a net (Prim): cost of each piece and the two ends that it joins."""

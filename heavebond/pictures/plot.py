@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator
-from numpy.typing import NDArray
 
 from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.presentation import converted, difference_unit, number, quantity, readable_unit, unit_label, written
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from heavebond.diagnosis.state import LadderEntry
-    from heavebond.estimation.comparison import Channel, Comparison, RecordComparison
+    from heavebond.estimation.comparison import Channel, Comparison
     from heavebond.numerics.dae import Array
     from heavebond.numerics.result import Result
     from heavebond.optimise.influence import Influence, Ranking, Rankings
@@ -93,8 +92,13 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
             panel.plot(result.time, line, color=COLOURS[k % len(COLOURS)], linewidth=1.3, label=name,
                        linestyle=DASHES[(k // len(COLOURS)) % len(DASHES)])
         _finish(panel, quantity(unit), unit, [line for _, line in lines])
-        _legend_above(panel)
-    _time_axis(axes, result.time)
+        # A legend above the axes in as many columns as fit
+        handles, labels = panel.get_legend_handles_labels()
+        longest = max(map(len, labels))
+        panel.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=9,
+                     borderaxespad=0.1, ncols=max(1, min(len(labels), 130 // (longest + 7))))
+    axes[-1].set_xlabel("time [s]")
+    axes[0].set_xlim(*_ends(result.time))
     return figure
 
 
@@ -169,11 +173,19 @@ def plot_comparison(comparison: Comparison) -> Figure:
             lower = figure.add_subplot(grid[2 * row + 1, k], sharex=upper)
             _channel(upper, lower, record.channels[name])
             if record.validate is not None:
-                _shade(upper, lower, record.channels[name].time, record.validate.channels[name].counts)
+                # shade the held-out parts of the fit in grey
+                time = record.channels[name].time
+                ends = np.flatnonzero(np.diff(record.validate.channels[name].counts.astype(int), prepend=0,
+                                              append=0)).reshape(-1, 2)
+                for part, (first, last) in enumerate(ends):
+                    for panel in (upper, lower):
+                        panel.axvspan(time[first], time[last - 1], color="#ededed", zorder=0, linewidth=0,
+                                      label="held out of the fit" if part == 0 and panel is upper else None)
             column += [upper, lower]
-        # above the numbers of its first channel, which are on the right
         # the empty line keeps it above the numbers of its first channel, which are on the right
-        column[0].set_title(_record_title(record) + "\n", loc="left", fontsize=11, fontweight="bold")
+        held_out = f", held out {100 * record.validate.normalised:.3g} %" if record.validate is not None else ""
+        column[0].set_title(f"{record.name} ({record.use}): normalised error {100 * record.normalised:.3g} %{held_out}"
+                            + "\n", loc="left", fontsize=11, fontweight="bold")
         for axes in column[:-1]:
             axes.tick_params(labelbottom=False)
         column[-1].set_xlabel("time [s]")
@@ -233,7 +245,28 @@ def plot_influence(rankings: Rankings, *, bars: int = 12, courses: int = 4, titl
     figure_title(figure, title)
     panels = figure.subplots(len(rows), 2 if courses else 1, squeeze=False, width_ratios=(1, 1.15) if courses else None)
     for row, (panel, *lower_panels) in zip(rows, panels, strict=True):
-        _bars(panel, row, [i for i in row.influences if i.relative > 0][:bars] or row.influences[:bars])
+        # bars from the strongest down; logarithmic if the weakest would be invisible otherwise
+        influences = [i for i in row.influences if i.relative > 0][:bars] or row.influences[:bars]
+        values = np.array([i.relative for i in influences])
+        places = np.arange(len(values))
+        panel.barh(places, values, color=[COLOURS[0 if i.peak >= 0 else 1] for i in influences], height=0.7)
+        panel.set_yticks(places, [f"{i.parameter} = {written(i.value, i.unit.text, 4)}" for i in influences], fontsize=9)
+        panel.invert_yaxis()
+        most = float(values.max(initial=0.0))
+        least = float(values[values > 0].min(initial=most))
+        if most > WIDE * least > 0:
+            panel.set_xscale("log")
+            panel.set_xlim(max(least / 2, 1e-6 * most), 3 * most)
+        else:
+            panel.set_xlim(0, 1.18 * most if most > 0 else 1.0)
+        for place, value in zip(places, values, strict=True):
+            panel.annotate(number(value, 3), (max(value, panel.get_xlim()[0]), place), (4, 0), textcoords="offset points",
+                           va="center", fontsize=8)
+        size = f"rms {written(row.size, row.unit, 3)} " + ("(it stands still)" if row.still else "about its mean")
+        panel.set_title(f"{row.signal}: {size}", loc="left", fontsize=10, fontweight="bold")
+        panel.grid(True, axis="x", color="#e4e4e4", linewidth=0.6)
+        panel.spines[["top", "right"]].set_visible(False)
+        panel.set_axisbelow(True)
         for lower_panel in lower_panels:
             _courses(lower_panel, row, rankings.time, row.influences[:courses])
     panels[-1][0].set_xlabel("influence: rms(p ∂s/∂p) / rms(s − mean)")
@@ -266,27 +299,25 @@ def plot_ladder(rungs: Sequence[LadderEntry]) -> Figure:
         noise = float(values[-1]) / math.sqrt(chi2) if chi2 > 0 else math.nan
         axes.axvline(noise, color=colour, linestyle=DASHES[1], linewidth=1.0, label=f"noise alone, {label}")
         drawn += [v for v in (*values, noise) if np.isfinite(v) and v > 0]
-    _error_axis(axes, min(drawn, default=1.0), max(drawn, default=1.0))
+    # axis of shares in %, logarithmic if they differ widely
+    least = min(drawn, default=1.0)
+    most = max(drawn, default=1.0)
+    axes.set_xlabel("error, in % of the measured signal")
+    if most <= WIDE * least:
+        axes.set_xlim(0, 1.25 * most)
+    else:
+        axes.set_xscale("log")
+        axes.set_xlim(least / 1.5, 3 * most)
+        decades = math.log10(most / least)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 4 else (1,)))
+        axes.xaxis.set_major_formatter(lambda value, _: number(value, 3))
+        axes.xaxis.set_minor_locator(NullLocator())
     axes.set_yticks(places, ["\n".join(textwrap.wrap(r.name, 34)) for r in rungs])
     axes.set_ylim(-0.5, len(rungs) - 0.5)
     axes.grid(axis="x", alpha=0.3)
     axes.legend(loc="lower right", frameon=True)
     figure.tight_layout(rect=RECT)
     return figure
-
-
-def _error_axis(axes: Axes, least: float, most: float) -> None:
-    """Axis of shares in %, logarithmic if they differ widely."""
-    axes.set_xlabel("error, in % of the measured signal")
-    if most <= WIDE * least:
-        axes.set_xlim(0, 1.25 * most)
-        return
-    axes.set_xscale("log")
-    axes.set_xlim(least / 1.5, 3 * most)
-    decades = math.log10(most / least)
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 4 else (1,)))
-    axes.xaxis.set_major_formatter(lambda value, _: number(value, 3))
-    axes.xaxis.set_minor_locator(NullLocator())
 
 
 def save(figure: Figure, path: str | Path) -> Path:
@@ -327,11 +358,6 @@ def _heading(result: Result) -> str:
     return f"{model.name}: {model.summary}" if model.summary else model.name
 
 
-def _time_axis(axes: Sequence[Axes], time: Array) -> None:
-    axes[-1].set_xlabel("time [s]")
-    axes[0].set_xlim(*_ends(time))
-
-
 def _ends(time: Array) -> tuple[float, float]:
     return float(time[0]), float(time[-1]) if time[-1] > time[0] else float(time[0]) + 1.0
 
@@ -354,44 +380,12 @@ def _finish(axes: Axes, name: str, unit: str, lines: Sequence[Array]) -> None:
     axes.ticklabel_format(axis="y", useOffset=False)
 
 
-def _legend_above(axes: Axes) -> None:
-    """A legend above the axes in as many columns as fit."""
-    handles, labels = axes.get_legend_handles_labels()
-    longest = max(map(len, labels))
-    axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=9,
-                borderaxespad=0.1, ncols=max(1, min(len(labels), 130 // (longest + 7))))
-
-
 def _size(values: Array) -> float:
     finite = np.abs(values[np.isfinite(values)])
     return float(finite.max()) if finite.size else math.nan
 
 
 # -- influences ----------------------------------------------------------------------------------------------------
-def _bars(axes: Axes, row: Ranking, influences: Sequence[Influence]) -> None:
-    """Bars from the strongest down; logarithmic if the weakest would be invisible otherwise."""
-    values = np.array([i.relative for i in influences])
-    places = np.arange(len(values))
-    axes.barh(places, values, color=[COLOURS[0 if i.peak >= 0 else 1] for i in influences], height=0.7)
-    axes.set_yticks(places, [f"{i.parameter} = {written(i.value, i.unit.text, 4)}" for i in influences], fontsize=9)
-    axes.invert_yaxis()
-    most = float(values.max(initial=0.0))
-    least = float(values[values > 0].min(initial=most))
-    if most > WIDE * least > 0:
-        axes.set_xscale("log")
-        axes.set_xlim(max(least / 2, 1e-6 * most), 3 * most)
-    else:
-        axes.set_xlim(0, 1.18 * most if most > 0 else 1.0)
-    for place, value in zip(places, values, strict=True):
-        axes.annotate(number(value, 3), (max(value, axes.get_xlim()[0]), place), (4, 0), textcoords="offset points",
-                      va="center", fontsize=8)
-    size = f"rms {written(row.size, row.unit, 3)} " + ("(it stands still)" if row.still else "about its mean")
-    axes.set_title(f"{row.signal}: {size}", loc="left", fontsize=10, fontweight="bold")
-    axes.grid(True, axis="x", color="#e4e4e4", linewidth=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.set_axisbelow(True)
-
-
 def _courses(axes: Axes, row: Ranking, time: Array, influences: Sequence[Influence]) -> None:
     """Change of the signal over time for 1 % more of each parameter."""
     display_unit = readable_unit(row.unit, max((_size(i.course) for i in influences), default=0.0) / 100)
@@ -419,7 +413,10 @@ def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
         upper.plot(channel.time[channel.outlier], measured[channel.outlier], "x", color=COLOURS[0],
                    label="far from neighbours")
     _finish(upper, channel.name, display_unit, [measured, model])
-    upper.set_title(_figures(channel), loc="right", fontsize=9, color="#333333")
+    scale, unit = difference_unit(channel.unit)
+    error = written(scale * channel.error, unit, 3)
+    upper.set_title(f"rms error {error}, fit {number(channel.fit, 4)} %, reduced χ² {number(channel.chi2, 3)}", loc="right",
+                    fontsize=9, color="#333333")
     residual = channel.measured - channel.model
     difference_scale, of_difference = difference_unit(channel.unit)
     unit = readable_unit(of_difference, max(_size(residual), 1e-300))
@@ -434,25 +431,5 @@ def _channel(upper: Axes, lower: Axes, channel: Channel) -> None:
         lower.set_ylim(-1.08 * reach, 1.08 * reach)
 
 
-def _shade(upper: Axes, lower: Axes, time: Array, held_out: NDArray[np.bool_]) -> None:
-    """Shade the held-out parts of the fit in grey."""
-    ends = np.flatnonzero(np.diff(held_out.astype(int), prepend=0, append=0)).reshape(-1, 2)
-    for k, (first, last) in enumerate(ends):
-        for axes in (upper, lower):
-            axes.axvspan(time[first], time[last - 1], color="#ededed", zorder=0, linewidth=0,
-                         label="held out of the fit" if k == 0 and axes is upper else None)
-
-
 def _style(dense: bool, linewidth: float) -> dict[str, Any]:
     return {"linewidth": linewidth} if dense else {"linestyle": "none", "marker": ".", "markersize": 4}
-
-
-def _figures(channel: Channel) -> str:
-    scale, unit = difference_unit(channel.unit)
-    error = written(scale * channel.error, unit, 3)
-    return f"rms error {error}, fit {number(channel.fit, 4)} %, reduced χ² {number(channel.chi2, 3)}"
-
-
-def _record_title(record: RecordComparison) -> str:
-    held_out = f", held out {100 * record.validate.normalised:.3g} %" if record.validate is not None else ""
-    return f"{record.name} ({record.use}): normalised error {100 * record.normalised:.3g} %{held_out}"

@@ -15,7 +15,7 @@ from matplotlib.path import Path
 
 from heavebond.core.presentation import number, readable
 from heavebond.energy.audit import BLOCK
-from heavebond.energy.power_flow import Box, BoxKey, EnergyFlow, Link
+from heavebond.energy.power_flow import Box, BoxKey, EnergyFlow
 from heavebond.language.library import domains
 from heavebond.pictures.plot import COLOURS, DPI, WIDTH, figure_title
 
@@ -53,15 +53,33 @@ def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
         left, right = flow.boxes[link.source].column + THICK, float(flow.boxes[link.target].column)
         if link.back:
             low -= 0.06 * (high - low)
-            _ribbon_back(axes, left, right, start, end, low, link)
+            # ribbon from (left, start) down to a lane below all boxes, backwards along it, and up to (right, end)
+            thick, wide, narrow = link.energy, BULGE, 0.4 * BULGE
+            outline = [(left, start), (left + wide, start), (left + wide, low - thick), (left, low - thick),
+                       (right, low - thick), (right - wide, low - thick), (right - wide, end), (right, end),
+                       (right, end - thick), (right - narrow, end - thick), (right - narrow, low), (right, low), (left, low),
+                       (left + narrow, low), (left + narrow, start - thick), (left, start - thick), (left, start)]
+            steps = [Path.MOVETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3,
+                     Path.LINETO, *[Path.CURVE4] * 3, Path.CLOSEPOLY]
+            axes.add_patch(PathPatch(Path(outline, steps), facecolor=_pale(link.domain), alpha=0.3, linewidth=0.8,
+                                     edgecolor="#777777", linestyle="--", zorder=0))
             low -= link.energy
         else:
-            _ribbon(axes, left, right, start, end, link)
+            # ribbon from (left, start) to (right, end), as high as its energy
+            middle, height = (left + right) / 2, link.energy
+            points = [(left, start), (middle, start), (middle, end), (right, end), (right, end - height),
+                      (middle, end - height), (middle, start - height), (left, start - height), (left, start)]
+            codes = [Path.MOVETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.CLOSEPOLY]
+            axes.add_patch(PathPatch(Path(points, codes), facecolor=_pale(link.domain), alpha=0.55, linewidth=0,
+                                     zorder=1))
     for name, box in flow.boxes.items():
         _box(axes, box, tops[name], sizes[name])
     axes.set_xlim(-0.1 if not any(link.back for link in flow.links) else -BULGE, columns - 1 + THICK + 0.7)
     axes.set_ylim(low - 0.08 * (high - low), high + 0.1 * (high - low))
-    figure.legend(handles=_legend(flow), loc="outside lower left", ncols=7, frameon=False, fontsize=9)
+    colours = ((SUPPLY, "source"), (HEAT, "turns to heat"), (STORE, "stores"), (PASS, "passes on"))
+    handles = [*(Patch(color=colour, label=name) for colour, name in colours),
+               *(Patch(color=_pale(name), alpha=0.55, label=name) for name in dict.fromkeys(k.domain for k in flow.links))]
+    figure.legend(handles=handles, loc="outside lower left", ncols=7, frameon=False, fontsize=9)
     return figure
 
 
@@ -124,48 +142,19 @@ def _pale(domain: str) -> str:
     return domain_found.pale or OTHER if domain_found is not None else OTHER
 
 
-def _ribbon(axes: Axes, left: float, right: float, start: float, end: float, link: Link) -> None:
-    """Ribbon from (left, start) to (right, end), as high as its energy."""
-    middle, height = (left + right) / 2, link.energy
-    points = [(left, start), (middle, start), (middle, end), (right, end), (right, end - height), (middle, end - height),
-              (middle, start - height), (left, start - height), (left, start)]
-    codes = [Path.MOVETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.CLOSEPOLY]
-    axes.add_patch(PathPatch(Path(points, codes), facecolor=_pale(link.domain), alpha=0.55, linewidth=0,
-                             zorder=1))
-
-
-def _ribbon_back(axes: Axes, left: float, right: float, start: float, end: float, lane: float, link: Link) -> None:
-    """Ribbon from (left, start) down to a lane below all boxes, backwards along it, and up to (right, end)."""
-    height, wide, narrow = link.energy, BULGE, 0.4 * BULGE
-    points = [(left, start), (left + wide, start), (left + wide, lane - height), (left, lane - height),
-              (right, lane - height), (right - wide, lane - height), (right - wide, end), (right, end),
-              (right, end - height), (right - narrow, end - height), (right - narrow, lane), (right, lane),
-              (left, lane), (left + narrow, lane), (left + narrow, start - height), (left, start - height), (left, start)]
-    codes = [Path.MOVETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.LINETO, *[Path.CURVE4] * 3, Path.LINETO,
-             *[Path.CURVE4] * 3, Path.CLOSEPOLY]
-    axes.add_patch(PathPatch(Path(points, codes), facecolor=_pale(link.domain), alpha=0.3, linewidth=0.8,
-                             edgecolor="#777777", linestyle="--", zorder=0))
-
-
 def _box(axes: Axes, box: Box, top: float, size: float) -> None:
     largest = max((abs(box.supplied), SUPPLY), (box.dissipated, HEAT), (abs(box.stored), STORE), key=lambda item: item[0])
-    colour = NODE if box.key.node else largest[1] if largest[0] > 0.02 * size else PASS
-    axes.add_patch(Rectangle((box.column, top - size), THICK, size, facecolor=colour, linewidth=0.5, edgecolor=colour,
-                             zorder=3))
+    text_colour = NODE if box.key.node else largest[1] if largest[0] > 0.02 * size else PASS
+    axes.add_patch(Rectangle((box.column, top - size), THICK, size, facecolor=text_colour, linewidth=0.5,
+                             edgecolor=text_colour, zorder=3))
     texts = [] if box.key.node else [text for value, text in (
         (box.supplied, f"gives {readable(box.supplied, 'J', 3)}" if box.supplied > 0 else
          f"takes {readable(-box.supplied, 'J', 3)}"),
         (box.dissipated, f"heat {readable(box.dissipated, 'J', 3)}"),
         (box.stored, f"stores {readable(box.stored, 'J', 3)}" if box.stored > 0 else
          f"gives up {readable(-box.stored, 'J', 3)}")) if abs(value) > 0.02 * size]
-    title, colour = (f"node {box.key.path}", "#666666") if box.key.node else (box.key.path, "black")
-    axes.annotate("\n".join([title, *texts]), (box.column + THICK, top - size / 2), (4, 0),
-                  textcoords="offset points", fontsize=8, va="center", color=colour, zorder=4,
-                  bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0})
-
-
-def _legend(flow: EnergyFlow) -> list[Patch]:
-    used = dict.fromkeys(link.domain for link in flow.links)
-    return [*(Patch(color=colour, label=name) for colour, name in (
-        (SUPPLY, "source"), (HEAT, "turns to heat"), (STORE, "stores"), (PASS, "passes on"))),
-        *(Patch(color=_pale(name), alpha=0.55, label=name) for name in used)]
+    box_title, text_colour = (f"node {box.key.path}", "#666666") if box.key.node else (box.key.path, "black")
+    axes.annotate("\n".join([box_title, *texts]), (box.column + THICK, top - size / 2), (4, 0), textcoords="offset points",
+                  fontsize=8, va="center", color=text_colour, zorder=4, bbox={"boxstyle": "round,pad=0.15",
+                                                                              "facecolor": "white", "alpha": 0.75,
+                                                                              "linewidth": 0})

@@ -65,7 +65,18 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
         _quiet(axes)
         axes.grid(True, which="minor", color=GRID, linewidth=0.3)
     if margins is not None:
-        _mark_margins(upper, lower, margins)
+        # where the gain is 1 and where the phase is -180 degrees, with the margins there
+        what = "crossing" if margins.unstable else "margin"
+        upper.axhline(1, color="#8c8c8c", linewidth=0.8)
+        lower.axhline(-180, color="#8c8c8c", linewidth=0.8)
+        for k, margin in enumerate(margins.phase):
+            lower.axvline(margin.frequency, color=COLOURS[1], linewidth=0.9, linestyle=DASHES[1])
+            upper.axvline(margin.frequency, color=COLOURS[1], linewidth=0.9, linestyle=DASHES[1],
+                          label=f"phase {what} {number(margin.value, 3)}°" if k == 0 else None)
+        for k, margin in enumerate(m for m in margins.gain if 0 < m.frequency < np.inf):
+            upper.axvline(margin.frequency, color=COLOURS[2], linewidth=0.9, linestyle=DASHES[2],
+                          label=f"gain {what} {number(margin.value, 3)}" if k == 0 else None)
+            lower.axvline(margin.frequency, color=COLOURS[2], linewidth=0.9, linestyle=DASHES[2])
     figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=3, frameon=False, fontsize=9)
     return figure
 
@@ -78,38 +89,36 @@ def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: s
     figure, planes = _planes(_with_period(title, channels[0].period, dict.fromkeys(h for c in channels for h in c.held)),
                              len(units))
     for axes, unit in zip(planes, units, strict=True):
-        own = [(COLOURS[k % len(COLOURS)], c) for k, c in enumerate(channels) if ratio(c) == unit]
-        _nyquist(axes, own, frequencies, margins)
+        coloured_channels = [(COLOURS[k % len(COLOURS)], c) for k, c in enumerate(channels) if ratio(c) == unit]
+        # the curves of channels in their colours, and what is looked at in an open loop
+        reach = 0.0
+        for colour, channel in coloured_channels:
+            response = _smooth(channel, frequencies)
+            axes.plot(response.real, response.imag, color=colour, linewidth=1.5, label=channel_name(channel))
+            axes.plot(response.real, -response.imag, color=colour, linewidth=0.8, linestyle=DASHES[1])
+            k = int(np.argmax(np.abs(np.diff(response)) * (np.abs(response[:-1]) < REACH)))
+            axes.annotate("", (response[k + 1].real, response[k + 1].imag), (response[k].real, response[k].imag),
+                          arrowprops={"arrowstyle": "-|>", "color": colour})
+            sizes = np.abs(response)
+            # through an undamped resonance the curve goes to infinity: the plane holds what lies beside it
+            reach = max(reach, REACH * float(np.median(sizes)) if len(channel.unbounded()) else float(sizes.max()))
+        if margins is not None:
+            turn = np.linspace(0, 2 * np.pi, 200)
+            axes.plot(np.cos(turn), np.sin(turn), color="#8c8c8c", linewidth=0.8)
+            axes.plot(-1, 0, "+", color=COLOURS[1], markersize=12, markeredgewidth=2, label="−1")
+            m = margins.modulus.value
+            axes.plot(-1 + m * np.cos(turn), m * np.sin(turn), color=COLOURS[1], linewidth=0.8, linestyle=DASHES[2],
+                      label=f"distance {number(m, 3)}")
+            reach = min(reach, REACH)
+        axes.set_xlim(-1.08 * reach, 1.08 * reach)
+        axes.set_ylim(-1.08 * reach, 1.08 * reach)
+        axes.set_aspect("equal")
         axes.set_xlabel(f"real part [{unit}]")
         axes.set_ylabel(f"imaginary part [{unit}]")
     entries = [entry for axes in planes for entry in zip(*axes.get_legend_handles_labels(), strict=True)]
     figure.legend([handle for handle, _ in entries], [label for _, label in entries], loc="outside upper right", ncols=3,
                   frameon=False, fontsize=9)
     return figure
-
-
-def _nyquist(axes: Axes, channels: Sequence[tuple[str, StateSpace]], frequencies: Array, margins: Crossings | None) -> None:
-    """The curves of channels in their colours, and what is looked at in an open loop."""
-    reach = 0.0
-    for colour, channel in channels:
-        found = _smooth(channel, frequencies)
-        axes.plot(found.real, found.imag, color=colour, linewidth=1.5, label=channel_name(channel))
-        axes.plot(found.real, -found.imag, color=colour, linewidth=0.8, linestyle=DASHES[1])
-        _arrow(axes, found, colour)
-        sizes = np.abs(found)
-        # through an undamped resonance the curve goes to infinity: the plane holds what lies beside it
-        reach = max(reach, REACH * float(np.median(sizes)) if len(channel.unbounded()) else float(sizes.max()))
-    if margins is not None:
-        turn = np.linspace(0, 2 * np.pi, 200)
-        axes.plot(np.cos(turn), np.sin(turn), color="#8c8c8c", linewidth=0.8)
-        axes.plot(-1, 0, "+", color=COLOURS[1], markersize=12, markeredgewidth=2, label="−1")
-        m = margins.modulus.value
-        axes.plot(-1 + m * np.cos(turn), m * np.sin(turn), color=COLOURS[1], linewidth=0.8, linestyle=DASHES[2],
-                  label=f"distance {number(m, 3)}")
-        reach = min(reach, REACH)
-    axes.set_xlim(-1.08 * reach, 1.08 * reach)
-    axes.set_ylim(-1.08 * reach, 1.08 * reach)
-    axes.set_aspect("equal")
 
 
 def _smooth(channel: StateSpace, frequencies: Array) -> NDArray[np.complex128]:
@@ -258,7 +267,13 @@ def _s_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
     beyond = float(np.median(sizes)) / 10 if high > 30 * low else 0.05 * high
     axes.set_xlim(1.6 * left if left < 0 else -room, 1.6 * right if right > 0.02 * low else beyond)
     axes.set_ylim(-reach, reach)
-    _name_dampings(axes)
+    # the damping on each line, just inside the frame where it leaves
+    left, top = axes.get_xlim()[0], axes.get_ylim()[1]
+    for damping in DAMPINGS:
+        rise = float(np.sqrt(1 - damping**2))
+        radius = 0.86 * min(top / rise, -left / damping if left < 0 else np.inf)
+        axes.annotate(f"{damping:g}", (-damping * radius, rise * radius), fontsize=7, color="#8c8c8c", ha="center",
+                      va="center", bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "linewidth": 0}, zorder=0.5)
     axes.axvspan(0, axes.get_xlim()[1], color="#f6e3da", zorder=0, linewidth=0)
     axes.set_xlabel("real part [1/s]")
     axes.set_ylabel("imaginary part [rad/s]")
@@ -297,16 +312,6 @@ def _z_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
     axes.set_ylabel("imaginary part of z")
 
 
-def _name_dampings(axes: Axes) -> None:
-    """The damping on each line, just inside the frame where it leaves."""
-    left, top = axes.get_xlim()[0], axes.get_ylim()[1]
-    for damping in DAMPINGS:
-        rise = float(np.sqrt(1 - damping**2))
-        size = 0.86 * min(top / rise, -left / damping if left < 0 else np.inf)
-        axes.annotate(f"{damping:g}", (-damping * size, rise * size), fontsize=7, color="#8c8c8c", ha="center", va="center",
-                      bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "linewidth": 0}, zorder=0.5)
-
-
 def _phase(channel: StateSpace, frequencies: Array, found: NDArray[np.complex128]) -> Array:
     """The phase in degrees of a response (N,), of which the angle leaves the turns open: these are those of the poles and
     zeros, each stable or undamped one from 0 to 90 degrees, an unstable one back, an integrator 90, and a negative gain
@@ -335,25 +340,3 @@ def _quiet(axes: Axes) -> None:
     axes.grid(True, color=GRID, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_axisbelow(True)
-
-
-def _arrow(axes: Axes, found: NDArray[np.complex128], colour: str) -> None:
-    """The direction of rising frequency, where the curve is longest."""
-    k = int(np.argmax(np.abs(np.diff(found)) * (np.abs(found[:-1]) < REACH)))
-    axes.annotate("", (found[k + 1].real, found[k + 1].imag), (found[k].real, found[k].imag),
-                  arrowprops={"arrowstyle": "-|>", "color": colour})
-
-
-def _mark_margins(upper: Axes, lower: Axes, margins: Crossings) -> None:
-    """Where the gain is 1 and where the phase is -180 degrees, with the margins there."""
-    what = "crossing" if margins.unstable else "margin"
-    upper.axhline(1, color="#8c8c8c", linewidth=0.8)
-    lower.axhline(-180, color="#8c8c8c", linewidth=0.8)
-    for k, margin in enumerate(margins.phase):
-        lower.axvline(margin.frequency, color=COLOURS[1], linewidth=0.9, linestyle=DASHES[1])
-        upper.axvline(margin.frequency, color=COLOURS[1], linewidth=0.9, linestyle=DASHES[1],
-                      label=f"phase {what} {number(margin.value, 3)}°" if k == 0 else None)
-    for k, margin in enumerate(m for m in margins.gain if 0 < m.frequency < np.inf):
-        upper.axvline(margin.frequency, color=COLOURS[2], linewidth=0.9, linestyle=DASHES[2],
-                      label=f"gain {what} {number(margin.value, 3)}" if k == 0 else None)
-        lower.axvline(margin.frequency, color=COLOURS[2], linewidth=0.9, linestyle=DASHES[2])

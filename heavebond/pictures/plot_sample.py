@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from heavebond.core.presentation import number, unit_label
 from heavebond.pictures.plot import COLOURS, DPI, WIDE
-from heavebond.studies.uncertainty import QUANTILES, Indices, Slopes, TornadoBar, drawn, groups, indices, slopes, swings
+from heavebond.studies.uncertainty import QUANTILES, Indices, Slopes, drawn, groups, indices, slopes, swings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,32 +88,28 @@ def tornados(result: StudyResult, picture: Picture) -> Figure:
     longest = max((len(rows) for *_, rows in tornado_rows), default=1)
     figure, panels = _column(picture, [level_text for _, level_text, _ in tornado_rows], 0.8 + 0.24 * longest)
     for panel, (name, _, rows) in zip(panels, tornado_rows, strict=True):
-        _tornado(panel, rows)
+        places = np.arange(len(rows))
+        middle = rows[0].value if rows else 0.0
+        for end, colour in (("low", COLOURS[0]), ("high", COLOURS[1])):
+            values = np.array([getattr(row, end) for row in rows])
+            panel.barh(places, values - middle, left=middle, color=colour, height=0.7)
+            for place, value in zip(places, values, strict=True):
+                if np.isfinite(value):
+                    opposite = rows[int(place)].high if end == "low" else rows[int(place)].low
+                    within = (value - middle) * (opposite - value) > 0  # inside the bar of the other end
+                    right = (value > middle) != within
+                    panel.annotate(number(value, 3), (middle if within else value, place), (3 if right else -3, 0),
+                                   textcoords="offset points", va="center", ha="left" if right else "right", fontsize=7)
+        panel.axvline(middle, color="black", linewidth=0.8)
+        panel.set_yticks(places, [row.parameter for row in rows])
+        panel.invert_yaxis()
+        panel.margins(x=0.12)
         panel.set_xlabel(_label(result, name))
         quiet(panel, "x")
     ends = zip(COLOURS, ("at the low end", "at the high end"), strict=False)
     figure.legend(handles=[Patch(color=colour, label=label) for colour, label in ends], loc="outside lower center", ncols=2,
                   frameon=False)
     return figure
-
-
-def _tornado(panel: Axes, rows: list[TornadoBar]) -> None:
-    places = np.arange(len(rows))
-    middle = rows[0].value if rows else 0.0
-    for end, colour in (("low", COLOURS[0]), ("high", COLOURS[1])):
-        values = np.array([getattr(row, end) for row in rows])
-        panel.barh(places, values - middle, left=middle, color=colour, height=0.7)
-        for place, value in zip(places, values, strict=True):
-            if np.isfinite(value):
-                opposite = rows[int(place)].high if end == "low" else rows[int(place)].low
-                within = (value - middle) * (opposite - value) > 0  # inside the bar of the other end
-                right = (value > middle) != within
-                panel.annotate(number(value, 3), (middle if within else value, place), (3 if right else -3, 0),
-                               textcoords="offset points", va="center", ha="left" if right else "right", fontsize=7)
-    panel.axvline(middle, color="black", linewidth=0.8)
-    panel.set_yticks(places, [row.parameter for row in rows])
-    panel.invert_yaxis()
-    panel.margins(x=0.12)
 
 
 def shares(result: StudyResult, picture: Picture) -> Figure:
@@ -152,7 +148,28 @@ def maps(result: StudyResult, picture: Picture) -> Figure:
     figure, panels = _column(picture, [", ".join(filter(None, (name, level_text))) for name, level_text, _ in sheet_list],
                              1.25 * PANEL)
     for panel, (name, _, outcomes) in zip(panels, sheet_list, strict=True):
-        _map(figure, panel, result, name, outcomes, (across, down))
+        at = (across, down)
+        axes = [result.study.axes[k] for k in at]
+        table = np.full((len(axes[1].levels), len(axes[0].levels)), np.nan)
+        for outcome in outcomes:
+            index = result.case_of(outcome).index
+            table[index[at[1]], index[at[0]]] = result.value(outcome, name)
+        known = table[np.isfinite(table)]
+        # one extreme case must not make all others one colour
+        scale = LogNorm() if len(known) and known.min() > 0 and known.max() > WIDE * known.min() else Normalize()
+        drawn_map = panel.pcolormesh(np.ma.masked_invalid(table), cmap="cividis", norm=scale, edgecolors="white",
+                                     linewidth=0.4)
+        panel.set_facecolor(NO_NUMBER)
+        for axis, ticks, label in ((axes[0], panel.set_xticks, panel.set_xlabel), (axes[1], panel.set_yticks,
+                                                                                   panel.set_ylabel)):
+            assert axis.unit is not None
+            ticks(np.arange(len(axis.levels)) + 0.5, [number(axis.unit.from_si(level.value), 3) for level in axis.levels])
+            label(f"{axis.name} [{unit_label(axis.unit.text)}]")
+        if table.size <= NUMBERED:
+            for (row, column), value in np.ndenumerate(table):
+                panel.text(column + 0.5, row + 0.5, number(value, 3), ha="center", va="center", fontsize=7,
+                           color="white" if np.isfinite(value) and scale(value) < 0.5 else "black")
+        figure.colorbar(drawn_map, ax=panel, label=_label(result, name))
     return figure
 
 
@@ -165,25 +182,3 @@ def _sheets(result: StudyResult, *without: int) -> Iterator[tuple[str, list[Outc
         outcomes_by_level.setdefault(", ".join([*words, *([outcome.procedure] if len(result.study.procedures) > 1 else [])]),
                                      []).append(outcome)
     yield from outcomes_by_level.items()
-
-
-def _map(figure: Figure, panel: Axes, result: StudyResult, name: str, outcomes: list[Outcome], at: tuple[int, int]) -> None:
-    axes = [result.study.axes[k] for k in at]
-    table = np.full((len(axes[1].levels), len(axes[0].levels)), np.nan)
-    for outcome in outcomes:
-        index = result.case_of(outcome).index
-        table[index[at[1]], index[at[0]]] = result.value(outcome, name)
-    known = table[np.isfinite(table)]
-    # one extreme case must not make all others one colour
-    scale = LogNorm() if len(known) and known.min() > 0 and known.max() > WIDE * known.min() else Normalize()
-    drawn_map = panel.pcolormesh(np.ma.masked_invalid(table), cmap="cividis", norm=scale, edgecolors="white", linewidth=0.4)
-    panel.set_facecolor(NO_NUMBER)
-    for axis, ticks, label in ((axes[0], panel.set_xticks, panel.set_xlabel), (axes[1], panel.set_yticks, panel.set_ylabel)):
-        assert axis.unit is not None
-        ticks(np.arange(len(axis.levels)) + 0.5, [number(axis.unit.from_si(level.value), 3) for level in axis.levels])
-        label(f"{axis.name} [{unit_label(axis.unit.text)}]")
-    if table.size <= NUMBERED:
-        for (row, column), value in np.ndenumerate(table):
-            panel.text(column + 0.5, row + 0.5, number(value, 3), ha="center", va="center", fontsize=7,
-                       color="white" if np.isfinite(value) and scale(value) < 0.5 else "black")
-    figure.colorbar(drawn_map, ax=panel, label=_label(result, name))

@@ -46,22 +46,18 @@ def plot_study(result: StudyResult, picture: Picture) -> Figure:
             if panel.get_yscale() == "linear":
                 panel.ticklabel_format(axis="y", useOffset=False)
         headed(figure, picture)
-        _legend(figure, panels[0], result)
+        # below all panels, with a readable number of lines
+        handles, labels = panels[0].get_legend_handles_labels()
+        if len(labels) > MOST_LABELS:
+            more = f"and {len(labels) - MOST_LABELS} more"
+            handles, labels = [*handles[:MOST_LABELS], Line2D([], [], linestyle="none")], [*labels[:MOST_LABELS], more]
+        if len(labels) > 1:
+            longest = max(map(len, labels))
+            variants = [axis.name for axis in result.study.axes if axis.unit is None and axis.sampling is None]
+            figure.legend(handles, labels, loc="outside lower center", ncols=max(1, min(len(labels), 95 // (longest + 8))),
+                          frameon=False, title=", ".join(variants) or None, title_fontsize="medium")
         figure.align_ylabels(panels)
         return figure
-
-
-def _legend(figure: Figure, panel: Axes, result: StudyResult) -> None:
-    """Below all panels, with a readable number of lines."""
-    handles, labels = panel.get_legend_handles_labels()
-    if len(labels) > MOST_LABELS:
-        more = f"and {len(labels) - MOST_LABELS} more"
-        handles, labels = [*handles[:MOST_LABELS], Line2D([], [], linestyle="none")], [*labels[:MOST_LABELS], more]
-    if len(labels) > 1:
-        longest = max(map(len, labels))
-        variants = [axis.name for axis in result.study.axes if axis.unit is None and axis.sampling is None]
-        figure.legend(handles, labels, loc="outside lower center", ncols=max(1, min(len(labels), 95 // (longest + 8))),
-                      frameon=False, title=", ".join(variants) or None, title_fontsize="medium")
 
 
 def _shades(result: StudyResult, lines: int, without: int = -1) -> tuple[int, ScalarMappable] | None:
@@ -133,7 +129,25 @@ def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> No
     axis, sample = result.study.axes[k], result.study.sample
     assert axis.unit is not None
     if sample is not None and sample.sampling is not None and sample.sampling.kind in INDEPENDENT:
-        _mean_curves(panel, result, name, k)
+        # the mean of a number over the realisations along axis k, with the 95 % interval of the mean as a bar
+        at = result.study.axes.index(sample)
+        numbers: dict[str, dict[float, list[float]]] = {}  # by the other levels and x
+        for outcome in result.outcomes:
+            levels = result.case_of(outcome).levels
+            label = ", ".join(level.name if other.unit is None else f"{other.name} {level.name}"
+                              for n, (other, level) in enumerate(zip(result.study.axes, levels, strict=True))
+                              if n not in (k, at))
+            by_x = numbers.setdefault(label, {})
+            by_x.setdefault(axis.unit.from_si(levels[k].value), []).append(result.value(outcome, name))
+        for n, (label, by_x) in enumerate(numbers.items()):
+            finite = {at_x: np.array([y for y in values if np.isfinite(y)]) for at_x, values in by_x.items()}
+            known = {at_x: values for at_x, values in finite.items() if len(values)}
+            means = np.array([values.mean() for values in known.values()])
+            bars = np.nan_to_num([interval_of_mean(values)[1] for values in known.values()] - means)
+            panel.errorbar(list(known), means, bars, color=COLOURS[n % len(COLOURS)], marker=MARKERS[0], markersize=4,
+                           linewidth=1.0, capsize=2, linestyle=DASHES[n % len(DASHES)], label=label or name)
+        panel.set_ylabel(f"{name} [{unit_label(result.units[name].text)}]")
+        panel.set_xlabel(f"{axis.name} [{unit_label(axis.unit.text)}]")
         return
     procedures = list(dict.fromkeys(o.procedure for o in result.outcomes))
     lines = list(_lines(result, k))
@@ -156,29 +170,6 @@ def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> No
         panel.set_yscale("log")
     panel.set_ylabel(f"{name} [{unit_label(result.units[name].text)}]")
     panel.set_xlabel(f"{axis.name} [{unit_label(axis.unit.text)}]")
-
-
-def _mean_curves(panel: Axes, result: StudyResult, name: str, k: int) -> None:
-    """The mean of a number over the realisations along axis k, with the 95 % interval of the mean as a bar."""
-    sample, unit = result.study.sample, result.study.axes[k].unit
-    assert sample is not None and unit is not None
-    at = result.study.axes.index(sample)
-    lines: dict[str, dict[float, list[float]]] = {}
-    for outcome in result.outcomes:
-        levels = result.case_of(outcome).levels
-        label = ", ".join(level.name if axis.unit is None else f"{axis.name} {level.name}" for n, (axis, level) in
-                          enumerate(zip(result.study.axes, levels, strict=True)) if n not in (k, at))
-        lines.setdefault(label, {}).setdefault(unit.from_si(levels[k].value), []).append(result.value(outcome, name))
-    for n, (label, at_x) in enumerate(lines.items()):
-        known = {x: values[np.isfinite(values)]
-                 for x, values in ((x, np.array(values_found)) for x, values_found in at_x.items())}
-        known = {x: values for x, values in known.items() if len(values)}
-        means = np.array([values.mean() for values in known.values()])
-        bars = np.nan_to_num([interval_of_mean(values)[1] for values in known.values()] - means)
-        panel.errorbar(list(known), means, bars, color=COLOURS[n % len(COLOURS)], marker=MARKERS[0], markersize=4,
-                       linewidth=1.0, capsize=2, linestyle=DASHES[n % len(DASHES)], label=label or name)
-    panel.set_ylabel(f"{name} [{unit_label(result.units[name].text)}]")
-    panel.set_xlabel(f"{result.study.axes[k].name} [{unit_label(unit.text)}]")
 
 
 def _lines(result: StudyResult, without: int) -> Iterator[tuple[str, Sequence[Outcome]]]:

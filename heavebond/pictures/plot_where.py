@@ -9,8 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from heavebond.core.errors import UsageError
 from heavebond.core.presentation import readable_unit, unit_label
 from heavebond.core.units import read_unit
+from heavebond.laws.find import FoundLaw, Laws
 from heavebond.localise.misfit import Localization, PlaceEstimate, noun
 from heavebond.numerics.dae import Array
 from heavebond.pictures.plot import COLOURS, DPI, RECORD, RECT, WIDTH
@@ -18,6 +20,8 @@ from heavebond.pictures.plot import COLOURS, DPI, RECORD, RECT, WIDTH
 PANELS = 3
 # Number of samples drawn in a scatter plot.
 MOST = 3000
+DRAWS, POINTS = 200, 400  # of the parameters for the interval; of a curve
+SHARES = (0.05, 0.5, 0.95)  # quantiles of a second variable at which a curve is drawn
 
 
 def plot_place(localization: Localization, place: str) -> Figure:
@@ -29,14 +33,29 @@ def plot_place(localization: Localization, place: str) -> Figure:
     figure.suptitle(f"{localization.experiment.name}: estimated missing input {suspect.place.words} "
                     f"({100 * suspect.explained:.4g} % of the misfit explained)", x=0.01, ha="left", fontsize=12)
     display_unit = readable_unit(suspect.place.unit.text, suspect.rms)
-    names = _variables(suspect)
+    # the best variable first, then others in the order of the place
+    if suspect.curve is None:
+        names = []
+    else:
+        best = suspect.curve.variable.formula
+        names = [best, *(n for n in suspect.curve.scores if n != best)][:PANELS]
     grid = figure.add_gridspec(2, max(len(names), 1), height_ratios=(1.4, 1))
     for k, name in enumerate(names):
         panel = figure.add_subplot(grid[0, k])
         _cloud(panel, suspect, name, display_unit)
         if k == 0:
             panel.set_ylabel(f"{noun(suspect)} [{unit_label(display_unit)}]")
-    _course(figure.add_subplot(grid[1, :]), suspect, display_unit)
+    # the force over time, record after record
+    panel = figure.add_subplot(grid[1, :])
+    per_y = read_unit(suspect.place.unit.text).scale / read_unit(display_unit).scale
+    for k, implied in enumerate(suspect.implied.values()):
+        value, band = implied.value * per_y, 2 * implied.deviation * per_y
+        panel.fill_between(implied.time, value - band, value + band, color=COLOURS[k % len(COLOURS)], alpha=0.2, linewidth=0)
+        panel.plot(implied.time, value, color=COLOURS[k % len(COLOURS)], linewidth=1, label=implied.record)
+    limits = np.concatenate([padded_limits(i.value * per_y) for i in suspect.implied.values()])
+    panel.set_ylim(float(limits.min()), float(limits.max()))
+    panel.legend(loc="upper left", frameon=False, fontsize=9, ncols=len(suspect.implied))
+    dress(panel, "time [s]", f"{noun(suspect)} [{unit_label(display_unit)}]")
     if names:
         figure.axes[0].legend(loc="best", frameon=True, framealpha=0.8, edgecolor="none", fontsize=9, markerscale=4)
     return figure
@@ -77,14 +96,6 @@ def plot_misfit(localization: Localization) -> Figure:
     return figure
 
 
-def _variables(suspect: PlaceEstimate) -> list[str]:
-    """The best variable first, then others in the order of the place."""
-    if suspect.curve is None:
-        return []
-    best = suspect.curve.variable.formula
-    return [best, *(n for n in suspect.curve.scores if n != best)][:PANELS]
-
-
 def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
     """The force over one variable, rising and falling in different colours, and the curve through it."""
     assert suspect.curve is not None
@@ -92,7 +103,7 @@ def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
     y = np.concatenate([i.value for i in suspect.implied.values()])
     up = np.concatenate([np.gradient(i.local[name]) > 0 for i in suspect.implied.values()])
     thin = slice(None, None, max(1, len(x) // MOST))
-    unit = _unit_of(suspect, name)
+    unit = suspect.curve.units.get(name, "")
     across = readable_unit(unit, float(np.max(np.abs(x)))) if unit else unit
     per_x = read_unit(unit).scale / read_unit(across).scale if unit else 1.0
     per_y = read_unit(suspect.place.unit.text).scale / read_unit(shown).scale
@@ -107,24 +118,6 @@ def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
     dress(panel, f"{name} [{unit_label(across)}]" if across else name, "")
     r2 = curve.r2 if name == curve.variable.formula else curve.scores[name]
     panel.set_title(f"R² {max(r2, 0.0):.2f} on data not used", loc="left", fontsize=10)
-
-
-def _unit_of(suspect: PlaceEstimate, name: str) -> str:
-    assert suspect.curve is not None
-    return suspect.curve.units.get(name, "")
-
-
-def _course(panel: Axes, suspect: PlaceEstimate, shown: str) -> None:
-    """The force over time, record after record."""
-    per_y = read_unit(suspect.place.unit.text).scale / read_unit(shown).scale
-    for k, implied in enumerate(suspect.implied.values()):
-        value, band = implied.value * per_y, 2 * implied.deviation * per_y
-        panel.fill_between(implied.time, value - band, value + band, color=COLOURS[k % len(COLOURS)], alpha=0.2, linewidth=0)
-        panel.plot(implied.time, value, color=COLOURS[k % len(COLOURS)], linewidth=1, label=implied.record)
-    limits = np.concatenate([padded_limits(i.value * per_y) for i in suspect.implied.values()])
-    panel.set_ylim(float(limits.min()), float(limits.max()))
-    panel.legend(loc="upper left", frameon=False, fontsize=9, ncols=len(suspect.implied))
-    dress(panel, "time [s]", f"{noun(suspect)} [{unit_label(shown)}]")
 
 
 def padded_limits(values: Array) -> Array:
@@ -142,3 +135,65 @@ def dress(panel: Axes, x: str, y: str) -> None:
     panel.grid(True, color="#e4e4e4", linewidth=0.6)
     panel.spines[["top", "right"]].set_visible(False)
     panel.set_axisbelow(True)
+
+
+def plot_law(found: Laws) -> Figure:
+    """The simplest formula over its first variable (at three values of a second one) with its 95 % interval and the input
+    that the records ask for, and both over time; UsageError if no formula was found."""
+    law = found.simplest
+    if law is None or not law.implied:
+        raise UsageError("no formula was found: there is nothing to draw",
+                         hint="`heavebond localize` draws the estimated input.")
+    node = law.formula.node
+    noun = node.domain.members[node.through].noun
+    size = max(float(np.sqrt(np.mean(i.value**2))) for i in law.implied)
+    shown = readable_unit(node.unit.text, size)
+    per_y = node.unit.scale / read_unit(shown).scale
+    figure = Figure(figsize=(WIDTH, 7.2), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.06))
+    figure.suptitle(f"{found.experiment.name}, {law.formula.place.words}: {law.text}", x=0.01, ha="left", fontsize=12)
+    grid = figure.add_gridspec(2, 1, height_ratios=(1.4, 1))
+    panel = figure.add_subplot(grid[0])
+    first, *others = [variable for variable, _ in law.formula.variables.values()]
+    x = np.concatenate([i.local[first.formula] for i in law.implied])
+    y = np.concatenate([i.value for i in law.implied])
+    unit = readable_unit(read_unit(first.unit).text, float(np.abs(x).max()))
+    per_x = read_unit(first.unit).scale / read_unit(unit).scale
+    thin = slice(None, None, max(1, len(x) // MOST))
+    panel.plot(x[thin] * per_x, y[thin] * per_y, ".", color=COLOURS[0], markersize=2.5, alpha=0.4,
+               label="input that the records ask for")
+    if not law.formula.memories:
+        course = np.linspace(x.min(), x.max(), POINTS)
+        for k, share in enumerate(SHARES if others else (0.5,)):
+            held = {v.formula: np.full(POINTS, np.quantile(np.concatenate([i.local[v.formula] for i in law.implied]), share))
+                    for v in others}
+            low, middle, high = _interval(law, {first.formula: course, **held})
+            label = "formula" + "".join(f", {v.formula} = {held[v.formula][0]:.3g} {v.unit}" for v in others)
+            colour = "black" if not others else COLOURS[1 + k]
+            panel.fill_between(course * per_x, low * per_y, high * per_y, color=colour, alpha=0.2, linewidth=0)
+            panel.plot(course * per_x, middle * per_y, color=colour, linewidth=2, label=label)
+    panel.legend(loc="best", frameon=True, framealpha=0.8, edgecolor="none", fontsize=9, markerscale=4)
+    panel.set_ylim(*padded_limits(y * per_y))
+    dress(panel, f"{first.formula} [{unit_label(unit)}]", f"{noun} [{unit_label(shown)}]")
+    record = law.implied[0]
+    below = figure.add_subplot(grid[1])
+    band = 2 * record.deviation
+    below.fill_between(record.time, (record.value - band) * per_y, (record.value + band) * per_y, color=COLOURS[0],
+                       alpha=0.25, linewidth=0, label=f"{record.record}, with twice its standard deviation")
+    below.plot(record.time, law.value(record.local, record.time) * per_y, color="black", linewidth=1, label="formula")
+    below.legend(loc="upper left", frameon=False, fontsize=9, ncols=2)
+    dress(below, "time [s]", f"{noun} [{unit_label(shown)}]")
+    return figure
+
+
+def _interval(law: FoundLaw, motion: dict[str, Array]) -> tuple[Array, Array, Array]:
+    """The formula (N,) with the ends of its pointwise 95 % interval, by draws of its numbers."""
+    time = np.arange(len(next(iter(motion.values()))), dtype=float)
+    middle = law.value(motion, time)
+    names = list(law.intervals)
+    if not names:
+        return middle, middle, middle
+    draws = np.random.default_rng(0).multivariate_normal([law.numbers[n] for n in names], law.covariance, DRAWS)
+    courses = np.array([law.formula.value(motion, time, {**law.numbers, **dict(zip(names, draw, strict=True))})
+                        for draw in draws])
+    low, high = np.nanquantile(courses, (0.025, 0.975), axis=0)
+    return low, middle, high

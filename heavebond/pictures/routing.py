@@ -50,12 +50,16 @@ class _Router:
         self.left, self.top = round(area.left) // GRID, round(area.top) // GRID
         self.width = round(area.right) // GRID - self.left + 1
         self.height = round(area.bottom) // GRID - self.top + 1
-        self.nets = [[[(self._index(a.x, a.y), DIRECTIONS.index(SIDES[a.side])) for a in terminal] for terminal in net]
-                     for net in nets]
+        self.nets = [[[((a.y // GRID - self.top) * self.width + a.x // GRID - self.left, DIRECTIONS.index(SIDES[a.side]))
+                       for a in terminal] for terminal in net] for net in nets]
         self.steps = (1, self.width, -1, -self.width)
         self.wall = bytearray(self.width * self.height)
         for box in blocked:
-            self._block(box)
+            first = max(0, math.ceil(box.left / GRID) - self.left), max(0, math.ceil(box.top / GRID) - self.top)
+            last = math.floor(box.right / GRID) - self.left, math.floor(box.bottom / GRID) - self.top
+            for row in range(first[1], min(last[1], self.height - 1) + 1):
+                for column in range(first[0], min(last[0], self.width - 1) + 1):
+                    self.wall[row * self.width + column] = 1
         # the point before an anchor is its only exit: other wires avoid it
         self.mouths: dict[int, int] = {}
         for k, net in enumerate(self.nets):
@@ -64,16 +68,6 @@ class _Router:
                     self.mouths[point + self.steps[direction]] = k
         self.laid: list[dict[int, int]] = [{} for _ in nets]  # per net: point -> bits of the directions of its wires
         self.faults = [0] * len(nets)
-
-    def _index(self, x: int, y: int) -> int:
-        return (y // GRID - self.top) * self.width + x // GRID - self.left
-
-    def _block(self, box: Box) -> None:
-        first = max(0, math.ceil(box.left / GRID) - self.left), max(0, math.ceil(box.top / GRID) - self.top)
-        last = math.floor(box.right / GRID) - self.left, math.floor(box.bottom / GRID) - self.top
-        for row in range(first[1], min(last[1], self.height - 1) + 1):
-            for column in range(first[0], min(last[0], self.width - 1) + 1):
-                self.wall[row * self.width + column] = 1
 
     def span(self, k: int) -> int:
         """Half the perimeter of the box around a net's anchors, in steps."""
@@ -97,20 +91,17 @@ class _Router:
             if path is None:
                 self.faults[k] += 1
                 break
-            self._take(k, path, other_nets)
+            laid = self.laid[k]
+            for a, b in pairwise(path):
+                direction = self.steps.index(b - a)
+                laid[a] = laid.get(a, 0) | 1 << direction
+                laid[b] = laid.get(b, 0) | 1 << (direction + 2) % 4
+            for point in path:
+                if point in other_nets and not _crosses(laid[point], other_nets[point]):
+                    self.faults[k] += 1
             reached = next(t for (point, _), t in targets.items() if point == path[-1])
             waiting.remove(reached)
             joined.append(reached)
-
-    def _take(self, k: int, path: list[int], other_wires: dict[int, int]) -> None:
-        laid = self.laid[k]
-        for a, b in pairwise(path):
-            direction = self.steps.index(b - a)
-            laid[a] = laid.get(a, 0) | 1 << direction
-            laid[b] = laid.get(b, 0) | 1 << (direction + 2) % 4
-        for point in path:
-            if point in other_wires and not _crosses(laid[point], other_wires[point]):
-                self.faults[k] += 1
 
     def _path(self, k: int, other_wires: dict[int, int], joined: list[int],
               targets: dict[tuple[int, int], int]) -> list[int] | None:

@@ -9,7 +9,7 @@ from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.presentation import readable, unit_label
 from heavebond.equations.connect import Network
 from heavebond.equations.expanded import Expanded, Leaf
-from heavebond.language.definition import Body, Component, FileInput, Value
+from heavebond.language.definition import Component, FileInput, Value
 from heavebond.pictures.text_metrics import shortened
 from heavebond.text.expression import Number, names
 from heavebond.text.shapes import whole_number
@@ -145,27 +145,25 @@ class _Reader:
         for path in expanded.junctions:
             self.elements.setdefault(_base(path), []).append(path)
         for path in self.drawn:
-            self._net(path)
-
-    def _net(self, path: str) -> None:
-        """Sort the ends of a node: on its sheet, further out (`block.node: [+leak.a]`), and inside a block (`node:
-        [block.part.a]`)."""
-        junction, scope = self.expanded.junctions[path], _owner(path)
-        domain = self._domain(path)
-        own_ends: list[tuple[str, str]] = []
-        outside: dict[str, list[tuple[str, str]]] = {}
-        for end in junction.ends:
-            home = _owner(end.leaf) if end.sign > 0 else end.leaf
-            ends = own_ends if home == scope else outside.setdefault(home, [])
-            ends.append((end.leaf.rpartition(".")[2], end.port) if end.sign > 0 else ("", end.port))
-        name = _base(path).rpartition(".")[2]
-        for home in [home for home in outside if home.startswith(f"{scope}." if scope else "") and home]:
-            own_ends.append(self._inwards(path, name, domain, home, outside.pop(home)))
-        self._outwards(path, domain, outside)
-        if outside:
-            own_ends.append(("", f":{name}"))
-        self.nets.setdefault(scope, []).append(Net(path, name, domain, tuple(own_ends), size=len(self.elements[_base(path)]),
-                                                   chosen=self._chosen(path)))
+            # sort the ends of a node: on its sheet, further out (`block.node: [+leak.a]`), and inside a block (`node:
+            # [block.part.a]`)
+            junction, scope = self.expanded.junctions[path], _owner(path)
+            index = self.network.group_of_node.get(path)
+            domain = "signal" if index is None else self.network.groups[index].domain
+            own_ends: list[tuple[str, str]] = []
+            outside: dict[str, list[tuple[str, str]]] = {}
+            for end in junction.ends:
+                home = _owner(end.leaf) if end.sign > 0 else end.leaf
+                ends = own_ends if home == scope else outside.setdefault(home, [])
+                ends.append((end.leaf.rpartition(".")[2], end.port) if end.sign > 0 else ("", end.port))
+            name = _base(path).rpartition(".")[2]
+            for home in [home for home in outside if home.startswith(f"{scope}." if scope else "") and home]:
+                own_ends.append(self._inwards(path, name, domain, home, outside.pop(home)))
+            self._outwards(path, domain, outside)
+            if outside:
+                own_ends.append(("", f":{name}"))
+            self.nets.setdefault(scope, []).append(Net(path, name, domain, tuple(own_ends),
+                                                       size=len(self.elements[_base(path)]), chosen=self._chosen(path)))
 
     def _chosen(self, path: str) -> dict[tuple[str, str], str]:
         """The ends of a wire that are parts of a vector, in the notation of diagrams; ends of a matrix are omitted."""
@@ -208,17 +206,23 @@ class _Reader:
             ends, home, first = [(home.rpartition(".")[2], port)], _owner(home), False
         return ends[0]
 
-    def _domain(self, path: str) -> str:
-        index = self.network.group_of_node.get(path)
-        return "signal" if index is None else self.network.groups[index].domain
-
     def sheet(self, scope: str) -> Sheet:
-        body = self._body(scope)
+        body = self.expanded.leaves[scope].component.body if scope else self.expanded.model.body
         parts = {}
         for path, leaf in self.expanded.leaves.items():
             if path and _owner(path) == scope:  # a block by itself has an empty path
                 name = path.rpartition(".")[2]
-                parts[name] = self._part(path, name, leaf, body)
+                instance = body.instances.get(name)
+                at = instance.at if instance is not None else None
+                bindings = {**leaf.parameters, **leaf.inputs}
+                settings_written = instance.settings if instance is not None else {}
+                values = tuple(f"{key} = {_value_text(bound.value, _unit(leaf.component, key))}"
+                               for key, bound in bindings.items() if key in settings_written
+                               or f"{path}.{key}" in self.expanded.model.settings)
+                inside = self.sheet(path) if path in self.opened else None
+                inputs = tuple(k for k, s in leaf.component.signals.items() if s.direction == "in")
+                parts[name] = Part(path, name, leaf.component, self._ports(path, leaf), inputs, (at[0], at[1]) if at
+                                   else None, values, inside, int(at[2]) if at and len(at) > 2 else None)
         owner = self.expanded.leaves.get(scope)
         ports = self._ports(scope, owner) if owner else {}
         formulas = [net for part in parts.values() for net in self._formulas(part)]
@@ -230,21 +234,6 @@ class _Reader:
             if isinstance(bound.value, Value) and any("." in read.text for read in names(bound.value.expr)):
                 text = shortened(bound.value.text.lstrip("= "), LONGEST_VALUE)
                 yield Net(f"{part.path}.{name}", text, "signal", ((part.name, name),), given=True)
-
-    def _body(self, scope: str) -> Body:
-        return self.expanded.leaves[scope].component.body if scope else self.expanded.model.body
-
-    def _part(self, path: str, name: str, leaf: Leaf, body: Body) -> Part:
-        instance = body.instances.get(name)
-        at = instance.at if instance is not None else None
-        bindings = {**leaf.parameters, **leaf.inputs}
-        settings_written = instance.settings if instance is not None else {}
-        values = tuple(f"{key} = {_value_text(bound.value, _unit(leaf.component, key))}" for key, bound in bindings.items()
-                       if key in settings_written or f"{path}.{key}" in self.expanded.model.settings)
-        inside = self.sheet(path) if path in self.opened else None
-        inputs = tuple(k for k, s in leaf.component.signals.items() if s.direction == "in")
-        return Part(path, name, leaf.component, self._ports(path, leaf), inputs, (at[0], at[1]) if at else None, values,
-                    inside, int(at[2]) if at and len(at) > 2 else None)
 
     def _ports(self, path: str, leaf: Leaf) -> dict[str, str]:
         """Every port with its domain, the elements of arrays one by one."""

@@ -10,14 +10,20 @@ E1049-85.
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import DataError, Problem, UsageError
+from heavebond.core.units import UnitProblem, read_unit
+from heavebond.records.measurements import check_time, column, read_table, samples, timed
+from heavebond.records.saved_runs import read_run
 
 Array = NDArray[np.float64]
 UNEVEN = 1e-3  # relative difference of steps that count as even
@@ -26,6 +32,7 @@ ROUNDING = 1e-6  # relative to the largest cycle: error of an integrator on a st
 SEGMENTS = 8  # segments that overlap by half, if a record is long enough for so many
 WAVES = 20  # least number of waves in a segment of the spectrum, if the record has them
 STILL = 1e-12  # relative size below which a signal counts as constant
+_HEAD = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*")
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,3 +232,47 @@ def _extracted(values: Array) -> Array:
 
     cycles = np.array([*extract_cycles(values.tolist())]).reshape(-1, 5)
     return np.asarray(cycles[cycles[:, 0] > ROUNDING * cycles[:, 0].max(initial=0.0)])
+
+
+def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, begin: float = 0.0,
+                 end: float = float("inf")) -> list[EvenSignal]:
+    """Signals of a file between two times (s).
+
+    A saved run has units; in a record `time` is the column of the times in s (the first by default), and a unit is read
+    from brackets in the header. DataError and UsageError as for these files.
+    """
+    try:
+        run = read_run(path)
+    except DataError as error:
+        if time is None and error.problems[0].code != "run-unreadable":
+            raise
+    except UsageError as error:
+        if error.problems[0].code != "file-suffix":
+            raise
+    else:
+        inside = (run.time >= begin) & (run.time <= end)
+        return [evenly(name, run.unit(name), run.time[inside], run.display[name][inside]) for name in names]
+    return _of_record(path, names, time, begin, end)
+
+
+def _of_record(path: Path, names: Sequence[str], time: str | None, begin: float, end: float) -> list[EvenSignal]:
+    table = read_table(path, beside=time)
+    time = time or table.header[0]
+    table = timed(table, time)
+    check_time(table, time)
+    signals = []
+    for name in names:
+        head = next((h for h in table.header if (m := _HEAD.fullmatch(h)) and m["name"] == name), name)
+        rows = samples(table, time, head)
+        t = column(table, time)[rows]
+        inside = (t >= begin) & (t <= end)
+        signals.append(evenly(name, _unit(head), t[inside], column(table, head)[rows][inside]))
+    return signals
+
+
+def _unit(head: str) -> str:
+    known = _HEAD.fullmatch(head)
+    try:
+        return read_unit(known["unit"]).text if known else ""
+    except UnitProblem:
+        return ""

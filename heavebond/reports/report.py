@@ -29,7 +29,6 @@ from heavebond.localise.misfit import Localization
 from heavebond.pictures.drawing import draw
 from heavebond.pictures.markup import Html, data_block, element, joined, page, table
 from heavebond.reports.report_charts import BLUE, Fall, ladder, swatch
-from heavebond.reports.report_separation import separating
 from heavebond.reports.report_series import ModelStyle, key, packed, record_section, shown_rungs
 from heavebond.reports.report_tables import (
     explained,
@@ -37,6 +36,7 @@ from heavebond.reports.report_tables import (
     parameters,
     ranking,
     records,
+    separating,
     tests,
     tried,
     valued,

@@ -13,7 +13,7 @@ from heavebond.equations.flatten import Flat
 from heavebond.equations.resolver import Bond
 from heavebond.language.symbols import stack
 from heavebond.linear.linearisation import ModesAtStart
-from heavebond.linear.modal_energy import energy_shares
+from heavebond.linear.modal_values import energy_shares
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Result
 from heavebond.studio.contents import Entry

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from heavebond.core.errors import Problem, Problems, UsageError, suggest
@@ -21,12 +22,12 @@ from heavebond.pictures.sheets import sheet
 from heavebond.studio.blocks import is_block, read_block
 from heavebond.studio.grid import Grid, cells_of, renumbered
 from heavebond.studio.job import Job
-from heavebond.studio.mentions import Named, deleted_mentions, renamed_mentions
-from heavebond.studio.values import place_of
-from heavebond.text.yaml_edits import Key, Tree, add_item, delete_entry, rename_key, set_entry, tree
-from heavebond.text.yaml_source import Scalar, parse, read
+from heavebond.text.yaml_edits import Key, Tree, add_item, delete_entry, rename_key, replace_scalars, set_entry, tree
+from heavebond.text.yaml_source import Mapping, Scalar, parse, read
 
 Entry = dict[str, Any]
+FIRST = re.compile(r"\.(\w+)")
+WORDS = {"view": ("is", "colour", "label"), "show": ("unit",), "components": ("is", "at"), "initial": ("start",)}
 
 
 @dataclass(frozen=True)
@@ -324,3 +325,125 @@ def section_before(text: str, section: str) -> str:
     known = COMPONENT_KEYS if "component" in present else MODEL_KEYS
     earlier = known[:known.index(section)]
     return next((key for key in reversed(present) if key in earlier), "")
+
+
+@dataclass(frozen=True)
+class Named:
+    """A name and its meaning: `name.member` belongs to the part if the part has that member or no node has the name, else
+    to the node."""
+
+    name: str
+    members: frozenset[str]
+    is_part: bool
+    is_node: bool
+
+    def pattern(self) -> re.Pattern[str]:
+        """Pattern of the name before a dot, and after neither a dot nor a letter; an index of a repeated part may follow
+        it.
+        """
+        return re.compile(rf"(?<![\w.]){re.escape(self.name)}(?=(?:\[[^\[\]]*\])?\.\w)")
+
+    def means(self, raw: str, match: re.Match[str], *, node: bool) -> bool:
+        """True if a mention in a formula belongs to the node, or else to the part."""
+        if self.is_part and self.is_node:
+            member = FIRST.search(raw, match.end())
+            return node != (member is not None and member.group(1) in self.members)
+        return True
+
+
+def _formula(path: tuple[Key, ...], raw: str) -> bool:
+    """True if names in a scalar are names of the diagram."""
+    section = path[0]
+    if path[-1] == ":":
+        return section in ("nodes", "set", "initial", "show") and len(path) == 3
+    if path[-1] in WORDS.get(str(section), ()):
+        return False
+    if section in ("parameters", "components", "set", "simulate"):
+        return re.sub(r"^[|>][^\n]*\n", "", raw).lstrip().lstrip("'\"").startswith("=")  # also a formula in a block of text
+    return section in ("nodes", "initial", "show", "view", "equations", "stores", "dissipates", "requires")
+
+
+def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:
+    """Rename all mentions of the part, or of the `node`; keys that declare it stay."""
+    pattern = named.pattern()
+
+    def change(path: tuple[Key, ...], raw: str) -> str:
+        if path[0] == "components" and path[2:3] == ("data",) and raw.strip("'\"") == named.name and not node:
+            return new
+        if path[0] == "clocks" and path[2:3] == ("parts",) and not node:
+            return re.sub(rf"(?<![\w.]){re.escape(named.name)}(?!\w)", new, raw)
+        if not _formula(path, raw):
+            return raw
+        wires = path[0] == "nodes"
+        if wires and node and path[-1] != ":":
+            return raw
+
+        def put(match: re.Match[str]) -> str:
+            mine = (not node) if wires or path[0] == "set" else named.means(raw, match, node=node)
+            return new if mine else match.group()
+
+        return pattern.sub(put, raw)
+
+    return replace_scalars(text, change)
+
+
+def deleted_mentions(text: str, named: Named, *, node: bool) -> str:
+    """Remove outputs, initial conditions, settings and shapes that mention the part, or the `node`. Formulas of other
+    parts stay, and `check` reports them."""
+    root_tree = tree(parse(text).root)
+    assert isinstance(root_tree, dict)
+    pattern = named.pattern()
+
+    def mentions(value: Tree, *, setting: bool = False) -> bool:
+        if isinstance(value, str):
+            return any(setting or named.means(value, mention, node=node) for mention in pattern.finditer(value))
+        inner = value.values() if isinstance(value, dict) else value
+        return any(mentions(item) for item in inner)
+
+    for section in ("set", "initial", "show", "view"):
+        entries = root_tree.get(section)
+        for name, value in reversed(entries.items()) if isinstance(entries, dict) else ():
+            keyed = section != "view" and mentions(name, setting=section == "set") and not (section == "set" and node)
+            if keyed or (section in ("show", "view") and mentions(value)):
+                text = delete_entry(text, (section, name))
+            elif section == "initial" and isinstance(value, list):
+                for k in reversed([k for k, item in enumerate(value) if mentions(item)]):
+                    text = delete_entry(text, (section, name, k))
+    return text
+
+
+def with_values(text: str, values: Dictionary[str, str]) -> str:
+    """Set values of parameters by their paths; see `set_entry`."""
+    for path, value in values.items():
+        text = set_entry(text, place_of(parse(text).root, path), value)
+    return text
+
+
+def with_records(text: str, files: Sequence[str]) -> tuple[str, list[str]]:
+    """Add records to the text of an experiment; returns it and their names. Existing records are skipped."""
+    names = []
+    for file in files:
+        entries = parse(text).root.items.get("records")
+        known = entries.items if isinstance(entries, Mapping) else {}
+        if any(isinstance(r, Mapping) and getattr(r.items.get("file"), "text", "") == file for r in known.values()):
+            continue
+        stem = re.sub(r"\W+", "_", PurePosixPath(file).stem).strip("_") or "record"
+        name = next(n for k in range(1, 10_000) if (n := stem if k == 1 else f"{stem}_{k}") not in known)
+        text = set_entry(text, ("records", name), {"file": file, "use": "validate"})
+        names.append(name)
+    return text, names
+
+
+def place_of(root: Mapping, path: str) -> tuple[str, ...]:
+    """The keys under which a parameter is set: in `set:` if it is there already, else at the diagram's parameter (for a
+    component: its default) or at the part, else under `set:`, which also overrides a diagram that is extended."""
+    settings = root.items.get("set")
+    if isinstance(settings, Mapping) and path in settings.items:
+        return "set", path
+    owner, _, name = path.rpartition(".")
+    if not owner:
+        return ("parameters", name, "default") if "component" in root.items else ("parameters", name)
+    parts = root.items.get("components")
+    if "extends" not in root.items and isinstance(parts, Mapping) and isinstance(parts.items.get(owner), Mapping):
+        return "components", owner, name
+    return "set", path

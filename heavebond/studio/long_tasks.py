@@ -202,7 +202,7 @@ def tuned(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     from heavebond.optimise.objective import Objective
     from heavebond.optimise.robustness import robustness
     from heavebond.optimise.tuning import tune, tuned_diagram
-    from heavebond.reports.tuning_tables import tuning_figures, tuning_items
+    from heavebond.reports.study_tables import tuning_figures, tuning_items
     from heavebond.studies.tuning_request import tuning_request, with_free
 
     asked = tuning_request(str(path), str(options["cost"]) if options.get("cost") else None,

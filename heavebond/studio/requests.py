@@ -9,10 +9,10 @@ from typing import Any
 
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.writable import confined
+from heavebond.studio.diagram_edits import with_records, with_values
 from heavebond.studio.folder import BUNDLED, EMPTY, NEW, bundled_machines
 from heavebond.studio.long_jobs import known
 from heavebond.studio.tab import Handler, Tab, document_entry, times
-from heavebond.studio.values import with_records, with_values
 from heavebond.studio.workers import LOST, Answer
 
 HANGS = 10.0  # s of a check after which a newer one replaces it

@@ -6,9 +6,8 @@ import re
 from typing import Any
 
 from heavebond.core.errors import Problem, UsageError, listing
-from heavebond.studio.diagram_edits import Diagram, Entry, free_name, with_entry, without_node
+from heavebond.studio.diagram_edits import Diagram, Entry, free_name, renamed_mentions, with_entry, without_node
 from heavebond.studio.job import Job
-from heavebond.studio.mentions import renamed_mentions
 from heavebond.text.yaml_edits import add_item, delete_entry
 
 SIGNAL = "signal"
