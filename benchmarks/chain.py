@@ -33,7 +33,7 @@ def assembled(masses: int) -> Assembly:
 
 def ours(masses: int) -> Array:
     """Position of the last mass after 0.1, 0.2 ... 10 s: read, assembled, integrated."""
-    return hb.Simulator(assembled(masses), tolerances=TOLERANCES).run()["end.x"][1:]
+    return hb.Simulator(assembled(masses), tolerances=TOLERANCES).run().si["end.x"][1:]
 
 
 def by_hand(masses: int) -> Array:

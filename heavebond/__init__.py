@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from heavebond.optimise.tuning import Tuned, tune
     from heavebond.pictures.drawing import draw
     from heavebond.records.saved_runs import SavedRun, read_run
+    from heavebond.records.signal_array import Signal
     from heavebond.studies.campaign import StudyResult, run_study
     from heavebond.studies.study import Study, load_study
 
@@ -70,6 +71,7 @@ _EXPORTS = {
     "core.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",
                      "UsageError"),
     "records.saved_runs": ("read_run", "SavedRun"),
+    "records.signal_array": ("Signal",),
     "diagnosis.candidates.places": ("candidates",),
     "estimation.comparison": ("compare", "Comparison"),
     "diagnosis.attempt": ("attempt",),
@@ -95,7 +97,7 @@ _EXPORTS = {
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Diagram", "Experiment", "Fit", "FoundLaw", "HeavebondError", "Laws",
-    "Localization", "Model", "ModelError", "Result", "RunWarning", "SavedRun", "SimulationError", "Simulator",
+    "Localization", "Model", "ModelError", "Result", "RunWarning", "SavedRun", "Signal", "SimulationError", "Simulator",
     "StartError", "StateSpace", "Study", "StudyResult", "Tuned", "TuningProblem", "UsageError", "assemble", "attempt",
     "audit", "candidates", "compare", "diagnose", "draw", "find_laws", "fit", "ladder", "load", "load_experiment",
     "load_study", "loads", "localize", "loop_crossings", "loop_margins", "read_run", "root_locus", "run_study",

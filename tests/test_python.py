@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
+import pickle
 import re
 import sys
 from collections.abc import Callable
@@ -104,14 +106,96 @@ def test_an_output_in_millimetres_is_not_taken_for_metres(tmp_path: Path) -> Non
     run = hb.simulate(hb.loads(TRAP))
     run.save(tmp_path / "run.csv")
     for one in (run, hb.read_run(tmp_path / "run.csv")):
-        with pytest.raises(hb.UsageError, match="signal-unit") as caught:
-            one["error"]
-        assert 'r.si["error"]' in str(caught.value) and 'r.display["error"]' in str(caught.value)
+        signal = one["error"]
+        assert (signal.unit, signal.name) == ("mm", "error") and (signal.time == one.time).all()
+        for wrong in (lambda s: s - 0.02, lambda s: s > 0.02, lambda s: 2 * s, np.sin, lambda s: np.maximum(s, 1.0),
+                      lambda s: s + np.ones(len(s)), lambda s: s[0] - 0.02, lambda s: s.max() * 2):
+            with pytest.raises(hb.UsageError, match="signal-unit") as caught:
+                wrong(signal)
+            assert 'r.si["error"]' in str(caught.value) and 'r.display["error"]' in str(caught.value)
         assert one.si["error"][0] == pytest.approx(0.02) and one.si.unit("error") == "m"
         assert one.display["error"][0] == pytest.approx(20.0) and one.display.unit("error") == one.unit("error") == "mm"
         assert (one["place"] == one.si["place"]).all() and (one["cart.x"] == one.display["cart.x"]).all()
-        assert "error" in one.si and "nowhere" not in one.display and len(one.si) == len(one.names())
+        assert "error" in one and "nowhere" not in one.display and len(one.si) == len(one.names()) == len(list(one))
+        assert one._ipython_key_completions_() == one.si._ipython_key_completions_() == one.names()
     assert (run.si["error"] == run["cart.x"]).all()
+
+
+def test_arithmetic_with_units() -> None:
+    run = hb.simulate(hb.loads(TRAP))
+    error, x, v, force = run["error"], run["cart.x"], run["cart.v"], run["spring.F"]
+    assert (error - x).unit == "mm" and np.abs((error - x).magnitude).max() < 1e-9
+    assert (x - error).unit == "m" and (x - error).time is not None and (x + 1.0).unit == "m"
+    assert (force * v).unit == "W" and (force * error).unit == "N*m" and (v**2).unit == "J/kg"
+    assert (force * error).magnitude == pytest.approx((force * x).magnitude)
+    assert np.sqrt(v**2).unit == "m/s" and (error / x).unit == "1" and (error / "20 mm")[0] == pytest.approx(1.0)
+    assert (error - "20 mm")[0].magnitude == 0 and ("0.02 m" - error)[0].magnitude == pytest.approx(0, abs=1e-12)
+    assert ("30 N/m" * x).unit == "N" and (error > "1 cm").tolist() == (x > 0.01).tolist()
+    assert isinstance(1000 * x, np.ndarray) and isinstance(np.sin(x), np.ndarray)  # the number may have a unit
+    assert (-error).unit == abs(error).unit == np.maximum(error, x).unit == "mm" and (error - 0).unit == "mm"
+    with pytest.raises(hb.UsageError, match="unit-wrong"):
+        force + x
+    with pytest.raises(hb.UsageError, match="unit-wrong"):
+        error - "3 N"
+    with pytest.raises(hb.UsageError, match="unit-wrong"):
+        error.to("N")
+    assert error.to("m").magnitude == pytest.approx(x.magnitude) and error.si.unit == "m" and x.si is x
+
+
+def test_values_of_a_signal() -> None:
+    run = hb.simulate(hb.loads(TRAP))
+    error, x = run["error"], run["cart.x"]
+    assert str(error.max()) == f"{error.magnitude.max()} mm" and f"{error.max():.1f}" == "20.0"
+    assert isinstance(x.max(), float)
+    assert error.std().unit == error.mean().unit == error.rms().unit == np.max(error).unit == np.mean(error).unit == "mm"
+    late = error.between("0.5 s", "1 s")
+    assert late.time is not None and late.time.tolist() == pytest.approx([0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
+    assert error.at("50 ms").magnitude == pytest.approx(error.magnitude[:2].mean())
+    assert error[2:4].time.tolist() == pytest.approx([0.2, 0.3])
+    for wrong in (lambda: error.between("2 s", "3 s"), lambda: error.at("-1 s"), lambda: error.max().between(0, 1)):
+        with pytest.raises(hb.UsageError):
+            wrong()
+    assert pickle.loads(pickle.dumps(error)).unit == "mm" and copy.deepcopy(error).name == "error"
+    assert repr(error).startswith("<Signal 'error' in mm: 11 values from 0 to 1 s, -19.8 to 20>")
+
+
+def test_temperatures_are_differences_in_kelvin() -> None:
+    warm = hb.Signal([20.0, 30.0], "degC", "warm")
+    assert (warm - hb.Signal([10.0, 10.0], "degC")).unit == "K" and (warm - "15 degC").tolist() == pytest.approx([5, 15])
+    assert warm.max().unit == "degC" and isinstance(warm.std(), float) and (warm > "25 degC").tolist() == [False, True]
+    assert warm.si.tolist() == pytest.approx([293.15, 303.15])
+    with pytest.raises(hb.UsageError, match="signal-unit"):
+        warm.rms()
+
+
+def test_other_packages_understand_a_signal(tmp_path: Path) -> None:
+    import matplotlib.pyplot as plt
+    import pandas as pd
+    import pint
+    import xarray as xr
+
+    run = hb.simulate(hb.loads(TRAP))
+    error, x = run["error"], run["cart.x"]
+    series = error.to_series()
+    assert series.index.name == "time [s]" and series.name == "error [mm]" and series.attrs["units"] == "mm"
+    assert pd.Series(error).std() == pytest.approx(series.std()) and pd.DataFrame({"e": error}).shape == (11, 1)
+    data = error.to_xarray()
+    assert data.attrs["units"] == "mm" and data.sel(time=0.5).item() == pytest.approx(error.at(0.5).magnitude)
+    assert isinstance(xr.DataArray(error, dims="time").data, np.ndarray)
+    metres = error.to_pint().to("m").magnitude
+    assert metres == pytest.approx(x.magnitude)
+    registry = pint.get_application_registry()
+    assert (error - registry.Quantity(0.02, "m"))[0].magnitude == pytest.approx(0, abs=1e-9)
+    figure, axes = plt.subplots()
+    axes.plot(run.time, run["error"])
+    axes.plot(run.time, hb.Signal(x.to("cm").magnitude, "cm"))  # in centimetres, on an axis of millimetres
+    with pytest.raises(hb.UsageError, match="axis-unit"):
+        axes.plot(run.time, run["cart.x"])
+    axes.fill_between(run.time, run["error"], 0)
+    figure.savefig(tmp_path / "a.png")
+    assert axes.get_ylabel() == "[mm]" and axes.lines[1].get_ydata(orig=False) == pytest.approx(error.magnitude)
+    plt.close(figure)
+    assert error.plot().axes[0].get_ylabel().endswith("[mm]") or "mm" in error.plot().axes[0].get_ylabel()
 
 
 def test_tables_carry_units(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,7 +203,7 @@ def test_tables_carry_units(monkeypatch: pytest.MonkeyPatch) -> None:
     table = run.to_pandas(["error", "cart.v"])
     assert table.attrs["units"] == {"error [mm]": "mm", "cart.v [m/s]": "m/s"} and list(table) == list(table.attrs["units"])
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(hb.UsageError, match="pip install xarray"):
+    with pytest.raises(hb.UsageError, match=r"pip install .heavebond.xarray"):
         run.to_xarray()
 
 

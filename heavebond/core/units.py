@@ -23,7 +23,7 @@ from heavebond.core.numerals import NUMBER
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-    from pint import UnitRegistry
+    from pint import Quantity, UnitRegistry
 
 Dimension = tuple[tuple[str, Fraction], ...]
 PINT_BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K",
@@ -174,6 +174,15 @@ def _registry() -> UnitRegistry[Any]:
     registry.define("percent = 0.01 = %")
     registry.define("@alias revolution = rev")
     return registry
+
+
+def pint_quantity(values: NDArray[np.float64], unit: str) -> Quantity[Any]:
+    """A quantity of pint in its application registry, where a user's own quantities are."""
+    import pint
+
+    registry: Any = pint.application_registry
+    quantity: Quantity[Any] = registry.Quantity(values, _without_brackets(unit).replace("%", "percent"))
+    return quantity
 
 
 @lru_cache(maxsize=4096)

@@ -28,7 +28,8 @@ from heavebond.numerics.pointwise import undetermined
 from heavebond.numerics.run_verdict import DENSE, NOT_BECOME, Finding, Verdict
 from heavebond.numerics.start_stability import unstable_start
 from heavebond.numerics.validity import RunSection, judged, without_value
-from heavebond.records.saved_runs import SavedRun, Signals, check_si, write_run
+from heavebond.records.saved_runs import SavedRun, Signals, write_run
+from heavebond.records.signal_array import Signal
 from heavebond.text.expression import ExpressionProblem
 
 if TYPE_CHECKING:
@@ -73,9 +74,9 @@ def _kept(dense: Result) -> tuple[Result, Settle | None]:
 class Result:
     """A run: `time` (N,) in s, states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name.
 
-    `result.si["pull"]` (N,) is in SI, `result.display["pull"]` (N,) in the unit declared under `show:`.
-    `result["crown.x"]` is in SI; for an output declared in another unit it raises UsageError that names the two. A
-    signal may be any formula of names: `result["crown.x - platform.x"]`.
+    `result["pull"]` (N,) is a Signal: an array with its unit, which is the one declared under `show:`, else SI.
+    `result.si["pull"]` are plain numbers in SI, `result.display["pull"]` plain numbers in the declared unit. A signal may be
+    any formula of names: `result["crown.x - platform.x"]`.
 
     `quadratures` (n_q, N) are the integrals that the caller asked for, `p` (n_p,) the parameters at the start, `held`
     (n_h, N) the held variables, and `instants` the events; at an event the values are those after it. `stays` are the
@@ -318,10 +319,17 @@ class Result:
         """All signals in SI."""
         return Signals(self.names, self._in_si, self._si_unit)
 
-    def __getitem__(self, name: str) -> Array:
-        if (output := self.assembly.model.show.get(name)) is not None:
-            check_si(name, output.unit)
-        return self.si[name]
+    def __getitem__(self, name: str) -> Signal:
+        return Signal(self.signals([name])[name], self.unit(name), name, self.time)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names())
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names()
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return self.names()
 
     def _in_si(self, name: str) -> Array:
         output = self.assembly.model.show.get(name)

@@ -11,7 +11,10 @@ if TYPE_CHECKING:
 
     from heavebond.estimation.comparison import Comparison
     from heavebond.language.model import Model
+    from heavebond.numerics.dae import Array
     from heavebond.numerics.result import Result
+    from heavebond.records.saved_runs import SavedRun
+    from heavebond.records.signal_array import Signal
 
 
 @provides("Model._repr_svg_")
@@ -26,6 +29,22 @@ def _plot_of_run(result: Result, names: tuple[str, ...]) -> Figure:
     from heavebond.pictures.plot import plot_signals
 
     return plot_signals(result, names)
+
+
+@provides("Signal.plot")
+def _plot_of_signal(signal: Signal, time: Array) -> Figure:
+    from heavebond.pictures.plot import plot_runs
+    from heavebond.records.saved_runs import SavedRun
+
+    name = signal.name or "signal"
+    return plot_runs({name: SavedRun("", time, {name: signal.magnitude}, {name: signal.unit})}, [name])
+
+
+@provides("SavedRun.plot")
+def _plot_of_saved_run(run: SavedRun, names: tuple[str, ...]) -> Figure:
+    from heavebond.pictures.plot import plot_runs
+
+    return plot_runs({run.model: run}, names, title=run.model)
 
 
 @provides("Comparison.plot")

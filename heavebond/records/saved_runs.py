@@ -15,15 +15,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.core import facade
 from heavebond.core.errors import DataError, Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.core.writable import new_file
+from heavebond.records.signal_array import Signal, xarray_module
 from heavebond.records.text_tables import ROWS_LEFT, check_rows_left
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 _HEAD = re.compile(r"(?P<name>.+) \[(?P<unit>[^\[\]]*)\]")
@@ -52,25 +55,19 @@ class Signals(Mapping[str, Array]):
     def __contains__(self, name: object) -> bool:
         return name in self._names()
 
+    def _ipython_key_completions_(self) -> list[str]:
+        return self._names()
+
     def __repr__(self) -> str:
         return f"<Signals: {listing([f'{name} [{self.unit(name)}]' for name in self._names()[:8]])}>"
-
-
-def check_si(name: str, unit: str) -> None:
-    """Raise UsageError if `run[name]` could be in SI or in the declared unit."""
-    read = read_unit(unit)
-    if read.scale != 1.0 or read.offset:
-        base = dimension_text(read.dimension)
-        raise UsageError([Problem("signal-unit", f"r['{name}'] has no clear unit: '{name}' is declared in {unit}",
-                                  None, f'Write r.si["{name}"] for {base} or r.display["{name}"] for {unit}.')])
 
 
 @dataclass(frozen=True)
 class SavedRun:
     """A run without its diagram: `time` (N,) in s and `values`, signals (N,) by name in `units[name]`.
 
-    `run.si[name]` is in SI, `run.display[name]` in `run.unit(name)`; `run[name]` is in SI too and raises UsageError for
-    a signal that was saved in another unit. `solver` is the integrator and the reason for it (not stored in CSV).
+    `run[name]` is a Signal with its unit; `run.si[name]` are its numbers in SI, `run.display[name]` those in
+    `run.unit(name)`. `solver` is the integrator and the reason for it (not stored in CSV).
     """
 
     model: str
@@ -101,9 +98,29 @@ class SavedRun:
         """The signals in SI."""
         return Signals(self.names, self._in_si, lambda name: dimension_text(read_unit(self.unit(name)).dimension))
 
-    def __getitem__(self, name: str) -> Array:
-        check_si(name, self.unit(name))
-        return self._saved(name)
+    def __getitem__(self, name: str) -> Signal:
+        return Signal(self._saved(name), self.unit(name), name, self.time)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.values)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.values
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return self.names()
+
+    def plot(self, *names: str) -> Figure:
+        """A matplotlib figure of signals over time, of all if none is named: one axes per unit; UsageError for an unknown
+        name."""
+        for name in names:
+            self._saved(name)
+        figure: Figure = facade.call("SavedRun.plot", self, names or tuple(self.values))
+        return figure
+
+    def _repr_html_(self) -> str:
+        """The table of the signals and their plot, for notebooks."""
+        return str(facade.call("SavedRun._repr_html_", self))
 
     def _in_si(self, name: str) -> Array:
         unit = read_unit(self.unit(name))
@@ -127,13 +144,10 @@ class SavedRun:
 
     def to_xarray(self) -> xr.Dataset:
         """A dataset over `time`, each variable with its unit as `attrs["units"]`; UsageError if xarray is missing."""
-        try:
-            import xarray as xr
-        except ImportError:
-            raise UsageError([Problem("xarray-missing", "a dataset needs xarray, which is not installed", None,
-                                      "pip install xarray")]) from None
-        return xr.Dataset({name: ("time", values, {"units": self.units[name]}) for name, values in self.values.items()},
-                          {"time": ("time", self.time, {"units": "s"})}, {"model": self.model, "solver": self.solver})
+        dataset: xr.Dataset = xarray_module().Dataset(
+            {name: ("time", values, {"units": self.units[name]}) for name, values in self.values.items()},
+            {"time": ("time", self.time, {"units": "s"})}, {"model": self.model, "solver": self.solver})
+        return dataset
 
 
 def write_run(run: SavedRun, path: str | Path) -> None:

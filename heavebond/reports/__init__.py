@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from heavebond.estimation.fitting import Fit
     from heavebond.language.model import Model
     from heavebond.numerics.result import Result
+    from heavebond.records.saved_runs import SavedRun
 
 
 @provides("Model._repr_html_")
@@ -26,6 +27,13 @@ def _result(result: Result) -> str:
     from heavebond.reports.notebook import result_html
 
     return result_html(result)
+
+
+@provides("SavedRun._repr_html_")
+def _saved_run(run: SavedRun) -> str:
+    from heavebond.reports.notebook import saved_run_html
+
+    return saved_run_html(run)
 
 
 @provides("Comparison._repr_html_")

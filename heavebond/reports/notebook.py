@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from heavebond.language.model import Model
     from heavebond.numerics.extremes import SignalFigures
     from heavebond.numerics.result import Result
+    from heavebond.records.saved_runs import SavedRun
 
 MOST_POINTS = 20_000  # maximum number of points of an SVG figure, about 0.3 MB
 MOST_AXES = 12  # maximum number of axes of a figure
@@ -77,6 +78,21 @@ def result_html(result: Result) -> Html:
     picture = [_figure(plot_signals(result, names), points, "signals over time")] if few else []
     return element("div", _heading(result.assembly.model.name, span), element("p", f"Verdict: {result.verdict}"), made,
                    *_more(shown), *picture)
+
+
+def saved_run_html(run: SavedRun) -> Html:
+    """A run that was read from a file: the first, minimum, maximum and last value of each signal, and the plot."""
+    from heavebond.numerics.extremes import signal_figures
+    from heavebond.pictures.plot import plot_runs
+
+    names = [name for name in run.names() if len(run.time)][:MOST_ROWS]
+    rows = [_course(name, run.unit(name), float(run.display[name][0]), signal_figures(run.time, run.display[name]))
+            for name in names]
+    few = 0 < len(names) <= MOST_AXES
+    picture = [_figure(plot_runs({run.model: run}, names), len(names) * len(run.time), "signals over time")] if few else []
+    return element("div", _heading(run.model, count(len(run.time), "point")),
+                   table(("signal", "unit", "start", "minimum", "maximum", "end"), rows, numbers=range(2, 6)),
+                   *_more(run.names()), *picture)
 
 
 def comparison_html(comparison: Comparison) -> Html:
