@@ -49,7 +49,9 @@ def loaded(folder, interpolation: str = "spline", smooth: str = "0.5 Hz"):
 def proposal(folder):
     experiment = loaded(folder).inputs["vessel.u"]
     from dataclasses import replace
-    return proposed_smoothing(replace(experiment, file=folder / "record.csv", time_column="t", smooth=None))
+
+    from heavebond.records.time_axis import TimeAxis
+    return proposed_smoothing(replace(experiment, file=folder / "record.csv", time=TimeAxis("t"), smooth=None))
 
 
 def test_noise_and_steps_of_a_position_are_seen_and_a_clean_one_is_left_alone(tmp_path):

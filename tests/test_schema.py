@@ -74,6 +74,13 @@ def test_every_bundled_file_is_valid(path: Path, known: object) -> None:
     assert complaints(local, path.read_text()) == []
 
 
+@pytest.mark.parametrize(("time", "valid"), [("{column: t, unit: s}", True), ("{every: 20 ms, from: 2 s}", True),
+                                              ("{every: 20 ms, column: t}", False), ("{from: 2 s}", False)])
+def test_the_times_of_an_experiment(time: str, valid: bool, known: object) -> None:
+    text = f"experiment: e\nmodel: m.yaml\nrecords: {{r: {{file: r.csv, use: fit}}}}\ntime: {time}\n"
+    assert (complaints(known, text) == []) == valid
+
+
 @pytest.mark.long
 @for_each("page", PAGES, ids=lambda p: p.stem)
 def test_every_file_of_the_documentation_is_valid(page: Path, tmp_path: Path) -> None:

@@ -172,7 +172,7 @@ def test_the_columns_of_the_bundled_records_are_recognised() -> None:
         experiment = load_experiment(name)
         record = next(iter(experiment.records.values()))
         found = propose(read_table(record.file), assemble(experiment.model))
-        wanted = {experiment.time_column: ("time", ""), **{g.column: ("input", n) for n, g in experiment.inputs.items()},
+        wanted = {experiment.time.column: ("time", ""), **{g.column: ("input", n) for n, g in experiment.inputs.items()},
                   **{o.column: ("output", o.shown.text) for o in experiment.outputs.values()}}
         assert {c.name: (c.role, c.target) for c in found.columns if c.role} == wanted, name
 

@@ -112,7 +112,7 @@ def made(case: Case, folder: Path, seed: str = "compensator") -> tuple[Experimen
     for name, record in base.records.items():
         machine = hb.loads(_at_sea(case.rig.truth.path, *SEAS[name], case.height), folder)
         run = hb.Simulator(hb.assemble(machine), times=time, tolerances=TIGHT).run(detailed({**values, **case.numbers}))
-        columns = {base.time_column: time, base.inputs["vessel.u"].column: run["platform.x"]}
+        columns = {base.time.column: time, base.inputs["vessel.u"].column: run["platform.x"]}
         for shown, output in base.outputs.items():  # both diagrams show what is measured by the same names
             columns[output.column] = run.display[shown] + (output.noise or 0.0) * rng.standard_normal(len(time))
         records[name] = replace(record, file=folder / f"{name}.csv")

@@ -150,7 +150,7 @@ def made(case: Case, folder: Path, seed: str = STUDY) -> tuple[Experiment, dict[
         moving = sea(*SEAS[name], case.height)
         parameters = machine({**differences, **values, **case.numbers}, case.passive)
         run = reference.simulate(parameters, fine, heave=moving, rtol=1e-9)
-        columns = {base.time_column: time, base.inputs["vessel.u"].column: run["platform"][::FINE]}
+        columns = {base.time.column: time, base.inputs["vessel.u"].column: run["platform"][::FINE]}
         for shown, output in base.outputs.items():
             columns[output.column] = recorded(case, run, fine, shown, output.noise or 0.0, rng)
         records[name] = replace(record, file=folder / f"{name}.csv")

@@ -67,7 +67,7 @@ def at_records(base: Experiment, folder: Path, kind: str) -> Experiment:
 
 def write(path: Path, base: Experiment, rig: Rig, t: Array, u: Array, y: Array | None = None) -> None:
     """A record as it comes from a machine; without outputs (channels, N) they are zero."""
-    columns = {base.time_column: t, base.inputs[rig.input].column: u}
+    columns = {base.time.column: t, base.inputs[rig.input].column: u}
     for k, output in enumerate(base.outputs.values()):
         columns[output.column] = y[k] if y is not None else np.zeros(len(t))
     pd.DataFrame(columns).to_csv(path, index=False, float_format="%.10g")

@@ -301,9 +301,9 @@ def _written(name: str, made: Made, root: Path) -> None:
     records: dict[str, dict[str, str]] = {}
     for key, record in experiment.records.items():
         table = pd.read_csv(record.file)
-        kept = (table[experiment.time_column] >= (record.begin if record.begin is not None else -np.inf)) & (
-            table[experiment.time_column] <= (record.end if record.end is not None else np.inf))
-        table = table[kept][[experiment.time_column, *(i.column for i in inputs.values()),
+        kept = (table[experiment.time.column] >= (record.begin if record.begin is not None else -np.inf)) & (
+            table[experiment.time.column] <= (record.end if record.end is not None else np.inf))
+        table = table[kept][[experiment.time.column, *(i.column for i in inputs.values()),
                                           *(column for column, _ in outputs.values())]]
         records[key] = {"file": f"{key}.csv", "use": "score" if key == scored else record.use}
         if key == scored:
@@ -311,7 +311,7 @@ def _written(name: str, made: Made, root: Path) -> None:
             table = table.drop(columns=[column for column, _ in outputs.values()])
         table.to_csv(folder / f"{key}.csv", index=False, float_format=DIGITS)
     content = {
-        "case": name, "time": experiment.time_column, "records": records,
+        "case": name, "time": experiment.time.column, "records": records,
         "inputs": {key: {"column": i.column, "unit": i.unit, **_si(i.unit), "interpolation": i.interpolation}
                    for key, i in inputs.items()},
         "outputs": {key: {"column": column, "unit": unit, **_si(unit), "noise": made.noise[key] * read_unit(unit).scale}
@@ -345,7 +345,7 @@ def _experiment_text(name: str, made: Made, folder: Path, records: Mapping[str, 
     lines = [f"experiment: {name}", f"model: {quoted(Path(file).as_posix())}", "records:"]
     lines += [f"  {key}: {{file: {key}.csv, use: {entry['use']}}}" for key, entry in records.items()
               if entry["use"] != "score"]
-    lines += [f"time: {{column: {experiment.time_column}, unit: s}}", "inputs:"]
+    lines += [f"time: {{column: {experiment.time.column}, unit: s}}", "inputs:"]
     lines += [f"  {key}: {{column: {i.column}, unit: {quoted(i.unit)}, interpolation: {i.interpolation}}}"
               for key, i in inputs.items()]
     lines.append("outputs:")

@@ -18,8 +18,10 @@ HEAD = ("column", "is", "of", "unit")
 @click.argument("records", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--from", "origin", metavar="MACHINE | DIAGRAM", help="Copy a bundled machine, e.g. --from passive_rig; with "
               "records, the diagram of the machine that was measured.")
+@click.option("--every", metavar="TIME", help="With records that have a fixed rate and no times: the time between two rows, "
+              "e.g. --every '10 ms'.")
 @json_option
-def new(target: Path, records: tuple[Path, ...], origin: str | None) -> dict[str, object]:
+def new(target: Path, records: tuple[Path, ...], origin: str | None, every: str | None) -> dict[str, object]:
     """Create FOLDER with a diagram, an experiment, records and a README with the commands to type.
 
     Without --from it is a load on a spring, with records that contain one effect which the diagram lacks.
@@ -34,7 +36,7 @@ def new(target: Path, records: tuple[Path, ...], origin: str | None) -> dict[str
     from heavebond.estimation.starter_folder import start_folder
 
     if records or target.suffix in (".yaml", ".yml"):
-        return _experiment(target, origin, records)
+        return _experiment(target, origin, records, every or "")
     with terminal.working("writing"):
         starter = start_folder(target, origin)
     console = terminal.output()
@@ -45,7 +47,7 @@ def new(target: Path, records: tuple[Path, ...], origin: str | None) -> dict[str
     return {"folder": str(target), "files": [str(path) for path in starter.files]}
 
 
-def _experiment(path: Path, origin: str | None, records: tuple[Path, ...]) -> dict[str, object]:
+def _experiment(path: Path, origin: str | None, records: tuple[Path, ...], every: str) -> dict[str, object]:
     from heavebond.commands import terminal
     from heavebond.core.writable import write_text
     from heavebond.estimation.proposed_experiment import proposed_text
@@ -57,7 +59,7 @@ def _experiment(path: Path, origin: str | None, records: tuple[Path, ...]) -> di
                                   f"{origin or 'machine.yaml'} {' '.join(map(str, records)) or 'record.csv'}`.")])
     check_new(path, (".yaml", ".yml"))
     with terminal.working("reading the records"):
-        text, proposal = proposed_text(path, load(origin), records)
+        text, proposal = proposed_text(path, load(origin), records, every)
     console = terminal.output()
     console.print(terminal.table("", HEAD, [(c.name, c.role or "not used", c.target, _unit(c.unit, c.unit_known))
                                             for c in proposal.columns], text=4))

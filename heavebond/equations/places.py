@@ -19,6 +19,7 @@ from heavebond.core.units import Unit
 from heavebond.equations.flatten import EquationRole, Flat, KnownInput
 from heavebond.language.definition import Domain, FileInput
 from heavebond.language.symbols import stack
+from heavebond.records.time_axis import TimeAxis
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ def with_virtual_sources(flat: Flat, nodes: Mapping[str, Node], file: Path) -> F
         name = f"virtual.{key}"
         symbols = ca.vertcat(*(ca.SX.sym("d" * k + name) for k in range(4)))
         # its file has the times of the samples: where these have a gap, the estimate is joined across it
-        source = FileInput(file, key, node.unit.text, "linear", place, "time", bridge=True)
+        source = FileInput(file, key, node.unit.text, "linear", place, TimeAxis("time"), bridge=True)
         inputs.append(KnownInput(name, source, node.unit, symbols))
         # what flows into the components sums to what the source delivers
         residuals[row] = residuals[row] - symbols[0]

@@ -23,6 +23,7 @@ from heavebond.language.model import Model, beside, beside_hint, find, load_besi
 from heavebond.language.sections import Condition, NamedOutput, Setting, read_conditions, read_settings, shown_as
 from heavebond.records.measurements import SUFFIXES
 from heavebond.records.noise import NoiseEstimate
+from heavebond.records.time_axis import TimeAxis
 from heavebond.text.dimensions import KELVIN, as_interval, origins
 from heavebond.text.expression import Name, calling, constant, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
@@ -32,18 +33,17 @@ RECORD_KEYS = ("file", "use", "from", "to", "set", "initial", "inputs", "outputs
 USES = ("fit", "validate", "test")
 EXAMPLES = {"records": "Write for example `records: {monday: {file: monday.csv, use: fit}}`.",
             "outputs": "Write for example `outputs: {crown.x: {column: crown_m, unit: m, noise: 1 mm}}`.",
-            "time": "Write for example `time: {column: time_s, unit: s}`."}
+            "time": f"Write {reading.TIME_EXAMPLE}."}
 FARTHEST = 6.0  # standard deviations below the mean at which the logarithm of a value that is not above zero is taken
 FIXED = "fixed"  # `free: {gas.c: fixed}` removes a parameter from the inherited list
 
 
 @dataclass(frozen=True)
 class Origin:
-    """File and time column of a channel if they differ from the record's."""
+    """File and times of a channel if they differ from the record's."""
 
     file: Path | None = None
-    time_column: str | None = None
-    time_unit: str = "s"
+    time: TimeAxis | None = None
 
 
 @dataclass(frozen=True)
@@ -144,8 +144,7 @@ class Experiment:
     path: Path
     model: Model
     records: dict[str, Record] = field(default_factory=dict)
-    time_column: str = ""
-    time_unit: str = "s"
+    time: TimeAxis = field(default_factory=TimeAxis)
     inputs: dict[str, FileInput] = field(default_factory=dict)
     outputs: dict[str, Output] = field(default_factory=dict)
     free: dict[str, Free] = field(default_factory=dict)
@@ -192,20 +191,17 @@ class Experiment:
         return replace(self.model, settings=settings, initial=initial, ends=None)
 
     def inputs_for(self, record: Record) -> dict[str, FileInput]:
-        """The measured inputs of a record by name, with file and time column."""
+        """The measured inputs of a record by name, with file and times."""
         inputs = {}
         for path, file_input in {**self.inputs, **record.inputs}.items():
             inputs[path] = file_input if file_input.file != Path() else replace(file_input, file=record.file)
-            if file_input.time_column is None:
-                inputs[path] = replace(inputs[path], time_column=self.time_column, time_unit=self.time_unit)
-            inputs[path] = replace(inputs[path], zero=(record.file, self.time_column))
+            inputs[path] = replace(inputs[path], time=file_input.time or self.time, zero=(record.file, self.time))
         return inputs
 
-    def origin_of(self, record: Record, name: str) -> Origin:
-        """File and time column of an output in a record."""
+    def origin_of(self, record: Record, name: str) -> tuple[Path, TimeAxis]:
+        """File and times of an output in a record."""
         common, origin = self.outputs[name].origin, record.origins.get(name, Origin())
-        timed = next((o for o in (origin, common) if o.time_column), Origin(None, self.time_column, self.time_unit))
-        return Origin(origin.file or common.file or record.file, timed.time_column, timed.time_unit)
+        return origin.file or common.file or record.file, origin.time or common.time or self.time
 
     def holds_out(self, record: Record) -> bool:
         """True if sections of a record are held out of the fit as validation data, because no other record is."""
@@ -319,16 +315,15 @@ class _Reader:
         experiment_read = replace(base, name=name, path=self.source.path, model=model) if base else \
             Experiment(name, self.source.path, model)
         time = root.items.get("time")
-        time_column, time_unit = reading.time_axis(time, problems) if time is not None else \
-            (experiment_read.time_column, experiment_read.time_unit)
+        axis = reading.time_axis(time, problems) if time is not None else base.time if base else None
         experiment = replace(
-            experiment_read, time_column=time_column or "", time_unit=time_unit,
+            experiment_read, time=axis or TimeAxis(),
             records={**experiment_read.records, **self._records(root.items.get("records"), experiment_read.records)},
             inputs={**experiment_read.inputs, **self._inputs(root.items.get("inputs"))},
             outputs={**experiment_read.outputs, **self._outputs(root.items.get("outputs"), experiment_read.outputs)},
             free=self._free(root.items.get("free"), experiment_read.free), files=(*experiment_read.files, self.source.path))
         experiment = with_inputs_moved(experiment, self._moves(root.items.get("inputs"), experiment))
-        for key, section in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time_column)):
+        for key, section in (("records", experiment.records), ("outputs", experiment.outputs), ("time", time or base)):
             if not section:
                 problems.add("key-missing", f"an experiment needs the entry '{key}'", root.place, hint=EXAMPLES[key])
         for record in experiment.records.values():
@@ -466,9 +461,8 @@ class _Reader:
 
     def _origin(self, entry: Mapping) -> Origin:
         file, time = entry.items.get("file"), entry.items.get("time")
-        column, unit_text = reading.time_axis(time, self.problems) if time is not None else (None, "s")
         path = self.source.path.parent / reading.text(file, "file", self.problems) if file is not None else None
-        return Origin(path, column, unit_text)
+        return Origin(path, reading.time_axis(time, self.problems) if time is not None else None)
 
     def _noise(self, node: Node | None, unit_text: str) -> float | None:
         """The `noise:` of a column in its unit."""

@@ -14,15 +14,25 @@ from pathlib import Path
 
 import numpy as np
 
-from heavebond.core.errors import DataError, HeavebondError, Problem, listing
+from heavebond.core.errors import DataError, HeavebondError, Problem, UsageError, listing
 from heavebond.core.presentation import number
-from heavebond.core.units import Unit, UnitProblem, as_meant, dimension_text, parse_quantity, read_unit, unknown_unit
+from heavebond.core.units import (
+    Unit,
+    UnitProblem,
+    as_meant,
+    check_unit,
+    dimension_text,
+    parse_quantity,
+    read_unit,
+    unknown_unit,
+)
 from heavebond.equations.parameters import declared
 from heavebond.language.definition import Value
 from heavebond.language.edits import block, extended_from, quoted
 from heavebond.language.model import Model
 from heavebond.numerics.dae import Array, Assembly, assemble
-from heavebond.records.measurements import BRIDGED, Table, gaps, read_table, timed
+from heavebond.records.measurements import BRIDGED, Table, gaps, increases, read_table, timed
+from heavebond.records.time_axis import FIXED_RATE, TimeAxis
 from heavebond.text.expression import Number
 
 # words and letters for a quantity, without information on the place of the sensor
@@ -80,11 +90,12 @@ class _Target:
     driving: bool = False
 
 
-def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = ()) -> Proposal:
-    """The probable role of the columns of a record for a diagram, in which the `open_inputs` have no value. DataError for
-    a record without a column of times."""
-    time = _time_column(table)
-    table = timed(table, time)
+def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = (), every: str = "") -> Proposal:
+    """The probable role of the columns of a record for a diagram, in which the `open_inputs` have no value. If the rows have
+    equal steps of `every` (`10 ms`), no column is a time."""
+    time = None if every else _time_column(table)
+    if time is not None:
+        table = timed(table, TimeAxis(time))
     inputs, outputs, signals = _inputs(assembly, open_inputs), _outputs(assembly), _signals(assembly)
     units = {name: table.unit_of(name) for name in table.header}
     # a diagram without outputs can be compared by the variables of its parts and nodes
@@ -101,6 +112,10 @@ def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = ()) -
         columns.append(_column(table, name, units[name], role, target))
         if units[name] is None and (unread := table.unit_text(name)):
             remarks.append(f"'{unread}', the unit of '{name}', is not known. {unknown_unit(unread)}")
+    if time is None and not every:
+        remarks.append(f"no column is a time, none increases from row to row. {FIXED_RATE}")
+    elif time is not None and _counts_rows(table, time):
+        remarks.append(f"'{time}' counts the rows. {FIXED_RATE}")
     if not inputs:
         remarks.append("no input of this diagram can be driven by a record: that needs a signal input that is given a value "
                        "and has no wire")
@@ -148,18 +163,21 @@ def _sketch(values: Array) -> tuple[float, ...]:
 
 
 # -- roles of columns -------------------------------------------------------------------------------------------------
-def _time_column(table: Table) -> str:
+def _time_column(table: Table) -> str | None:
     """The column of times: the first with such a name, else the first of clock times, else the first numeric one, with
-    increasing values."""
+    increasing values; None without one."""
     able = [name for name in table.header if name in table.columns or name in table.words or name in table.clocks]
-    called = [name for name in able if _words(name) & TIMES and (name not in table.columns or _rises(table.columns[name]))]
-    rising = [name for name in able if name in table.columns and _rises(table.columns[name])]
-    time_column = next(iter(called), None) or next((name for name in able if _is_clock(table, name)), None) or \
+    rising = [name for name in able if name in table.columns and increases(table.columns[name])]
+    called = [name for name in able if _words(name) & TIMES and (name not in table.columns or name in rising)]
+    return next(iter(called), None) or next((name for name in able if _is_clock(table, name)), None) or \
         next(iter(rising), None)
-    if time_column is None:
-        raise DataError([Problem("record-no-time", f"no column of '{table.path.name}' is a time: none increases from row to "
-                                 "row", None, "A record has one column of times, and one row for each instant.")])
-    return time_column
+
+
+def _counts_rows(table: Table, name: str) -> bool:
+    """True for a column 0, 1, 2, ... or 1, 2, 3, ... that is neither called a time nor has a unit."""
+    values = table.columns[name]
+    return not _words(name) & TIMES and table.unit_of(name) is None and values[0] in (0, 1) and bool(
+        np.all(np.diff(values) == 1))
 
 
 def _is_clock(table: Table, name: str) -> bool:
@@ -167,14 +185,9 @@ def _is_clock(table: Table, name: str) -> bool:
     if name in table.columns:
         return False
     try:
-        return _rises(timed(table, name).columns[name])
+        return increases(timed(table, TimeAxis(name)).columns[name])
     except DataError:
         return False
-
-
-def _rises(values: Array) -> bool:
-    finite = values[np.isfinite(values)]
-    return len(finite) > 1 and bool(np.all(np.diff(finite) > 0))
 
 
 def _inputs(assembly: Assembly, open_inputs: Sequence[str]) -> list[_Target]:
@@ -186,7 +199,8 @@ def _inputs(assembly: Assembly, open_inputs: Sequence[str]) -> list[_Target]:
             port = leaf.component.signals[name]
             words = frozenset({*_words(leaf.path), *(w for node in nodes for w in _words(node))})
             path = f"{leaf.path}.{name}"
-            possible_inputs.append(_Target(path, port.unit, port.doc, words, "input", bound.varies or path in open_inputs))
+            unit = assembly.flat.unknowns[assembly.flat.names[path]].unit  # that of the port may be generic ($U)
+            possible_inputs.append(_Target(path, unit, port.doc, words, "input", bound.varies or path in open_inputs))
     return sorted(possible_inputs, key=lambda t: not t.driving)
 
 
@@ -313,22 +327,25 @@ def _likeness(name: str, unit: tuple[str, Unit, bool] | None, target: _Target) -
 
 
 # -- the experiment ------------------------------------------------------------------------------------------------------
-def proposed_text(path: Path, model: Model, files: Sequence[Path]) -> tuple[str, Proposal]:
+def proposed_text(path: Path, model: Model, files: Sequence[Path], every: str = "") -> tuple[str, Proposal]:
     """The text of an experiment at `path` for a diagram and its records, proposed from the first of them, and the proposal.
 
     That record is fitted, the others validate. Numbers of the diagram that may be free are written as comments, and so
     are unrecognised columns, with the possible signals by their units. A record in which an input has a gap is cut to its
-    longest part without one. HeavebondError if no column is a time, or none can be an output.
+    longest part without one. `every` is the time between two rows of records without times (`10 ms`). HeavebondError if
+    no column is a time, or none can be an output.
     """
+    steps = _equal_steps(every) if every else None
     open_inputs = _open_inputs(model)
     assembly = assemble(model.with_parameters(dict.fromkeys(open_inputs, 0.0)))
     tables = {file: read_table(file) for file in files}
-    proposal = propose(tables[files[0]], assembly, open_inputs)
+    proposal = propose(tables[files[0]], assembly, open_inputs, every)
     chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in proposal.columns if c.role]
     uses = {file: "validate" if k else "fit" for k, file in enumerate(files)}
-    parts = {file: part for file, table in tables.items() if (part := _without_gaps(table, chosen)) is not None}
+    parts = {file: part for file, table in tables.items() if (part := _without_gaps(table, chosen, steps)) is not None}
     proposal = replace(proposal, remarks=(*proposal.remarks, *(part.words(file.name) for file, part in parts.items())))
-    text = experiment_text(path.stem, path, Records(model.path, uses, chosen, parts=parts), _unrecognised(proposal))
+    text = experiment_text(path.stem, path, Records(model.path, uses, chosen, parts=parts, every=every),
+                           _unrecognised(proposal))
     able = [f"#   {name}: {range_around(bound.value.text, TOLERANCE)}" for name, bound, _ in declared(assembly.flat.expanded)
             if name in assembly.parameter_values and bound.place.file == str(model.path) and isinstance(bound.value, Value)
             and isinstance(bound.value.expr, Number) and not bound.value.formula and bound.value.expr.value]
@@ -353,15 +370,30 @@ class Part:
             f"`from: {self.first}` to `to: {self.last}`; `gaps: bridge` at an input goes across"
 
 
-def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
+def _equal_steps(every: str) -> TimeAxis:
+    """The times of rows with the distance `every`; UsageError unless this is a time above 0."""
+    try:
+        step, unit = parse_quantity(every)
+        check_unit(unit, read_unit("s"), step, every)
+        if not 0 < step < np.inf:
+            raise UnitProblem("step-not-positive", f"a step of {every} is not above 0", "")
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"the time between two rows: {problem.message}", None,
+                                  problem.hint or "Write for example '10 ms'.")]) from None
+    return TimeAxis(every=step)
+
+
+def _without_gaps(table: Table, chosen: Sequence[Chosen], steps: TimeAxis | None) -> Part | None:
     """The longest part of a record in which no input has a gap that exceeds the limit of silent interpolation; None
-    without a gap, or if the record has other columns."""
+    without a gap, or if the record has other columns. `steps` are the times of rows without a column of times."""
     time = next((c for c in chosen if c.role == "time"), None)
     inputs = [c.column for c in chosen if c.role == "input" and c.column in table.columns]
-    if time is None or time.column not in table.header:
+    if steps is None and (time is None or time.column not in table.header):
         return None
+    axis = steps or TimeAxis(time.column if time is not None else "")
+    unit = time.unit if time is not None else axis.unit
     try:
-        times = timed(table, time.column).columns[time.column]
+        times = timed(table, axis).columns[axis.column]
     except (DataError, KeyError):
         return None  # `check` gives the reason
     holes: dict[tuple[float, float], None] = {}
@@ -377,7 +409,7 @@ def _without_gaps(table: Table, chosen: Sequence[Chosen]) -> Part | None:
     begins = [float(finite[0]), *(end for _, end in sorted(holes))]
     ends = [*(begin for begin, _ in sorted(holes)), float(finite[-1])]
     first, last = max(zip(begins, ends, strict=True), key=lambda part: part[1] - part[0])
-    return Part(f"{first:.9g} {time.unit}", f"{last:.9g} {time.unit}", tuple(dict.fromkeys(columns)))
+    return Part(f"{first:.9g} {unit}", f"{last:.9g} {unit}", tuple(dict.fromkeys(columns)))
 
 
 def _unrecognised(proposal: Proposal) -> list[str]:
@@ -413,14 +445,15 @@ class Chosen:
 
 @dataclass(frozen=True)
 class Records:
-    """Content of an experiment: its diagram, files with their uses, columns and ranges of free parameters, and the ranges
-    of cut files."""
+    """Content of an experiment: its diagram, files with their uses, columns and ranges of free parameters, the ranges of
+    cut files, and the time between two rows of files without times (`10 ms`)."""
 
     model: Path
     files: Mapping[Path, str]
     columns: Sequence[Chosen]
     free: Mapping[str, str] = field(default_factory=dict)
     parts: Mapping[Path, Part] = field(default_factory=dict)
+    every: str = ""
 
 
 def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequence[str] = ()) -> str:
@@ -430,9 +463,14 @@ def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequenc
     inputs = {c.target: f"{{column: {quoted(c.column)}, unit: {quoted(c.unit)}, interpolation: {c.interpolation}}}"
               for c in given.columns if c.role == "input"}
     outputs = dict(_output(c) for c in given.columns if c.role == "output")
-    if time is None or not (outputs or unrecognised):
-        raise HeavebondError([Problem("record-roles", "no column is the time" if time is None else "no column is an output",
-                                      None, "An experiment needs a column of times and at least one measured output.")])
+    if time is None and not given.every:
+        raise HeavebondError([Problem("record-no-time", "no column is the time", None,
+                                      f"A record has one column of times that increase from row to row. {FIXED_RATE}")])
+    if not (outputs or unrecognised):
+        raise HeavebondError([Problem("record-roles", "no column is an output", None,
+                                      "An experiment needs at least one measured output.")])
+    times = f"{{every: {quoted(given.every)}}}" if time is None else \
+        f"{{column: {quoted(time.column)}, unit: {quoted(time.unit)}}}"
     folder, records = path.resolve().parent, dict[str, str]()
     for file, use in given.files.items():
         inside = file.resolve().relative_to(folder) if file.resolve().is_relative_to(folder) else file.resolve()
@@ -441,7 +479,7 @@ def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequenc
         records[_free_name(file.stem, records)] = f"{{file: {quoted(inside.as_posix())}, use: {use}{cut}}}"
     unsure = ["# not recognised: remove the # of measured quantities, and give their formulas", *unrecognised]
     lines = [f"experiment: {quoted(name)}", f"model: {quoted(extended_from(path, given.model))}",
-             *block("records", records), f"time: {{column: {quoted(time.column)}, unit: {quoted(time.unit)}}}",
+             *block("records", records), f"time: {times}",
              *block("inputs", inputs), *(block("outputs", outputs) or ["outputs:"]),
              *(unsure if unrecognised else []),
              *block("free", {k: text if _RANGE.fullmatch(text) else quoted(text) for k, text in given.free.items()})]

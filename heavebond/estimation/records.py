@@ -21,9 +21,20 @@ from heavebond.estimation.unit_and_sign_checks import declared_otherwise, length
 from heavebond.language.definition import FileInput
 from heavebond.numerics.inputs import input_samples
 from heavebond.records import outliers
-from heavebond.records.measurements import BRIDGED, Table, check_gaps, check_time, column, gaps, read_table, samples, timed
+from heavebond.records.measurements import (
+    BRIDGED,
+    Table,
+    check_gaps,
+    check_time,
+    column,
+    gaps,
+    read_table,
+    samples,
+    timed,
+)
 from heavebond.records.metrics import autocorrelation
 from heavebond.records.noise import MIN_SAMPLES, NoiseEstimate, estimate_noise
+from heavebond.records.time_axis import TimeAxis
 from heavebond.text.expression import constant
 
 Array = NDArray[np.float64]
@@ -122,7 +133,7 @@ def measure(experiment: Experiment, record: Record) -> Measured:
     Raises DataError with all mistakes: files, columns, times, channels without or with too few samples, gaps in inputs,
     noise that is not given and cannot be estimated.
     """
-    problems, files = Problems(), _Files((record.file, experiment.time_column))
+    problems, files = Problems(), _Files((record.file, experiment.time))
     window, sampled = _window(experiment, record, files, problems)
     samples_by_name: dict[str, Samples] = {}
     for name in experiment.outputs:
@@ -180,38 +191,36 @@ def _smooth(variance: Array) -> Array:
 
 
 class _Files:
-    """The files of a record, each read once for every time column; clock times count from the first row of the record's
+    """The files of a record, each read once for every time axis; clock times count from the first row of the record's
     file (`zero`)."""
 
-    def __init__(self, zero: tuple[Path, str]) -> None:
-        self._tables: dict[tuple[Path, str], Table] = {}
+    def __init__(self, zero: tuple[Path, TimeAxis]) -> None:
+        self._tables: dict[tuple[Path, TimeAxis], Table] = {}
         self._zero = zero
 
-    def table(self, file: Path, time: str, place: Place, unit: str = "s") -> Table:
-        """The file at a place of the experiment; its channels and its time column, in a given unit."""
-        if (file, time) not in self._tables:
-            table = read_table(file, place=place, beside=time)
-            self._tables[file, time] = timed(table, time, unit=unit, zero=self._zero, place=place)
-        return self._tables[file, time]
+    def table(self, file: Path, axis: TimeAxis, place: Place) -> Table:
+        """The file at a place of the experiment: its channels and its times."""
+        if (file, axis) not in self._tables:
+            table = read_table(file, place=place, beside=axis.column)
+            self._tables[file, axis] = timed(table, axis, zero=self._zero, place=place)
+        return self._tables[file, axis]
 
 
 def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[list[str], dict[str, Unit]]:
     """Contradictions between the units of a file and of the experiment, for the times and each channel, once each; and
     these units, by output (TIME for times)."""
-    time_and_channels = [(TIME, record.file, experiment.time_column, experiment.time_column, experiment.time_unit,
-                          record.place)]
+    time_and_channels = [(TIME, record.file, experiment.time, experiment.time.column, experiment.time.unit, record.place)]
     for file_input in experiment.inputs_for(record).values():
-        time_and_channels.append(("", file_input.file, file_input.time_column or "", file_input.column, file_input.unit,
+        assert file_input.time is not None
+        time_and_channels.append(("", file_input.file, file_input.time, file_input.column, file_input.unit,
                                   file_input.place))
     for name, output in experiment.outputs.items():
-        origin = experiment.origin_of(record, name)
-        assert origin.file is not None and origin.time_column is not None
-        time_and_channels += [(channel_name, origin.file, origin.time_column, column, unit, output.place)
-                              for channel_name, column, unit in (
-            (TIME, origin.time_column, origin.time_unit), (name, output.column, output.shown.unit))]
+        file, axis = experiment.origin_of(record, name)
+        time_and_channels += [(channel_name, file, axis, column, unit, output.place) for channel_name, column, unit in (
+            (TIME, axis.column, axis.unit), (name, output.column, output.shown.unit))]
     notes, units = dict[str, None](), dict[str, Unit]()
-    for channel_name, file, time, name, unit, place in time_and_channels:
-        table = files.table(file, time, place)
+    for channel_name, file, axis, name, unit, place in time_and_channels:
+        table = files.table(file, axis, place)
         remark, declared = declared_otherwise(table, name, unit), table.unit_of(name)
         if remark and declared is not None:
             notes[remark] = None
@@ -227,12 +236,15 @@ def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Sampl
         return []
     densest = max((c.time for c in found.values()), key=len)
     until -= begin or 0.0
-    better = time_seems_in(densest, until, every, experiment.time_unit)
+    axis = experiment.time
+    better = time_seems_in(densest, until, every, axis.unit)
     if not better:
         return []
     length = float(np.ptp(densest))
+    entry = f"`every: {number(axis.every)} {better}` in place of `every: {number(axis.every)} s`" if axis.every is not None \
+        else f"`unit: {better}` in place of `unit: {axis.unit}`"
     return [f"record '{record.name}' lasts {number(length)} s, the diagram is run for {number(until)} s: is its time in "
-            f"{better}? (`unit: {better}` in place of `unit: {experiment.time_unit}`)"]
+            f"{better}? ({entry})"]
 
 
 def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:
@@ -243,14 +255,15 @@ def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:
     origins = {name: experiment.origin_of(record, name) for name in experiment.outputs}
     remarks = []
     for path, file_input in inputs.items():
-        values = column(files.table(file_input.file, file_input.time_column or "", file_input.place), file_input.column)
+        assert file_input.time is not None
+        values = column(files.table(file_input.file, file_input.time, file_input.place), file_input.column)
         values = values[np.isfinite(values)]
         if not np.ptp(values):
             remarks.append(f"the input {path} reads {number(float(values[0]))} {file_input.unit} throughout: is it the "
                         "right "
                            "column, and was the sensor connected?")
         same = [name for name, origin in origins.items()
-                if (origin.file, experiment.outputs[name].column) == (file_input.file, file_input.column)]
+                if (origin[0], experiment.outputs[name].column) == (file_input.file, file_input.column)]
         remarks += [f"the output {name} and the input {path} are the same column '{file_input.column}'" for name in same]
     return remarks
 
@@ -259,22 +272,22 @@ def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:
 def _window(experiment: Experiment, record: Record, files: _Files, problems: Problems) -> tuple[Array, list[Array]]:
     """The times (n,) of the record's rows between `from` and `to` at which all inputs are known (the run covers the first
     to the last), and the sample times of each input."""
-    table = _cut(experiment, record, files.table(record.file, experiment.time_column, record.place, experiment.time_unit))
-    time = table.columns[experiment.time_column] * read_unit(experiment.time_unit).scale
+    table = _cut(experiment, record, files.table(record.file, experiment.time, record.place))
+    time = table.columns[experiment.time.column] * experiment.time.scale
     time = time[np.isfinite(time)]
     begin, end = float(time[0]), float(time[-1])
     inputs = []
-    unbridged: dict[tuple[Path, str], dict[str, FileInput]] = {}  # for each file, by column
+    unbridged: dict[tuple[Path, TimeAxis], dict[str, FileInput]] = {}  # for each file, by column
     for path, file_input in experiment.inputs_for(record).items():
         try:
-            assert file_input.time_column is not None
-            table = files.table(file_input.file, file_input.time_column, file_input.place, file_input.time_unit)
+            assert file_input.time is not None
+            table = files.table(file_input.file, file_input.time, file_input.place)
             sampled, _ = input_samples(replace(file_input, bridge=True), begin, end, table=table)
         except HeavebondError as error:
             problems.extend(error)
             continue
         if not file_input.bridge:
-            unbridged.setdefault((file_input.file, file_input.time_column), {})[file_input.column] = file_input
+            unbridged.setdefault((file_input.file, file_input.time), {})[file_input.column] = file_input
         inputs.append(sampled)
         usual = float(np.median(np.diff(sampled)))
         first, last = float(sampled[0]), float(sampled[-1]) + (usual if file_input.interpolation == "hold" else 0.0)
@@ -283,7 +296,7 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
         cut = [f"`{word}: {at:.10g} s`" for word, at, beyond in (
             ("from", first, first - begin > slack), ("to", last, end - last > slack)) if beyond]
         if cut:
-            probable_unit = length_seems_in(last - first, end - begin, file_input.time_unit)
+            probable_unit = length_seems_in(last - first, end - begin, file_input.time.unit)
             problems.add("record-end", f"the input {path} is known from {first:.10g} s to {last:.10g} s, the record "
                          f"'{record.name}' goes from {begin:.10g} s to {end:.10g} s", file_input.place,
                          hint=f"In {probable_unit} the times of this input would be as long: correct the `unit:` of its "
@@ -291,26 +304,25 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
                          "or the `unit:` of the record." if probable_unit else f"Write {' and '.join(cut)} at the record.")
             continue
         time = time[(time >= first - 1e-6 * usual) & (time <= last + 1e-6 * usual)]
-    for (file, name), columns in unbridged.items():
-        _check_input_gaps(files, file, name, columns, (begin, end), problems)
+    for (file, axis), columns in unbridged.items():
+        _check_input_gaps(files, file, axis, columns, (begin, end), problems)
     return time, inputs
 
 
-def _check_input_gaps(files: _Files, file: Path, time: str, columns: Mapping[str, FileInput], ends: tuple[float, float],
-                      problems: Problems) -> None:
-    """Gaps in inputs of one file and time column, each reported once."""
-    first_input = next(iter(columns.values()))
-    table, scale = files.table(file, time, first_input.place, first_input.time_unit), read_unit(first_input.time_unit).scale
+def _check_input_gaps(files: _Files, file: Path, axis: TimeAxis, columns: Mapping[str, FileInput],
+                      ends: tuple[float, float], problems: Problems) -> None:
+    """Gaps in inputs of one file and time axis, each reported once."""
+    table, time = files.table(file, axis, next(iter(columns.values())).place), axis.column
     try:
-        check_gaps(table, time, {name: samples(table, time, name) for name in columns}, begin=ends[0] / scale,
-                   end=ends[1] / scale)
+        check_gaps(table, time, {name: samples(table, time, name) for name in columns}, begin=ends[0] / axis.scale,
+                   end=ends[1] / axis.scale)
     except HeavebondError as error:
         problems.extend(error)
 
 
 def _cut(experiment: Experiment, record: Record, table: Table) -> Table:
     """The record's file between `from` and `to`."""
-    time = column(table, experiment.time_column, record.place) * read_unit(experiment.time_unit).scale
+    time = column(table, experiment.time.column, record.place) * experiment.time.scale
     low = -np.inf if record.begin is None else record.begin
     high = np.inf if record.end is None else record.end
     inside = ~(time < low) & ~(time > high)
@@ -320,18 +332,16 @@ def _cut(experiment: Experiment, record: Record, table: Table) -> Table:
                                  f"go from {np.nanmin(time):.10g} s to {np.nanmax(time):.10g} s", record.place,
                                  "Correct `from:` or `to:`, or the unit of the time.")])
     table = table.keep(inside)
-    check_time(table, experiment.time_column)
+    check_time(table, experiment.time.column)
     return table
 
 
 # -- a channel -----------------------------------------------------------------------------------------------------
 def _channel(experiment: Experiment, record: Record, name: str, files: _Files, window: Array) -> Samples:
-    origin, output = experiment.origin_of(record, name), experiment.outputs[name]
-    assert origin.file is not None and origin.time_column is not None
-    table = files.table(origin.file, origin.time_column, output.place, origin.time_unit)
+    (file, axis), output = experiment.origin_of(record, name), experiment.outputs[name]
+    table = files.table(file, axis, output.place)
     column(table, output.column, output.place)
-    scale = read_unit(origin.time_unit).scale
-    time = column(table, origin.time_column, output.place) * scale
+    time = column(table, axis.column, output.place) * axis.scale
     # the model time is time - shift, which must lie within the run
     slack = 1e-6 * float(np.median(np.diff(window)))
     inside = (time - output.shift >= window[0] - slack) & (time - output.shift <= window[-1] + slack)
@@ -343,11 +353,11 @@ def _channel(experiment: Experiment, record: Record, name: str, files: _Files, w
                                  f"{window[0]:.10g} s and {window[-1]:.10g} s, the time of record '{record.name}'{its}",
                                  output.place, "Check `from:` and `to:`, the units of both times, and that they count from "
                                  "one moment.")])
-    check_time(table, origin.time_column)
+    check_time(table, axis.column)
     estimate = experiment.estimated_noise.get(name)
     least, why = (2, "") if output.noise or estimate else (MIN_SAMPLES, " to estimate its noise")
-    rows = samples(table, origin.time_column, output.column, output.place, least=least, why=why)
-    y, t = table.columns[output.column][rows], table.columns[origin.time_column][rows] * scale
+    rows = samples(table, axis.column, output.column, output.place, least=least, why=why)
+    y, t = table.columns[output.column][rows], table.columns[axis.column][rows] * axis.scale
     estimate = estimate or estimate_noise([(y, t)])
     deviation = estimate.deviation if math.isfinite(estimate.deviation) else 0.0
     noise, step = _noise(output, y, deviation)
@@ -380,9 +390,9 @@ def _gap_notes(experiment: Experiment, record: Record, found: Mapping[str, Sampl
     columns: dict[Path, list[str]] = {}
     apart: dict[Path, set[tuple[float, float]]] = {}
     for name, channel in found.items():
-        file, t = experiment.origin_of(record, name).file, channel.time
+        file, t = experiment.origin_of(record, name)[0], channel.time
         where = gaps(t)
-        if len(where) and file is not None:
+        if len(where):
             columns.setdefault(file, []).append(f"'{channel.output.column}'")
             apart.setdefault(file, set()).update(zip(t[where].tolist(), t[where + 1].tolist(), strict=True))
     notes = []

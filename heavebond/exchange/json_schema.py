@@ -44,8 +44,11 @@ QUANTITY_TEXT = (r"^\s*(=|(?!~?\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?(?![eE][+
 FORMULA: Schema = {"type": ["string", "number"]}
 TEXT: Schema = {"type": ["string", "number", "boolean"]}
 WORDS: Schema = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
-TIME_AXIS: Schema = {"type": "object", "additionalProperties": False, "required": ["column", "unit"],
-                     "properties": {"column": TEXT, "unit": {"$ref": "#/definitions/unit"}}}
+TIME_AXIS: Schema = {"anyOf": [
+    {"type": "object", "additionalProperties": False, "required": ["column", "unit"],
+     "properties": {"column": TEXT, "unit": UNIT}, "description": "the column of the times"},
+    {"type": "object", "additionalProperties": False, "required": ["every"], "properties": {"every": TIME, "from": TIME},
+     "description": "rows at a fixed rate without times: their distance, and the time of the first row"}]}
 LISTS: tuple[Schema, ...] = (
     {"type": "array", "items": {"anyOf": [{"$ref": "#/definitions/quantity"},
                                           {"type": "array", "items": {"$ref": "#/definitions/quantity"}}]}},

@@ -475,7 +475,8 @@ def _columns(experiment: Experiment, frame: _Frame, known: Mapping[str, Array]) 
     """The file with the inputs: with the sampling, columns and units of the records."""
     count = (len(frame.time) - 1) * frame.finer
     time = np.linspace(0.0, float(frame.time[-1]), count + 1)
-    columns = {experiment.time_column: _in(experiment.time_unit, time)}
+    axis = experiment.time
+    columns = {"time [s]" if axis.every is not None else axis.column: _in(axis.unit, time)}
     for k in frame.known:
         signal = pieces(frame.time, known[k.source.column], k.source.interpolation)
         columns[k.source.column] = _in(k.source.unit, evaluate(signal, time))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from heavebond.core.errors import Place
 from heavebond.core.units import Range, Unit
+from heavebond.records.time_axis import TimeAxis
 from heavebond.text.expression import Call, Compare, Equation, Expr, FunctionCall, Name, children, inside
 
 REGULARISED = ("smooth_sign", "signed_sqrt")  # functions whose second argument is the width of their transition
@@ -130,8 +131,9 @@ class Value:
 class FileInput:
     """A signal given by a column of a measured file; `interpolation` is spline, linear or hold.
 
-    `file` is `Path()` for the record of the experiment. `bridge`: interpolate across gaps. `zero` is the file, with its
-    time column, whose first row is the zero of clock times, if it is another file. `noise` is the standard deviation of
+    `file` is `Path()` for the record of the experiment. `time` gives the times of its rows (None: the times of the record,
+    or in a diagram the first column in s). `bridge`: interpolate across gaps. `zero` is the file, with its times, whose
+    first row is the zero of clock times, if it is another file. `noise` is the standard deviation of
     its white noise, in `unit` (0: unknown); `seed` selects a realisation of this noise that is added to the readings;
     `smooth` is the frequency in Hz above which a smoothing spline attenuates by more than half.
     """
@@ -141,10 +143,9 @@ class FileInput:
     unit: str
     interpolation: str
     place: Place
-    time_column: str | None = None
-    time_unit: str = "s"
+    time: TimeAxis | None = None
     bridge: bool = False
-    zero: tuple[Path, str] | None = None
+    zero: tuple[Path, TimeAxis] | None = None
     noise: float = 0.0
     seed: int | None = None
     smooth: float | None = None

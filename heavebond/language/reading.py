@@ -33,6 +33,7 @@ from heavebond.language.definition import (
     Value,
     Wire,
 )
+from heavebond.records.time_axis import TimeAxis
 from heavebond.text.expression import KEYWORDS, Equation, Expr, ExpressionProblem, Number, constant, names, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
@@ -55,6 +56,7 @@ EXAMPLES = {"interpolation": "`interpolation: spline` (for smooth signals), `lin
             "use": "`use: fit`, `use: validate` or `use: test`", "file": "`file: name.csv`",
             "unit": "`unit: ...` with its unit (mm, kN, bar; 1 for a plain number)",
             "column": "`column: name_in_the_file`"}
+TIME_EXAMPLE = "`time: {column: time_s, unit: s}`, or `time: {every: 10 ms}` if the rows have a fixed rate and no times"
 
 
 def known_keys(node: Mapping, allowed: Iterable[str], subject: str, problems: Problems,
@@ -280,9 +282,9 @@ def file_input(node: Mapping, source: Source, problems: Problems, subject: str, 
     entry = {name: text(item, name, problems) for name, item in node.items.items()
              if name not in ("time", "noise", "smooth")}
     time_node = node.items.get("time")
-    time_column, time_unit = time_axis(time_node, problems) if time_node is not None else (None, "s")
     return FileInput(source.path.parent / entry["file"] if "file" in entry else Path(), entry["column"], entry["unit"],
-                     entry["interpolation"], node.place, time_column, time_unit,
+                     entry["interpolation"], node.place,
+                     time_axis(time_node, problems) if time_node is not None else None,
                      choice(node.items.get("gaps"), "gaps", ("bridge",), problems) == "bridge",
                      smooth=_bandwidth(node.items.get("smooth"), entry["interpolation"], problems))
 
@@ -309,16 +311,27 @@ def _bandwidth(node: Node | None, interpolation: str, problems: Problems) -> flo
     return number
 
 
-def time_axis(node: Node, problems: Problems) -> tuple[str | None, str]:
-    """`{column: time_s, unit: s}`."""
-    entry = mapping(node, "time", problems)
+def time_axis(node: Node, problems: Problems) -> TimeAxis | None:
+    """`{column: time_s, unit: s}`, or `{every: 10 ms}` (also `from: 2 s`, the time of the first row) for equal steps."""
+    entry = mapping(node, "time", problems, f"Write {TIME_EXAMPLE}.")
     if entry is None:
-        return None, "s"
-    known_keys(entry, ["column", "unit"], "time", problems, required=["column", "unit"])
+        return None
+    if "every" in entry.items:
+        known_keys(entry, ["every", "from"], "a time of equal steps", problems)
+        every, start = (seconds(entry.items.get(key), key, problems) for key in ("every", "from"))
+        if every is not None and not 0 < every < float("inf"):
+            problems.add("step-not-positive", f"every: a step of {every:g} s is not above 0", entry.items["every"].place,
+                         hint="Write for example `every: 10 ms`.")
+        return TimeAxis(every=every or 1.0, start=start or 0.0)
+    if "column" not in entry.items:
+        problems.add("key-missing", "time has neither 'column' nor 'every'", entry.place, hint=f"Write {TIME_EXAMPLE}.")
+        return None
+    known_keys(entry, ["column", "unit"], "time", problems, required=["unit"])
     unit = entry.items.get("unit")
     if isinstance(unit, Scalar):
         unit_text(unit, problems)
-    return text(entry.items.get("column"), "column", problems) or None, text(unit, "unit", problems, "s")
+    column_name = text(entry.items.get("column"), "column", problems)
+    return TimeAxis(column_name, text(unit, "unit", problems, "s")) if column_name else None
 
 
 def unit_text(node: Scalar, problems: Problems) -> str | None:

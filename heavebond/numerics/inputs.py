@@ -14,6 +14,7 @@ from heavebond.language.definition import FileInput
 from heavebond.numerics.dae import DELAY_ROWS, Array
 from heavebond.records.measurements import Table, check_gaps, check_time, column, read_table, samples, timed
 from heavebond.records.piecewise import Pieces, align, pieces, smoothed_pieces
+from heavebond.records.time_axis import TimeAxis
 
 
 @dataclass(frozen=True)
@@ -79,12 +80,12 @@ def input_samples(source: FileInput, begin: float = -np.inf, end: float = np.inf
     """The times (n,) in s and values (n,) of the samples of an input, in the unit of the input; rows without a value are
     omitted. `table` is its file where that has been read. DataError for a gap between `begin` and `end` (see `check_gaps`)
     that may not be bridged."""
-    table = table or read_table(source.file, place=source.place, beside=source.time_column)
-    name = source.time_column or table.header[0]
-    table = timed(table, name, unit=source.time_unit, zero=source.zero, place=source.place)
+    table = table or read_table(source.file, place=source.place, beside=source.time.column if source.time else None)
+    axis = source.time or TimeAxis(table.header[0])
+    table, name = timed(table, axis, zero=source.zero, place=source.place), axis.column
     check_time(table, name)
     rows = samples(table, name, source.column, source.place, least=2)
-    scale = read_unit(source.time_unit).scale
+    scale = axis.scale
     if not source.bridge:
         check_gaps(table, name, {source.column: rows}, begin=begin / scale, end=end / scale)
     return table.columns[name][rows] * scale, column(table, source.column)[rows]

@@ -100,13 +100,14 @@ def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, boo
         if not columns:
             raise _undescribed(path) from None
     from heavebond.records.measurements import check_time, column, read_table, timed
+    from heavebond.records.time_axis import TimeAxis
 
     # the named columns of a record; its first column is the time in s, or a column called `time` in --column
     table = read_table(path)
-    clock = next((c for c in columns if c.signal == SECONDS[0]), Column(SECONDS[0], table.header[0], SECONDS[1]))
-    table = timed(table, clock.name, unit=clock.unit)
-    check_time(table, clock.name)
-    time = column(table, clock.name) * read_unit(clock.unit).scale
+    axis = next((TimeAxis(c.name, c.unit) for c in columns if c.signal == SECONDS[0]), TimeAxis(table.header[0]))
+    table = timed(table, axis)
+    check_time(table, axis.column)
+    time = column(table, axis.column) * axis.scale
     kept = np.isfinite(time)
     named = [c for c in columns if c.signal != SECONDS[0]]
     return SavedRun(path.stem, time[kept], {c.signal: column(table, c.name)[kept] for c in named},

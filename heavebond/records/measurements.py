@@ -20,6 +20,7 @@ from heavebond.core.units import Unit
 from heavebond.records.clock_times import Clock, ClockProblem, read_clock
 from heavebond.records.matlab import read_matlab
 from heavebond.records.text_tables import SHOWN, add_few, cell_place, read_text_columns, text_lines, unit_in_file
+from heavebond.records.time_axis import FIXED_RATE, TimeAxis
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -135,25 +136,33 @@ def column(table: Table, name: str, place: Place | None = None) -> Array:
         "Name another column; dates are read as the times of a record only.", notes)])
 
 
-def timed(table: Table, name: str, *, unit: str = "s", zero: tuple[Path, str] | None = None, place: Place | None = None
-          ) -> Table:
-    """The table with its column `name` as times: numbers unchanged, clock times (see `clock_times`) as seconds since its
-    first row, or since the first row of another file's column (`zero`). DataError if a clock time cannot be read, or
-    if the requested `unit` is not s."""
+def timed(table: Table, axis: TimeAxis, *, zero: tuple[Path, TimeAxis] | None = None, place: Place | None = None) -> Table:
+    """The table with its times in the column `axis.column`: numbers unchanged, clock times (see `clock_times`) as seconds
+    since its first row, or since the first row of another file (`zero`), equal steps counted by rows. DataError if a clock
+    time cannot be read, if the unit is not s, or if the file has no such column and none that could be the time."""
+    name = axis.column
+    if axis.every is not None:
+        steps = np.arange(len(table.lines), dtype=np.float64)
+        return replace(table, columns={**table.columns, name: axis.start + axis.every * steps})
+    if name not in table.header and not _has_times(table):
+        raise DataError([Problem("record-no-time", f"'{table.path.name}' has no column '{name}', and none that increases "
+                                 "from row to row", place, FIXED_RATE, (f"its columns are {listing(table.header)}",))])
     clock = _clock(table, name)
     if clock is None:
         return table
-    if unit != "s":
+    if axis.unit != "s":
         raise DataError([Problem("record-clock-unit", f"'{name}' of '{table.path.name}' holds times of a clock, which are "
-                                 f"counted in s, not in {unit}", place, "Write `unit: s`.")])
+                                 f"counted in s, not in {axis.unit}", place, "Write `unit: s`.")])
     since = clock.first
-    if zero is not None and zero != (table.path, name):
-        zero_table = read_table(zero[0], beside=zero[1])
-        begin = _clock(zero_table, zero[1])
+    if zero is not None and zero != (table.path, axis):
+        file, zero_axis = zero
+        begin = _clock(read_table(file, beside=zero_axis.column), zero_axis.column)
         if begin is None or begin.dated != clock.dated:
             clock_text = "dates" if clock.dated else "times of day"
-            raise DataError([Problem("record-clocks", f"'{name}' of '{table.path.name}' holds {clock_text}, '{zero[1]}' of "
-                                     f"'{zero_table.path.name}' does not: they cannot be put on one clock", place,
+            others = f"'{file.name}' has none" if zero_axis.every is not None else \
+                f"'{zero_axis.column}' of '{file.name}' does not"
+            raise DataError([Problem("record-clocks", f"'{name}' of '{table.path.name}' holds {clock_text}, {others}: they "
+                                     "cannot be put on one clock", place,
                                      "Export both in the same form, or as seconds from the same moment.")])
         since = begin.first
     return replace(table, columns={**table.columns, name: clock.seconds(since)})
@@ -168,6 +177,17 @@ def _clock(table: Table, name: str) -> Clock | None:
     except ClockProblem as problem:
         raise DataError([Problem("record-clock", f"the times in '{name}' cannot be read: {problem.message}",
                                  table.place(problem.row, name), problem.hint)]) from problem
+
+
+def increases(values: Array) -> bool:
+    """True if the numbers (n,) of a column increase from row to row; empty cells are ignored."""
+    finite = values[np.isfinite(values)]
+    return len(finite) > 1 and bool(np.all(np.diff(finite) > 0))
+
+
+def _has_times(table: Table) -> bool:
+    """True if a column could be the time: its numbers increase, or it has text or dates."""
+    return bool(table.words or table.clocks) or any(increases(values) for values in table.columns.values())
 
 
 def check_time(table: Table, name: str) -> None:
@@ -195,7 +215,7 @@ def check_time(table: Table, name: str) -> None:
         if rows:
             problems.add(code, f"the time {time[rows[0]]:.7g} in '{name}' ({table.lines_of(rows)}) {saying}",
                          table.place(rows[0], name),
-                         hint=hint)
+                         hint=hint if _has_times(table) else f"{hint} {FIXED_RATE}")
     problems.raise_as(DataError)
 
 

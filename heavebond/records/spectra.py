@@ -24,6 +24,7 @@ from heavebond.core.errors import DataError, Problem, UsageError
 from heavebond.core.units import UnitProblem, read_unit
 from heavebond.records.measurements import check_time, column, read_table, samples, timed
 from heavebond.records.saved_runs import read_run
+from heavebond.records.time_axis import TimeAxis
 
 Array = NDArray[np.float64]
 UNEVEN = 1e-3  # relative difference of steps that count as even
@@ -258,7 +259,7 @@ def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, b
 def _of_record(path: Path, names: Sequence[str], time: str | None, begin: float, end: float) -> list[EvenSignal]:
     table = read_table(path, beside=time)
     time = time or table.header[0]
-    table = timed(table, time)
+    table = timed(table, TimeAxis(time))
     check_time(table, time)
     signals = []
     for name in names:

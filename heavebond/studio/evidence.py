@@ -181,9 +181,9 @@ def proposal(job: Job, file: str) -> tuple[Entry, None]:
 
 
 def written_experiment(path: str, name: str, title: str, model: str, files: Mapping[str, str],
-                       columns: Sequence[Mapping[str, str]], free: Mapping[str, str]) -> tuple[Entry, None]:
+                       columns: Sequence[Mapping[str, str]], free: Mapping[str, str], every: str = "") -> tuple[Entry, None]:
     """The text of the experiment that a form describes, read once as a file at `path`, so that mistakes are reported
-    before it is written."""
+    before it is written. `every` is the time between two rows of files without a column of times."""
     chosen = [Chosen(c["column"], c["role"], c["unit"] or "1", c.get("target", ""), c.get("interpolation") or "linear")
               for c in columns]
     for c in chosen:
@@ -194,7 +194,8 @@ def written_experiment(path: str, name: str, title: str, model: str, files: Mapp
     if twice := next((c.target for k, c in enumerate(chosen) if c.target and any(
             c.target == d.target and c.role == d.role for d in chosen[:k])), ""):
         raise UsageError([Problem("record-roles", f"two columns are both {twice}", None, "Keep one of them.")])
-    text = experiment_text(title, Path(path), Records(Path(model), {Path(f): use for f, use in files.items()}, chosen, free))
+    given = Records(Path(model), {Path(f): use for f, use in files.items()}, chosen, free, every=every)
+    text = experiment_text(title, Path(path), given)
     experiment = experiment_from_source(parse(text, Path(path), name))
     for record in experiment.records.values():
         _readable(experiment, record)

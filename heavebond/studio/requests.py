@@ -147,7 +147,7 @@ async def _experiment(tab: Tab, message: dict[str, Any]) -> Answer:
     columns = [{str(k): str(v) for k, v in column.items()} for column in message["columns"]]
     free = {str(k): str(v) for k, v in message.get("free", {}).items()}
     answer = await tab.checker.ask("experiment", str(tab.folder.path(document)), document, str(message.get("title") or name),
-                                   str(model), files, columns, free)
+                                   str(model), files, columns, free, str(message.get("every") or ""))
     if answer[0] != "done":
         return answer
     await asyncio.to_thread(tab.folder.write_new, document, str(answer[1]["text"]))

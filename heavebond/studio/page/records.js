@@ -87,12 +87,17 @@ export class RecordFiles {
     const rows = told.columns.map((/** @type {any} */ c) => this.column(c, told));
     const wrong = el("div", { role: "alert", id: "record-wrong" });
     const name = el("input", { id: "experiment-name", value: `${stem(model)}_${stem(files[0])}`.slice(0, 60), spellcheck: "false", autocomplete: "off" });
+    const every = el("input", { id: "record-every", class: "short", placeholder: "10 ms", spellcheck: "false", autocomplete: "off" });
+    const timeless = el("p", {}, el("label", { for: "record-every" }, "No column is the time: the time between two rows "), every);
+    const times = () => { timeless.hidden = rows.some((/** @type {any} */ r) => r.chosen().role === "time"); };
+    for (const r of rows) r.row.addEventListener("change", times);
+    times();
     const frees = this.frees();
     const form = el("form", { method: "dialog", onsubmit: (/** @type {Event} */ event) => {
       event.preventDefault();
       void busy(form, async () => { try {
         const made = await studio.link.ask("experiment", { model, name: /** @type {any} */ (name).value.trim(), title: `${stem(model)}, ${files.map(stem).join(", ")}`,
-          files: Object.fromEntries(uses.map((u) => [u.file, u.use])), columns: rows.map((/** @type {any} */ r) => r.chosen()).filter((/** @type {any} */ c) => c.role), free: frees.chosen() });
+          files: Object.fromEntries(uses.map((u) => [u.file, u.use])), columns: rows.map((/** @type {any} */ r) => r.chosen()).filter((/** @type {any} */ c) => c.role), free: frees.chosen(), every: timeless.hidden ? "" : /** @type {any} */ (every).value.trim() });
         dialog.close();
         await studio.open(made.name);
         studio.say(`wrote ${made.name}`);
@@ -109,7 +114,7 @@ export class RecordFiles {
     el("div", { class: "scroll" }, el("table", { class: "columns" }, el("thead", {}, el("tr", {}, ...["column", "curve", "range", "role", "variable of the diagram", "unit", "between samples"].map((h) => el("th", { scope: "col" }, h)))),
       el("tbody", {}, ...rows.map((/** @type {any} */ r) => r.row)))),
     el("datalist", { id: "known-inputs" }, ...options(told.inputs)), el("datalist", { id: "known-outputs" }, ...options(told.outputs)),
-    frees.place, el("p", {}, el("label", { for: "experiment-name" }, "Name of the experiment's file "), name, el("code", {}, ".yaml")), wrong,
+    timeless, frees.place, el("p", {}, el("label", { for: "experiment-name" }, "Name of the experiment's file "), name, el("code", {}, ".yaml")), wrong,
     el("menu", {}, el("button", { type: "button", onclick: () => dialog.close() }, "Cancel"), el("button", { class: "main", id: "make-experiment" }, "Write the experiment")));
     dialog.replaceChildren(form);
     dialog.showModal();
