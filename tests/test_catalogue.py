@@ -5,11 +5,15 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from heavebond.diagnosis.answer.tree import MACHINE, MEASURING, levels
 from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
+from heavebond.diagnosis.candidates.places import Places
 from heavebond.diagnosis.candidates.varying import BY_RECORD
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment, changed_experiment, load_experiment
@@ -218,3 +222,45 @@ def test_only_files_with_an_effect_are_parsed_for_it() -> None:
     """Which these are is seen in the text; no component that has an effect is passed over."""
     every = library()
     assert [c.name for c in every.effects()] == [n for n in every.names() if every.component(n).effect is not None]
+
+
+TANK = """
+model: tank
+components:
+  well:  {is: FlowSource, u: 0 m**3/s}
+  tank:  {is: OpenTank, A: 120 cm**2}
+  hole:  {is: LaminarLeakage, C: 1e-8 m**3/(s*Pa)}
+  floor: {is: Tank}
+nodes:
+  top:    [well.a, tank.a]
+  bottom: [tank.b, hole.a]
+  out:    [hole.b, floor.a]
+initial: {tank.h: 200 mm}
+simulate: {until: 60 s}
+"""
+TANK_RUN = """
+experiment: tank
+model: tank.yaml
+records: {train: {file: train.csv, use: fit}}
+time: {column: t, unit: s}
+outputs: {tank.h: {column: h, unit: m, noise: 1 mm}}
+free: {hole.C: 1e-9 .. 1e-7 m**3/(s*Pa)}
+"""
+
+
+def test_a_constant_input_has_another_value_in_the_machine_and_no_sensor(tmp_path: Path) -> None:
+    """No record drives the flow of the well: an offset of it belongs to the machine. A lag or a saturation of a constant has
+    no effect. If a column drives it, the offset belongs to the measuring chain."""
+    def levels_of_the_well(more: str) -> dict[str, tuple[object, ...]]:
+        (tmp_path / "tank.yaml").write_text(TANK)
+        (tmp_path / "train.csv").write_text("t,h,q\n" + "".join(f"{t},{0.2 - 1e-3 * t},{1e-6 * t}\n" for t in range(60)))
+        (tmp_path / "run.yaml").write_text(TANK_RUN + more)
+        experiment = load_experiment(tmp_path / "run.yaml")
+        step: Any = SimpleNamespace(places=Places.of(experiment))
+        return {c.component: levels(step, c, c.kind, experiment.model.library)[0] for c in single_candidates(experiment)
+                if c.place == "before well.u"}
+
+    constant = levels_of_the_well("")
+    assert set(constant) == {"SensorOffset", "SensorGain"} and constant["SensorOffset"][0] == MACHINE
+    measured = levels_of_the_well("inputs: {well.u: {column: q, unit: m**3/s, interpolation: linear}}\n")
+    assert measured["SensorOffset"][0] == MEASURING and measured["FirstOrderLag"][0] == MACHINE

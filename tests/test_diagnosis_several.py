@@ -80,10 +80,14 @@ Table = Mapping[str, float]
 
 
 def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True, most: int = 5,
-            left: float = np.inf, pairs: dict[str, float] | None = None) -> tuple[str, list[str]]:
-    """The effects that are found, and the diagrams on which a step was made; `pairs` takes what each leading law leaves in
-    its best pair; what is not in the table leaves what is left
-    without any one of its effects, at best. `B+A` is what A leaves when it is added to B, in a valley of its own."""
+            left: float = np.inf, pairs: dict[str, float] | None = None, cut: int = 0, ends: list[Stage] | None = None
+            ) -> tuple[str, list[str]]:
+    """The effects that are found, and the diagrams on which a step was made.
+
+    `pairs` takes what each leading law leaves in its best pair. The step with the number `cut` is ended by the time limit.
+    `ends` takes the last step. A diagram that is not in the table leaves what the best diagram with one effect less leaves.
+    `B+A` is what A leaves when it is added to B, in a local minimum of its own.
+    """
     made: list[str] = []
 
     def chi2_of(effects: str) -> float:
@@ -112,7 +116,7 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
 
     def stepping(at: Any, way: Selection) -> Stage:
         made.append(at.effects)
-        return step(at.effects, "ABCD")
+        return replace(step(at.effects, "ABCD"), partial=len(made) == cut)
 
     monkeypatch.setattr(stepwise, "following", lambda made: made.chosen.experiment)
     monkeypatch.setattr(stepwise, "candidates", lambda at: [trial("", e).candidate for e in "ABCD"])
@@ -120,7 +124,10 @@ def climbed(monkeypatch: pytest.MonkeyPatch, table: Table, *, given: bool = True
     monkeypatch.setattr(stepwise, "single", lambda at, candidate, say: step(at.effects, [candidate.label]))
     monkeypatch.setattr(stepwise, "fitted_base", lambda at: at)
     monkeypatch.setattr(stepwise, "refitted_from", lambda at, candidate, lender: trial(at.effects, candidate.label))
-    *_, (way, _) = select_stepwise(experiment(""), stepping, lambda text: None, most, lambda: left)
+    *_, (way, last) = select_stepwise(experiment(""), stepping, lambda text: None, most,
+                                      lambda: 0.0 if cut and len(made) >= cut else left)
+    if ends is not None:
+        ends.append(last)
     if pairs is not None and way:
         pairs.update({t.candidate.label: t.chi2_fit for t in way[0].step.joint})
     return "".join(added.candidate.label for added in way), made
@@ -155,6 +162,16 @@ def test_a_step_that_would_not_end_in_time_is_not_begun(monkeypatch: pytest.Monk
     """The step before took 10 s; half of that may do, as a step ends where the noise is reached."""
     assert climbed(monkeypatch, MISLED, left=4.0) == ("C", [""])
     assert climbed(monkeypatch, MISLED, left=6.0)[0] == "AB"
+
+
+def test_a_step_that_the_time_limit_ended_is_reported_without_a_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its refits may be the wrong ones, since others are missing: it adds no effect, and its leading refit is shown. A step
+    beside another leading law that was complete before is kept."""
+    ends: list[Stage] = []
+    assert climbed(monkeypatch, MISLED, cut=2, ends=ends)[0] == "C"
+    assert ends[0].partial and ends[0].chosen is None and ends[0].trials[0].candidate.label == "D"
+    assert climbed(monkeypatch, {**MISLED, "AB": 5}, cut=3, ends=ends)[0] == "CD" and ends[1].partial
+    assert climbed(monkeypatch, MISLED, cut=3)[0] == "AB"  # noise is a result
 
 
 def test_noise_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ import signal
 import time as clock
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import pytest
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.candidates.catalogue import Candidate, single_candidates
 from heavebond.diagnosis.diagnose import diagnose
+from heavebond.diagnosis.search import schedule, step, workers
 from heavebond.diagnosis.search.base_model import Base, SharedDiagram
 from heavebond.diagnosis.search.refit import Refit
 from heavebond.diagnosis.search.scoring import Score, scored
@@ -55,6 +57,28 @@ def test_two_processes_find_what_one_finds(base: Base, chosen: list[Candidate]) 
         first, second = alone[label], beside[label]
         assert first.cost == pytest.approx(second.cost, rel=1e-9)
         assert first.values == pytest.approx(second.values, rel=1e-9)
+
+
+def test_the_classes_take_turns_in_the_scores(base: Base) -> None:
+    labels = ("Delay before inlet.u", "Delay in the channel receiver.p", "SensorGain before inlet.u")
+    among = {c.label: c for c in single_candidates(base.problem.experiment)}
+    with Workers(base, 1) as workers:
+        assert [c.label for c, _ in workers.score([among[label] for label in labels])] == [labels[0], labels[2], labels[1]]
+
+
+def test_half_of_the_time_of_a_step_is_left_for_refits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock on which each score takes a second and all else nothing: of 20 s ten are for scores."""
+    now = [0.0]
+
+    def say(text: str) -> None:
+        now[0] += text.startswith("scoring ")
+
+    fake = SimpleNamespace(perf_counter=lambda: now[0])
+    for module in (step, schedule, workers):
+        monkeypatch.setattr(module, "clock", fake)
+    made = make_stage(load_experiment("receiver_rig/choked"), number=1, seconds=20.0, progress=say)
+    assert made.partial and made.trials and made.chosen is not None
+    assert 10 <= len({s.candidate.label for s in made.scores}) <= 11 < made.planned
 
 
 def test_the_truth_wins(base: Base, chosen: list[Candidate]) -> None:

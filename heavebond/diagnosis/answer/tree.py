@@ -136,11 +136,13 @@ class Tree:
     """The hierarchical answer.
 
     effects: a tree for each effect. so_far: True if the search was ended early. further: effects that are not certain.
+    fitted: False if no candidate was fitted, so that the probabilities follow from scores.
     """
 
     effects: tuple[EffectTree, ...]
     so_far: bool
     further: tuple[Further, ...] = ()
+    fitted: bool = True
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -156,7 +158,8 @@ class Tree:
                 f"; not certain: {listing(unsure, len(unsure))}." if unsure else "."))
         lines += [line for e in self.effects for line in (e.statement, e.meaning) if line]
         lines += [f"Not certain: {e.meaning}" for e in self.further]
-        return tuple(f"So far: {line}" for line in lines[:1]) + tuple(lines[1:]) if self.so_far else tuple(lines)
+        begin = "So far" if self.fitted else "No conclusion yet; by the scores so far, before any candidate was fitted"
+        return (f"{begin}: {lines[0]}", *lines[1:]) if self.so_far else tuple(lines)
 
     def as_dict(self) -> dict[str, object]:
         """Return the answer for JSON."""
@@ -199,7 +202,7 @@ def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequen
     library = steps[0].experiment.model.library
     further = [Further(f"{f.candidate.kind} {f.candidate.place}", share, _meaning(f, library))
                for f, share in zip(doubtful, shares[len(findings):], strict=True)]
-    return Tree(tuple(found), partial, tuple(further))
+    return Tree(tuple(found), partial, tuple(further), any(step.trials for step in steps))
 
 
 def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, localization: Localization | None, share: float
@@ -218,7 +221,7 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
         root, path = merged if len(merged[1]) > len(path) else (root, path)
     best = _best(step, finding, path, root)
     meaning = _meaning(best, library) if best is not None else ""
-    return EffectTree(root, path, _statement(root, path, best), _introduced(meaning, path, best),
+    return EffectTree(root, path, _statement(root, path, best), _introduced(meaning, path, best, root),
                       _short(path, best), share)
 
 
@@ -270,7 +273,8 @@ def _scored(step: Stage, mass: float, library: Library) -> list[Leaf]:
 def levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> tuple[tuple[object, ...], tuple[str, ...]]:
     """Keys and names of a candidate on all levels below the answer."""
     nature = effect_kind(kind)
-    system = MEASURING if nature == "measurement" or candidate.attaches == "channel" else MACHINE
+    measured = candidate.attaches == "channel" or bool(candidate.change.moved)  # a channel, or an input that records drive
+    system = MEASURING if measured and (nature == "measurement" or candidate.attaches == "channel") else MACHINE
     place = step.places.place(candidate)
     law = candidate.name if candidate.attaches == "in" else candidate.component
     inside = candidate.attaches in ("in", "replaces", "parameter") and not candidate.members
@@ -473,8 +477,11 @@ def _with_equivalent_places(leaves: Sequence[Leaf], twins: Mapping[str, Sequence
             for leaf in members if len(names) > 1 else ():
                 for key in (leaf.keys[:4], (*leaf.keys[:3], OUTSIDE)):
                     places.setdefault(key, common)
-    return [replace(leaf, keys=(leaf.keys[0], common[0], *leaf.keys[2:]), names=(leaf.names[0], common[1], *leaf.names[2:]))
-            if (common := places.get(leaf.keys[:4])) is not None else leaf for leaf in leaves]
+    moved = []
+    for leaf in leaves:
+        key, name = places.get(leaf.keys[:4], (leaf.keys[1], leaf.names[1]))
+        moved.append(replace(leaf, keys=(leaf.keys[0], key, *leaf.keys[2:]), names=(leaf.names[0], name, *leaf.names[2:])))
+    return moved
 
 
 # -- words --------------------------------------------------------------------------------------------------------------
@@ -536,9 +543,9 @@ def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | Non
     return "; ".join(words) + "."
 
 
-def _introduced(meaning: str, path: Sequence[Node], best: Refit | AddedEffect | None) -> str:
+def _introduced(meaning: str, path: Sequence[Node], best: Refit | AddedEffect | None, root: Node) -> str:
     """Sentence on the physics. If the class is not stated, the sentence begins with the nearest class or law of the
-    catalogue."""
+    catalogue, or with the class that predicts best if another one is more probable: the files contain that one."""
     if not meaning or best is None:
         return ""
     last = path[-1] if path else None
@@ -547,6 +554,10 @@ def _introduced(meaning: str, path: Sequence[Node], best: Refit | AddedEffect | 
         return meaning
     if last is not None and last.level == "law":  # a known class, but not a law of the catalogue
         return f"Nearest law of the catalogue: {meaning}"
+    classes = [node for _, node in branches(root) if node.level == "class" and node.labels]
+    if classes and best.candidate.label not in max(classes, key=lambda node: node.probability).labels:
+        kind = best.candidate.kind
+        return f"{kind[:1].upper()}{kind[1:]} predicts best, but another class is more probable. {meaning}"
     return f"Nearest in the catalogue: {best.candidate.kind}. {meaning}"
 
 
@@ -555,6 +566,8 @@ def _short(path: Sequence[Node], best: Refit | AddedEffect | None) -> str:
     by = {node.level: node for node in path}
     if "class" in by and by["class"].key != OUTSIDE:
         return f"{by['class'].name} {by['place'].name}"
-    if best is not None:
-        return f"{best.candidate.kind} or the like {by['place'].name if 'place' in by else best.candidate.place}"
-    return "an unknown effect"
+    if best is None:
+        return "an unknown effect"
+    if not path:
+        return f"an effect that the records do not decide, nearest {best.candidate.kind} {best.candidate.place}"
+    return f"{best.candidate.kind} or the like {by['place'].name if 'place' in by else best.candidate.place}"

@@ -20,7 +20,7 @@ import casadi as ca
 from heavebond.core.errors import listing
 from heavebond.core.units import Dimension, Unit, dimension_text, is_generic, read_unit, solved
 from heavebond.equations.connect import Group, Network, connect
-from heavebond.equations.expanded import Expanded, Leaf
+from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.equations.parameters import formula_order
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment, Prior
@@ -42,7 +42,7 @@ from heavebond.language.effects import check_replacing, check_required
 from heavebond.language.library import is_bundled
 from heavebond.language.lists import written_out
 from heavebond.numerics.dae import Assembly
-from heavebond.text.expression import Name, Number, names, parse_formula
+from heavebond.text.expression import Binary, Expr, Name, Negative, Number, children, names, parse_formula
 from heavebond.text.shapes import whole_number
 
 ALL_PAIRS = 40  # largest number of nodes of a domain for which all pairs are places of effects
@@ -604,6 +604,9 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
             bound = leaf.inputs.get(signal.name)
             if signal.direction != "in" or (wire is None and bound is None):
                 continue
+            if wire is None and bound is not None and _is_constant(bound) and not is_offset_or_gain(component):
+                site.excluded[f"{component.name} before {path}"] = "this input is constant"
+                continue
             block = leaf.path.rpartition(".")[0]
             if block and wire is None:  # a formula in the file of the block
                 site.excluded[f"{component.name} before {path}"] = "a formula inside the block gives this input"
@@ -617,6 +620,24 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
             change = replace(change, initial=_at_rest(site, component, name))
             yield Candidate(name, component.name, effect.kind, effect.description, f"before {path}", (leaf.path,), change,
                             numbers, "input", _full(component, name), path)
+
+
+def _is_constant(bound: Bound) -> bool:
+    return isinstance(bound.value, Value) and not any(True for _ in names(bound.value.expr))
+
+
+def is_offset_or_gain(component: Component) -> bool:
+    """True for a law that only shifts or scales a signal: polynomial in the signal and the parameters, without states and
+    without time."""
+    known = {*component.signals, *component.parameters}
+
+    def polynomial(expr: Expr) -> bool:
+        if isinstance(expr, Name):
+            return expr.text in known
+        return isinstance(expr, (Number, Binary, Negative)) and all(map(polynomial, children(expr)))
+
+    return not component.variables and all(polynomial(side) for line in component.equations
+                                           for side in (line.tree.left, line.tree.right))
 
 
 def _is_input_of(site: Site, block: str, wire: str | None) -> bool:

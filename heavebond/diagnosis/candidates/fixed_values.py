@@ -13,14 +13,14 @@ from collections.abc import Iterator
 from math import isfinite
 
 from heavebond.core.errors import listing
-from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, quantity, within
+from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, is_offset_or_gain, quantity, within
 from heavebond.equations.expanded import Leaf
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
 from heavebond.language.definition import Parameter, Value
 from heavebond.language.edits import Change
 from heavebond.numerics.dae import Assembly
-from heavebond.text.expression import Binary, Expr, Name, Negative, Number, children, names
+from heavebond.text.expression import names
 
 VALUE = "value of a parameter"
 WIDE = 10.0  # largest factor, up or down, on the value in the diagram
@@ -81,14 +81,4 @@ def is_calibration_error(candidate: Candidate, experiment: Experiment) -> bool:
     amplitude, without states and without time."""
     if candidate.attaches not in ("input", "channel") or len(candidate.numbers) != 1 or not candidate.vanishes:
         return False
-    component = experiment.model.library.component(candidate.component)
-    known = {*component.signals, *component.parameters}
-    return not component.variables and all(_polynomial(side, known) for line in component.equations
-                                           for side in (line.tree.left, line.tree.right))
-
-
-def _polynomial(expr: Expr, known: set[str]) -> bool:
-    """True if an expression contains only sums and products of numbers and `known` names."""
-    if isinstance(expr, Name):
-        return expr.text in known
-    return isinstance(expr, (Number, Binary, Negative)) and all(_polynomial(child, known) for child in children(expr))
+    return is_offset_or_gain(experiment.model.library.component(candidate.component))

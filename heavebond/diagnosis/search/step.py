@@ -60,7 +60,8 @@ CLOSE = 0.05  # those whose ln(chi-square) is within this of the best one
 AS_ONE = 1e-6  # nodes move together if they differ by less than this share of the largest value
 CALIBRATED = 3  # number of calibration errors that are refitted together with a law, those with the largest scores
 STEADY = 0.01  # a variable is constant if it varies by less than this share of its size
-SECONDS = 600.0  # time of refits after which none is started
+SECONDS = 600.0  # duration of a step after which no refit is started,
+SCORING = 0.5  # and the share of it after which no candidate is scored, so that an early end has refits too
 # A candidate is justified if chi-square on held-out data falls by this, in units of the residual per sample. The square of a
 # standard normal number exceeds it by chance less than once in a thousand cases.
 EARNED = 12.0
@@ -147,9 +148,9 @@ def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), numb
     """Score the candidates of the catalogue, and refit those that can matter.
 
     `beside` are the effects that earlier steps added to the diagram. Candidates that act on these effects instead of the
-    machine are left out. `classes` restricts the catalogue to candidates of these classes. `seconds` limits the time of the
-    refits, `number` is the number of processes. A `thorough` search also refits all other candidates if no refit of the
-    candidates with the largest scores comes near the noise.
+    machine are left out. `classes` restricts the catalogue to candidates of these classes. `seconds` limits the time of
+    scores and refits, `number` is the number of processes. A `thorough` search also refits all other candidates if no refit
+    of the candidates with the largest scores comes near the noise.
     """
     def chosen(candidate: Candidate) -> bool:
         return candidate.kind != UNKNOWN and (not classes or candidate.kind in classes) and not candidate.acts_on(beside)
@@ -241,19 +242,18 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
 
         refits = RefitSchedule(workers, say, explains, {beside.candidate.label: beside} if beside is not None else {})
         try:
-            _score(workers, found, scores, say)
-            scored_all = True
+            until = began + seconds
+            scored_all = _score(workers, found, scores, say, began + SCORING * seconds)
             known = {s.candidate.label for s in scores}
             scores = beyond_their_members(scores)
             left = leftover(base, scores, prescored.scores)
             if left.significant or always:
-                until = clock.perf_counter() + seconds
                 acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
                 leading, rest, twins = planned(scores, as_one)
                 leading = leading[:most]
-                partial = not refits.make(leading, rest if thorough else [], until)
+                partial = not refits.make(leading, rest if thorough else [], until) or not scored_all
                 if varying is not None and not partial and unexplained(refits.trials.values()):
-                    more, of_variations, weak = _variations(base, scores, varying, workers, say)
+                    more, of_variations, weak = _variations(base, scores, varying, workers, say, until)
                     found, scores, excluded = [*found, *more], [*scores, *of_variations], excluded | weak
                     known |= {s.candidate.label for s in of_variations}
                     jobs, _, twins = planned(scores, as_one)
@@ -288,8 +288,8 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
                    excluded={**excluded, **prescored.left_out})
 
 
-def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate], bool], workers: Workers, say: Progress
-                ) -> tuple[list[Candidate], list[Score], dict[str, str]]:
+def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate], bool], workers: Workers, say: Progress,
+                until: float) -> tuple[list[Candidate], list[Score], dict[str, str]]:
     """Make and score the candidates that are tried if no other candidate comes near the noise. These are variations of
     parameters, and the candidates with the best scores in `before`, extended by an onset time. The third result maps
     variations that are not tried to the reason."""
@@ -300,21 +300,23 @@ def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate
                 for name, reason in varying.left_out.items()}
 
     of_variations, of_onsets = list[Score](), list[Score]()
-    _score(workers, added, of_variations, say)
+    _score(workers, added, of_variations, say, until)
     beginning = onsets(base, [*before, *of_variations])
-    _score(workers, beginning, of_onsets, say)
+    _score(workers, beginning, of_onsets, say, until)
     return [*added, *beginning], [*of_variations, *of_onsets], left_out
 
 
-def _score(workers: Workers, found: Sequence[Candidate], scores: list[Score], say: Progress) -> None:
+def _score(workers: Workers, found: Sequence[Candidate], scores: list[Score], say: Progress, until: float) -> bool:
     """Append the scores of candidates to the empty list `scores` as they are computed, so that an early end keeps them.
     At the end, sort them in the order of the candidates, so that the result does not depend on the order of the
-    processes."""
-    for k, (candidate, got) in enumerate(workers.score(found), 1):
+    processes. The result is false if candidates were not started at the time `until`."""
+    k = 0
+    for k, (candidate, got) in enumerate(workers.score(found, until), 1):
         say(f"scoring {k} of {len(found)}: {candidate.label}")
         scores += got
     place = {c.label: k for k, c in enumerate(found)}
     scores.sort(key=lambda s: place[s.candidate.label])
+    return k == len(found)
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int

@@ -267,14 +267,18 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
             ways = [_with_joint(way, joint) for way in ways]
             steps = [(made, [_with_joint(way, joint) for way in extended]) for made, extended in steps]
         cut = bool(steps) and steps[-1][0].partial and left() <= 0  # ended by the time limit, not by the user
-        if not steps or (cut and not any(found[-1].is_noise for found in steps[-1][1])):
+        if cut and not any(found[-1].is_noise for found in steps[-1][1]):
+            last = replace(steps.pop()[0], chosen=None, cluster=())  # its scores and refits are reported without a result
+            if not steps:
+                break
+        elif not steps:
             last = ways[0][-1].step
             break
         longer = [found for _, extended in steps for found in extended
                   if worth_it(found[-1].step) and _merit(found) < min(map(_merit, ways))]
         longer = [_without_absent(found) for found in longer]
         ways = _distinct(sorted(longer, key=_merit)) if longer else sorted(ways, key=_merit)
-        last = replace(ways[0][-1].step if longer else steps[0][0], partial=steps[-1][0].partial)
+        last = replace(ways[0][-1].step if longer else steps[0][0], partial=cut or steps[-1][0].partial)
         if not longer:
             break
         if not last.partial and left() > 0:

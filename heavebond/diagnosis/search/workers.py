@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
 from functools import cached_property, lru_cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -184,10 +185,14 @@ class Workers:
 
     def score(self, candidates: Sequence[Candidate], until: float = float("inf")) -> Iterator[tuple[Candidate, list[Score]]]:
         """Yield the scores of each candidate in the order of completion. Candidates that are not started at the time
-        `until` are left out."""
+        `until` are left out. The classes take turns, so that the scores of an early end are not those of a few classes."""
         shared = self._shared(candidates)
-        none: list[list[Score]] = [[] for _ in candidates]
-        yield from self._each(_scored, [(c, shared.get(c.label)) for c in candidates], candidates, until, none)
+        classes: dict[str, list[Candidate]] = {}
+        for candidate in candidates:
+            classes.setdefault(candidate.kind, []).append(candidate)
+        in_turn = [c for row in zip_longest(*classes.values()) for c in row if c is not None]
+        none: list[list[Score]] = [[] for _ in in_turn]
+        yield from self._each(_scored, [(c, shared.get(c.label)) for c in in_turn], in_turn, until, none)
 
     def _shared(self, candidates: Sequence[Candidate]) -> dict[str, SharedDiagram]:
         """The shared diagrams by candidate label. Candidates of the catalogue get distinct part names, so that several
