@@ -16,7 +16,7 @@ from heavebond.estimation import residuals
 from heavebond.estimation.experiment import Experiment, changed_experiment, load_experiment
 from heavebond.estimation.residuals import Descent, Exceeded, Residuals, Run
 from heavebond.language.library import bundled
-from heavebond.numerics import compiled_cvodes
+from heavebond.numerics import compiled_cvodes, simulator
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator, Unexplained
 from heavebond.numerics.simulator import Simulator
@@ -191,3 +191,33 @@ def test_a_descent_is_the_same_where_rejected_runs_are_ended(rig: Path, method: 
     monkeypatch.setattr(residuals, "ROUNDING", np.inf)
     whole = made()
     assert short.history == whole.history and np.array_equal(short.x, whole.x) and short.message == whole.message
+
+
+DRAIN = """
+model: drain
+components:
+  tank:  {is: OpenTank, A: 100 cm**2}
+  hole:  {is: Orifice, q_r: 20 L/min, dp_r: 0.1 bar}
+  pipe:  {is: Orifice, q_r: 30 L/min, dp_r: 0.1 bar}
+  floor: {is: Tank}
+nodes: {top: [tank.a], bottom: [tank.b, hole.a], middle: [hole.b, pipe.a], out: [pipe.b, floor.a]}
+initial: {tank.h: 0.5 m}
+simulate: {until: 10 s}
+"""
+
+
+def test_idas_makes_a_run_that_the_compiled_program_cannot_make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pressure between both losses is an algebraic unknown, and a level cannot be negative: IDAS integrates, and no
+    motions between the samples are looked for, as a search compares only samples."""
+    (tmp_path / "drain.yaml").write_text(DRAIN)
+    (tmp_path / "train.csv").write_text("t,h\n" + "".join(f"{t / 10},{0.5 - t / 1000}\n" for t in range(100)))
+    (tmp_path / "run.yaml").write_text(
+        "experiment: drain\nmodel: drain.yaml\nrecords: {train: {file: train.csv, use: fit}}\n"
+        "time: {column: t, unit: s}\noutputs: {tank.h: {column: h, unit: m, noise: 1 mm}}\n")
+    experiment = load_experiment(tmp_path / "run.yaml")
+    own = run(experiment, QuickSimulator, [])
+    assert own.assembly.algebraic_names and own.simulator.compiled
+    compiled = own.residuals({})[0]
+    monkeypatch.setattr(QuickSimulator, "_signals", lambda *given: None)
+    monkeypatch.setattr(simulator, "HiddenMotions", lambda *given: pytest.fail("looked for motions between samples"))
+    assert run(experiment, QuickSimulator, []).residuals({})[0] == pytest.approx(compiled, abs=0.05)

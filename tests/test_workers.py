@@ -23,6 +23,7 @@ from heavebond.diagnosis.search.scoring import Score, scored
 from heavebond.diagnosis.search.step import fitted_base, make_stage
 from heavebond.diagnosis.search.workers import Workers
 from heavebond.estimation.experiment import load_experiment
+from heavebond.estimation.residuals import Residuals, Run
 
 CHOSEN = ("PneumaticValve in inlet (b_cr)", "SensorGain in the channel receiver.p", "DeadBand before inlet.u")
 
@@ -64,6 +65,22 @@ def test_the_classes_take_turns_in_the_scores(base: Base) -> None:
     among = {c.label: c for c in single_candidates(base.problem.experiment)}
     with Workers(base, 1) as workers:
         assert [c.label for c, _ in workers.score([among[label] for label in labels])] == [labels[0], labels[2], labels[1]]
+
+
+def test_a_candidate_that_casadi_cannot_evaluate_does_not_end_a_search(base: Base, chosen: list[Candidate],
+                                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its error is a RuntimeError in the midst of a run: the candidate counts as one that cannot be simulated."""
+    def broken(*given: object) -> None:
+        raise RuntimeError("CVODES does not support algebraic variables")
+
+    with Workers(base, 1) as workers_here:
+        scores = {c.label: got for c, got in workers_here.score(chosen)}
+        (_, refit), *_ = workers_here.begin([(chosen[0], scores[chosen[0].label])])
+        monkeypatch.setattr(Run, "residuals", broken)
+        monkeypatch.setattr(Residuals, "evaluate", broken)
+        assert [got for _, got in workers_here.score(chosen)] == [[], [], []]
+        assert [trial for _, trial in workers_here.begin([(chosen[0], scores[chosen[0].label])])] == [None]
+        assert refit is not None and [t for _, t in workers_here.follow([(refit, scores[chosen[0].label])])] == [refit]
 
 
 def test_half_of_the_time_of_a_step_is_left_for_refits(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -82,6 +82,7 @@ class Unexplained(Simulator):
     would cost further runs. If the compiled program can integrate its equations, it is used, with the share `CVODES_SHARE`
     of the requested tolerances."""
 
+    looks_between = False  # only its samples are compared
     most_steps = SEARCH_RUNS.max_steps_exact
     share = CVODES_SHARE  # of the tolerances asked for, with which the compiled program integrates
 

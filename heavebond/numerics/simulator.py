@@ -309,6 +309,7 @@ class Simulator:
             self._sized_for = parameters
             return self._result(*self._started(parameters), began, lambda: self._started(parameters))
 
+    looks_between = True  # whether motions between the points of a run are looked for
     begun: Start | None = None  # where the last run began
     near: Start | None = None  # a start that the next one may follow
     _sized_for: Mapping[str, float | str] | None  # the parameters of the last run, which sizes were taken from
@@ -413,7 +414,7 @@ class Simulator:
 
         def with_hidden(points: Points) -> Points:
             """Points of this run and those of the motions between them."""
-            return points if start_tangent is not None else HiddenMotions(
+            return points if start_tangent is not None or not self.looks_between else HiddenMotions(
                 assembly, self.integrand, self.inputs, self.solver, self.tolerances, self.begin).found_in(points, first.p)
 
         result = taken(found, output_times, output_stops)

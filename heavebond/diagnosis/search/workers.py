@@ -300,7 +300,10 @@ def _elsewhere(given: bytes, function: Callable[..., T], *job: Any) -> T:
 
 
 def _scored(base: Base, candidate: Candidate, shared: SharedDiagram | None, progress: Progress | None = None) -> list[Score]:
-    return scored(base, candidate, shared)
+    try:
+        return scored(base, candidate, shared)
+    except RuntimeError:  # of CasADi: one candidate that it cannot evaluate does not end a search
+        return []
 
 
 def _refitted(base: Base, work: Callable[..., Refit | None], job: Sequence[Any], kept: Kept | None,
@@ -313,4 +316,7 @@ def _refitted(base: Base, work: Callable[..., Refit | None], job: Sequence[Any],
         candidate = job[0].candidate if isinstance(job[0], Refit) else job[0]
         if (found := restored(base, candidate, job[1], kept)) is not None:
             return found
-    return work(base, *job, progress)
+    try:
+        return work(base, *job, progress)
+    except RuntimeError:  # as in `_scored`; a refit keeps what it had
+        return job[0] if isinstance(job[0], Refit) else None
