@@ -15,7 +15,8 @@ from PIL import Image
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.language.library import bundled
-from heavebond.pictures.animation import animation_page, corners, packed, save_animation, writing
+from heavebond.pictures.animation import animation_page, packed, save_animation
+from heavebond.pictures.film import corners, writing
 from heavebond.pictures.motion import Motion, Moving, animate
 
 SWING = """

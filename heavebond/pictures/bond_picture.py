@@ -1,11 +1,9 @@
 """A bond graph as a picture (SVG): letters, straight bonds with half arrows, causal strokes.
 
-Placement of the vertices of a graph so that straight bonds can be drawn between them.
-
-Distances on the paper should equal distances along the bonds: the weighted sum of squared differences (the stress) is
-minimised by majorisation, from several starts, and the result with the fewest crossings is chosen. T. Kamada, S. Kawai,
-Inf. Process. Lett. 31 (1989) 7-15, doi:10.1016/0020-0190(89)90102-6; E. R. Gansner, Y. Koren, S. North, Graph Drawing
-2004, LNCS 3383, 239-250, doi:10.1007/978-3-540-31843-9_25.
+The vertices are placed so that distances on the paper equal distances along the bonds: the weighted sum of squared
+differences (the stress) is minimised by majorisation, from several starts, and the result with the fewest crossings is
+chosen. T. Kamada, S. Kawai, Inf. Process. Lett. 31 (1989) 7-15, doi:10.1016/0020-0190(89)90102-6; E. R. Gansner, Y. Koren,
+S. North, Graph Drawing 2004, LNCS 3383, 239-250, doi:10.1007/978-3-540-31843-9_25.
 """
 
 from __future__ import annotations

@@ -1,0 +1,96 @@
+"""A motion as a film: GIF by Pillow, MP4 by ffmpeg if it is installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.language.view import WIDE
+from heavebond.numerics.dae import Array
+from heavebond.pictures.motion import Motion, Moving, Outline
+
+RATE, MOST = 12, 600  # pictures per second, and in all: a GIF holds each of them completely
+HEIGHT, BREADTH, DPI = 6.0, 9.0, 90  # inches at most
+LETTERS = 34, 62  # height of letters relative to height and width of a picture, as in animation.js
+SLIM = 0.55  # average width of a letter relative to its height
+# edge, face and pale face, as in animation.css
+COLOURS = {
+    "grey": ("#47525e", "#cfd6dc", "#e8ecef"), "dark": ("#263238", "#5d6a75", "#cfd6dc"),
+    "blue": ("#00507f", "#6fb1d8", "#d7e8f3"), "sea": ("#3c86b8", "#9cc9e4", "#dceefa"),
+    "gas": ("#8a3570", "#cf8fbc", "#f3dfec"), "oil": ("#005a9c", "#8fb9db", "#d6e6f2"),
+    "rock": ("#6b5a3d", "#b5a280", "#e6dcc8"), "red": ("#c2410c", "#f0a37f", "#ffe3d1"),
+    "green": ("#00714f", "#7cc4a9", "#dcf1e9"), "orange": ("#a35a00", "#f0b866", "#fbe8cc")}
+
+
+def save_film(motion: Motion, path: Path, speed: float) -> None:
+    """Write .gif or .mp4 with the playback speed `speed`; UsageError without ffmpeg for .mp4."""
+    writer = _writer(path)
+    left, bottom, right, top = motion.edges
+    inch = min(HEIGHT / (top - bottom), BREADTH / (right - left))
+    figure = Figure(figsize=(inch * (right - left), inch * (top - bottom)), dpi=DPI)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
+    axes.set_axis_off()
+    patches = [(moving, outline, _polygon(moving, outline)) for moving in motion.shapes for outline in moving.outlines]
+    for _, _, patch in patches:
+        axes.add_patch(patch)
+    letter = max((top - bottom) / LETTERS[0], (right - left) / LETTERS[1])
+    size = 72 * inch * letter
+    clock = axes.text(left + letter / 2, top - letter / 2, "", va="top", fontsize=size)
+    labels = [(moving, axes.text(0, 0, moving.label, va="center", fontsize=size)) for moving in motion.shapes
+              if moving.label]
+    length = float(motion.time[-1] - motion.time[0]) / speed
+    number = max(2, min(MOST, int(length * RATE)))
+    with writer.saving(figure, str(path), DPI):
+        for k in np.linspace(0, len(motion.time) - 1, number).round().astype(int):
+            for moving, outline, patch in patches:
+                patch.set_xy(corners(moving, outline, int(k)))
+            for moving, words in labels:
+                x, y, side = writing(moving, int(k), right, letter)
+                words.set(x=x, y=y, ha=side)
+            clock.set_text(f"{motion.time[k]:.1f} s")
+            writer.grab_frame()
+
+
+def corners(moving: Moving, outline: Outline, k: int) -> Array:
+    """The corners of an outline (m, 2) in m at frame k."""
+    x, y, u, v, width, barrel = np.nan_to_num(moving.courses[:, k])
+    length = float(np.hypot(u - x, v - y)) or 1e-12
+    along, beside = np.array([u - x, v - y]) / length, np.array([y - v, u - x]) / length
+    a, b, w = np.array(outline.corners).T
+    return np.array([x, y]) + np.outer(a * length + b * barrel, along) + np.outer(w * width, beside)
+
+
+def writing(moving: Moving, k: int, right: float, letter: float) -> tuple[float, float, str]:
+    """Position and alignment of the label of a shape at frame k: inside if it fits, else at its side."""
+    x, y, u, v, width, _ = np.nan_to_num(moving.courses[:, k]).tolist()
+    length = float(np.hypot(u - x, v - y))
+    if moving.kind in WIDE:
+        return right - letter / 2, y + letter / 2, "right"
+    ground = moving.kind == "ground"
+    if (ground or moving.kind == "box") and SLIM * letter * len(moving.label) < length and letter < width:
+        return (x + u) / 2, y - width / 2 if ground else (y + v) / 2, "center"
+    steep = abs(v - y) > 0.5 * length
+    return max(x, u) + (width / 2 if steep else 0.0) + letter / 2, (y + v) / 2, "left"
+
+
+def _polygon(moving: Moving, outline: Outline) -> Polygon:
+    edge, face, pale = COLOURS[moving.colour]
+    fill = {"full": face, "soft": pale, "white": "#ffffff"}.get(outline.fill, "none")
+    return Polygon(corners(moving, outline, 0), closed=False, edgecolor=edge, facecolor=fill,
+                   linewidth=1.2 if outline.edge else 0.0, linestyle="--" if outline.edge == "dashed" else "-")
+
+
+def _writer(path: Path) -> AbstractMovieWriter:
+    if path.suffix.lower() == ".gif":
+        return PillowWriter(fps=RATE)
+    if not FFMpegWriter.isAvailable():
+        raise UsageError([Problem("ffmpeg-missing", "writing .mp4 needs ffmpeg, which is not installed", None,
+                                  "Install ffmpeg, or write .gif or .html.")])
+    return FFMpegWriter(fps=RATE)
