@@ -193,10 +193,11 @@ def _trial(label: str, bic: float, held: float, share: float = 1.0) -> Any:
                            cost=1000 * held, samples=1000, unknowns=1, samples_held_out=1000)
 
 
-def _judged_step(trials: list[Any], held: float) -> Any:
+def _judged_step(trials: list[Any], held: float, partial: bool = False) -> Any:
     errors = SimpleNamespace(mean=lambda *_: held, samples=lambda *_: 1000)
     return SimpleNamespace(trials=trials, joint=(), cluster=(), chosen=None, bic=0.0, chi2_held_out=held,
-                           samples_held_out=1000, errors=errors, merit=1e9, shown_held_out=True, partial=True, chi2_fit=held)
+                           samples_held_out=1000, errors=errors, merit=1e9, shown_held_out=True, partial=partial,
+                           chi2_fit=held)
 
 
 def test_a_table_does_not_say_by_chance_beside_strong_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -207,6 +208,8 @@ def test_a_table_does_not_say_by_chance_beside_strong_evidence(monkeypatch: pyte
     little = conclusion(_judged_step([_trial(FRICTION.label, -522.0, 48.0)], 50.0))
     assert little == f"none is in the answer; {FRICTION.label}: takes away less than 20 % of the misfit of its step"
     assert conclusion(_judged_step([_trial(FRICTION.label, -2.0, 49.9)], 50.0)) == "none is better than by chance"
+    ended = conclusion(_judged_step([_trial(FRICTION.label, -522.0, 20.0)], 50.0, partial=True))
+    assert ended == f"none is in the answer; {FRICTION.label}: not decided before the search ended"
 
 
 def test_a_curve_that_leaves_much_more_does_not_predict_as_well() -> None:
@@ -234,14 +237,14 @@ def test_the_error_without_an_effect_is_that_of_the_fitted_model() -> None:
 
 
 def test_a_search_that_was_ended_early_with_a_leader_far_ahead_names_it() -> None:
-    step = _judged_step([_trial(FRICTION.label, -75369.0, 1.01), _trial(LAG.label, -2273.0, 3556.0)], 3998.0)
+    step = _judged_step([_trial(FRICTION.label, -75369.0, 1.01), _trial(LAG.label, -2273.0, 3556.0)], 3998.0, partial=True)
     step.left = SimpleNamespace(significant=True)
     said = _undetermined([], [], [step], None)
     assert "No conclusion" not in said
     assert said == ("The search was ended early. Best so far: dry friction between platform and crown (CoulombFriction), "
                     "which explains more than 99 % of the misfit; of the others lag in the channel extension "
                     "(FirstOrderLag) explains 11 %.")
-    weak = _judged_step([_trial(LAG.label, -2273.0, 3556.0)], 3998.0)
+    weak = _judged_step([_trial(LAG.label, -2273.0, 3556.0)], 3998.0, partial=True)
     assert _undetermined([], [], [weak], None) == "No conclusion yet: the search was ended early."
 
 

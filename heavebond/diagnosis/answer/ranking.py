@@ -33,7 +33,7 @@ JUDGEMENTS = {
     "not_identifiable": "not identifiable together with the free parameters",
     "low_score": "score too small for a refit",
     "left_out": "left out for a reason that `left_out` states",
-    "not_reached": "not reached before the search ended",
+    "not_reached": "not decided before the search ended",
     "not_simulated": "could not be simulated",
 }
 
@@ -190,7 +190,7 @@ def _judged(trial: Refit, step: Stage, alike: set[str]) -> str:
     if step.chosen is not None and likelihood(trial) > likelihood(step.chosen):
         return "larger_residual"
     if step.chosen is None and merit(trial) < step.merit - EARNED:
-        return "replaced" if is_noticeable(step, trial) else "immaterial"
+        return "not_reached" if step.partial else "replaced" if is_noticeable(step, trial) else "immaterial"
     return "not_justified"
 
 
