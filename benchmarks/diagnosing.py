@@ -24,7 +24,7 @@ from heavebond.diagnosis.candidates.catalogue import single_candidates
 from heavebond.diagnosis.diagnose import Diagnosis, diagnose
 from heavebond.diagnosis.search.base_model import SEARCH, Base, searched
 from heavebond.estimation.residuals import Run
-from heavebond.estimation.starter_folder import start_folder
+from heavebond.estimation.starter_folder import new as start_folder
 from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.simulator import Simulator
 

@@ -85,12 +85,12 @@ def side_by_side(cases: int = SWEPT, pairs: int = PAIRS) -> list[Figure]:
     """A sweep in one process against two, by the wall clock, in turns; and how much more processor time two take."""
     study, rows = seas(cases), []
     with workers() as (local, cluster):
-        values(hb.run_study(seas(4 * WORKERS), executor=cluster))  # what workers import is no cost of a sweep
+        values(hb.study(seas(4 * WORKERS), executor=cluster))  # what workers import is no cost of a sweep
         for _ in range(pairs):
-            one = timed(lambda: hb.run_study(study, processes=1))
-            two = timed(lambda: hb.run_study(study, processes=WORKERS))
+            one = timed(lambda: hb.study(study, processes=1))
+            two = timed(lambda: hb.study(study, processes=WORKERS))
             before = inside(local)
-            dask = timed(lambda: hb.run_study(study, executor=cluster))
+            dask = timed(lambda: hb.study(study, executor=cluster))
             assert one[2] == two[2] == dask[2]  # the same numbers, to the last digit
             rows.append((one[0] / two[0], one[0] / dask[0], two[1] / one[1], (inside(local) - before) / one[1]))
     processes, by_dask, more, more_dask = (statistics.median(column) for column in zip(*rows, strict=True))
@@ -104,9 +104,9 @@ def side_by_side(cases: int = SWEPT, pairs: int = PAIRS) -> list[Figure]:
 def together(cases: int = CASES) -> Figure:
     """A sweep in one process whose cases share their equations, against the same cases worked out by themselves."""
     study = seas(cases)
-    ours = timed(lambda: hb.run_study(study, processes=1))
+    ours = timed(lambda: hb.study(study, processes=1))
     with mock.patch("heavebond.studies.run_case.measured_together", return_value=None):
-        theirs = timed(lambda: hb.run_study(study, processes=1))
+        theirs = timed(lambda: hb.study(study, processes=1))
     for one, other in zip(ours[2], theirs[2], strict=True):
         assert all(abs(one[name] - value) < 1e-5 * abs(value) for name, value in other.items())
     ratio = theirs[1] / ours[1]
@@ -197,8 +197,8 @@ def killing(cases: int = CASES, kills: int = 4) -> tuple[Figure, bool]:
                 killed.append(alive[len(killed) % len(alive)])
                 os.kill(killed[-1], signal.SIGKILL)
 
-        found = values(hb.run_study(study, executor=cluster, progress=tell))
-    same = found == values(hb.run_study(study, processes=1))
+        found = values(hb.study(study, executor=cluster, progress=tell))
+    same = found == values(hb.study(study, processes=1))
     told = f"{len(killed)} killed, {len(found)} of {cases} cases done, numbers {'the same' if same else 'DIFFER'}"
     return Figure(f"sweep of {cases} on {WORKERS} workers while workers are killed", told, f"{cases} done, the same",
                   same and len(found) == cases), same

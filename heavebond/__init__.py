@@ -34,30 +34,42 @@ if TYPE_CHECKING:
     from heavebond.diagnosis.attempt import attempt
     from heavebond.diagnosis.candidates.places import candidates
     from heavebond.diagnosis.diagnose import Diagnosis, diagnose
-    from heavebond.diagnosis.state import ladder
-    from heavebond.energy.audit import audit
-    from heavebond.energy.simplification import simplify
+    from heavebond.diagnosis.state import errors
+    from heavebond.energy_audit.audit import EnergyAudit, energy
+    from heavebond.energy_audit.simplification import simplify
     from heavebond.estimation.comparison import Comparison, compare
     from heavebond.estimation.experiment import Experiment, load_experiment
     from heavebond.estimation.fitting import Fit, fit
+    from heavebond.estimation.starter_folder import new
+    from heavebond.exchange.export import export
+    from heavebond.import_20sim.importer import ImportedModel, import_model
     from heavebond.language.diagram import Diagram
     from heavebond.language.model import Model, load, loads
     from heavebond.laws.find import FoundLaw, Laws, find_laws
     from heavebond.linear.linear_system import StateSpace, state_space
+    from heavebond.linear.linearisation import ModesAtStart
     from heavebond.linear.margins import loop_crossings, loop_margins
+    from heavebond.linear.modes import Modes, modes
     from heavebond.linear.root_locus import root_locus
     from heavebond.localise.misfit import Localization, localize
     from heavebond.numerics.dae import Assembly, assemble
     from heavebond.numerics.result import Result
     from heavebond.numerics.simulation import simulate
     from heavebond.numerics.simulator import Simulator
+    from heavebond.optimise.influence import Rankings, sensitivity
     from heavebond.optimise.objective import TuningProblem, tuning_task
     from heavebond.optimise.tuning import Tuned, tune
-    from heavebond.pictures.drawing import draw
+    from heavebond.pictures.motion import Motion, animate
+    from heavebond.pictures.picture import Picture, draw
     from heavebond.records.saved_runs import SavedRun, read_run
     from heavebond.records.signal_array import Signal
-    from heavebond.studies.campaign import StudyResult, run_study
+    from heavebond.records.spectra import SignalAnalysis, signal
+    from heavebond.reports.check import check
+    from heavebond.reports.library_page import library
+    from heavebond.reports.text_page import TextPage
+    from heavebond.studies.campaign import StudyResult, study
     from heavebond.studies.study import Study, load_study
+    from heavebond.studies.sweep import sweep
 
 __version__ = VERSION
 
@@ -67,7 +79,7 @@ _EXPORTS = {
     "linear.linear_system": ("state_space", "StateSpace"),
     "linear.root_locus": ("root_locus",),
     "linear.margins": ("loop_crossings", "loop_margins"),
-    "energy.simplification": ("simplify",),
+    "energy_audit.simplification": ("simplify",),
     "core.errors": ("DataError", "HeavebondError", "ModelError", "RunWarning", "SimulationError", "StartError",
                      "UsageError"),
     "records.saved_runs": ("read_run", "SavedRun"),
@@ -77,7 +89,7 @@ _EXPORTS = {
     "diagnosis.attempt": ("attempt",),
     "diagnosis.diagnose": ("diagnose", "Diagnosis"),
     "estimation.experiment": ("Experiment", "load_experiment"),
-    "diagnosis.state": ("ladder",),
+    "diagnosis.state": ("errors",),
     "estimation.fitting": ("Fit", "fit"),
     "localise.misfit": ("Localization", "localize"),
     "language.diagram": ("Diagram",),
@@ -87,29 +99,46 @@ _EXPORTS = {
     "numerics.result": ("Result",),
     "numerics.simulation": ("simulate",),
     "numerics.simulator": ("Simulator",),
-    "pictures.drawing": ("draw",),
-    "studies.campaign": ("run_study", "StudyResult"),
-    "energy.audit": ("audit",),
+    "pictures.picture": ("draw", "Picture"),
+    "pictures.motion": ("animate", "Motion"),
+    "linear.linearisation": ("ModesAtStart",),
+    "linear.modes": ("modes", "Modes"),
+    "optimise.influence": ("sensitivity", "Rankings"),
+    "records.spectra": ("signal", "SignalAnalysis"),
+    "reports.check": ("check",),
+    "reports.library_page": ("library",),
+    "reports.text_page": ("TextPage",),
+    "studies.sweep": ("sweep",),
+    "exchange.export": ("export",),
+    "import_20sim.importer": ("import_model", "ImportedModel"),
+    "estimation.starter_folder": ("new",),
+    "studies.campaign": ("study", "StudyResult"),
+    "energy_audit.audit": ("energy", "EnergyAudit"),
     "studies.study": ("load_study", "Study"),
     "optimise.objective": ("TuningProblem", "tuning_task"),
     "optimise.tuning": ("tune", "Tuned"),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
-    "Assembly", "Comparison", "DataError", "Diagnosis", "Diagram", "Experiment", "Fit", "FoundLaw", "HeavebondError", "Laws",
-    "Localization", "Model", "ModelError", "Result", "RunWarning", "SavedRun", "Signal", "SimulationError", "Simulator",
-    "StartError", "StateSpace", "Study", "StudyResult", "Tuned", "TuningProblem", "UsageError", "assemble", "attempt",
-    "audit", "candidates", "compare", "diagnose", "draw", "find_laws", "fit", "ladder", "load", "load_experiment",
-    "load_study", "loads", "localize", "loop_crossings", "loop_margins", "read_run", "root_locus", "run_study",
-    "simplify", "simulate", "state_space", "tune", "tuning_task",
+    "Assembly", "Comparison", "DataError", "Diagnosis", "Diagram", "EnergyAudit", "Experiment", "Fit", "FoundLaw",
+    "HeavebondError", "ImportedModel", "Laws", "Localization", "Model", "ModelError", "Modes", "ModesAtStart",
+    "Motion", "Picture", "Rankings", "Result", "RunWarning", "SavedRun", "Signal", "SignalAnalysis",
+    "SimulationError", "Simulator", "StartError", "StateSpace", "Study", "StudyResult", "TextPage", "Tuned",
+    "TuningProblem", "UsageError", "animate", "assemble", "attempt", "candidates", "check", "compare", "diagnose",
+    "draw", "energy", "errors", "export", "find_laws", "fit", "import_model", "library", "load", "load_experiment",
+    "load_study", "loads", "localize", "loop_crossings", "loop_margins", "modes", "new", "read_run", "root_locus",
+    "sensitivity", "signal", "simplify", "simulate", "state_space", "study", "sweep", "tune", "tuning_task",
 ]
 
 
 # what other packages call it
-_ELSEWHERE = {"run": "simulate", "integrate": "simulate", "read": "load", "open": "load", "optimise": "tune",
-              "optimize": "tune", "estimate": "fit", "identify": "fit", "linearise": "state_space",
-              "linearize": "state_space", "localise": "localize", "where": "localize", "energy": "audit", "plot": "draw",
-              "margins": "loop_margins"}
+_ELSEWHERE = {
+    "run": "simulate", "integrate": "simulate", "read": "load", "open": "load", "optimise": "tune",
+    "optimize": "tune", "estimate": "fit", "identify": "fit", "linearise": "state_space", "linearize": "state_space",
+    "localise": "localize", "where": "localize", "audit": "energy", "run_study": "study", "ladder": "errors",
+    "try": "attempt", "import": "import_model", "eigenvalues": "modes", "influence": "sensitivity",
+    "spectrum": "signal", "plot": "draw", "margins": "loop_margins",
+}
 
 
 def __dir__() -> list[str]:

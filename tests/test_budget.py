@@ -18,7 +18,7 @@ from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.diagnose import Diagnosis, diagnose
 from heavebond.diagnosis.evidence import flexible_laws
 from heavebond.estimation.experiment import Experiment, load_experiment
-from heavebond.estimation.starter_folder import start_folder
+from heavebond.estimation.starter_folder import new as start_folder
 from heavebond.reports.report import report
 from heavebond.reports.result_tables import diagnosis_items
 

@@ -51,7 +51,7 @@ def test_one_row_of_each_table(study: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("study", [*SHORT, "depth"])
 def test_whole_tables(study: str) -> None:
-    result = hb.run_study(f"cmc_ahc/studies/{study}")
+    result = hb.study(f"cmc_ahc/studies/{study}")
     assert result.complete
     found = [[result.value(outcome, name) for name in result.study.measures] for outcome in result.outcomes]
     assert np.array(found) == pytest.approx(rows(study), rel=NEAR)
@@ -60,7 +60,7 @@ def test_whole_tables(study: str) -> None:
 @pytest.mark.slow
 def test_the_sample_of_machines() -> None:
     """Means and least values; unstable runs are sensitive to rounding, so that the published gain is compared by signs."""
-    result = hb.run_study("cmc_ahc/studies/robustness")
+    result = hb.study("cmc_ahc/studies/robustness")
     assert result.complete
     lines = [line for line in block("robustness") if re.match(r"(WOB|damping)", line)]
     for line, spread in zip(lines, spreads(result), strict=True):

@@ -10,7 +10,8 @@ import pytest
 from rich.console import Console
 
 import heavebond as hb
-from heavebond.energy.audit import EnergyAudit, EnergyLine, audit, table
+from heavebond.energy_audit.audit import EnergyAudit, EnergyLine, table
+from heavebond.energy_audit.audit import energy as audit
 
 LIFT = """
 model: lift
@@ -133,4 +134,4 @@ def test_table_shows_every_component_and_the_reasons() -> None:
 
 def test_a_run_of_next_to_no_energy_is_told() -> None:
     """1e-9 s of a small filter: sizes whose logarithms are far below those of the unit."""
-    assert table(hb.audit(hb.load("examples/filter"), until=1e-9, every=1e-10))
+    assert table(hb.energy(hb.load("examples/filter"), until=1e-9, every=1e-10))

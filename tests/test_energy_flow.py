@@ -11,8 +11,9 @@ from test_energy import LEAKY, LIFT, line
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.energy.audit import audit, with_blocks
-from heavebond.energy.power_flow import energy_flow
+from heavebond.energy_audit.audit import energy as audit
+from heavebond.energy_audit.audit import with_blocks
+from heavebond.energy_audit.power_flow import energy_flow
 from heavebond.pictures.plot import save
 from heavebond.pictures.plot_energy import plot_activity, plot_energy_flow
 

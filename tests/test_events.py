@@ -11,7 +11,7 @@ import pytest
 from diagrams import BALL, FLOOR, PEAKS
 
 import heavebond as hb
-from heavebond.energy.audit import audit
+from heavebond.energy_audit.audit import energy as audit
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.fitting import fit
 from heavebond.exchange.portable import portable

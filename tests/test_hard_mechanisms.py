@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import heavebond as hb
-from heavebond.energy.audit import audit
+from heavebond.energy_audit.audit import energy as audit
 from heavebond.numerics.result import Result
 
 Array = NDArray[np.float64]

@@ -117,7 +117,7 @@ def test_what_cannot_run_is_named(name: str, monkeypatch: pytest.MonkeyPatch, re
 
 @pytest.mark.parametrize("name", ENDS)
 def test_what_can_run_ends_where_it_must(name: str) -> None:
-    audit = hb.audit(hb.load(HARD / f"{name}.yaml"))
+    audit = hb.energy(hb.load(HARD / f"{name}.yaml"))
     assert audit.closes(), f"missing: {audit.imbalance:.1e}"
     nominal = {u.name: u.nominal for u in audit.result.assembly.flat.unknowns}
     names = audit.result.assembly.flat.names

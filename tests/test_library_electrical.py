@@ -51,7 +51,7 @@ nodes: {{plus: [supply.a, coil.a], zero: [supply.b, coil.b, ground.a]}}
 initial: {{coil.i: 0 A}}
 simulate: {{until: {float(flux(np.array(10.0)))/12} s, every: 1e-5 s}}
 """)
-    audit = hb.audit(coil_alone)
+    audit = hb.energy(coil_alone)
     assert audit.result["coil.i"][-1] == pytest.approx(10, rel=1e-6)
     assert audit.closes() and audit.stored == pytest.approx(wanted, rel=1e-6)
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 import heavebond as hb
-from heavebond.energy.audit import audit
+from heavebond.energy_audit.audit import energy as audit
 
 BAR, LPM, RPM = 1e5, 1e-3/60, 2*np.pi/60
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import heavebond as hb
-from heavebond.energy.audit import audit
+from heavebond.energy_audit.audit import energy as audit
 from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoices
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Tolerances

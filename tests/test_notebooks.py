@@ -32,6 +32,10 @@ GAINS = hb.tuning_task({"controller.K_p": "0 .. 8 1/m", "controller.K_v": "0 .. 
 PATIENCE = 120  # s for a cell; on a quiet machine the longest takes two
 
 
+def test_there_are_three_notebooks() -> None:
+    assert [path.stem for path in NOTEBOOKS] == ["compensator_gains", "first_machine", "measurements"]
+
+
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_is_kept_without_outputs(path: Path) -> None:
     cells = nbformat.read(path, as_version=4).cells
@@ -60,9 +64,11 @@ def test_the_code_of_a_notebook_runs_as_plain_python(path: Path, tmp_path: Path,
 def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
     notebook = nbformat.read(path, as_version=4)
-    nbclient.NotebookClient(notebook, timeout=PATIENCE, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    shown = [kind for cell in notebook.cells for output in cell.get("outputs", []) for kind in output.get("data", {})]
-    assert "image/png" in shown and "image/svg+xml" in shown
+    nbclient.NotebookClient(notebook, timeout=5 * PATIENCE, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    html = "".join("".join(output.get("data", {}).get("text/html", "")) for output in outputs)
+    assert any("image/png" in output.get("data", {}) for output in outputs) and "data:image/svg+xml" in html
+    assert ("<iframe" in html) == ("hb.animate" in path.read_text(encoding="utf-8"))  # the animation plays in the notebook
 
 
 def pictures(html: str) -> list[str]:
@@ -158,8 +164,8 @@ def test_a_notebook_shows_one_bar(bars: list[FakeBar]) -> None:
     hb.compare("passive_rig/friction")
     bar, = bars
     assert (bar.title, bar.texts, bar.total, bar.closed) == ("compare", ["train", "validate"], 2, True)
-    hb.ladder(["passive_rig/friction"])  # compares, with no bar of its own
-    assert [b.title for b in bars[1:]] == ["ladder"]
+    hb.errors(["passive_rig/friction"])  # compares, with no bar of its own
+    assert [b.title for b in bars[1:]] == ["errors"]
     hb.fit("passive_rig/friction", free={"gas.c": "30 .. 70 kN/m"})
     assert bars[-1].title == "fit" and bars[-1].n == len(bars[-1].texts) > 2 and bars[-1].closed
 

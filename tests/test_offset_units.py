@@ -170,7 +170,7 @@ measure:
 def test_a_measure_of_a_difference_is_an_interval(tmp_path: Path) -> None:
     (tmp_path / "plate.yaml").write_text(PLATE)
     (tmp_path / "s.yaml").write_text(STUDY)
-    found = hb.run_study(hb.load_study(tmp_path / "s.yaml"))
+    found = hb.study(hb.load_study(tmp_path / "s.yaml"))
     outcome = found.outcomes[0]
     # highest and lowest are at the ends, within the error of the run
     assert found.value(outcome, "swing") == pytest.approx(60*(1 - 1/np.e), abs=1e-3)

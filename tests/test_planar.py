@@ -14,7 +14,7 @@ from scipy.special import ellipk
 
 import heavebond as hb
 from heavebond.diagnosis.candidates.catalogue import single_candidates
-from heavebond.energy.audit import audit
+from heavebond.energy_audit.audit import energy as audit
 from heavebond.equations.places import nodes_of
 from heavebond.language.library import library
 

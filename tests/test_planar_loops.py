@@ -10,7 +10,7 @@ from doc_pages import blocks
 from scipy.integrate import solve_ivp
 
 import heavebond as hb
-from heavebond.energy.audit import audit
+from heavebond.energy_audit.audit import energy as audit
 
 G = 9.81
 PAGE = Path(__file__).parent.parent / "docs" / "mechanisms.md"

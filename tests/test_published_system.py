@@ -72,7 +72,7 @@ def test_the_trend_is_as_published() -> None:
 
 
 def test_eigenfrequency_is_within_five_percent(studies_folder: Path) -> None:
-    found = hb.run_study(STUDIES + "eigenfrequency", processes=1, folder=studies_folder / "eigenfrequency")
+    found = hb.study(STUDIES + "eigenfrequency", processes=1, folder=studies_folder / "eigenfrequency")
     assert abs(found.difference(found.of("with"), "frequency")) < 0.05
     assert found.value(found.of("with"), "frequency") == pytest.approx(0.2392, rel=1e-3)
     slowest = next(mode for mode in found.of("with").modes if mode["swings"])
@@ -81,7 +81,7 @@ def test_eigenfrequency_is_within_five_percent(studies_folder: Path) -> None:
 
 def test_passive_statements(studies_folder: Path) -> None:
     """No slamming at 0.5 m without friction and with the printed equation; with the odd friction the bit lifts off."""
-    found = hb.run_study(STUDIES + "fig6", processes=1, folder=studies_folder / "fig6")
+    found = hb.study(STUDIES + "fig6", processes=1, folder=studies_folder / "fig6")
     off = {name: found.value(found.of(name), "off bottom") for name in ("with", "without", "as printed")}
     assert off["without"] == off["as printed"] == 0 < 20 < off["with"]
     with_friction, without = (found.value(found.of(name), "WOB variation") for name in ("with", "without"))
@@ -90,7 +90,7 @@ def test_passive_statements(studies_folder: Path) -> None:
 
 
 def test_gains_and_variation_at_three_quarter_hertz(studies_folder: Path) -> None:
-    found = hb.run_study(STUDIES + "fig8", processes=1, folder=studies_folder / "fig8")
+    found = hb.study(STUDIES + "fig8", processes=1, folder=studies_folder / "fig8")
     tuned = found.of("with")
     # published 3.02 1/m and 0.55 s/m: within 10 %
     assert found.value(tuned, "controller.K_p") == pytest.approx(3.02, rel=0.10)
@@ -151,7 +151,7 @@ def test_printed_friction_at_three_quarter_hertz() -> None:
 
 @pytest.mark.slow
 def test_printed_friction_with_all_valves() -> None:
-    found = hb.run_study(STUDIES + "table3_printed")
+    found = hb.study(STUDIES + "table3_printed")
     for outcome, (k_p, k_v, variation) in zip(found.outcomes, printed_on_the_page(), strict=True):
         assert found.value(outcome, "controller.K_p") == pytest.approx(k_p, rel=0.01)
         assert found.value(outcome, "controller.K_v") == pytest.approx(k_v, rel=0.01)
@@ -166,7 +166,7 @@ def test_a_slip_in_the_name_of_a_study_is_told_with_the_study_that_is_meant() ->
 @pytest.mark.slow
 def test_table_3_whole() -> None:
     """Both procedures in every cell, as the study's one command works them out."""
-    found = hb.run_study(STUDIES + "table3")
+    found = hb.study(STUDIES + "table3")
     assert found.complete
     for friction, f_n in CELLS:
         page = on_the_page()[friction, f_n]
@@ -199,7 +199,7 @@ def test_the_values_are_better_than_those_that_a_search_by_gradients_finds() -> 
 @pytest.mark.slow
 def test_calibration_whole() -> None:
     """From handbook figures, as the page tells it. The way is rough (friction): the sum to 5 %, the values to 10 %."""
-    found = hb.run_study(STUDIES + "calibration")
+    found = hb.study(STUDIES + "calibration")
     assert found.complete and found.calibrated is not None
     first, last, zeta, beta, hook = stated(r"decreases from ([0-9.]+) to ([0-9.]+): spool damping ([0-9.]+), bulk modulus "
                                            r"([0-9.]+) GPa, ([0-9.]+) t of string at the hook")
@@ -213,7 +213,7 @@ def test_calibration_whole() -> None:
 
 @pytest.mark.slow
 def test_amplitude() -> None:
-    found = hb.run_study(STUDIES + "amplitude")
+    found = hb.study(STUDIES + "amplitude")
     amplitudes = ["0.5 m", "0.75 m", "1 m", "1.25 m", "1.5 m", "1.75 m"]
     for active in ("active", "active, 2.5 Hz"):
         of = [found.of(active, a) for a in amplitudes]
@@ -237,7 +237,7 @@ def test_the_storm_ends_at_the_stops(studies_folder: Path) -> None:
 
     The numbers are those of the page of the compensator: 10 %, and one impact, as each impact depends on the ones before.
     """
-    found = hb.run_study(STUDIES + "storm", processes=1, folder=studies_folder / "storm")
+    found = hb.study(STUDIES + "storm", processes=1, folder=studies_folder / "storm")
     assert found.complete
     page = PAGE.with_name("compensator.md").read_text(encoding="utf-8")
     for operation in ("active", "passive"):

@@ -43,7 +43,7 @@ def test_objects_say_of_themselves_what_fits_on_a_screen(tmp_path: Path) -> None
     run.save(tmp_path / "run.csv")
     comparison = hb.compare("passive_rig/friction")
     for thing in (model, assembly, run, hb.read_run(tmp_path / "run.csv"), comparison, comparison.experiment,
-                  hb.load_study("cmc_ahc/studies/table3"), hb.audit(assembly),
+                  hb.load_study("cmc_ahc/studies/table3"), hb.energy(assembly),
                   hb.state_space(model, ["road.u"], ["body.x"])):
         lines = repr(thing).splitlines()
         assert len(lines) <= LINES and max(map(len, lines)) <= WIDTH, repr(thing)[:2000]
@@ -60,7 +60,7 @@ def test_a_diagram_may_be_given_by_its_file_or_bundled_name(tmp_path: Path) -> N
     assert hb.state_space("passive_rig", ["platform.f"], ["crown.x"]).a.tolist() == \
         hb.state_space(model, ["platform.f"], ["crown.x"]).a.tolist()
     assert hb.draw(str(model.path)) == hb.draw(model)
-    for call in (hb.assemble, hb.simulate, hb.audit, hb.simplify):
+    for call in (hb.assemble, hb.simulate, hb.energy, hb.simplify):
         with pytest.raises(hb.UsageError) as refused:
             call(tmp_path / "none.yaml")
         assert refused.value.problems[0].code == "file-missing"
@@ -234,7 +234,7 @@ simulate: {until: 1 s, every: 0.1 s}
     (lambda m: hb.simulate(m.with_parameters({"cart.m": "3 s"})), "unit-wrong", "'3 s'"),
     (lambda m: hb.simulate(m, parameters={"cart.m": "heavy"}), "not-a-quantity", "cart.m"),
     (lambda m: hb.Simulator(hb.assemble(m)).run({"cart.m": "3 mm"}), "unit-wrong", "cart.m"),
-    (lambda m: hb.audit(m, "3 mm"), "unit-wrong", "until"),
+    (lambda m: hb.energy(m, "3 mm"), "unit-wrong", "until"),
     (lambda m: hb.simplify(m, "3 mm"), "unit-wrong", "share"),
     (lambda m: hb.simplify(m, 0.99, limit="much"), "not-a-quantity", "limit"),
     (lambda m: hb.root_locus(m, "damper.d", "1 .. 20 N"), "unit-wrong", "damper.d"),

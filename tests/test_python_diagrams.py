@@ -71,8 +71,10 @@ def test_every_bundled_file_is_written_and_read_back(path: Path) -> None:
 def test_every_function_takes_a_diagram() -> None:
     d = cart()
     assert hb.assemble(d).state_names == hb.assemble(hb.loads(CART)).state_names
-    assert hb.draw(d) == hb.draw(d.model()) and d._repr_svg_() == d.model()._repr_svg_()
-    assert hb.audit(d).result.time[-1] == 1 and len(hb.root_locus(d, "damper.d", "1 .. 20 N*s/m", points=3).values) == 3
+    assert hb.draw(d) == hb.draw(d.model()) and d._repr_html_() == d.model()._repr_html_()
+    wrong = hb.Diagram("x").add("Mass", "a<b")._repr_html_()
+    assert wrong.startswith("<pre>") and "name-bad" in wrong and "'a&lt;b'" in wrong and "'a<b'" not in wrong
+    assert hb.energy(d).result.time[-1] == 1 and len(hb.root_locus(d, "damper.d", "1 .. 20 N*s/m", points=3).values) == 3
 
 
 def test_numbers_are_in_the_base_unit_of_their_parameter() -> None:
@@ -229,6 +231,38 @@ def test_a_wrong_call_names_what_to_type(call: Callable[[hb.Diagram], object], c
     with pytest.raises(hb.HeavebondError, match=code) as caught:
         call(cart())
     assert hint in caught.value.problems[0].hint
+
+
+@pytest.mark.parametrize(("call", "code", "words"), [
+    (lambda d: d.add("pulley", "Mass"), "component-unknown", 'add("Mass", "pulley")'),
+    (lambda d: d.connect(["spring.b", "cart.a"]), "python-value", "one after the other"),
+    (lambda d: d.connect("spring.b", node=["x"]), "python-value", "a node"),
+    (lambda d: hb.simulate(d, [0, 2]), "not-a-quantity", "until: a list"),
+    (lambda d: hb.simulate(d, parameters={"cart.m": np.array([1.0, 2.0])}), "not-a-quantity", "cart.m: a ndarray"),
+    (lambda d: hb.simulate(d, parameters={"cart.m": 3 + 2j}), "not-a-quantity", "cart.m: a complex"),
+    (lambda d: d.model().with_parameters({"cart.m": None}), "not-a-quantity", "cart.m: a NoneType"),
+    (lambda d: hb.simulate((d, "2 s")), "not-a-model", "a tuple is not a diagram"),
+    (lambda d: hb.simulate(d.as_dict()), "not-a-model", "from_dict"),
+    (lambda d: hb.assemble(d.show("speed", "load.v")), "key-missing", "unit"),
+    (lambda d: d.update(simulate="5 s"), "not-a-mapping", 'update(simulate={"until"'),
+    (lambda d: hb.modes(d, at="stedy"), "not-a-quantity", "steady"),
+    (lambda d: hb.sweep(d, {"spring.c": 3e3}, "rms(place)"), "over-form", "spring.c: a float"),
+    (lambda d: hb.sweep(d, "spring.c", "rms(place)"), "over-form", "over={"),
+    (lambda d: hb.sweep(d, {"spring.c": ["3 kN/m"]}, "rms(plaice)", processes=1), "name-unknown", "'place'"),
+    (lambda d: hb.simulate(d)["plaice"], "name-unknown", "'place'"),
+])
+def test_a_mistake_of_a_new_user_names_what_to_type(call: Callable[[hb.Diagram], object], code: str, words: str) -> None:
+    with pytest.raises(hb.HeavebondError, match=code) as caught:
+        call(cart())
+    assert words in str(caught.value), caught.value
+
+
+def test_quantities_of_pint_are_values_of_parameters() -> None:
+    pint = pytest.importorskip("pint")
+    unit = pint.Unit
+    run = hb.simulate(cart(), 1 * unit("s"), parameters={"cart.m": 20 * unit("kg"), "spring.c": 2 * unit("kN/m")})
+    same = hb.simulate(cart(), "1 s", parameters={"cart.m": "20 kg", "spring.c": "2 kN/m"})
+    assert (run["load.x"] == same["load.x"]).all()
 
 
 def test_a_wrong_definition_is_not_kept() -> None:

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.special import ellipk
 
 import heavebond as hb
-from heavebond.energy.audit import EnergyAudit, audit
+from heavebond.energy_audit.audit import EnergyAudit
+from heavebond.energy_audit.audit import energy as audit
 from heavebond.language.definition import Body
 
 SMALL = 1e-6

@@ -67,7 +67,7 @@ def test_formulas_are_mathml_and_nothing_is_fetched(site: Path) -> None:
 @pytest.mark.long
 def test_files_that_pages_speak_of_can_be_read(site: Path) -> None:
     assert "Hooke" in (site / "files" / "components" / "translational" / "spring.yaml.html").read_text("utf-8")
-    assert (site / "notebooks" / "first_session.ipynb").is_file()
+    assert (site / "notebooks" / "first_machine.ipynb").is_file()
     assert not list(site.rglob("*.py"))
 
 

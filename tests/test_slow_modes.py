@@ -10,10 +10,10 @@ import pytest
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.commands.modes import _named
 from heavebond.linear.linearisation import Linearisation
 from heavebond.linear.operating_point import OperatingPoints
 from heavebond.linear.slow_modes import SlowModes, slow_modes
+from heavebond.reports.analysis_tables import named as _named
 
 N, M, C = 60, 2.0, 5e3
 ROW = f"""

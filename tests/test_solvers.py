@@ -388,7 +388,7 @@ def test_a_node_that_takes_up_a_flow_is_not_filled_in_a_sweep(tmp_path: Path) ->
 
 def test_energy_beside_which_nodes_need_filling_is_that_of_the_filled_machine() -> None:
     """A run that needs none, until integrals stand beside it."""
-    found = hb.audit(hb.load("circuits/truck_brake"))
+    found = hb.energy(hb.load("circuits/truck_brake"))
     assert found.closes() and "fill_1" in {line.component for line in found.lines}
 
 
@@ -396,7 +396,7 @@ def test_energy_and_compare_run_what_run_runs_and_fit_says_why_not(tmp_path: Pat
     """They begin anew with the same nodes filled, and say so."""
     (tmp_path / "shut.yaml").write_text(SHUT)
     run = hb.simulate(hb.load(tmp_path / "shut.yaml"))
-    found = hb.audit(hb.load(tmp_path / "shut.yaml"))
+    found = hb.energy(hb.load(tmp_path / "shut.yaml"))
     fills = found.result.statistics["fills"]
     assert isinstance(fills, dict) and fills["nodes"] == ["middle"]
     assert found.closes() and "fill_1" in {line.component for line in found.lines}

@@ -224,7 +224,7 @@ tune: {{free: {{gain: -20 .. -1 kN/m}}, stable: {stable}, cost: "{GREEDY}"}}
 measure: {{way: largest(load.x)}}
 compare_with: {{somebody: {{gain: -6 kN/m}}}}
 """, encoding="utf-8")
-        result = hb.run_study("gains.yaml", processes=1)
+        result = hb.study("gains.yaml", processes=1)
         outcome = result.outcomes[0]
         assert outcome.unstable == (stable == "off")
         assert np.isfinite(result.difference(outcome, "gain")) == (stable == "on")

@@ -73,7 +73,7 @@ def _transmission(f: float, c: float, d: float = 1e3, m: float = 100.0) -> float
 def test_cases_are_all_combinations_and_each_is_its_own_diagram(folder: Path) -> None:
     study = _study(STUDY.replace("{soft: [1.2, -, 0.6], 2 Hz: 1.5}", "{soft: [1.2, -, 0.6]}"))
     assert [case.name for case in study.cases] == [f"{s}, {f}" for s in ("hard", "soft") for f in ("1 Hz", "2 Hz", "4 Hz")]
-    result = hb.run_study(study, processes=1)
+    result = hb.study(study, processes=1)
     for outcome in result.outcomes:
         spring, level = result.case_of(outcome).levels
         # the start has died out to exp(-5*4) and the samples miss a peak by up to (w dt/2)**2/2
@@ -116,18 +116,18 @@ def test_what_is_done_is_kept_until_a_file_changes(folder: Path, monkeypatch: py
 
     monkeypatch.setattr(campaign, "worked", counted)
     study = _study(STUDY.replace("{soft: [1.2, -, 0.6], 2 Hz: 1.5}", "1.5"))
-    stopped = hb.run_study(study, folder=folder / "out", processes=1)
+    stopped = hb.study(study, folder=folder / "out", processes=1)
     assert (len(stopped.outcomes), stopped.complete) == (2, False)
     (folder / "go_on").touch()
-    whole = hb.run_study(study, folder=folder / "out", processes=1)
+    whole = hb.study(study, folder=folder / "out", processes=1)
     assert whole.complete
     assert worked == list(range(6))
-    hb.run_study(study, folder=folder / "out", processes=1)
+    hb.study(study, folder=folder / "out", processes=1)
     assert len(worked) == 6
-    assert [o.values for o in whole.outcomes] == [o.values for o in hb.run_study(study, processes=1).outcomes]
+    assert [o.values for o in whole.outcomes] == [o.values for o in hb.study(study, processes=1).outcomes]
     worked.clear()
     (folder / "soft.yaml").write_text(SOFT.replace("20 kN/m", "21 kN/m"), encoding="utf-8")
-    hb.run_study("study.yaml", folder=folder / "out", processes=1)
+    hb.study("study.yaml", folder=folder / "out", processes=1)
     assert worked == list(range(6))
 
 
@@ -147,14 +147,14 @@ def test_an_interrupted_command_leaves_a_partial_table(folder: Path, monkeypatch
 def test_any_executor_gives_the_same(folder: Path) -> None:
     study = _study(STUDY.replace("{soft: [1.2, -, 0.6], 2 Hz: 1.5}", "1.5"))
     with ThreadPoolExecutor(1) as executor:
-        there = hb.run_study(study, executor=executor)
-    here = hb.run_study(study, processes=1)
+        there = hb.study(study, executor=executor)
+    here = hb.study(study, processes=1)
     assert [o.values for o in there.outcomes] == [o.values for o in here.outcomes]
     assert [o.signals for o in there.outcomes] == [o.signals for o in here.outcomes]
 
 
 def test_a_case_that_cannot_be_run_is_a_row_that_says_why(folder: Path) -> None:
-    result = hb.run_study(_study("""study: masses
+    result = hb.study(_study("""study: masses
 model: isolator.yaml
 cases: {machine.m: [100 kg, -1 kg]}
 measure: {motion: {is: largest(motion), unit: mm}}
@@ -187,7 +187,7 @@ compare_with: {us: {damper.d: {4 Hz: 2 kN*s/m}}}
 
 def test_gains_are_swept_one_after_the_other_and_by_gradients(folder: Path) -> None:
     """At 4 Hz the damper chosen for a hard spring is too strong for the soft one: one after the other misses the best."""
-    result = hb.run_study(_study(TUNING), processes=1)
+    result = hb.study(_study(TUNING), processes=1)
     hand, gradients = (result.of("4 Hz", procedure=name) for name in ("hand", "gradients"))
     assert [result.value(outcome, "spring.c") for outcome in (hand, gradients)] == pytest.approx([20, 20])
     assert result.value(gradients, "cost") < 0.5 * result.value(hand, "cost")
@@ -238,7 +238,7 @@ def test_values_are_calibrated_to_numbers_of_a_known_machine(folder: Path) -> No
     numbers = ", ".join(f"{_transmission(f, 30e3, 1.5e3):.6f}" for f in (2, 3, 4))
     stiff = _transmission(2, 60e3, 1.5e3)
     study = _study(CALIBRATION.replace("NUMBERS", numbers).replace("1.3", f"{stiff:.6f}"))
-    result = hb.run_study(study, processes=1, folder=folder / "out")
+    result = hb.study(study, processes=1, folder=folder / "out")
     assert result.calibrated is not None
     found = {name: after for name, (_, after) in result.calibrated.values.items()}
     # what is left of the start (exp(-7.5*4)), runs at 1e-6, the search ends at changes below 1e-3
@@ -246,7 +246,7 @@ def test_values_are_calibrated_to_numbers_of_a_known_machine(folder: Path) -> No
     assert not result.calibrated.at_end
     assert min(result.calibrated.history) < 1e-3 * result.calibrated.history[0]
     assert result.value(result.of("stiff", "2 Hz"), "transmission") == pytest.approx(stiff, rel=1e-3)
-    again = hb.run_study(study, processes=1, folder=folder / "out")
+    again = hb.study(study, processes=1, folder=folder / "out")
     assert again.calibrated == result.calibrated
 
 
@@ -269,9 +269,9 @@ def _ends_always(study: hb.Study, number: int, gains: dict[str, float] | None) -
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed otherwise here")
 def test_a_calibration_works_a_case_again_whose_process_is_killed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = _study(CALIBRATION.replace("NUMBERS", "1.2, 1.1, 1"))
-    plain = hb.run_study(study, processes=1, folder=folder / "plain")
+    plain = hb.study(study, processes=1, folder=folder / "plain")
     monkeypatch.setattr(calibration, "at_point", _ends_once)
-    result = hb.run_study(study, processes=2, folder=folder / "out")
+    result = hb.study(study, processes=2, folder=folder / "out")
     assert Path("died").exists()
     assert result.calibrated is not None and plain.calibrated is not None
     assert result.calibrated.values == plain.calibrated.values
@@ -283,7 +283,7 @@ def test_a_calibration_whose_process_is_killed_says_which_case(folder: Path, mon
     monkeypatch.setattr(calibration, "at_point", _ends_always)
     study = _study(CALIBRATION.replace("NUMBERS", "1.2, 1.1, 1"))
     with pytest.raises(hb.SimulationError, match="of the calibration was ended"):
-        hb.run_study(study, processes=2, folder=folder / "out")
+        hb.study(study, processes=2, folder=folder / "out")
 
 
 def test_gains_that_move_along_stand_in_the_derivatives(folder: Path) -> None:
@@ -392,7 +392,7 @@ def test_wrong_studies_are_refused_with_a_place(folder: Path, old: str, new: str
     text = STUDY.replace(", 2 Hz: 1.5}", "}")
     assert old in text
     with pytest.raises(hb.ModelError) as caught:
-        hb.run_study(_study(text.replace(old, new, 1)), processes=1)
+        hb.study(_study(text.replace(old, new, 1)), processes=1)
     assert str(caught.value) == message
 
 
@@ -412,7 +412,7 @@ def test_wrong_studies_are_refused_with_a_place(folder: Path, old: str, new: str
 def test_wrong_tunings_are_refused_before_any_run(folder: Path, old: str, new: str, code: str) -> None:
     assert old in TUNING
     with pytest.raises(hb.HeavebondError) as caught:
-        hb.run_study(_study(TUNING.replace(old, new, 1)), processes=1)
+        hb.study(_study(TUNING.replace(old, new, 1)), processes=1)
     assert caught.value.problems[0].code == code
     assert caught.value.problems[0].place is not None
 

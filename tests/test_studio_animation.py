@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import heavebond as hb
-from heavebond.energy.audit import port_powers
+from heavebond.energy_audit.audit import port_powers
 from heavebond.numerics.dae import assemble
 from heavebond.numerics.result import Result
 from heavebond.studio.animation import FRAMES, animation, modes

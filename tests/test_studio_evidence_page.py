@@ -13,7 +13,7 @@ import pytest
 from studio_pages import Server, server, tab
 from test_studio_evidence import EXPERIMENT, RIG, records
 
-from heavebond.diagnosis.state import ladder
+from heavebond.diagnosis.state import errors as ladder
 from heavebond.estimation.experiment import load_experiment
 
 __all__ = ["server", "tab"]

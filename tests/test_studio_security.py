@@ -135,7 +135,7 @@ def test_a_folder_that_becomes_a_link_while_a_file_is_written_does_not_lead_outs
 
 
 def test_a_copied_machine_stays_in_the_folder(folder: Folder) -> None:
-    from heavebond.estimation.starter_folder import start_folder
+    from heavebond.estimation.starter_folder import new as start_folder
 
     (folder.root / "mine").symlink_to(folder.root.parent / "outside")
     with confined(folder.root):

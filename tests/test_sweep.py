@@ -112,7 +112,7 @@ evaluate: {from: 20 s, to: 120 s}
 measure: {height: 4*rms(heave), cycles: "equivalent_range(heave, 3)"}
 pictures: {height: {curves: [height]}, spread: {histogram: [cycles]}}
 """)
-    result = hb.run_study(study, processes=1)
+    result = hb.study(study, processes=1)
     found = {(s.quantity, s.others): s for s in spreads(result)}
     high, low = found["height", "sea.H_s 2 m"], found["height", "sea.H_s 1 m"]
     values = [result.value(o, "height") for o in result.outcomes[6:]]
@@ -129,7 +129,7 @@ pictures: {height: {curves: [height]}, spread: {histogram: [cycles]}}
     assert (head, [row[0] for row in rows], words) == (["H_s\n[m]", "height\n[m]", "cycles\n[m]"], ["1", "2"], 0)
     assert [float(part) for part in rows[1][1].split(" ± ")] == pytest.approx(
         [high.mean, high.interval[1] - high.mean], abs=0.005)
-    plain = hb.run_study(_study(), processes=1)
+    plain = hb.study(_study(), processes=1)
     assert all(math.isnan(s.interval[0]) for s in spreads(plain)) and mean_rows(plain)[1] == []     # no independent points
     # the quantiles of each level are told in the legend; at their lines they would cover each other
     drawn = [plot_study(result, study.pictures[1]), plot_study(plain, replace(study.pictures[1], names=("swing",)))]
@@ -158,7 +158,7 @@ def test_points_for_indices_mix_two_samples() -> None:
 # -- cases -------------------------------------------------------------------------------------------------------------
 def test_each_point_is_run_as_if_it_stood_in_the_diagram(folder: Path) -> None:
     study = _study()
-    result = hb.run_study(study, processes=1)
+    result = hb.study(study, processes=1)
     assert len(result.outcomes) == 6
     for outcome in result.outcomes:
         point = result.case_of(outcome).levels[0].values
@@ -224,7 +224,7 @@ def _shares() -> dict[str, float]:
 
 @pytest.mark.long
 def test_indices_of_a_linear_number(folder: Path) -> None:
-    found, = indices(hb.run_study(_linear("{sobol_indices: 64}"), processes=1))
+    found, = indices(hb.study(_linear("{sobol_indices: 64}"), processes=1))
     wanted = _shares()
     assert (found.parameters, found.number) == (tuple(wanted), 64)
     for k, name in enumerate(found.parameters):
@@ -235,11 +235,11 @@ def test_indices_of_a_linear_number(folder: Path) -> None:
 
 
 def test_slopes_are_exact(folder: Path) -> None:
-    linear, = slopes(hb.run_study(_linear("local"), processes=1))
+    linear, = slopes(hb.study(_linear("local"), processes=1))
     assert dict(zip(linear.parameters, linear.share, strict=True)) == pytest.approx(_shares(), rel=1e-9)
     assert linear.value == pytest.approx(48)
     assert dict(zip(linear.parameters, linear.percent, strict=True)) == pytest.approx({"spring.c": 0.4, "damper.d": 0.08})
-    result = hb.run_study(_study(SAMPLE.replace("{latin_hypercube: 6, seed: 3}", "local")), processes=1)
+    result = hb.study(_study(SAMPLE.replace("{latin_hypercube: 6, seed: 3}", "local")), processes=1)
     found, = slopes(result)
     swing = dict(zip(found.parameters, found.percent, strict=True))
     assert swing["spring.c"] == pytest.approx((_swing(2, 40.2e3, 1e3) - _swing(2, 39.8e3, 1e3)), rel=0.02)
@@ -247,7 +247,7 @@ def test_slopes_are_exact(folder: Path) -> None:
 
 
 def test_one_at_a_time_moves_to_both_ends(folder: Path) -> None:
-    result = hb.run_study(_study(SAMPLE.replace("{latin_hypercube: 6, seed: 3}", "one_at_a_time")), processes=1)
+    result = hb.study(_study(SAMPLE.replace("{latin_hypercube: 6, seed: 3}", "one_at_a_time")), processes=1)
     (_, rows), = swings(result, "swing")
     told = {row.parameter: (row.low, row.high) for row in rows}
     assert told["damper.d"] == pytest.approx((_swing(2, 40e3, 500), _swing(2, 40e3, 2e3)), rel=2e-3)
@@ -301,7 +301,7 @@ def test_other_values_of_a_sweep_stand_in_a_diagram_of_its_own(folder: Path) -> 
 def test_many_lines_are_told_by_colours_and_what_breaks_out_does_not_hide_the_rest(folder: Path) -> None:
     _called("sweep", "isolator.yaml", "--over", "f=1 .. 6 Hz; 3", "--over", "damper.d=0.05 .. 20 kN*s/m; 11", "--measure",
             "rms(motion) in mm", "--until", "1 s", "--processes", "1", "--plot", "motion")
-    result = hb.run_study(folder / "isolator_sweep" / "study.yaml", processes=1)
+    result = hb.study(folder / "isolator_sweep" / "study.yaml", processes=1)
     for picture in result.study.pictures:
         if picture.kind != "map":
             figure = plot_study(result, picture)
@@ -355,7 +355,7 @@ def test_wrong_sweeps_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch,
 def test_wrong_samples_are_refused_with_a_place(folder: Path, old: str, new: str, code: str) -> None:
     assert old in SAMPLE
     with pytest.raises(hb.ModelError) as caught:
-        hb.run_study(_study(SAMPLE.replace(old, new)), processes=1)
+        hb.study(_study(SAMPLE.replace(old, new)), processes=1)
     assert [p.place.file for p in caught.value.problems if p.place] == ["study.yaml"] * len(caught.value.problems)
     assert code in [p.code for p in caught.value.problems]
 
@@ -385,14 +385,14 @@ def _dies(study: hb.Study, number: int, procedure: Procedure | None) -> Outcome:
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are killed otherwise here")
 def test_a_process_that_dies_costs_its_case_only(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(campaign, "worked", _dies)
-    result = hb.run_study(_study(), folder=folder / "out", processes=2)
+    result = hb.study(_study(), folder=folder / "out", processes=2)
     assert Path("died").exists() and Path("dead").exists()
     assert [o.case for o in result.outcomes] == list(range(6))
     assert [o.case for o in result.outcomes if o.problem] == [2]
     assert result.outcomes[2].problem == campaign.DIED
     assert spreads(result)[0].failed == 1
     monkeypatch.setattr(campaign, "worked", worked)
-    again = hb.run_study(_study(), folder=folder / "out", processes=1)  # what failed is tried again, the others are kept
+    again = hb.study(_study(), folder=folder / "out", processes=1)  # what failed is tried again, the others are kept
     assert not any(o.problem for o in again.outcomes)
     assert [o.values for o in again.outcomes if o.case != 2] == [o.values for o in result.outcomes if o.case != 2]
 
@@ -402,7 +402,7 @@ def test_a_worker_of_a_cluster_that_is_killed_costs_its_task_only(folder: Path) 
     from heavebond.core.cluster import Cluster
 
     study = _study(SAMPLE.replace("latin_hypercube: 6", "latin_hypercube: 24"))
-    here = hb.run_study(study, processes=1)
+    here = hb.study(study, processes=1)
     killed: list[int] = []
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local:
         def tell(text: str) -> None:
@@ -412,7 +412,7 @@ def test_a_worker_of_a_cluster_that_is_killed_costs_its_task_only(folder: Path) 
 
         with Cluster(local.scheduler_address) as cluster:
             assert cluster.number == 2
-            result = hb.run_study(study, executor=cluster, progress=tell)
+            result = hb.study(study, executor=cluster, progress=tell)
     assert killed
     assert [o.values for o in result.outcomes] == [o.values for o in here.outcomes]
 
@@ -461,6 +461,6 @@ def test_a_cluster_that_loses_all_of_its_workers_is_not_waited_for(folder: Path,
             # not before: the first answer of a worker, which imports the package, may take longer on a busy computer
             monkeypatch.setattr("heavebond.core.cluster.PATIENCE", 2.0)
             with pytest.raises(hb.UsageError, match="has lost all of its workers"):
-                hb.run_study(study, folder=folder / "out", executor=cluster, progress=tell)
-    again = hb.run_study(study, folder=folder / "out", processes=1)  # what was done is kept
+                hb.study(study, folder=folder / "out", executor=cluster, progress=tell)
+    again = hb.study(study, folder=folder / "out", processes=1)  # what was done is kept
     assert len(again.outcomes) == 24 and not any(o.problem for o in again.outcomes)

@@ -320,7 +320,7 @@ def test_energy_of_a_run_that_ran_away_is_refused_before_it_is_integrated(monkey
 
     monkeypatch.setattr(Simulator, "run", counted)
     with pytest.raises(SimulationError, match="run-runaway"):
-        hb.audit(hb.loads(WINCH.replace("until: 10 s", "until: 45 s")))
+        hb.energy(hb.loads(WINCH.replace("until: 10 s", "until: 45 s")))
     assert runs == 1
 
 

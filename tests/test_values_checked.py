@@ -43,7 +43,7 @@ ENTRIES: dict[str, Callable[[hb.Model, dict[str, float]], object]] = {
     "simulate": lambda m, v: hb.simulate(m, parameters=v),
     "Simulator": lambda m, v: hb.Simulator(hb.assemble(m)).run(v),
     "Assembly": lambda m, v: hb.assemble(m).with_parameters(v),
-    "audit": lambda m, v: hb.audit(m, parameters=v),
+    "audit": lambda m, v: hb.energy(m, parameters=v),
     "state_space": lambda m, v: hb.state_space(m, ["body.f"], ["body.x"], parameters=v),
 }
 
@@ -142,4 +142,4 @@ def test_a_study_tells_which_case_has_a_value_that_is_not_allowed(tmp_path: Path
     (tmp_path / "s.yaml").write_text("study: s\nmodel: m.yaml\nmeasure: {x: rms(body.x)}\n"
                                      "cases: {damper.d: [-1 N*s/m, 2 N*s/m]}\n")
     with pytest.raises(hb.HeavebondError, match=r"damper\.d"):
-        hb.run_study(hb.load_study(tmp_path / "s.yaml"))
+        hb.study(hb.load_study(tmp_path / "s.yaml"))

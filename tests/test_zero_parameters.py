@@ -101,7 +101,7 @@ def test_a_volume_of_zero_passes_the_flow() -> None:
 
 
 def test_the_energy_of_a_machine_with_a_massless_body_balances() -> None:
-    found = hb.audit(hb.loads(BODY))
+    found = hb.energy(hb.loads(BODY))
     work = 0.01 * (1 - np.exp(-5))  # F x at the end
     assert found.supplied == pytest.approx(work, rel=1e-6)
     assert found.closes() and {line.component: line for line in found.lines}["mass"].end == 0

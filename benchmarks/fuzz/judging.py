@@ -67,13 +67,13 @@ def judge(seed: int, text: str) -> Verdict:
 
 def _judged(text: str) -> tuple[str, str]:
     assembly = hb.assemble(loads(text, OWN))
-    audit = hb.audit(assembly)
+    audit = hb.energy(assembly)
     wrong, equation = violation(audit.result)
     if wrong > WRONG:
         return "equation", f"{equation} is off by {wrong:.2g} of its terms"
     worst = max(audit.imbalance, audit.nodes)
     if worst > OPEN and audit.largest > NOTHING:
-        audit = hb.audit(assembly, rtol=1e-11, atol=1e-13)
+        audit = hb.energy(assembly, rtol=1e-11, atol=1e-13)
         if max(audit.imbalance, audit.nodes) > max(OPEN, worst / CLOSER):
             return "energy", f"{audit.imbalance:.2g} of {audit.largest:.3g} J, nodes {audit.nodes:.2g}"
     return "ran", f"{worst:.1e}"

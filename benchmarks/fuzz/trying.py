@@ -20,7 +20,7 @@ from benchmarks.fuzz.campaign import renew_limit
 from benchmarks.fuzz.judging import WRONG, violation
 from benchmarks.fuzz.mutants import Mutant, kind_of, mutant
 from heavebond.core.errors import HeavebondError
-from heavebond.energy.audit import table
+from heavebond.energy_audit.audit import table
 from heavebond.language.model import Model
 from heavebond.linear.linearisation import Linearisation, start_point
 from heavebond.linear.modal_values import energy_shares
@@ -125,7 +125,7 @@ class _Attempts:
         self._try("draw", lambda: (hb.draw(model, open_all=self.opened, values=True), draw_bond_graph(model)))
         if isinstance(assembly, Assembly):
             self._try("modes", lambda: _modes(model))
-            self._try("energy", lambda: table(hb.audit(assembly, **_short(assembly, self.share))))
+            self._try("energy", lambda: table(hb.energy(assembly, **_short(assembly, self.share))))
         if head == "experiment":
             self._try("compare", lambda: hb.compare(self.path).as_dict())
         elif isinstance(assembly, Assembly):

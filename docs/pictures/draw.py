@@ -11,8 +11,8 @@ from pathlib import Path
 import heavebond as hb
 from heavebond.core.presentation import number, unit_label
 from heavebond.core.units import parse_range
-from heavebond.energy.power_flow import energy_flow
-from heavebond.estimation.starter_folder import start_folder
+from heavebond.energy_audit.power_flow import energy_flow
+from heavebond.estimation.starter_folder import new as start_folder
 from heavebond.language.model import find
 from heavebond.optimise.objective import Objective
 from heavebond.optimise.tuning import sweep, tune
@@ -112,7 +112,7 @@ def _of_study(name: str, folder: Path, file: str = "", points: int | None = None
     if points is not None:
         study = replace(study, axes=(*study.axes[:-1], replace(study.axes[-1], levels=study.axes[-1].levels[:points])),
                         task=None, procedures=())
-    result = hb.run_study(study, processes=1)
+    result = hb.study(study, processes=1)
     return plot.save(plot_study(result, study.pictures[0]), folder / f"{file or name}.png")
 
 
@@ -148,7 +148,7 @@ def sea_states(folder: Path, points: int | None = None) -> Path:
     if points is not None:
         study = replace(study, end=study.begin + 120.0, axes=tuple(replace(
             axis, levels=axis.levels[:1 if axis.unit is None and axis.sampling is None else points]) for axis in study.axes))
-    return plot.save(plot_study(hb.run_study(study), study.pictures[0]), folder / "sea_states.png")
+    return plot.save(plot_study(hb.study(study), study.pictures[0]), folder / "sea_states.png")
 
 
 def bode(folder: Path) -> Path:
@@ -167,7 +167,7 @@ def locus(folder: Path) -> Path:
 
 def flow(folder: Path) -> Path:
     """The energy of the compensator in its wave."""
-    found = hb.audit(hb.load("cmc_ahc"))
+    found = hb.energy(hb.load("cmc_ahc"))
     return plot.save(plot_energy.plot_energy_flow(energy_flow(found), title="cmc_ahc: energy over 96 s"),
                      folder / "energy_flow.png")
 
@@ -220,7 +220,7 @@ def swept(folder: Path) -> list[Path]:
         for name, one in asked.items():
             study = Path(place) / f"{name}.yaml"
             study.write_text(study_text(one, Path(place)), encoding="utf-8")
-            result = hb.run_study(study, processes=1)
+            result = hb.study(study, processes=1)
             picture = next(p for p in result.study.pictures if p.kind == name)
             drawn.append(plot.save(plot_study(result, picture), folder / f"sweep_{name}.png"))
     return drawn

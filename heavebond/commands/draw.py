@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -15,10 +14,6 @@ from heavebond.commands.arguments import (
     with_settings,
 )
 from heavebond.core.errors import Problem, UsageError
-from heavebond.core.writable import new_file
-
-SUFFIXES = (".svg", ".png", ".pdf")
-PIXELS = 2  # pixels of a PNG picture per unit of the drawing, which is one pixel on a screen
 
 
 @click.command(short_help="Draw a diagram with symbols, wires and names.")
@@ -46,13 +41,13 @@ def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: boo
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive). Parts are placed by `at: [column,
     row]`, the others near the parts to which they are connected. Blocks are drawn as boxes unless they are opened.
     """
+    from heavebond.commands import terminal
     from heavebond.language.model import load
-    from heavebond.pictures import bond_picture, drawing
-    from heavebond.pictures.colour_map import paint
+    from heavebond.pictures import picture
 
     path = output or Path(f"{Path(model).stem}{'_bonds' if bonds else ''}.svg")
-    check_writable(path, SUFFIXES)
-    convert = _converter(path)
+    check_writable(path, picture.SUFFIXES)
+    picture.converter(path)  # the library is missing: an error before the run
     highlight = {}
     for text in marked:
         name, _, label = text.partition("=")
@@ -64,38 +59,8 @@ def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: boo
         raise UsageError([Problem("at-alone", "--at sets the time of the colours, but --colour is missing", None,
                                   "Add for example --colour power.")])
     with blamed_on_settings(settings):
-        diagram = with_settings(load(model), settings)
-        if bonds:
-            return _write(path, convert(bond_picture.draw_bond_graph(diagram)))
-        painted = paint(diagram, colour, at=at, over=over) if colour else None
-        picture = drawing.draw(diagram, open=opened, open_all=open_all, values=values, highlight=highlight, colour=painted)
-    return _write(path, convert(picture))
-
-
-def _converter(path: Path) -> Callable[[str], bytes]:
-    """The function that converts an SVG picture to the format of `path`; UsageError if its library is missing."""
-    suffix = path.suffix.lower()
-    if suffix == ".svg":
-        return str.encode
-    try:
-        import cairosvg
-    except (ImportError, OSError) as error:  # OSError: the shared library of Cairo is missing
-        raise UsageError([Problem(
-            "picture-library", f"'{path}' needs the library CairoSVG, which cannot be loaded: "
-            f"{str(error).partition(chr(10))[0]}", None,
-            f"pip install 'heavebond[pictures]', or write {path.with_suffix('.svg')}.")]) from None
-    if suffix == ".pdf":
-        return lambda picture: bytes(cairosvg.svg2pdf(picture.encode()))
-    return lambda picture: bytes(cairosvg.svg2png(picture.encode(), scale=PIXELS, background_color="white"))
-
-
-def _write(path: Path, picture: bytes) -> dict[str, object]:
-    from heavebond.commands import terminal
-
-    try:
-        with new_file(path) as fresh:
-            fresh.write_bytes(picture)
-    except OSError as error:
-        raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None
+        drawn = picture.draw(with_settings(load(model), settings), open=opened, open_all=open_all, values=values,
+                             highlight=highlight, colour=colour, at=at, over=over, bond_graph=bonds)
+    drawn.save(path)
     terminal.output().print(f"wrote {path}", soft_wrap=True)
     return {"files": [str(path)]}

@@ -20,8 +20,8 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.core.writable import write_text
 
 if TYPE_CHECKING:
-    from heavebond.energy.audit import EnergyAudit
-    from heavebond.energy.simplification import Simplified
+    from heavebond.energy_audit.audit import EnergyAudit
+    from heavebond.energy_audit.simplification import Simplified
 
 
 @click.command(short_help="Audit the energy of a run; rank components by activity.")
@@ -53,7 +53,8 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
     little influence. The power at any port is a signal as well: heavebond run MODEL --plot spring.a.power
     """
     from heavebond.commands import terminal
-    from heavebond.energy.audit import audit, table, with_blocks
+    from heavebond.energy_audit.audit import energy as audit
+    from heavebond.energy_audit.audit import table, with_blocks
     from heavebond.language.model import load
     from heavebond.numerics.simulation import changes_of
 
@@ -78,7 +79,7 @@ def energy(model: str, until: str | None, every: str | None, audited: bool, sank
         energy_audit.raise_if_open()
         console.print("the energy balance closes")
     if share is not None:
-        from heavebond.energy.simplification import simplify
+        from heavebond.energy_audit.simplification import simplify
 
         with terminal.working("trying without") as progress:
             reduced = simplify(diagram, share / 100, limit / 100, found=energy_audit, progress=progress)
@@ -96,7 +97,7 @@ def _pictures(energy_audit: EnergyAudit, name: str, sankey: Path | None, activit
     """Write the requested pictures."""
     if sankey is None and activity is None:
         return []
-    from heavebond.energy.power_flow import energy_flow
+    from heavebond.energy_audit.power_flow import energy_flow
     from heavebond.pictures.plot import save
     from heavebond.pictures.plot_energy import plot_activity, plot_energy_flow
 

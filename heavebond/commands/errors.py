@@ -19,12 +19,12 @@ def errors(experiments: tuple[str, ...], output: Path | None) -> dict[str, objec
     The error is relative to the size of the measured signals; the reduced chi-square is 1 at the noise level.
     """
     from heavebond.commands import terminal
-    from heavebond.diagnosis.state import ladder
+    from heavebond.diagnosis.state import errors as errors_of
     from heavebond.reports.result_tables import ladder_table
 
     check_picture(output)
     with terminal.working("comparing") as progress:
-        rungs = ladder(experiments, progress=progress)
+        rungs = errors_of(experiments, progress=progress)
     console = terminal.output()
     terminal.show([ladder_table(rungs, "experiment")])
     files = []

@@ -50,15 +50,12 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
         raise UsageError([Problem("option-missing", "no diagram is named" if model is None else "no file is named", None,
                                   "Give a diagram and a file, e.g. heavebond export cmc_ahc -o cmc_ahc.fmu.")])
     from heavebond.commands import terminal
-    from heavebond.exchange.c_code import export_c
-    from heavebond.exchange.fmu_export import export_fmu
+    from heavebond.exchange.export import export as export_to
     from heavebond.language.model import load
 
     check_writable(output, SUFFIXES)
     with blamed_on_settings(settings), terminal.working("writing"):
-        diagram = with_settings(load(model), settings)
-        exported = export_fmu(diagram, output, inputs, int(version)) if output.suffix.lower() == ".fmu" \
-            else export_c(diagram, output, inputs)
+        exported = export_to(with_settings(load(model), settings), output, inputs=inputs, fmi=int(version))
     console = terminal.output()
     tunable = [q for q, is_tunable in zip(exported.parameters, exported.tunable, strict=True) if is_tunable]
     groups = {"inputs": exported.inputs, "outputs": exported.outputs, "states": exported.states,

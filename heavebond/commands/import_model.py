@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from heavebond.commands.arguments import json_option
-from heavebond.core.errors import Problem, UsageError
 
 
 @click.command("import", short_help="Translate a 20-sim model (.emx) into a diagram with its components.")
@@ -22,26 +21,20 @@ def import_model(file: Path, output: Path | None) -> dict[str, object]:
     """
     from heavebond.commands import terminal
     from heavebond.core.quoting import visible
-    from heavebond.import_20sim.importer import import_emx
-    from heavebond.language.library import library
+    from heavebond.import_20sim import importer
 
-    if file.suffix.lower() != ".emx":
-        raise UsageError([Problem("emx-suffix", f"'{file}' is not a 20-sim model", None, "Name a file that ends in .emx.")])
-    if not file.is_file():
-        raise UsageError([Problem("file", f"cannot find the file '{file}'")])
     with terminal.working("translating"):
-        imported = import_emx(file, frozenset(library().names()))
-        folder = output or Path(imported.name)
-        left, written = imported.left_over(folder), imported.write(folder)
+        imported = importer.import_model(file, output or "")
+    written = imported.files
     console = terminal.output()
     console.print(f"wrote {written[0]} and {len(written) - 1} components", soft_wrap=True, markup=False)
     for item in imported.untranslated:
         console.print(visible(f"not translated: {file.name}:{item.line}: {item.submodel}: {item.reason}"), soft_wrap=True,
                       markup=False)
-    for path in left:
+    for path in imported.left_over:
         console.print(visible(f"no longer part of the model: {path} (from an earlier import; delete it if unused)"),
                       soft_wrap=True, markup=False)
     console.print(f"next: heavebond check {written[0]}", soft_wrap=True, markup=False)
-    return {"model": imported.name, "files": [str(path) for path in written],
-            "left_over": [str(path) for path in left],
+    return {"model": written[0].stem, "files": [str(path) for path in written],
+            "left_over": [str(path) for path in imported.left_over],
             "untranslated": [{"submodel": u.submodel, "line": u.line, "reason": u.reason} for u in imported.untranslated]}

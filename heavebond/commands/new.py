@@ -33,7 +33,7 @@ def new(target: Path, records: tuple[Path, ...], origin: str | None, every: str 
     Columns are recognised by their names and units. The first record is fitted, the others validate.
     """
     from heavebond.commands import terminal
-    from heavebond.estimation.starter_folder import start_folder
+    from heavebond.estimation.starter_folder import new as start_folder
 
     if records or target.suffix in (".yaml", ".yml"):
         return _experiment(target, origin, records, every or "")

@@ -27,13 +27,11 @@ from heavebond.core.errors import Problem, UsageError
 if TYPE_CHECKING:
     from heavebond.numerics.simulator import Tolerances
     from heavebond.optimise.gradient_check import Subject, Verdict
-    from heavebond.optimise.influence import Influence, Ranking, Rankings
     from heavebond.studies.study import Study
 
 CHECKED = ("of", "parameter", "error", "at tight rtol", "step", "verdict")
 WORDS = {"agrees": "agrees", "tolerance": "tolerance too loose", "kink": "kink", "disagrees": "DISAGREES",
          "unsettled": "unsettled"}
-HEAD = ("parameter", "value", "influence", "1 % more moves it by", "at")
 
 
 @click.command(short_help="Rank parameters by their influence on signals.")
@@ -74,6 +72,7 @@ def sensitivity(model: str, of: tuple[str, ...], parameters: tuple[str, ...], se
     from heavebond.commands import terminal
     from heavebond.language.model import load
     from heavebond.optimise.influence import rank
+    from heavebond.reports.analysis_tables import sensitivity_items
 
     check_picture(output)
     with blamed_on_settings(settings):
@@ -83,43 +82,13 @@ def sensitivity(model: str, of: tuple[str, ...], parameters: tuple[str, ...], se
             assembly = assembled(loaded, "--of", formulas)
         with terminal.working("sensitivities") as progress:
             rankings = rank(assembly, list(formulas), listed(parameters), until, every=every, most=most, progress=progress)
-    console = terminal.output()
-    for ranking in rankings.rankings:
-        console.print(_table(ranking, rows))
-        console.print()
-    if rankings.left_out:
-        console.print(f"{len(rankings.left_out)} more parameters were not tried; add --most "
-                      f"{most + len(rankings.left_out)}: {', '.join(rankings.left_out)}", soft_wrap=True)
-    if rankings.filled:
-        console.print(f"Run {rankings.filled}", style="yellow", soft_wrap=True)
+    terminal.show(sensitivity_items(rankings, rows))
     if output is not None:
         from heavebond.pictures.plot import plot_influence, save
 
         save(plot_influence(rankings, title=f"{assembly.model.name}: influence of parameters"), output)
-        console.print(f"wrote {output}", soft_wrap=True)
-    return {"model": assembly.model.name, "until": float(rankings.time[-1]), **_figures(rankings),
-            "files": [str(output)] if output else []}
-
-
-def _table(ranking: Ranking, rows: int) -> object:
-    from heavebond.commands import terminal
-    from heavebond.core.presentation import number, readable
-
-    size = f"rms {readable(ranking.size, ranking.unit, 3)} " + ("(it stands still)" if ranking.still else "about its mean")
-    return terminal.table(f"{ranking.signal}: {size}", HEAD, [
-        (i.parameter, readable(i.value, i.unit.text, 4), number(i.relative, 3),
-         readable(i.peak / 100, ranking.unit, 3) if i.peak else "-", f"{number(i.time, 4)} s" if i.peak else "-")
-        for i in ranking.influences[:rows]])
-
-
-def _figures(rankings: Rankings) -> dict[str, object]:
-    def one(influence: Influence) -> dict[str, object]:
-        return {"parameter": influence.parameter, "value": influence.value, "unit": influence.unit.text,
-                "influence": influence.relative, "peak": influence.peak, "time": influence.time}
-
-    return {"signals": {r.signal: {"unit": r.unit, "rms": r.size, "still": r.still,
-                                   "influences": [one(i) for i in r.influences]} for r in rankings.rankings},
-            "left_out": list(rankings.left_out), "filled": rankings.filled or None}
+        terminal.output().print(f"wrote {output}", soft_wrap=True)
+    return {**rankings.as_dict(), "files": [str(output)] if output else []}
 
 
 # -- check -------------------------------------------------------------------------------------------------------------

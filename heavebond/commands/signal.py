@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,9 +20,8 @@ from heavebond.commands.arguments import (
 )
 
 if TYPE_CHECKING:
-    from heavebond.records.spectra import EvenSignal, SignalAnalysis
+    from heavebond.records.spectra import EvenSignal
 
-CLASSES = 20  # of range, in the JSON file
 DIAGRAMS = (".yaml", ".yml", "")
 
 
@@ -52,6 +51,7 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
     from heavebond.commands import terminal
     from heavebond.numerics.output_times import seconds
     from heavebond.records.spectra import SignalAnalysis, read_courses
+    from heavebond.reports.analysis_tables import signal_items
 
     check_picture(output)
     window = seconds(begin or 0.0, "--from"), seconds(until or float("inf"), "--until")
@@ -60,21 +60,17 @@ def signal(file: str, signals: tuple[str, ...], begin: str | None, until: str | 
         courses = _run(file, signals, settings, until, every, window)
     else:
         courses = read_courses(Path(file), signals, time=time, begin=window[0], end=window[1])
-    analyses = [SignalAnalysis(course, length) for course in courses]
-    figures = [_figures(one, slope) for one in analyses]
+    analyses = [SignalAnalysis(course, length, slope) for course in courses]
     console = terminal.output()
-    for one, entry in zip(analyses, figures, strict=True):
-        title = f"{one.course.name}, {one.course.time[0]:g} to {one.course.time[-1]:g} s"
-        console.print(terminal.table(title, ("", "value", "unit"), list(_rows(entry, one.course.unit, slope)), text=1))
-        if one.course.note:
-            console.print(one.course.note, soft_wrap=True)
+    for one in analyses:
+        terminal.show(signal_items(one))
         console.print()
     if output is not None:
         from heavebond.pictures.plot import save
         from heavebond.pictures.plot_spectra import plot_spectra
 
         console.print(f"wrote {save(plot_spectra(analyses), output)}", soft_wrap=True)
-    return {"signals": {one.course.name: entry for one, entry in zip(analyses, figures, strict=True)}}
+    return {"signals": {one.course.name: one.as_dict() for one in analyses}}
 
 
 def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: str | None, every: str | None,
@@ -95,38 +91,3 @@ def _run(file: str, signals: tuple[str, ...], settings: tuple[str, ...], until: 
     inside = (result.time >= window[0]) & (result.time <= window[1])
     return [evenly(name, result.unit(name), result.time[inside], values[inside])
             for name, values in result.signals(signals).items()]
-
-
-def _figures(one: SignalAnalysis, slope: float) -> dict[str, Any]:
-    """The numbers of a signal, in its unit and in s; only its mean if it does not vary."""
-    course = one.course
-    figures: dict[str, Any] = {"unit": course.unit, "from": float(course.time[0]), "to": float(course.time[-1]),
-                               "step": course.step, "note": course.note, "mean": one.mean, "deviation": one.deviation,
-                               "least": float(course.values.min()), "most": float(course.values.max())}
-    if one.still:
-        return figures
-    known, counted = one.spectrum, one.waves
-    heights = counted.heights.tolist()
-    return {**figures, "significant": known.significant, "peak_period": known.peak_period, "mean_period": known.mean_period,
-            "crossing_period": known.crossing_period, "segments": known.segments, "waves": len(heights),
-            "wave_period": float(counted.periods.mean()) if heights else None,
-            "highest_third": counted.significant[0], "period_of_highest_third": counted.significant[1],
-            "highest_wave": max(heights, default=None), "cycles": one.cycles.number,
-            "largest_range": float(one.cycles.ranges.max()), "slope": slope,
-            "equivalent_range": one.cycles.equivalent(slope, course.length),
-            "spectrum": {"frequency": known.frequency.tolist(), "density": known.density.tolist()},
-            "ranges": {key: v.tolist() for key, v in zip(("edges", "counts"), one.cycles.classes(CLASSES), strict=True)}}
-
-
-def _rows(told: dict[str, Any], unit: str, slope: float) -> list[tuple[str, str, str]]:
-    from heavebond.core.presentation import number
-
-    rows = [("mean", "mean", unit), ("deviation", "standard deviation", unit), ("least", "least", unit),
-            ("most", "most", unit), ("significant", "spectrum: significant height, 4 sqrt(m0)", unit),
-            ("peak_period", "spectrum: peak period", "s"), ("mean_period", "spectrum: mean period, m0/m1", "s"),
-            ("crossing_period", "spectrum: crossing period, sqrt(m0/m2)", "s"), ("waves", "waves", ""),
-            ("wave_period", "waves: mean period", "s"), ("highest_third", "waves: mean height of the highest third", unit),
-            ("period_of_highest_third", "waves: mean period of these", "s"), ("highest_wave", "waves: the highest", unit),
-            ("cycles", "rainflow: cycles", ""), ("largest_range", "rainflow: largest range", unit),
-            ("equivalent_range", f"rainflow: equivalent range at 1 Hz, slope {slope:g}", unit)]
-    return [(words, number(float(told[key]), 4), unit) for key, words, unit in rows if told.get(key) is not None]

@@ -38,7 +38,7 @@ def work_out(study: Study, folder: Path, processes: int | None, fresh: bool, sch
     from heavebond.commands import terminal
     from heavebond.core.cluster import connected
     from heavebond.reports.study_tables import study_items, write_study
-    from heavebond.studies.campaign import run_study
+    from heavebond.studies.campaign import study as run_study
     from heavebond.studies.tables import as_dict
 
     with connected(scheduler) as cluster, terminal.working("study") as progress:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console, Group
 
     from heavebond.reports.result_tables import Item
+    from heavebond.reports.text_page import TextPage
 
 PIPE_CLOSED = 141  # exit code that shells report for SIGPIPE
 PLAIN_WIDTH = 120  # width of tables in a file or a pipe
@@ -95,10 +96,27 @@ def show(items: Sequence[Item]) -> None:
         elif isinstance(item, Line) and item.warning:
             warn(item.text)
         elif isinstance(item, Line):
-            console.print(item.text, soft_wrap=True)
+            console.print(item.text, style="yellow" if item.highlight else None, soft_wrap=True)
         else:
             for line in ["noticed", *columns(item.rows, console.width)]:
                 console.print(line)
+
+
+def show_page(page: TextPage) -> None:
+    """Print the lines and tables of a page; ModelError with its problems after them."""
+    from heavebond.core.errors import ModelError
+    from heavebond.reports.text_page import TextLine
+
+    console = output()
+    for item in page.items:
+        if isinstance(item, TextLine) and item.style == "warning":
+            warn(item.text)
+        elif isinstance(item, TextLine):
+            console.print(item.text, style=item.style or None, soft_wrap=True, markup=False, highlight=False)
+        else:
+            console.print(table(item.title, item.head, item.rows, text=item.text))
+    if page.problems:
+        raise ModelError(page.problems)
 
 
 def warn(line: str) -> None:

@@ -25,3 +25,11 @@ def provides(*methods: str) -> Callable[[AnyFunction], AnyFunction]:
 def call(method: str, *arguments: Any) -> Any:
     """Call the function that is registered for a method."""
     return _PROVIDED[method](*arguments)
+
+
+class Displayed:
+    """A result that a notebook displays by the function that is registered as `CLASS._repr_html_`."""
+
+    def _repr_html_(self) -> str:
+        """Its tables and figures, for notebooks."""
+        return str(call(f"{type(self).__name__}._repr_html_", self))

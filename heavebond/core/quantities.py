@@ -12,16 +12,35 @@ def si_value(given: float | str, unit: str, subject: str) -> float:
     """A quantity in SI; the text must have the dimension of `unit`.
 
     Raises UsageError that begins with `subject` for a text without its unit, with a unit of another dimension, or that is
-    not a quantity.
+    not a quantity, and for a value of another type.
     """
+    given = number_or_text(given, unit, subject)
     if not isinstance(given, str):
-        return float(given)
+        return given
     try:
         number, read = parse_quantity(given)
         check_unit(read, read_unit(unit), number, given)
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"{subject}: {problem.message}", None, problem.hint)]) from None
     return number
+
+
+def number_or_text(given: object, unit: str, subject: str) -> float | str:
+    """A number, or the text of a quantity; a quantity of pint, or a signal of one value, as its text. UsageError that begins
+    with `subject` for any other type, such as a list or an array of several values."""
+    if isinstance(given, str):
+        return given
+    units = getattr(given, "units", None) if hasattr(given, "magnitude") else None
+    if units is not None:
+        return f"{float(getattr(given, 'magnitude'))!r} {units:~C}".rstrip()  # noqa: B009
+    text = getattr(given, "unit", None)
+    try:
+        number = float(given)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise UsageError([Problem("not-a-quantity", f"{subject}: a {type(given).__name__} is not one value", None,
+                                  f'Write one number, in SI, or a text with its unit, such as "1 {unit}".'.replace(
+                                      " 1\"", "\""))]) from None
+    return number if text is None else f"{number!r} {text}"
 
 
 def ranges(given: Mapping[str, Range | str]) -> dict[str, Range]:

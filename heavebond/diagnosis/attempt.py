@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from heavebond.core import facade
 from heavebond.core.errors import Problem, UsageError, listing, suggest
+from heavebond.core.presentation import brief, number
 from heavebond.core.progress import Progress
 from heavebond.core.reporting import reporting
 from heavebond.core.threads import single_threaded
@@ -23,7 +25,7 @@ from heavebond.estimation.fitting import Fit, fit
 
 
 @dataclass(frozen=True)
-class Attempt:
+class Attempt(facade.Displayed):
     """Result of a single effect that the user specifies.
 
     * ladder: table of models without and with the effect.
@@ -36,6 +38,12 @@ class Attempt:
     finding: AddedEffect
     bic_difference: float
     earned: bool
+
+    def __repr__(self) -> str:
+        held_out = " > ".join(number(entry.chi2_held_out, 4) for entry in self.ladder)
+        verdict = "justified by held-out data" if self.earned else "not justified by held-out data"
+        return brief(self, self.ladder[-1].name, verdict, f"chi-square of held-out samples {held_out}, change of BIC "
+                     f"{self.bic_difference:.4g}")
 
     def as_dict(self) -> dict[str, object]:
         """Return the figures for JSON."""

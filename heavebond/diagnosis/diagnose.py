@@ -68,7 +68,7 @@ from heavebond.localise.misfit import Localization
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(facade.Displayed):
     """The result of a diagnosis.
 
     * verdict, words: the verdict (see `diagnosis.answer.verdict`), and the answer in sentences.
@@ -119,9 +119,6 @@ class Diagnosis:
     def __repr__(self) -> str:
         return brief(self, self.experiment.name, self.verdict, *self.words)
 
-    def _repr_html_(self) -> str:
-        """Verdict, table of models and parameters of the findings for notebooks."""
-        return str(facade.call("Diagnosis._repr_html_", self))
 
     @property
     def partial(self) -> bool:

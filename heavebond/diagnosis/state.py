@@ -210,7 +210,7 @@ def _chi2(parts: Sequence[RecordComparison]) -> float:
 
 
 @reporting
-def ladder(experiments: Sequence[ExperimentOrFile], *, progress: Progress | None = None) -> list[LadderEntry]:
+def errors(experiments: Sequence[ExperimentOrFile], *, progress: Progress | None = None) -> list[LadderEntry]:
     """Compare several models with the same records, in the order of `experiments`.
 
     An error is the rms of the residual over the rms of the record about its mean (dimensionless). Each model has the values

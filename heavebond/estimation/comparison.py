@@ -185,7 +185,7 @@ class RecordComparison:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(facade.Displayed):
     """An experiment with its model simulated on every record: `records` by name, each with its channels.
 
     Arrays of a channel have shape (n,), its samples, in `channel.unit`; `as_dict()` holds the values for machines.
@@ -199,9 +199,6 @@ class Comparison:
             f"{name} ({r.use}): normalised error {100 * r.normalised:.3g} %, chi-square {r.chi2:.4g} per sample"
             for name, r in list(self.records.items())[:12]), "..." if len(self.records) > 12 else "")
 
-    def _repr_html_(self) -> str:
-        """The errors of all channels and their plot, for notebooks."""
-        return str(facade.call("Comparison._repr_html_", self))
 
     def plot(self) -> Figure:
         """A matplotlib figure: a column per record, a row per channel, the residual beneath each."""

@@ -130,7 +130,7 @@ class OwnValues:
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(facade.Displayed):
     """An estimate of parameters: values and intervals in SI, with the comparisons before and after.
 
     `correlation` is (m, m) for m parameters; `chi2` is the reduced chi-square of the fitted samples (1 = noise level);
@@ -158,9 +158,6 @@ class Fit:
         return brief(self, self.experiment.name, f"chi-square {self.chi2:.4g} per sample, {self.message}",
                      listing([f"{p.name} = {p.value:.5g} {p.unit}" for p in self.parameters], 12))
 
-    def _repr_html_(self) -> str:
-        """The table of parameters and of the errors before and after, for notebooks."""
-        return str(facade.call("Fit._repr_html_", self))
 
     @property
     def values(self) -> dict[str, float]:

@@ -39,11 +39,12 @@ class StarterFolder:
     experiments: tuple[Path, ...]
 
 
-def start_folder(folder: Path, origin: str | None = None) -> StarterFolder:
+def new(folder: str | Path, origin: str | None = None) -> StarterFolder:
     """Create a folder with a rig of one load and synthetic records of it, or with a copy of the bundled machine `origin`.
 
-    UsageError if the folder is not empty, its name cannot name a diagram, or the machine does not exist.
+    Raises UsageError if the folder is not empty, its name cannot name a diagram, or the machine does not exist.
     """
+    folder = Path(folder)
     name = folder.name
     if not re.fullmatch(r"[A-Za-z]\w*", name, flags=re.ASCII):
         plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, UsageError, listing, suggest
+from heavebond.core.presentation import brief, count
 from heavebond.core.units import Unit, declared_unit, dimension_text, read_unit, times, unit
 from heavebond.equations.events import FlatEvent, Held
 from heavebond.equations.flatten import DelayedVariable, unclocked
@@ -114,6 +115,10 @@ class Portable:
     starting: StartConditions
     limits: ca.Function
     histories: ca.Function
+
+    def __repr__(self) -> str:
+        return brief(self, self.name, f"{count(len(self.states), 'state')}, {count(len(self.inputs), 'input')}, "
+                     f"{count(len(self.outputs), 'output')}, {count(sum(self.tunable), 'parameter')}")
     stops: ca.Function | None = None
 
     @property

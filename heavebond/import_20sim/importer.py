@@ -18,7 +18,8 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from heavebond.core.errors import ModelError, Place, Problem
+from heavebond.core.errors import ModelError, Place, Problem, UsageError
+from heavebond.core.presentation import brief, count
 from heavebond.core.quoting import file_stem
 from heavebond.core.writable import write_text
 from heavebond.import_20sim import formula_text as f
@@ -36,6 +37,7 @@ from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_parser import parse_sidops
 from heavebond.import_20sim.sidops_tree import Assign, Do, Equations, Expr, For, If, Statement, Submodel, While
 from heavebond.import_20sim.write import block_text, component_text, mapping, numbers, parts_text, quantity, remark, scalar
+from heavebond.language.library import library as known_library
 
 NO_VALUE = "no value in the 20-sim file"  # characters of a description
 ASSUMED_SAMPLE_TIME = 0.1  # s
@@ -78,6 +80,38 @@ class Imported:
         for name, text in self.files.items():
             write_text(folder / name, text)
         return [folder / name for name in self.files]
+
+
+@dataclass(frozen=True)
+class ImportedModel:
+    """The written files of an import, the diagram `path` first, and the constructs that are not translated; `left_over` are
+    components of an earlier import that are no longer part of the model."""
+
+    path: Path
+    files: tuple[Path, ...]
+    untranslated: tuple[Untranslated, ...]
+    left_over: tuple[Path, ...] = ()
+
+    def __repr__(self) -> str:
+        return brief(self, str(self.path), f"{count(len(self.files) - 1, 'component')}",
+                     *(f"not translated: {u.submodel}, line {u.line}: {u.reason}" for u in self.untranslated[:8]))
+
+
+def import_model(file: str | Path, folder: str | Path = "") -> ImportedModel:
+    """Translate a 20-sim model (.emx) into a diagram with component files, in a `folder`, by default named after the model.
+
+    `file` is the path of the model; nothing in it is executed. `hb.load(imported.path)` reads the diagram. Raises UsageError
+    for another kind of file, ModelError for one that cannot be read.
+    """
+    file = Path(file)
+    if file.suffix.lower() != ".emx":
+        raise UsageError([Problem("emx-suffix", f"'{file}' is not a 20-sim model", None, "Name a file that ends in .emx.")])
+    if not file.is_file():
+        raise UsageError([Problem("file", f"cannot find the file '{file}'")])
+    imported = import_emx(file, frozenset(known_library().names()))
+    target = Path(folder) if str(folder) else Path(imported.name)
+    left_over, written = imported.left_over(target), imported.write(target)
+    return ImportedModel(written[0], tuple(written), tuple(imported.untranslated), tuple(left_over))
 
 
 def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:

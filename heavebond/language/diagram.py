@@ -28,7 +28,7 @@ from heavebond.text.expression import calling
 from heavebond.text.python_source import PythonCall, calling_place, node_of, plain, yaml_text
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source, read
 
-NAMED = ("parameters", "components", "nodes", "set", "vary", "initial", "nominal", "clocks", "show", "view")
+NAMED = ("parameters", "set", "vary", "initial", "nominal", "clocks", "show", "simulate", "view")
 NOT_SECTIONS = ("model", "components", "nodes")
 
 
@@ -87,6 +87,9 @@ class Diagram:
         """
         call = calling_place()
         parts = self._section("components", call)
+        if name[:1].isupper() and str(kind)[:1].islower() and name in self._library().files:
+            raise ModelError([Problem("component-unknown", f"'{name}' is a component, '{kind}' is none",
+                                      call.place(name, name), f'The component comes first: add("{name}", "{kind}").')])
         if name in parts.items:
             raise self._twice("component", name, parts, call)
         entry = node_of({"is": kind, **(settings or {}), **more}, name, call)
@@ -103,6 +106,11 @@ class Diagram:
         nodes with names of their own would be joined, UsageError without ports.
         """
         call = calling_place()
+        for port in (*ports, node):
+            if not isinstance(port, str):
+                raise UsageError([Problem("python-value", f"a {type(port).__name__} is not the name of a port or a node",
+                                          call.place("connect", "connect()"),
+                                          'Write the ports one after the other: connect("spring.b", "load.a").')])
         if not ports or (len(ports) < 2 and not node):
             raise UsageError([Problem("connect-alone", "connect needs two ports", call.place("connect", "connect()"),
                                       'Write for example connect("spring.b", "load.a").')])
@@ -125,15 +133,16 @@ class Diagram:
         nodes.keys[name] = Scalar(name, call.place(node or ports[0], name))
         return self
 
-    def show(self, name: str, formula: str = "", *, unit: str) -> Diagram:
+    def show(self, name: str, formula: str = "", *, unit: str = "") -> Diagram:
         """Add an output: its `name`, the `formula` (by default the name, which is then a variable) and the `unit` in which
-        it is shown, `show("place", "load.x", unit="mm")`. Returns the diagram. Raises ModelError for a name that is used
-        twice."""
+        it is shown (required), `show("place", "load.x", unit="mm")`. Returns the diagram. Raises ModelError for a name that
+        is used twice."""
         call = calling_place()
         outputs = self._section("show", call)
         if name in outputs.items:
             raise self._twice("output", name, outputs, call)
-        outputs.items[name] = node_of({**({"is": formula} if formula else {}), "unit": unit}, name, call)
+        entry = {key: value for key, value in (("is", formula), ("unit", unit)) if value}
+        outputs.items[name] = node_of(entry, name, call)
         outputs.keys[name] = Scalar(name, call.place(name, name))
         return self
 
@@ -157,6 +166,11 @@ class Diagram:
                                           suggest(key, allowed) or f"Sections: {', '.join(allowed)}.")])
             if isinstance(value, Dictionary):
                 self._merge(key, value, call)
+            elif key in NAMED:
+                example = {"simulate": '{"until": "60 s", "every": "20 ms"}'}.get(key, '{"name": ...}')
+                message = f"the section '{key}' is a dictionary, not a {type(value).__name__}"
+                raise UsageError([Problem("not-a-mapping", message, call.place(key, key),
+                                          f"Write update({key}={example}).")])
             else:
                 self._put(key, node_of(value, key, call), call)
         return self
@@ -256,19 +270,9 @@ class Diagram:
             ("components", "part"), ("nodes", "node"), ("show", "output"))]
         return brief(self, self.name, ", ".join(sizes))
 
-    def _repr_svg_(self) -> str | None:
-        """The drawing, for notebooks; None for a diagram that cannot be drawn."""
-        try:
-            return self.model()._repr_svg_()
-        except HeavebondError:
-            return None
-
-    def _repr_html_(self) -> str | None:
-        """The drawing and the table of parameters, for notebooks; None for a diagram that cannot be drawn."""
-        try:
-            html: str | None = facade.call("Model._repr_html_", self.model())
-        except HeavebondError:
-            return None
+    def _repr_html_(self) -> str:
+        """The drawing and the table of parameters, for notebooks; the mistakes of a diagram that cannot be drawn."""
+        html: str = facade.call("Diagram._repr_html_", self)
         return html
 
     # -- inside --------------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 from heavebond.core import facade
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count
+from heavebond.core.quantities import number_or_text
 from heavebond.language import reading
 from heavebond.language.definition import Body, Component, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, shown_path
@@ -139,7 +140,8 @@ class Model:
 
 
 def _python_value(path: str, given: float | str) -> Value:
-    text = given if isinstance(given, str) else repr(float(given))
+    given = number_or_text(given, "N", path)
+    text = given if isinstance(given, str) else repr(given)
     place = Place(f"value of {path}", 1, 1, text)
     problems = Problems()
     value_read = reading.value(Scalar(text, place), path, problems)
@@ -187,7 +189,13 @@ def loaded(model: ModelOrFile) -> Model:
     """A diagram itself, one that is built in Python, or the diagram of a path or bundled name (see `load`)."""
     if isinstance(model, Model):
         return model
-    return load(model) if isinstance(model, (str, Path)) else model.model()
+    if isinstance(model, (str, Path)):
+        return load(model)
+    if not hasattr(model, "model"):
+        hint = "Write hb.Diagram.from_dict(...)." if isinstance(model, dict) else \
+            'Give a Model, a Diagram, the path of a file, or a bundled name: "cmc_ahc".'
+        raise UsageError([Problem("not-a-model", f"a {type(model).__name__} is not a diagram", None, hint)])
+    return model.model()
 
 
 def find(name: str | Path, head: str = "model", records: Container[str] = ()) -> Path:

@@ -36,6 +36,7 @@ from pathlib import Path
 
 import numpy as np
 
+from heavebond.core import facade
 from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief, number
 from heavebond.core.progress import Progress
@@ -177,7 +178,7 @@ class FoundLaw:
 
 
 @dataclass(frozen=True)
-class Laws:
+class Laws(facade.Displayed):
     """The answer: whether an effect is missing at all, the formulas (most probable first), the laws of the catalogue at the
     same places, and the formula with the fewest parameters among those that the records cannot distinguish from the best;
     `known` is the law of the catalogue that predicts as well as it with no more parameters. `chi2`: per sample of the fitted

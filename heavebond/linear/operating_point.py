@@ -9,7 +9,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from heavebond.core.errors import HeavebondError, Problem, StartError, UsageError, listing
+from heavebond.core.errors import HeavebondError, Problem, StartError, UsageError, listing, suggest
 from heavebond.core.units import read_unit
 from heavebond.equations.flatten import Flat, flatten
 from heavebond.equations.reduce import reduce_flattened
@@ -47,6 +47,8 @@ class OperatingPoints:
                  approximate: bool = True):
         """`at`: None for the start of the diagram, `"steady"`, or a time; `also` names positions that are wanted. Without
         `approximate` delayed variables are constant near the point, as parameters `history.NAME`."""
+        if isinstance(at, str) and at != STEADY and (near := suggest(at, [STEADY])):
+            raise UsageError([Problem("not-a-quantity", f"at: '{at}' is neither a time nor `{STEADY}`", None, near)])
         self.steady, self._disturbances, self._also = at == STEADY, disturbances, tuple(also)
         self.begin = begin_of(model)
         self.time = self.begin if at is None or self.steady else seconds(at, "--at")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
+from heavebond.core.presentation import brief, count, readable
 from heavebond.core.quantities import si_range
 from heavebond.core.units import Range
 from heavebond.equations.parameters import check_ranges
@@ -40,6 +41,12 @@ class RootLocus:
     filled: str = ""
     held: tuple[HeldVariable, ...] = ()
     periods: Array | None = None
+
+    def __repr__(self) -> str:
+        ends = " to ".join(readable(float(self.values[k]), self.unit) for k in (0, -1))
+        limits = ", ".join(readable(limit, self.unit) for limit in self.limits)
+        return brief(self, self.parameter, f"{ends}, {count(self.poles.shape[1], 'pole')}",
+                     f"stability boundary at {limits}" if limits else "no stability boundary")
 
     @property
     def z(self) -> NDArray[np.complex128]:

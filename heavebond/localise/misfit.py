@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from heavebond.core import facade
 from heavebond.core.errors import Problem, UsageError, suggest
 from heavebond.core.presentation import brief, number, readable
 from heavebond.core.progress import Progress
@@ -93,7 +94,7 @@ def _told(suspect: PlaceEstimate) -> str:
 
 
 @dataclass(frozen=True)
-class Localization:
+class Localization(facade.Displayed):
     """The location of a model error: when it occurs and the places that may cause it, the likeliest first.
 
     `missing` is true if there is more than parameters and noise explain, `chance` is the p value of the opposite; `chi2` is

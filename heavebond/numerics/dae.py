@@ -16,6 +16,7 @@ from heavebond.core.cancellation import check
 from heavebond.core.errors import NAMES_LISTED, ModelError, Problem, Problems, UsageError, listing, suggest
 from heavebond.core.gc_paused import put_off
 from heavebond.core.presentation import brief, count
+from heavebond.core.quantities import number_or_text
 from heavebond.core.units import UnitProblem, check_unit, interval_text, parse_quantity
 from heavebond.equations.flatten import Flat, flatten, without_zeros
 from heavebond.equations.reduce import Reduced, reduce_flattened
@@ -168,6 +169,7 @@ class Assembly:
         return replace(self, x_nominal=x, z_nominal=z, sizes=dict(sizes), memo={})
 
     def _number(self, name: str, value: float | str, index: int) -> float:
+        value = number_or_text(value, self.flat.parameters[index].unit.text, name)
         if not isinstance(value, str):
             if not isfinite(value):
                 raise UsageError([Problem("value-not-finite", f"{name} = {value} has no finite value", None,

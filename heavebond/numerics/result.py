@@ -71,7 +71,7 @@ def _kept(dense: Result) -> tuple[Result, Settle | None]:
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(facade.Displayed):
     """A run: `time` (N,) in s, states x (n_x, N) and algebraic unknowns z (n_z, N) in SI, and every variable by name.
 
     `result["pull"]` (N,) is a Signal: an array with its unit, which is the one declared under `show:`, else SI.
@@ -342,9 +342,6 @@ class Result:
         return brief(self, self.assembly.model.name, f"{number(float(self.time[0]))} to {number(float(self.time[-1]))} s, "
                      f"{count(len(self.time), 'point')}", f"outputs {outputs}" if outputs else "")
 
-    def _repr_html_(self) -> str:
-        """The verdict, the table of outputs and their plot, for notebooks."""
-        return str(facade.call("Result._repr_html_", self))
 
     def signals(self, names: Iterable[str]) -> dict[str, Array]:
         """Several signals at once, each (N,) in `result.unit(name)`; UsageError for a name that is not there."""

@@ -13,17 +13,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from heavebond.core.errors import Problem, UsageError, listing
+from heavebond.core import facade
+from heavebond.core.errors import Problem, UsageError, listing, suggest
+from heavebond.core.presentation import brief, count, number
 from heavebond.core.progress import Progress
+from heavebond.core.reporting import reporting
 from heavebond.core.units import Unit
-from heavebond.numerics.dae import Array, Assembly
+from heavebond.language.model import ModelOrFile
+from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulation import with_filled_nodes
 from heavebond.numerics.simulator import Simulator
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
 
 MOST = 60  # default number of parameters
 AT_ONCE = 6  # sensitivities in a run: above it the cost of the Jacobian exceeds the saving of runs
@@ -57,14 +66,52 @@ class Ranking:
 
 
 @dataclass(frozen=True)
-class Rankings:
-    """Every signal's ranking, at the same times (N,); `left_out` names parameters that were not tried, `filled` lists
-    capacities that were added to nodes without storage, if any."""
+class Rankings(facade.Displayed):
+    """Every signal's ranking, at the same times (N,); `left_out` names parameters that were not among the `tried`, `filled`
+    lists capacities that were added to nodes without storage, if any. `rankings["crown.x"]` is the ranking of one signal."""
 
     time: Array
     rankings: tuple[Ranking, ...]
     left_out: tuple[str, ...]
     filled: str = ""
+    model: str = ""
+    tried: int = 0
+
+    def __getitem__(self, signal: str) -> Ranking:
+        """The influences on a signal; UsageError for one that was not examined."""
+        for ranking in self.rankings:
+            if ranking.signal == signal:
+                return ranking
+        signals = [ranking.signal for ranking in self.rankings]
+        raise UsageError([Problem("name-unknown", f"'{signal}' was not examined", None,
+                                  suggest(signal, signals) or f"Examined: {listing(signals)}.")])
+
+    def as_dict(self) -> dict[str, object]:
+        """The influences as a dictionary for JSON."""
+        def one(influence: Influence) -> dict[str, object]:
+            return {"parameter": influence.parameter, "value": influence.value, "unit": influence.unit.text,
+                    "influence": influence.relative, "peak": influence.peak, "time": influence.time}
+
+        return {"model": self.model, "until": float(self.time[-1]),
+                "signals": {r.signal: {"unit": r.unit, "rms": r.size, "still": r.still,
+                                       "influences": [one(i) for i in r.influences]} for r in self.rankings},
+                "left_out": list(self.left_out), "filled": self.filled or None}
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The relative influences as a table: a row for each parameter, a column for each signal."""
+        import pandas as pd
+
+        return pd.DataFrame({r.signal: {i.parameter: i.relative for i in r.influences} for r in self.rankings})
+
+    def __repr__(self) -> str:
+        strongest = [f"{r.signal}: " + ", ".join(f"{i.parameter} {number(i.relative, 3)}" for i in r.influences[:4])
+                     for r in self.rankings[:8]]
+        return brief(self, self.model, f"{count(self.tried, 'parameter')}", *strongest)
+
+    def plot(self) -> Figure:
+        """A matplotlib figure of the influences as bars, and the strongest over time."""
+        figure: Figure = facade.call("Rankings.plot", self)
+        return figure
 
 
 def candidates(assembly: Assembly) -> list[str]:
@@ -88,10 +135,28 @@ def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] =
     values = np.array([assembly.parameter_values[name] for name in chosen])
     scaled = np.concatenate(courses) * values[:, None, None]
     units = {q.name: q.unit for q in assembly.flat.parameters}
-    return Rankings(run.time, tuple(
+    rankings = tuple(
         _ranking(name, run.unit(name), run.time, signal[j], [
             (parameter, float(values[k]), units[parameter], scaled[k, j]) for k, parameter in enumerate(chosen)])
-        for j, name in enumerate(signals)), () if parameters else tuple(possible[most:]), filled)
+        for j, name in enumerate(signals))
+    return Rankings(run.time, rankings, () if parameters else tuple(possible[most:]), filled, assembly.model.name,
+                    len(chosen))
+
+
+@reporting
+def sensitivity(model: ModelOrFile | Assembly, of: Sequence[str], *, until: Time | None = None, every: Time | None = None,
+                parameters: Sequence[str] = (), most: int = MOST, progress: Progress | None = None) -> Rankings:
+    """Rank parameters of a diagram by their influence on signals, with exact sensitivities.
+
+    The influence of a parameter is the first-order change of a signal if the parameter were doubled: its rms over time
+    divided by the rms of the signal about its mean (dimensionless). `model` is a diagram, the path or bundled name of one,
+    or an Assembly; `of` are names or formulas of signals. `until` and `every` are as in `simulate`. `parameters` are those
+    to examine, by default the first `most` that are not zero. `progress` is called with a text at each step. Raises
+    UsageError for an unknown name, or a parameter that is zero or is solved for at the start.
+    """
+    signals = [of] if isinstance(of, str) else list(of)
+    assembly = assemble(model, signals)
+    return rank(assembly, signals, parameters, until, every=every, most=most, progress=progress)
 
 
 def _courses(assembly: Assembly, signals: Sequence[str], chosen: Sequence[str], until: Time | None, every: Time | None,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from heavebond.core import facade
 from heavebond.core.cancellation import ENDED_EARLY, finishing
 from heavebond.core.errors import HeavebondError, Problem, UsageError, suggest
 from heavebond.core.presentation import brief
@@ -42,7 +43,7 @@ class TuningEvaluation:
 
 
 @dataclass(frozen=True)
-class Tuned:
+class Tuned(facade.Displayed):
     """The result of a tuning: the best `values` in SI, their `cost` and the cost `before`, without unit.
 
     `limits` are negative if satisfied (relative); `paths` are the evaluations of every start. `simulations` counts a run

@@ -7,14 +7,20 @@ from typing import TYPE_CHECKING
 from heavebond.core.facade import provides
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.figure import Figure
 
     from heavebond.estimation.comparison import Comparison
     from heavebond.language.model import Model
     from heavebond.numerics.dae import Array
     from heavebond.numerics.result import Result
+    from heavebond.optimise.influence import Rankings
+    from heavebond.pictures.motion import Motion
     from heavebond.records.saved_runs import SavedRun
     from heavebond.records.signal_array import Signal
+    from heavebond.records.spectra import SignalAnalysis
+    from heavebond.studies.campaign import StudyResult
 
 
 @provides("Model._repr_svg_")
@@ -52,3 +58,38 @@ def _plot_of_comparison(comparison: Comparison) -> Figure:
     from heavebond.pictures.plot import plot_comparison
 
     return plot_comparison(comparison)
+
+
+@provides("Rankings.plot")
+def _plot_of_rankings(rankings: Rankings) -> Figure:
+    from heavebond.pictures.plot import plot_influence
+
+    return plot_influence(rankings, title=f"{rankings.model}: influence of parameters")
+
+
+@provides("SignalAnalysis.plot")
+def _plot_of_analysis(analysis: SignalAnalysis) -> Figure:
+    from heavebond.pictures.plot_spectra import plot_spectra
+
+    return plot_spectra([analysis])
+
+
+@provides("StudyResult.plot")
+def _plots_of_study(result: StudyResult) -> list[Figure]:
+    from heavebond.pictures.plot_study import plot_study
+
+    return [plot_study(result, picture) for picture in result.study.pictures]
+
+
+@provides("Motion.save")
+def _saved_motion(motion: Motion, path: Path, speed: float) -> Path:
+    from heavebond.pictures.animation import save_animation
+
+    return save_animation(motion, path, speed=speed)
+
+
+@provides("Motion._repr_html_")
+def _page_of_motion(motion: Motion) -> str:
+    from heavebond.pictures.animation import animation_frame
+
+    return animation_frame(motion)

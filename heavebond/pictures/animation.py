@@ -10,7 +10,7 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.core.presentation import number, unit_label
 from heavebond.core.writable import new_file, write_text
 from heavebond.numerics.dae import Array
-from heavebond.pictures.markup import data_block, element, page
+from heavebond.pictures.markup import Html, data_block, element, page
 from heavebond.pictures.motion import Motion
 
 SUFFIXES = (".html", ".gif", ".mp4")
@@ -33,6 +33,12 @@ def animation_page(motion: Motion, speed: float = 1.0) -> str:
     return page(motion.title, element("header", element("h1", motion.title), element("p", motion.summary)),
                 element("main", element("div", id="stage"), controls, element("div", id="courses")),
                 data_block("motion", packed(motion)), look="animation")
+
+
+def animation_frame(motion: Motion) -> Html:
+    """The page of a motion in a frame, for notebooks; its script has no access to the notebook."""
+    return element("iframe", srcdoc=str(animation_page(motion)), sandbox="allow-scripts", width="100%", height="640",
+                   style="border: 0", title=motion.title)
 
 
 def packed(motion: Motion) -> dict[str, object]:

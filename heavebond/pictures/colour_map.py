@@ -17,7 +17,7 @@ import numpy as np
 from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.presentation import readable_unit, unit_label, written
 from heavebond.core.units import read_unit
-from heavebond.energy.audit import port_powers
+from heavebond.energy_audit.audit import port_powers
 from heavebond.equations.expanded import Expanded
 from heavebond.language.model import Model
 from heavebond.numerics.dae import Array, assemble

@@ -10,14 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
+from heavebond.core import facade
 from heavebond.core.errors import ModelError, Problem, Problems, UsageError, listing
-from heavebond.core.presentation import converted, readable_unit
+from heavebond.core.presentation import brief, converted, count, number, readable_unit
 from heavebond.core.units import ONE, Dimension, declared_unit
-from heavebond.language.model import Model
+from heavebond.language.model import ModelOrFile, loaded
 from heavebond.language.reading import add_expression_problem
 from heavebond.language.symbols import stack
 from heavebond.language.view import WIDE, ViewShape
@@ -60,9 +62,9 @@ class Moving:
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(facade.Displayed):
     """Animation data of a run at `time` (n,) in s: shapes in drawing order, the picture's edges in m (left, bottom,
-    right, top), and signals by name: unit and time series (n,)."""
+    right, top), and signals by name: unit and time series (n,). A notebook plays it."""
 
     title: str
     summary: str
@@ -70,6 +72,16 @@ class Motion:
     shapes: tuple[Moving, ...]
     edges: tuple[float, float, float, float]
     signals: dict[str, tuple[str, Array]] = field(default_factory=dict)
+
+    def save(self, path: str | Path, *, speed: float = 1.0) -> Path:
+        """Write a page (.html), which plays without a network, or a film (.gif, .mp4), and return the path; `speed` 1 is
+        real time. Raises UsageError for another suffix, or if a program for films is missing."""
+        written: Path = facade.call("Motion.save", self, Path(path), speed)
+        return written
+
+    def __repr__(self) -> str:
+        return brief(self, self.title, f"{count(len(self.time), 'frame')} from {number(float(self.time[0]))} to "
+                     f"{number(float(self.time[-1]))} s", f"shapes {listing([shape.name for shape in self.shapes], 8)}")
 
 
 def _rectangle(x: tuple[float, float], b: tuple[float, float] = (0, 0), w: float = 0.5) -> tuple[Corner, ...]:
@@ -100,13 +112,15 @@ OUTLINES: dict[str, tuple[Outline, ...]] = {
     "ground": _BELOW, "level": _BELOW, "mark": (Outline(_LINE, edge="dashed"),)}
 
 
-def animate(model: Model, until: Time | None = None, *, every: Time | None = None,
+def animate(model: ModelOrFile, until: Time | None = None, *, every: Time | None = None,
             parameters: Mapping[str, float | str] | None = None, signals: Iterable[str] = ()) -> Motion:
-    """Run a diagram that has a `view:` and compute the positions of its shapes; arguments and errors as for `simulate`.
+    """Run a diagram that has a `view:` and compute the positions of its shapes: an animation.
 
-    `signals` are drawn over time below; by default the first outputs of the diagram. Raises ModelError if `view:` is
-    missing, names something that the diagram does not have, or gives a place that is not a length.
+    `model`, `until`, `every` and `parameters` are as in `simulate`. `signals` are drawn over time below; by default the
+    first outputs of the diagram. `animation.save("run.html")` writes it. Raises the errors of `simulate`, and ModelError if
+    `view:` is missing, names something that the diagram does not have, or gives a place that is not a length.
     """
+    model = loaded(model)
     if not model.view:
         raise ModelError([Problem(
             "view-missing", f"{model.path.name} has no `view:` with shapes to animate", None,

@@ -14,15 +14,15 @@ from matplotlib.patches import Patch, PathPatch, Rectangle
 from matplotlib.path import Path
 
 from heavebond.core.presentation import number, readable
-from heavebond.energy.audit import BLOCK
-from heavebond.energy.power_flow import Box, BoxKey, EnergyFlow
+from heavebond.energy_audit.audit import BLOCK
+from heavebond.energy_audit.power_flow import Box, BoxKey, EnergyFlow
 from heavebond.language.library import domains
 from heavebond.pictures.plot import COLOURS, DPI, WIDTH, figure_title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from heavebond.energy.audit import EnergyAudit, EnergyLine
+    from heavebond.energy_audit.audit import EnergyAudit, EnergyLine
 
 OTHER = "#b0b0b0"
 SUPPLY, HEAT, STORE, PASS, NODE = COLOURS[0], COLOURS[1], COLOURS[2], "#444444", "#9a9a9a"

@@ -63,7 +63,7 @@ class Signals(Mapping[str, Array]):
 
 
 @dataclass(frozen=True)
-class SavedRun:
+class SavedRun(facade.Displayed):
     """A run without its diagram: `time` (N,) in s and `values`, signals (N,) by name in `units[name]`.
 
     `run[name]` is a Signal with its unit; `run.si[name]` are its numbers in SI, `run.display[name]` those in
@@ -118,9 +118,6 @@ class SavedRun:
         figure: Figure = facade.call("SavedRun.plot", self, names or tuple(self.values))
         return figure
 
-    def _repr_html_(self) -> str:
-        """The table of the signals and their plot, for notebooks."""
-        return str(facade.call("SavedRun._repr_html_", self))
 
     def _in_si(self, name: str) -> Array:
         unit = read_unit(self.unit(name))

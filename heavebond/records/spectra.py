@@ -16,15 +16,23 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.core import facade
 from heavebond.core.errors import DataError, Problem, UsageError
+from heavebond.core.presentation import brief, count, number
+from heavebond.core.quantities import si_value
 from heavebond.core.units import UnitProblem, read_unit
 from heavebond.records.measurements import check_time, column, read_table, samples, timed
 from heavebond.records.saved_runs import read_run
+from heavebond.records.signal_array import Signal
 from heavebond.records.time_axis import TimeAxis
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 UNEVEN = 1e-3  # relative difference of steps that count as even
@@ -32,6 +40,7 @@ LEAST = 16  # samples
 ROUNDING = 1e-6  # relative to the largest cycle: error of an integrator on a straight line
 SEGMENTS = 8  # segments that overlap by half, if a record is long enough for so many
 WAVES = 20  # least number of waves in a segment of the spectrum, if the record has them
+CLASSES = 20  # of range, in `SignalAnalysis.as_dict`
 STILL = 1e-12  # relative size below which a signal counts as constant
 _HEAD = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*")
 
@@ -133,13 +142,14 @@ class Cycles:
 
 
 @dataclass(frozen=True, eq=False)
-class SignalAnalysis:
+class SignalAnalysis(facade.Displayed):
     """Complete analysis of one signal; `segment` (s) is the length of the segments of the spectrum, None for automatic
-    choice.
+    choice, `slope` the exponent of the S-N curve for the equivalent range.
     """
 
     course: EvenSignal
     segment: float | None = None
+    slope: float = 3.0
 
     @property
     def mean(self) -> float:
@@ -165,6 +175,40 @@ class SignalAnalysis:
     @cached_property
     def cycles(self) -> Cycles:
         return rainflow_cycles(self.course.values)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The numbers of the signal, in its unit and in s; of a constant one its mean and extremes only."""
+        course = self.course
+        figures: dict[str, Any] = {"unit": course.unit, "from": float(course.time[0]), "to": float(course.time[-1]),
+                                   "step": course.step, "note": course.note, "mean": self.mean,
+                                   "deviation": self.deviation, "least": float(course.values.min()),
+                                   "most": float(course.values.max())}
+        if self.still:
+            return figures
+        known, counted = self.spectrum, self.waves
+        heights = counted.heights.tolist()
+        return {**figures, "significant": known.significant, "peak_period": known.peak_period,
+                "mean_period": known.mean_period, "crossing_period": known.crossing_period, "segments": known.segments,
+                "waves": len(heights), "wave_period": float(counted.periods.mean()) if heights else None,
+                "highest_third": counted.significant[0], "period_of_highest_third": counted.significant[1],
+                "highest_wave": max(heights, default=None), "cycles": self.cycles.number,
+                "largest_range": float(self.cycles.ranges.max()), "slope": self.slope,
+                "equivalent_range": self.cycles.equivalent(self.slope, course.length),
+                "spectrum": {"frequency": known.frequency.tolist(), "density": known.density.tolist()},
+                "ranges": {key: v.tolist() for key, v in zip(("edges", "counts"), self.cycles.classes(CLASSES),
+                                                             strict=True)}}
+
+    def __repr__(self) -> str:
+        unit = self.course.unit
+        return brief(self, self.course.name, f"mean {number(self.mean)} {unit}, standard deviation {number(self.deviation)} "
+                     f"{unit}", "" if self.still else f"significant height {number(self.spectrum.significant)} {unit}, peak "
+                     f"period {number(self.spectrum.peak_period, 4)} s, {count(len(self.waves.heights), 'wave')}, "
+                     f"{number(self.cycles.number)} cycles")
+
+    def plot(self) -> Figure:
+        """A matplotlib figure of the signal, its spectrum and its cycles."""
+        figure: Figure = facade.call("SignalAnalysis.plot", self)
+        return figure
 
 
 def evenly(name: str, unit: str, time: Array, values: Array) -> EvenSignal:
@@ -233,6 +277,37 @@ def _extracted(values: Array) -> Array:
 
     cycles = np.array([*extract_cycles(values.tolist())]).reshape(-1, 5)
     return np.asarray(cycles[cycles[:, 0] > ROUNDING * cycles[:, 0].max(initial=0.0)])
+
+
+class Run(Protocol):
+    """A run with signals by name: a Result or a SavedRun."""
+
+    def __getitem__(self, name: str) -> Signal:
+        raise NotImplementedError
+
+
+def signal(source: Signal | Run | str | Path, name: str = "", *, begin: float | str = 0.0, until: float | str = float("inf"),
+           segment: float | str | None = None, slope: float = 3.0, time: str | None = None) -> SignalAnalysis:
+    """Analyse an oscillating signal: spectrum, significant values, waves and rainflow cycles.
+
+    `source` is a signal, a run and the `name` of one of its signals or formulas, or the path of a saved run or of a record
+    and the name of a column. The part from `begin` to `until` is evaluated (s or text, `"60 s"`); `segment` is the length of
+    the segments over which the spectrum is averaged (Welch), `slope` the exponent of the S-N curve for the equivalent range,
+    `time` the column of the times of a record, by default the first. Numbers are in the unit of the signal. Raises
+    UsageError for an unknown name or file, DataError for too few samples. Source of the rainflow count: ASTM E1049-85.
+    """
+    first, last = si_value(begin, "s", "begin"), si_value(until, "s", "until")
+    length = None if segment is None else si_value(segment, "s", "segment")
+    if isinstance(source, (str, Path)):
+        course, = read_courses(Path(source), [name], time=time, begin=first, end=last)
+        return SignalAnalysis(course, length, slope)
+    one = source if isinstance(source, Signal) else source[name]
+    part = one.between(first, min(last, float(one.time[-1]))) if one.time is not None else one
+    axis = part.time
+    if axis is None:
+        raise UsageError([Problem("time-missing", f"'{one.name}' has no axis of time", None,
+                                  "Take the signal of a run, as in `run[\"crown.x\"]`.")])
+    return SignalAnalysis(evenly(part.name, part.unit, axis, part.magnitude), length, slope)
 
 
 def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, begin: float = 0.0,

@@ -7,12 +7,27 @@ from typing import TYPE_CHECKING
 from heavebond.core.facade import provides
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from heavebond.diagnosis.attempt import Attempt
     from heavebond.diagnosis.diagnose import Diagnosis
+    from heavebond.energy_audit.audit import EnergyAudit
     from heavebond.estimation.comparison import Comparison
     from heavebond.estimation.fitting import Fit
+    from heavebond.language.diagram import Diagram
     from heavebond.language.model import Model
+    from heavebond.laws.find import Laws
+    from heavebond.linear.modes import Modes
+    from heavebond.localise.misfit import Localization
     from heavebond.numerics.result import Result
+    from heavebond.optimise.influence import Rankings
+    from heavebond.optimise.tuning import Tuned
     from heavebond.records.saved_runs import SavedRun
+    from heavebond.records.spectra import SignalAnalysis
+    from heavebond.reports.text_page import TextPage
+    from heavebond.studies.campaign import StudyResult
+    from heavebond.studies.uncertainty import Spread
 
 
 @provides("Model._repr_html_")
@@ -20,6 +35,22 @@ def _model(model: Model) -> str | None:
     from heavebond.reports.notebook import model_html
 
     return model_html(model)
+
+
+@provides("Diagram._repr_html_")
+def _diagram(diagram: Diagram) -> str:
+    from heavebond.core.errors import HeavebondError
+    from heavebond.equations.connect import connect
+    from heavebond.equations.expand import expand
+    from heavebond.pictures.markup import element
+    from heavebond.reports.notebook import model_html
+
+    try:
+        model = diagram.model()
+        connect(expand(model))
+    except HeavebondError as error:
+        return str(element("pre", str(error)))
+    return str(model_html(model))
 
 
 @provides("Result._repr_html_")
@@ -55,3 +86,96 @@ def _diagnosis(diagnosis: Diagnosis) -> str:
     from heavebond.reports.notebook import diagnosis_html
 
     return diagnosis_html(diagnosis)
+
+
+@provides("Modes._repr_html_")
+def _modes(found: Modes) -> str:
+    from heavebond.reports import analysis_tables, notebook
+
+    return notebook.items_html(found.model, found.at, analysis_tables.modes_items(found))
+
+
+@provides("Rankings._repr_html_")
+def _rankings(found: Rankings) -> str:
+    from heavebond.reports import analysis_tables, notebook
+
+    return notebook.items_html(found.model, "influence of parameters", analysis_tables.sensitivity_items(found))
+
+
+@provides("EnergyAudit._repr_html_")
+def _energy(found: EnergyAudit) -> str:
+    from heavebond.reports import analysis_tables, notebook
+
+    return notebook.items_html(found.result.assembly.model.name, "energy", analysis_tables.energy_items(found))
+
+
+@provides("SignalAnalysis._repr_html_")
+def _signal(found: SignalAnalysis) -> str:
+    from heavebond.pictures.plot_spectra import plot_spectra
+    from heavebond.reports import analysis_tables, notebook
+
+    figures = [] if found.still else [plot_spectra([found])]
+    return notebook.items_html(found.course.name, found.course.unit, analysis_tables.signal_items(found), figures)
+
+
+@provides("Tuned._repr_html_")
+def _tuned(found: Tuned) -> str:
+    from heavebond.reports import notebook, study_tables
+
+    return notebook.items_html("tuning", found.message, study_tables.tuning_items("", None, found))
+
+
+@provides("StudyResult._repr_html_")
+def _study(found: StudyResult) -> str:
+    from heavebond.reports import notebook, study_tables
+
+    return notebook.items_html(found.study.name, found.study.summary, study_tables.study_items(found), found.plot())
+
+
+@provides("StudyResult.to_pandas")
+def _study_table(found: StudyResult) -> pd.DataFrame:
+    from heavebond.studies.tables import to_pandas
+
+    return to_pandas(found)
+
+
+@provides("StudyResult.spreads")
+def _study_spreads(found: StudyResult) -> list[Spread]:
+    from heavebond.studies.uncertainty import spreads
+
+    return list(spreads(found))
+
+
+@provides("StudyResult.to_xarray")
+def _study_dataset(found: StudyResult) -> xr.Dataset:
+    from heavebond.studies.tables import to_xarray
+
+    return to_xarray(found)
+
+
+@provides("Localization._repr_html_")
+def _localization(found: Localization) -> str:
+    from heavebond.reports import notebook, result_tables
+
+    return notebook.items_html(found.experiment.name, "where the model fails", result_tables.localization_items(found))
+
+
+@provides("Laws._repr_html_")
+def _laws(found: Laws) -> str:
+    from heavebond.reports import notebook, result_tables
+
+    return notebook.items_html(found.experiment.name, "laws", result_tables.laws_items(found))
+
+
+@provides("Attempt._repr_html_")
+def _attempt(found: Attempt) -> str:
+    from heavebond.reports import notebook, result_tables
+
+    return notebook.items_html(found.finding.rung.name, "an effect, fitted", result_tables.attempt_items(found))
+
+
+@provides("TextPage._repr_html_")
+def _text_page(found: TextPage) -> str:
+    from heavebond.pictures.markup import element
+
+    return str(element("pre", str(found)))

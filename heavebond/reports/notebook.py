@@ -112,6 +112,12 @@ def fit_html(fit: Fit) -> Html:
     return element("div", _heading(fit.experiment.name, fit.message), *_items(fit_items(fit)))
 
 
+def items_html(name: str, words: str, items: Iterable[Item], figures: Sequence[Figure] = ()) -> Html:
+    """The tables and sentences of a result, and its figures."""
+    return element("div", _heading(name, words), *_items(items),
+                   *(_figure(figure, MOST_POINTS + 1, name) for figure in figures))
+
+
 def diagnosis_html(diagnosis: Diagnosis) -> Html:
     """A diagnosis: the answer by levels, the verdict in words, the probabilities, the errors of the models, and the
     parameters of each added effect."""

@@ -47,10 +47,11 @@ class ResultTable:
 
 @dataclass(frozen=True)
 class Line:
-    """A sentence of a result; a `warning` is highlighted."""
+    """A sentence of a result; a `warning` is printed on standard error, a `highlight` in colour."""
 
     text: str
     warning: bool = False
+    highlight: bool = False
 
 
 @dataclass(frozen=True)

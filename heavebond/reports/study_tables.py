@@ -110,9 +110,10 @@ def write_study(result: StudyResult, folder: Path) -> list[Path]:
                     for picture in pictures for suffix in (".svg", ".png")]
 
 
-def tuning_items(name: str, assembly: Assembly, result: Tuned, robust: Robustness | None,
+def tuning_items(name: str, assembly: Assembly | None, result: Tuned, robust: Robustness | None = None,
                  swept: tuple[list[Array], Array] | None = None) -> list[Item]:
-    """The tuned values, their cost, the limits, the stability, the robustness, and the best cost of a sweep."""
+    """The tuned values (with those before, of the assembly), their cost, the limits, the stability, the robustness, and the
+    best cost of a sweep."""
     before = f"before {result.before:.5g}" if math.isfinite(result.before) else "before: beyond the stability boundary"
     items: list[Item] = [
         _table(name, assembly, result.task, result),
@@ -125,7 +126,7 @@ def tuning_items(name: str, assembly: Assembly, result: Tuned, robust: Robustnes
         items.append(ResultTable("", ("case", "cost"), [(c, f"{cost:.5g}") for c, cost in result.cost_of_cases.items()]))
     stability = stability_words(result.stability, asked=result.task.stable is not False)
     items += [Line(line, "NOT STABLE" in line) for line in (*_end_words(result), *stability, *_boundary_words(result))]
-    if robust is not None:
+    if robust is not None and assembly is not None:
         items += [Line(""), _changes(assembly, result, robust), *map(Line, _words(result, robust))]
     if swept is not None:
         best = min(cost for cost in swept[1].ravel().tolist() if math.isfinite(cost))
@@ -138,12 +139,13 @@ def tuning_figures(name: str, result: Tuned, robust: Robustness | None) -> dict[
     return {**_figures(name, result), "robustness": _robust_figures(robust)}
 
 
-def _table(name: str, assembly: Assembly, task: TuningProblem, result: Tuned) -> ResultTable:
-    rows = [(parameter, wanted.unit.written(assembly.parameter_values[parameter]),
+def _table(name: str, assembly: Assembly | None, task: TuningProblem, result: Tuned) -> ResultTable:
+    before = {} if assembly is None else assembly.parameter_values
+    rows = [(parameter, *([wanted.unit.written(before[parameter])] if before else []),
              wanted.unit.written(result.values[parameter]),
              f"{wanted.unit.written(wanted.low)} .. {wanted.unit.written(wanted.high)}")
             for parameter, wanted in task.free.items()]
-    return ResultTable(name, ("parameter", "before", "tuned", "range"), rows)
+    return ResultTable(name, ("parameter", *(["before"] if before else []), "tuned", "range"), rows)
 
 
 def _changes(assembly: Assembly, result: Tuned, robust: Robustness) -> ResultTable:

@@ -13,8 +13,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from heavebond.core import facade
 from heavebond.core.cancellation import clear_signal
 from heavebond.core.cluster import Cluster
 from heavebond.core.errors import Problem, UsageError
@@ -32,13 +33,18 @@ from heavebond.studies.calibration import Calibrated, calibrate
 from heavebond.studies.run_case import Outcome, checked, worked
 from heavebond.studies.study import Procedure, Study, load_study
 
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
+
 KEPT = "done"
 CALIBRATION = "calibration"
 DIED = "the process that worked on this case died, also when it was tried again (killed, or out of memory)"
 
 
 @dataclass(frozen=True)
-class StudyResult:
+class StudyResult(facade.Displayed):
     """The result of a study: the outcome of every case by every procedure, in order; fewer than `jobs` if interrupted.
     `units` are the display units.
     """
@@ -65,6 +71,28 @@ class StudyResult:
     def cases(self) -> tuple[StudyCase, ...]:
         """Every case of the study."""
         return self.study.cases
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The table of the study: a row per case and procedure, a column `name [unit]` for each axis and number."""
+        table: pd.DataFrame = facade.call("StudyResult.to_pandas", self)
+        return table
+
+    def to_xarray(self) -> xr.Dataset:
+        """A dataset with a dimension for each axis, and `procedure` if the study has several; the points of a sample are
+        coordinates of the dimension `sample`. Each number has its unit as `attrs["units"]`, NaN without a result; the
+        signals of the study over `time` are included if all cases have the same times. UsageError if xarray is missing."""
+        dataset: xr.Dataset = facade.call("StudyResult.to_xarray", self)
+        return dataset
+
+    def spreads(self) -> list[Any]:
+        """The distribution of each number over a sample, for each other case: `mean`, `deviation` and `quantiles`."""
+        found: list[Any] = facade.call("StudyResult.spreads", self)
+        return found
+
+    def plot(self) -> list[Figure]:
+        """The pictures of the study as matplotlib figures."""
+        figures: list[Figure] = facade.call("StudyResult.plot", self)
+        return figures
 
     def value(self, outcome: Outcome, quantity: str) -> float:
         """A number in its display unit; NaN without one."""
@@ -94,7 +122,7 @@ class StudyResult:
 
 
 @reporting
-def run_study(study: Study | str | Path, *, folder: Path | None = None, processes: int | None = None,
+def study(study: Study | str | Path, *, folder: Path | None = None, processes: int | None = None,
               executor: Executor | None = None, fresh: bool = False, progress: Progress | None = None) -> StudyResult:
     """Run every case of a study, each by every procedure of its tuning.
 

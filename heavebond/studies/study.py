@@ -199,8 +199,8 @@ def load_study(name: str | Path) -> Study:
     return study_from_source(read(find(name, "study")))
 
 
-def study_from_source(source: Source) -> Study:
-    """A study from its source; ModelError with the lines that are wrong."""
+def study_from_source(source: Source, model: Model | None = None) -> Study:
+    """A study from its source, of a diagram in memory if `model` is given; ModelError with the lines that are wrong."""
     problems = Problems()
     root = source.root
     if "study" not in root.items:
@@ -208,7 +208,7 @@ def study_from_source(source: Source) -> Study:
                                   suggest("study", root.items) or "A study begins with `study: name`.")])
     _known_keys(root, problems)
     problems.raise_as(ModelError)
-    model = load_beside(source, root.items["model"], problems)
+    model = model or load_beside(source, root.items["model"], problems)
     study = _study(source, model, problems)
     problems.raise_as(ModelError)
     return study

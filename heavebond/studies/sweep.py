@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from heavebond.core.errors import Problem, UsageError, listing, suggest
+from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, suggest
 from heavebond.core.numerals import whole
+from heavebond.core.progress import Progress
+from heavebond.core.reporting import reporting
 from heavebond.core.units import Range, UnitProblem, parse_range
+from heavebond.language.model import Model, ModelOrFile, loaded
+from heavebond.numerics.dae import assemble
+from heavebond.studies.campaign import StudyResult, study
 from heavebond.studies.sampling import BALANCED, DRAWN, KINDS, NAMED
-from heavebond.studies.study import SAMPLES_OF
+from heavebond.studies.study import SAMPLES_OF, study_from_source
+from heavebond.text.python_source import PythonCall, calling_place
+from heavebond.text.yaml_source import parse
 
+SWEEP = "sweep"  # name of the text of a sweep in messages
 EXAMPLE = "Write for example --over controller.K_p='1 .. 4 1/m; 9', or a list: --over wave.T='8 s, 10 s'."
 
 
@@ -43,6 +53,74 @@ class Sweep:
     worst: str = ""
     signals: tuple[str, ...] = field(default=())
     name: str = ""
+
+
+@reporting
+def sweep(model: ModelOrFile, over: Mapping[str, str | Sequence[float | str]], measure: str | Sequence[str], *,
+          sample: str = "", worst: str = "", seed: int = 1, begin: str = "", until: str = "", signals: Sequence[str] = (),
+          parameters: Mapping[str, float | str] | None = None, folder: Path | None = None, processes: int | None = None,
+          executor: Executor | None = None, fresh: bool = False, progress: Progress | None = None) -> StudyResult:
+    """Run a diagram with every combination of values, or at points sampled within ranges, and measure numbers of each run.
+
+    `model` is a diagram, or the path or bundled name of one, with `parameters` by name. `over` maps parameters to their
+    values: a list (`["8 s", "10 s"]`, plain numbers in SI), a range with a number of steps (`"1 .. 4 1/m; 9"`), or a range
+    that is sampled (`"20 .. 60 kN/m"`, `"42 kN/m +- 20 %"`) by `sample`: sobol:64, latin_hypercube:50, random:100,
+    sobol_indices:64, one_at_a_time or local, with `seed`. `worst` ("highest" or "lowest") searches the extreme within the
+    ranges by gradients instead. `measure` are formulas with their units, `"peak(WOB - 30 kN) in kN"`, evaluated from `begin`
+    to `until`, the end of each run. `signals` are kept over time. `folder`, `processes`, `executor`, `fresh` and `progress`
+    are as in `study`. `result.to_xarray()` is a dataset with a dimension for each parameter. Raises UsageError for malformed
+    values, ModelError for unknown names or units.
+    """
+    call, diagram = calling_place(), loaded(model)
+    values_of: Mapping[str, object] = over if isinstance(over, Mapping) else {"over": 0}
+    for path, values in values_of.items():
+        if not isinstance(values, Iterable):
+            kind = type(values if isinstance(over, Mapping) else over).__name__
+            raise UsageError([Problem("over-form", f"{path}: a {kind} does not give the values of a sweep",
+                                      call.place(path, path), _for_python(Problem("over-form", "")).hint)])
+    diagram = diagram.with_parameters(parameters) if parameters else diagram
+    try:
+        axes = tuple(_python_axis(diagram, path, values) for path, values in over.items())
+        measures = (measure,) if isinstance(measure, str) else tuple(measure)
+        requested = Sweep(diagram.path, axes, tuple(map(read_measure, measures)), sample, seed, (begin, until), worst,
+                          tuple(signals), diagram.name)
+        text = study_text(requested, diagram.path.parent)
+    except UsageError as error:
+        raise UsageError([_for_python(problem) for problem in error.problems]) from None
+    source = parse(text, diagram.path.with_name("sweep.yaml"), SWEEP)
+    try:
+        return study(study_from_source(source, diagram), folder=folder, processes=processes, executor=executor, fresh=fresh,
+                     progress=progress)
+    except HeavebondError as error:
+        raise type(error)([_in_call(problem, call) for problem in error.problems]) from None
+
+
+def _python_axis(diagram: Model, path: str, values: str | Sequence[float | str]) -> SweepAxis:
+    """The axis of values in Python; plain numbers are in the base unit of the parameter."""
+    if isinstance(values, str):
+        return read_over(f"{path}={values}")
+    numbers = [value for value in values if not isinstance(value, str)]
+    unit = next((q.unit.text for q in assemble(diagram).flat.parameters if q.name == path), "1") if numbers else "1"
+    return SweepAxis(path, tuple(value if isinstance(value, str) else f"{float(value)!r} {unit}".removesuffix(" 1")
+                                 for value in values))
+
+
+def _in_call(problem: Problem, call: PythonCall) -> Problem:
+    """A problem in the text of the sweep with the place in the program of the name that it mentions."""
+    if problem.place is None or problem.place.file != SWEEP:
+        return problem
+    name = next((name for name in re.findall(r"'([^']+)'", problem.message) if any(name in line for line in call.lines)), "")
+    return replace(problem, place=call.place(name, problem.place.text.strip()))
+
+
+def _for_python(problem: Problem) -> Problem:
+    """A problem of an option of the command line in the form of an argument."""
+    message = re.sub(r"--(over|sample) ", r"\1: ", problem.message)
+    hint = {"over-form": 'Write for example over={"controller.K_p": "1 .. 4 1/m; 9", "wave.T": ["8 s", "10 s"]}.',
+            "sample-nothing": 'Write over={"spring.c": "20 .. 60 kN/m"} without a number of steps.',
+            "worst-many": "Give one formula to `measure`."}.get(problem.code)
+    return replace(problem, message=message, hint=hint or re.sub(
+        r"--over (\S+)=(['\"]?)([^';]+)(; 9)?'?", r'over={"\1": "\3\4"}', problem.hint).replace("--sample ", "sample="))
 
 
 def read_over(text: str) -> SweepAxis:

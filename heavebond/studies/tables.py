@@ -12,10 +12,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.presentation import number
 from heavebond.core.units import Range
 from heavebond.core.writable import new_file, write_text
+from heavebond.records.signal_array import xarray_module
 from heavebond.studies.campaign import StudyResult
 from heavebond.studies.run_case import Outcome
 from heavebond.studies.study import SIMULATIONS
@@ -23,6 +26,7 @@ from heavebond.studies.uncertainty import Spread, groups, indices, quantities, s
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 Row = list[Any]
 
@@ -265,6 +269,51 @@ def to_pandas(result: StudyResult) -> pd.DataFrame:
 
     head, rows = table(result)
     return pd.DataFrame(rows, columns=head)
+
+
+def to_xarray(result: StudyResult) -> xr.Dataset:
+    """The numbers of a study as a dataset, see `StudyResult.to_xarray`."""
+    xarray, study = xarray_module(), result.study
+    dims = [axis.name if axis.sampling is None else "sample" for axis in study.axes]
+    coordinates: dict[str, Any] = {}
+    for name, axis in zip(dims, study.axes, strict=True):
+        if axis.sampling is not None:
+            for parameter, wanted in axis.sampling.over.items():
+                values = [float(wanted.unit.from_si(level.values.get(parameter, math.nan))) for level in axis.levels]
+                coordinates[parameter] = ("sample", values, {"units": wanted.unit.text})
+        elif axis.unit is not None:
+            coordinates[name] = (name, [float(axis.unit.from_si(level.value)) for level in axis.levels],
+                                 {"units": axis.unit.text})
+        else:
+            coordinates[name] = (name, [level.name for level in axis.levels])
+    procedures = [procedure.name for procedure in study.procedures]
+    if len(procedures) > 1:
+        dims, coordinates["procedure"] = [*dims, "procedure"], ("procedure", procedures)
+    shape = [len(axis.levels) for axis in study.axes] + ([len(procedures)] if len(procedures) > 1 else [])
+
+    def index(outcome: Outcome) -> tuple[int, ...]:
+        own = tuple(result.case_of(outcome).index)
+        return (*own, procedures.index(outcome.procedure)) if len(procedures) > 1 else own
+
+    arrays: dict[str, Any] = {}
+    for name, unit in result.units.items():
+        numbers = np.full(shape, np.nan)
+        for outcome in result.outcomes:
+            numbers[index(outcome)] = result.value(outcome, name)
+        arrays[name] = (dims, numbers, {"units": unit.text})
+    times = {outcome.time for outcome in result.outcomes if outcome.time}
+    if len(times) == 1:
+        time, = times
+        coordinates["time"] = ("time", list(time), {"units": "s"})
+        for name in study.signals:
+            courses = np.full((*shape, len(time)), np.nan)
+            for outcome in result.outcomes:
+                if name in outcome.signals:
+                    courses[index(outcome)] = outcome.signals[name]
+            unit_text = next((o.signal_units[name] for o in result.outcomes if name in o.signal_units), "1")
+            arrays[name] = ([*dims, "time"], courses, {"units": unit_text})
+    dataset: xr.Dataset = xarray.Dataset(arrays, coordinates, {"study": study.name})
+    return dataset
 
 
 def _parquet(result: StudyResult, folder: Path) -> list[Path]:

@@ -231,7 +231,7 @@ def tuned(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
 def studied(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond study`, which writes its cases, tables and pictures to a folder of its name."""
     from heavebond.reports.study_tables import study_items, write_study
-    from heavebond.studies.campaign import run_study
+    from heavebond.studies.campaign import study as run_study
     from heavebond.studies.study import load_study
     from heavebond.studies.tables import as_dict
 

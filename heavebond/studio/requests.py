@@ -43,7 +43,7 @@ async def _new(tab: Tab, message: dict[str, Any]) -> Answer:
 
 async def _copy(tab: Tab, message: dict[str, Any]) -> Answer:
     """Copy a bundled machine with all its files to a folder of the opened folder."""
-    from heavebond.estimation.starter_folder import start_folder
+    from heavebond.estimation.starter_folder import new as start_folder
 
     name = str(message["name"])
     folder = tab.folder.path(f"{name}/{name}.yaml").parent

@@ -57,6 +57,8 @@ FUNCTIONS = {
     "atan2": 2, "abs": 1, "sign": 1, "floor": 1, "min": 2, "max": 2, "smooth_sign": 2, "signed_sqrt": 2, "if_else": 3,
     "uniform": 2, "sum": 1, "dot": 2, "cross": 2, "transpose": 1, "symmetric": 1, "definite": 1, "semidefinite": 1,
 }
+# functions of several values, and those of one signal over a run
+OVER_TIME = {"max": "highest", "min": "lowest"}
 # usage of functions in messages
 USAGE = {"min": "min(a, b)", "max": "max(a, b)", "atan2": "atan2(y, x)", "smooth_sign": "smooth_sign(v, v_t)",
          "uniform": "uniform(seed, i)", "signed_sqrt": "signed_sqrt(dp, dp_t)", "if_else": "if_else(a > b, x, y)",
@@ -337,8 +339,11 @@ class _Parser:
         needed = self.functions[name]
         if len(args) != needed and not (name in ("min", "max") and len(args) > 1):
             many = "s" if needed > 1 else ""
+            over_time = OVER_TIME.get(name, "") if len(args) == 1 else ""
+            hint = f"Write `{over_time}(...)` for the value over the run." if over_time in self.functions else \
+                f"Write `{usage}`."
             raise ExpressionProblem("function-arguments", f"{name} takes {needed} argument{many}, not "
-                                    f"{len(args)}", token.column, len(name), f"Write `{usage}`.")
+                                    f"{len(args)}", token.column, len(name), hint)
         return Call(name, tuple(args), token.column)
 
     def _arguments(self, args: list[Expr], name: str, usage: str) -> None:

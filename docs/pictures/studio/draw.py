@@ -69,7 +69,7 @@ def pictures(tab: browser.Tab, address: str, opened: Path, folder: Path) -> None
     tab.click("#toggle-text")
     tab.click("[data-zoom='fit']")
     take("block")
-    from heavebond.estimation.starter_folder import start_folder
+    from heavebond.estimation.starter_folder import new as start_folder
 
     start_folder(opened / "machine", "cmc_ahc")
     tab.run("studio.open('machine/components/active_compensator.yaml')")
@@ -160,7 +160,7 @@ def main(folder: Path) -> None:
         try:
             assert server.stdout is not None
             address = server.stdout.readline().split(": ")[1].strip()
-            from heavebond.estimation.starter_folder import start_folder
+            from heavebond.estimation.starter_folder import new as start_folder
             from heavebond.studio.folder import Folder
 
             Folder(opened).create("rig")

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from heavebond.core import facade
 from heavebond.core.errors import Problem, SimulationError, UsageError, listing, suggest
 from heavebond.core.presentation import brief, count, number, readable
 from heavebond.core.reporting import cancellable
@@ -86,7 +87,7 @@ class EnergyLine:
 
 
 @dataclass(frozen=True)
-class EnergyAudit:
+class EnergyAudit(facade.Displayed):
     """The energies of a run: a line for each component with power ports or storage, and the error of power at the nodes.
 
     `largest` is the maximum over time and components of the energy taken in, dissipated, unbalanced or stored, in J. All
@@ -182,7 +183,7 @@ class EnergyAudit:
 
 
 @cancellable
-def audit(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Time | None = None,
+def energy(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Time | None = None,
           parameters: Mapping[str, float | str] | None = None, rtol: float = 1e-9, atol: float = 1e-11) -> EnergyAudit:
     """Simulate a diagram and compute the energy that each component stores, dissipates and supplies, in J.
 

@@ -20,7 +20,8 @@ import numpy as np
 from heavebond.core.errors import HeavebondError
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
-from heavebond.energy.audit import EnergyAudit, EnergyLine, audit
+from heavebond.energy_audit.audit import EnergyAudit, EnergyLine
+from heavebond.energy_audit.audit import energy as audit
 from heavebond.equations.flatten import Flat
 from heavebond.language.edits import Change, extended_from
 from heavebond.language.model import Model, ModelOrFile, extended, loaded

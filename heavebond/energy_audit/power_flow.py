@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heavebond.energy.audit import EnergyAudit, EnergyLine
+from heavebond.energy_audit.audit import EnergyAudit, EnergyLine
 from heavebond.equations.flatten import Flat
 
 LEAST = 0.005  # share of the largest link; smaller links are omitted, their lines would be invisible
