@@ -14,7 +14,7 @@ for _path in sorted(Path(__file__).parent.glob("test_library_*.py")):
     if _path.stem != Path(__file__).stem:
         importlib.import_module(_path.stem)
 
-FOLDERS = ("bond_graph", "electrical", "hydraulic", "planar", "pneumatic", "rotational", "signal", "thermal",
+FOLDERS = ("bond_graph", "electrical", "hydraulic", "planar", "pneumatic", "rotational", "signal", "spatial", "thermal",
            "thermohydraulic", "translational")
 
 

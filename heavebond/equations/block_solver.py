@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.lost_rank import Row
+from heavebond.equations.sparse_elimination import SAMPLES, Coefficient, eliminate, random_states
 from heavebond.equations.state_selection import Column
 from heavebond.equations.tearing import tear
 from heavebond.language.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
@@ -81,6 +82,7 @@ class _Block:
     remaining: list[ca.SX] = field(default_factory=list)
     solved: list[_Solved] = field(default_factory=list)
     eliminated: list[_Solved] = field(default_factory=list)
+    linear: list[_Solved] = field(default_factory=list)  # all of it, if it was solved by sparse elimination
 
 
 def _share_out(residuals: Sequence[ca.SX], blocks: Sequence[_Block]) -> None:
@@ -141,11 +143,13 @@ class BlockSolver:
         self._tear(list(loops.values()))
         for together in self._independent([block for block in loops.values() if block.torn]):
             self._eliminate(together)
+        self._solve_linear_loops([alone.get(rows[0]) or loops[rows[0]] for rows, _ in blocks])
         for rows, _ in blocks:
             if rows[0] not in loops:
                 self._define([alone[rows[0]]], rows)
                 continue
             block = loops[rows[0]]
+            self._define(block.linear, rows)
             self._define(block.eliminated[::-1], rows)
             self._define(block.solved, rows)
             self.torn += block.torn
@@ -293,6 +297,70 @@ class BlockSolver:
                 del block.remaining[i], block.residual[i], block.torn[k]
             waiting = [block for block, _, _ in chosen if block.torn]
             _share_out(ca.substitute([r for block in waiting for r in block.remaining], [symbols], [values]), waiting)
+
+    def _solve_linear_loops(self, ordered: Sequence[_Solved | _Block]) -> None:
+        """Solve torn loops with frames that are linear in their unknowns by sparse elimination if no divisor vanishes in one
+        of many random states. `ordered` are the solutions and loops in the order in which they can be evaluated."""
+        loops = [block for block in ordered if isinstance(block, _Block) and block.torn and self._has_frames(block)]
+        if not loops:
+            return
+        waiting = {c for block in loops for c in block.columns}
+        before = [s for item in ordered for s in ((item,) if isinstance(item, _Solved) else
+                                                  (*item.eliminated[::-1], *item.solved)) if s.column not in waiting]
+        known = self.symbols[[s.column for s in before]], self._chosen([s.value for s in before])
+        matrices = [ca.jacobian(self.residuals[block.rows], self.symbols[block.columns]) for block in loops]
+        coefficients = ca.vertcat(*(ca.densify(matrix.nz[:]) for matrix in matrices))
+        (expressed,) = ca.substitute_inplace([known[0]], [known[1]], [coefficients], False)[1] if before else (coefficients,)
+        # a coefficient that depends on an unknown of a loop cannot be tried at random states
+        unsolved = stack([self.symbols[c] for c in sorted({*waiting, *(
+            c for item in ordered if isinstance(item, _Block) for c in item.torn)})])
+        open_entries = ca.which_depends(expressed, unsolved, 1, True)
+        values = self._at_random_states(expressed)
+        first = 0
+        for block, matrix in zip(loops, matrices, strict=True):
+            entries = range(first, first + matrix.nnz())
+            first += matrix.nnz()
+            if any(open_entries[k] for k in entries):
+                continue
+            places = zip(*matrix.sparsity().get_triplet(), strict=True)
+            self._solve_linear(block, {(block.rows[r], block.columns[c]): Coefficient(coefficients[k], values[k])
+                                       for (r, c), k in zip(places, entries, strict=True)})
+
+    def _solve_linear(self, block: _Block, coefficients: dict[tuple[int, int], Coefficient]) -> None:
+        unknowns = self.symbols[block.columns]
+        constants = split(ca.substitute(self.residuals[block.rows], unknowns, ca.SX.zeros(unknowns.numel())))
+        sizes = {c: self.flat.unknowns[self.unknown[c][0]].nominal for c in block.columns}
+        solutions = eliminate(coefficients, dict(zip(block.rows, constants, strict=True)),
+                              dict(zip(block.columns, split(unknowns), strict=True)), sizes)
+        if solutions is None:
+            return
+        numbers = self._kept(stack([s.value for s in reversed(solutions)]))
+        block.linear = [_Solved(s.row, s.column, s.divisor, number, dead=False)
+                        for s, number in zip(reversed(solutions), numbers, strict=True)]
+        block.solved, block.eliminated, block.torn, block.residual, block.remaining = [], [], [], [], []
+
+    def _has_frames(self, block: _Block) -> bool:
+        return any(self.flat.unknowns[self.unknown[c][0]].pose for c in block.columns)
+
+    def _at_random_states(self, expressions: ca.SX) -> Array:
+        """The values (n, SAMPLES) of expressions in states, parameters and known functions of time."""
+        symbols = ca.symvar(expressions)
+        if not symbols:
+            return np.repeat(np.array(ca.DM(expressions)).reshape(-1, 1), SAMPLES, axis=1)
+        unknown_of = {s.element_hash(): u for level in self.flat.levels
+                      for s, u in zip(level, self.flat.unknowns, strict=True)}
+        parameters = {s.element_hash(): q.value for s, q in zip(split(self.flat.p), self.flat.parameters, strict=True)}
+        unknowns = [unknown_of.get(s.element_hash()) for s in symbols]
+        values = random_states([-np.inf if u is None else u.low for u in unknowns],
+                               [np.inf if u is None else u.high for u in unknowns],
+                               [1.0 if u is None else u.nominal for u in unknowns],
+                               [u is not None and u.unit.text == "rad" for u in unknowns])
+        for k, symbol in enumerate(symbols):
+            if symbol.element_hash() in parameters:
+                values[k] = parameters[symbol.element_hash()]
+            elif symbol.element_hash() == self.flat.rate.element_hash():
+                values[k] = 1.0
+        return np.asarray(ca.Function("samples", [stack(symbols)], [expressions])(values)).reshape(-1, SAMPLES)
 
     def _is_last(self, block: _Block) -> bool:
         """True if one derived unknown of a block remains, so that the block is singular if its coefficient is zero."""

@@ -85,13 +85,14 @@ class Unknowns:
 
     def _across_unknowns(self, group: Group, positions: Iterable[str]) -> None:
         domain = self.domains[group.domain]
-        members = [*((m, "across") for m in domain.across), *((m, "position") for m in positions)]
+        members = [*((m, "across") for m in domain.across),
+                   *((m, "position") for m in (*positions, *domain.orientation))]
         for name, role in members:
             member: Member = domain.members[name]
             low, high = (-inf, inf) if member.low is None else (member.low, member.largest or inf)
             self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
                                   low, high, start=member.start,
-                                  motion=bool(domain.positions) and role == "across",
+                                  motion=bool(domain.positions) and role == "across", pose=bool(domain.orientation),
                                   plausible=self.plausible[group.domain][name]),
                           [f"{alias}.{name}" for alias in group.aliases])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
@@ -28,6 +28,7 @@ from heavebond.equations.events import FlatEvent, Held, held_bounds, leaf_events
 from heavebond.equations.expand import expand
 from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.equations.flat_unknowns import Unknowns
+from heavebond.equations.frames import frame_tree, with_roots
 from heavebond.equations.medium import with_media
 from heavebond.equations.output_checks import check_asked, with_nominal_sizes
 from heavebond.equations.ownership import Names, check_outputs, claim_clocks, claim_names
@@ -47,11 +48,11 @@ from heavebond.equations.temperature_origins import TemperatureOrigins, with_int
 from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.equations.variation import Factor, factors, incidence
 from heavebond.language.definition import Delayed, Domain, FileInput, Value
-from heavebond.language.incidence import EVERYTHING, Interval, classify
+from heavebond.language.incidence import EVERYTHING, INDEFINITE, Entry, Interval, classify
 from heavebond.language.model import Model
 from heavebond.language.sections import Clock
 from heavebond.language.symbols import Context, evaluate, nonsmooth, places, split, stack
-from heavebond.language.template import LEVELS, Template, template
+from heavebond.language.template import LEVELS, FrameEquations, Template, template
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.expression import ExpressionProblem, calling, constant, names, parse_formula
 
@@ -229,6 +230,9 @@ def flatten(model: Model, also: Iterable[str] = (), widths: float = 1.0, corners
     expanded = expanded if widths == 1 else narrowed(expanded, widths)
     order = formula_order(expanded)
     network = connect(expanded, order)
+    rooted = with_roots(expanded, network)
+    if rooted is not expanded:
+        expanded, network = rooted, connect(rooted, order)
     problems = Problems()
     claimed = claim_names(expanded, network, problems)
     problems.raise_as(ModelError)
@@ -294,6 +298,7 @@ class _Builder:
         self.claimed, self.corners = claimed, corners
         self.expanded, self.network, self.parameters = expanded, network, parameters
         self.domains = expanded.model.library.domains
+        self.tree = frame_tree(expanded, network)
         self.problems = claimed.problems
         self.unknowns: list[Unknown] = []
         self.names: dict[str, int] = {}
@@ -332,6 +337,7 @@ class _Builder:
         self.factors = factors(self.expanded.model, self.expanded.leaves, self.templates, self._resolver(), self.problems)
         self._node_equations()
         self._leaf_equations()
+        self._frame_equations()
         self._given_inputs()
         self._delayed_variables()
         self._end()
@@ -425,9 +431,9 @@ class _Builder:
     def _node_equations(self) -> None:
         self._sums()
         equations, pairs = [], []
-        for group in self.network.groups:
+        for k, group in enumerate(self.network.groups):
             domain = self.domains.get(group.domain)
-            for position in domain.positions if domain is not None else ():
+            for position in domain.positions if domain is not None and k not in self.tree.carried else ():
                 if domain is None or f"{group.name}.{position}" not in self.names:
                     continue
                 flow = domain.rate(position)
@@ -439,6 +445,36 @@ class _Builder:
         rates = self.columns[0][[v for v, _ in pairs]] - self.columns[1][[x for _, x in pairs]]
         for equation, (v, x), residual in zip(equations, pairs, self._kept(rates), strict=True):
             self._add(equation, residual, [(v, 0), (self.n + x, 0)])
+
+    def _frame_equations(self) -> None:
+        """The relations of frames, explicit along a tree and three equations for each loop (see `frames`)."""
+        users: dict[FrameEquations, tuple[Template, list[tuple[str, int]]]] = {}
+        for (path, number), forms in self.tree.forms.items():
+            frame = self.templates[path].frames[number]
+            for form, equations in ((forms.rotation, frame.rotation), (forms.translation, frame.translation)):
+                if form is not None:
+                    users.setdefault(equations[form], (self.templates[path], []))[1].append((path, number))
+        for law, (made, parts) in users.items():
+            size = len(made.slots)
+            slots = [self.names[f"{path}.{slot}"] for path, _ in parts for slot in made.slots]
+            parameters = [self._given(f"{path}.{name}") for path, _ in parts for name in made.given]
+            inputs = [*(ca.reshape(column[slots], size, len(parts)) for column in self.columns),
+                      ca.reshape(stack(parameters), len(made.given), len(parts)), self.time, self.rate]
+            numbers = iter(self._kept(law.residuals(*inputs)))
+            for k, (path, number) in enumerate(parts):
+                own, place = slots[k*size:(k + 1)*size], made.frames[number].place
+                for label, row in zip(law.labels, law.entries, strict=True):
+                    self._add(FlatEquation(path, label, law.text, place), next(numbers), self._mapped(row, own))
+
+    def _mapped(self, row: Sequence[Entry], own: Sequence[int]) -> Entries:
+        """The incidence of an equation of a part with the unknowns `own`: one entry for each column (two ports of a part may
+        be on one node), the harder kind kept."""
+        kinds: dict[int, int] = {}
+        for e in row:
+            column = (e.column // len(own))*self.n + own[e.column % len(own)]
+            # two unit coefficients may cancel or add up; what they give is found when the equation is solved
+            kinds[column] = e.kind if column not in kinds else max(kinds[column], e.kind, INDEFINITE)
+        return list(kinds.items())
 
     def _sums(self) -> None:
         """The through variables of each node: all sums at once, as the product of the incidence matrix with them."""
@@ -477,18 +513,11 @@ class _Builder:
             residuals, happenings = evaluated[path]
             self.events += leaf_events(path, template, happenings, self.names, held)
             unknowns = [self.names[f"{path}.{slot}"] for slot in template.slots]
-            size = len(unknowns)
-            rows = [[((e.column // size) * self.n + unknowns[e.column % size], e.kind) for e in row]
-                    for row in template.entries]
+            rows = [self._mapped(row, unknowns) for row in template.entries]
             if path in varied:
                 rows = self._varied_rows(varied[path], unknowns, residuals)
             for line, residual, entries in zip(template.lines, residuals, rows, strict=True):
-                # one entry per column (two ports of a component may be on one node), the harder kind kept
-                kinds: dict[int, int] = {}
-                for column, kind in entries:
-                    # two unit coefficients may cancel or add up; what they give is found when the equation is solved
-                    kinds[column] = kind if column not in kinds else max(kinds[column], kind, 4)
-                self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, list(kinds.items()))
+                self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, entries)
 
     def _varied_rows(self, varied: list[Factor], own: list[int], residuals: range) -> list[Entries]:
         """The incidence of the equations of a part with varying parameters, which contain the unknowns of the factors."""

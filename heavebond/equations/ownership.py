@@ -154,7 +154,7 @@ def _of_group(expanded: Expanded, group: Group, number: int) -> Iterator[tuple[s
 
 
 def _across(domain: Domain) -> tuple[str, ...]:
-    return (*domain.across, *domain.positions)
+    return domain.shared
 
 
 def _word(domain: Domain, member: str) -> str:

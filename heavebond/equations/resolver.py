@@ -63,6 +63,8 @@ class Unknown:
     start: float | None = None
     # a velocity (a mechanical across variable): what `start: rest` sets to zero
     motion: bool = False
+    # a position or velocity of a frame, which follows from the coordinates of the joints: never preferred as a state
+    pose: bool = False
     plausible: PlausibleRange = NOTHING_KNOWN
 
 

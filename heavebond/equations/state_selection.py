@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -56,6 +56,12 @@ class Constraints:
         for i, j in self.entries:
             rows.setdefault(i, []).append(j)
         return rows
+
+    @cached_property
+    def constant(self) -> frozenset[Column]:
+        """The entries (equation, unknown) with a number other than 0 as their coefficient."""
+        return frozenset(entry for entry, value in zip(self.entries, split(self.values), strict=True)
+                         if value.is_constant() and float(value) != 0)
 
     @cached_property
     def settable(self) -> frozenset[int]:
@@ -133,7 +139,10 @@ def chosen_states(constraints: Constraints, numbers: Array, asked: frozenset[int
         weights = [_weight(constraints.flat, column, asked) for column in part.columns]
         return [part.columns[k][0] for k in pivot_columns(part.matrices(numbers[:, None], part.columns)[0] * weights)]
 
-    dummies = {column for level in _levels(constraints, pick) for column in level.dummies}
+    def weight(column: Column) -> float:
+        return _weight(constraints.flat, column, asked)
+
+    dummies = {column for level in _levels(constraints, pick, weight) for column in level.dummies}
     return [(j, k) for j, top in enumerate(constraints.highest) for k in range(top) if (j, k + 1) not in dummies]
 
 
@@ -158,22 +167,26 @@ class Part:
         return np.asarray(matrix[:, :, [self.columns.index(column) for column in columns]])
 
 
-def _levels(constraints: Constraints, pick: Callable[[Part], list[int]]) -> list[Part]:
-    """All parts of all levels; `pick` names the unknowns whose derivatives become algebraic, one for each row of a part."""
+def _levels(constraints: Constraints, pick: Callable[[Part], list[int]], weight: Callable[[Column], float]) -> list[Part]:
+    """All parts of all levels; `pick` names the unknowns whose derivatives become algebraic, one for each row of a part that
+    remains after equations with a constant coefficient are removed (`_peeled`)."""
     rows = [i for i, k in enumerate(constraints.order) if k >= 1]
     columns = [j for j, k in enumerate(constraints.highest) if k >= 1]
     depth, parts = 0, list[Part]()
     while rows:
-        place = {j: k for k, j in enumerate(columns)}
-        pattern = [[place[j] for j in constraints.rows.get(i, []) if j in place] for i in rows]
-        chosen: list[int] = []
-        for part_rows, part_columns in components_of(pattern, len(columns)):
+        orders = {j: constraints.highest[j] - depth for j in columns}
+        dummies, remaining = _peeled(constraints, rows, orders, weight)
+        chosen = [j for j, _ in dummies]
+        parts.append(Part(constraints, (), (), tuple(dummies)))
+        inside = sorted({j for i in remaining for j in constraints.rows.get(i, ()) if j in orders} - set(chosen))
+        place = {j: k for k, j in enumerate(inside)}
+        pattern = [[place[j] for j in constraints.rows.get(i, []) if j in place] for i in remaining]
+        for part_rows, part_columns in components_of(pattern, len(inside)):
             if part_rows:
-                part = Part(constraints, tuple(rows[r] for r in part_rows),
-                            tuple((columns[c], constraints.highest[columns[c]] - depth) for c in part_columns))
+                part = Part(constraints, tuple(remaining[r] for r in part_rows),
+                            tuple((inside[c], orders[inside[c]]) for c in part_columns))
                 picked = pick(part)
-                parts.append(Part(constraints, part.rows, part.columns, tuple((j, constraints.highest[j] - depth)
-                                                                              for j in picked)))
+                parts.append(Part(constraints, part.rows, part.columns, tuple((j, orders[j]) for j in picked)))
                 chosen += picked
         depth += 1
         rows = [i for i in rows if constraints.order[i] - depth >= 1]
@@ -181,10 +194,68 @@ def _levels(constraints: Constraints, pick: Callable[[Part], list[int]]) -> list
     return parts
 
 
+def _peeled(constraints: Constraints, rows: Sequence[int], orders: Mapping[int, int], weight: Callable[[Column], float]
+            ) -> tuple[list[Column], list[int]]:
+    """The dummy derivatives that equations with constant coefficients give at every point, and the remaining equations.
+
+    Unknowns that an equation with two constant coefficients relates are one. If such a set occurs in one equation only, with
+    a constant coefficient, and is not preferred as a state to another one in it, it follows from that equation whatever the
+    others are. Thus the positions along a tree of bodies follow from the coordinates of its joints."""
+    set_of = {j: j for j in orders}
+
+    def root(j: int) -> int:
+        while set_of[j] != j:
+            set_of[j] = set_of[set_of[j]]
+            j = set_of[j]
+        return j
+
+    inside = {i: [j for j in constraints.rows.get(i, ()) if j in orders] for i in rows}
+    pairs: dict[int, list[int]] = {}
+    for i, members in inside.items():
+        if len(members) == 2 and all((i, j) in constraints.constant for j in members):
+            a, b = (root(j) for j in members)
+            if a != b:
+                set_of[b] = a
+                pairs[i] = members
+    sets: dict[int, list[int]] = {}
+    for j in orders:
+        sets.setdefault(root(j), []).append(j)
+    wanted = {s: min(weight((j, orders[j])) for j in members) for s, members in sets.items()}
+    sets_of = {i: {root(j) for j in members} for i, members in inside.items() if i not in pairs}
+    rows_of: dict[int, set[int]] = {s: set() for s in sets}
+    for i, members_of in sets_of.items():
+        for s in members_of:
+            rows_of[s].add(i)
+    waiting, followed = [s for s in sets if len(rows_of[s]) == 1], set[int]()
+    while waiting:
+        s = waiting.pop()
+        if s in followed or len(rows_of[s]) != 1:
+            continue
+        i, = rows_of[s]
+        own = [j for j in inside[i] if root(j) == s]
+        if len(own) > 1 or (i, own[0]) not in constraints.constant or any(wanted[t] > wanted[s] for t in sets_of[i]):
+            continue
+        followed.add(s)
+        for other in sets_of.pop(i):
+            rows_of[other].discard(i)
+            if len(rows_of[other]) == 1:
+                waiting.append(other)
+    alone = [s for s in sets if not rows_of[s] and s not in followed]
+    dummies = [(j, orders[j]) for s in sets if s in followed for j in sets[s]]
+    for s in alone:
+        state = min(sets[s], key=lambda j: (weight((j, orders[j])), orders[j]))
+        dummies += [(j, orders[j]) for j in sets[s] if j != state]
+    settled = followed | set(alone)
+    remaining = [i for i in rows if i in sets_of or (i in pairs and root(pairs[i][0]) not in settled)]
+    return dummies, remaining
+
+
 def parts_of(constraints: Constraints, states: Sequence[Column]) -> list[Part]:
     """The parts of all levels for a choice of states."""
     state_set = set(states)
-    return _levels(constraints, lambda part: [j for j, k in part.columns if (j, k - 1) not in state_set])
+    levels = _levels(constraints, lambda part: [j for j, k in part.columns if (j, k - 1) not in state_set],
+                     lambda column: 0.0 if (column[0], column[1] - 1) in state_set else 1.0)
+    return [part for part in levels if part.rows]
 
 
 def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
@@ -207,7 +278,7 @@ def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
 
 def _weight(flat: Flat, column: Column, asked: frozenset[int]) -> float:
     j, order = column
-    if flat.unknowns[j].role == "position" and order > 1:
+    if flat.unknowns[j].pose or (flat.unknowns[j].role in ("position", "own") and order > 1):
         return 1.0  # the node's velocity is the state that people know, not der(position)
     return PREFERENCE[flat.unknowns[j].role] * (ASKED if j in asked else 1.0)
 

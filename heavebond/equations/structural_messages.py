@@ -276,7 +276,7 @@ def _domain(flat: Flat, unknown: Unknown) -> Domain | None:
     """The domain to whose node an across variable or a position belongs."""
     node, _, member = unknown.name.rpartition(".")
     domain = flat.domains.get(node)
-    return domain if domain is not None and member in (*domain.across, *domain.positions) else None
+    return domain if domain is not None and member in domain.shared else None
 
 
 def _domains(flat: Flat, unknowns: Iterable[Unknown]) -> list[Domain]:

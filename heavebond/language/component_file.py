@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping as Dictionary
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from heavebond.core.errors import ModelError, Place, Problems, suggest
@@ -18,6 +18,7 @@ from heavebond.language.definition import (
     Domain,
     EquationLine,
     Formula,
+    FrameRelation,
     Parameter,
     Port,
     SignalPort,
@@ -29,14 +30,26 @@ from heavebond.language.equation_lines import equation_lines
 from heavebond.language.extension import extension
 from heavebond.language.state_chart import read_states, written_out
 from heavebond.language.when import resets, when_entries
-from heavebond.text.expression import Expr, Number, constant, parse_equation, parse_formula
+from heavebond.text.expression import (
+    Elements,
+    Equation,
+    Expr,
+    Name,
+    Number,
+    constant,
+    names,
+    parse_equation,
+    parse_formula,
+    put_in,
+)
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 
 T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
     "travel_time", "opens", "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect",
-    "domain", "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states")
+    "domain", "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states", "frames")
+_FRAMES = "Write `frames: {a to b: {turn: \"turn(n, phi)\", shift: \"[l, 0, 0]\"}}`, or `{a: ...}` in the fixed frame."
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
 
@@ -54,6 +67,7 @@ class _Parser:
     source: Source
     domains: Dictionary[str, Domain]
     problems: Problems
+    ports: Dictionary[str, Port] = field(default_factory=dict)
 
     def component(self) -> Component:
         root, problems = self.source.root, self.problems
@@ -69,6 +83,7 @@ class _Parser:
         if isinstance(name, Scalar):
             reading.identifier(name, "a component", problems)
         ports, signals = self._ports(root.items.get("ports"))
+        self.ports = ports
         unbalanced, why = self._unbalanced(root.items.get("unbalanced"))
         variables = reading.declarations(root.items.get("variables"), "variables", self._variable, problems)
         parameters = reading.declarations(root.items.get("parameters"), "parameters",
@@ -86,7 +101,7 @@ class _Parser:
             summary=reading.text(root.items.get("summary"), "summary", problems),
             place=place, path=self.source.path, ports=ports, signals=signals,
             parameters=parameters, variables=variables,
-            equations=equations,
+            equations=equations, frames=self._frames(root.items.get("frames")),
             initial=resets("initial", root.items.get("initial"), "Write `initial: {z: u}`.", problems),
             when=events,
             body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
@@ -311,12 +326,51 @@ class _Parser:
         tree = reading.parsed(parse_equation, content, begin, self.problems)
         if tree is None:
             return None
+        tree = Equation(self._by_members(tree.left), self._by_members(tree.right))
         # columns of the tree count from this place; it covers the whole equation
         return EquationLine(tree, content, label, begin.moved(0, len(content)), each)
 
     def _formula(self, root: Mapping, key: str) -> Formula | None:
         node = root.items.get(key)
-        return reading.formula_of(node, key, self.problems) if node is not None else None
+        formula = reading.formula_of(node, key, self.problems) if node is not None else None
+        return None if formula is None else replace(formula, tree=self._by_members(formula.tree))
+
+    def _by_members(self, tree: Expr) -> Expr:
+        """An expression with the vectors of ports written as lists of their members: `a.F` is [a.F_x, a.F_y, a.F_z]."""
+        values: dict[str, Expr] = {}
+        for name in names(tree):
+            port, _, vector = name.text.rpartition(".")
+            domain = self.domains.get(self.ports[port].domain) if port in self.ports else None
+            if domain is not None and vector in domain.vectors:
+                values[name.text] = Elements(tuple(Name((port, member), name.column, name.length)
+                                                   for member in domain.vectors[vector]), name.column)
+        return put_in(tree, values) if values else tree
+
+    def _frames(self, node: Node | None) -> tuple[FrameRelation, ...]:
+        """`frames: {a to b: {turn: ..., spin: ..., shift: ..., speed: ...}}`, or `{a: ...}`."""
+        relations: list[FrameRelation] = []
+        entries = reading.mapping(node, "frames", self.problems, _FRAMES)
+        for key, item in (entries.items if entries else {}).items():
+            assert entries is not None
+            words, place = key.split(" to "), entries.keys[key].place
+            for word in words:
+                domain = self.domains.get(self.ports[word].domain) if word in self.ports else None
+                if domain is None or not domain.orientation:
+                    self.problems.add("frames-port", f"`frames`: '{word}' is not a port with an orientation", place,
+                                      hint=suggest(word, self.ports) or _FRAMES)
+            if len(words) > 2:
+                self.problems.add("frames-port", f"`frames`: '{key}' names more than two ports", place, hint=_FRAMES)
+            entry = reading.mapping(item, f"'{key}'", self.problems, _FRAMES)
+            if entry is None:
+                continue
+            reading.known_keys(entry, ("turn", "spin", "shift", "speed"), f"'{key}'", self.problems)
+            for rate, what in (("spin", "turn"), ("speed", "shift")):
+                if rate in entry.items and what not in entry.items:
+                    self.problems.add("frames-alone", f"'{key}' has `{rate}:`, the rate of `{what}:`, which is missing",
+                                      entry.keys[rate].place, hint=_FRAMES)
+            turn, spin, shift, speed = (self._formula(entry, word) for word in ("turn", "spin", "shift", "speed"))
+            relations.append(FrameRelation(words[0] if len(words) > 1 else "", words[-1], turn, spin, shift, speed, place))
+        return tuple(relations)
 
     def _unbalanced(self, node: Node | None) -> tuple[Formula | None, str]:
         if node is None:

@@ -44,7 +44,11 @@ class Domain:
     `medium` is the component that sets the fluid of a circuit; `fills` is the component, with its settings, that is
     added to a node without storage if a run fails without it. If the effort is `relative`, as a voltage, only its
     differences have a meaning, and its zero is at the ground. Lines are drawn in `colour`, areas in `pale`. Components
-    in `determined_by` fix the shared variable of a node; a `compliance` removes a rigid loop."""
+    in `determined_by` fix the shared variable of a node; a `compliance` removes a rigid loop.
+
+    `vectors` are lists of members by a common name. The `orientation` of a node is a unit quaternion, of which the vector
+    `turning` is the angular velocity (empty in other domains). The component `free` is added to a node whose orientation no
+    part determines, for a linearisation `minimal`, and `idle` if no law depends on the orientation."""
 
     name: str
     members: dict[str, Member]
@@ -62,6 +66,17 @@ class Domain:
     pale: str = ""
     determined_by: str = "what decides it"
     compliance: str = "a part that gives way"
+    vectors: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    orientation: tuple[str, ...] = ()
+    turning: str = ""
+    free: str = ""
+    minimal: str = ""
+    idle: str = ""
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """The variables that all ports on a node share: across variables, positions and orientation."""
+        return (*self.across, *self.positions, *self.orientation)
 
     @property
     def effort(self) -> str | None:
@@ -333,6 +348,33 @@ class Formula:
 
 
 @dataclass(frozen=True)
+class FrameRelation:
+    """How the frame of port `b` follows from that of port `a`, or without `a` from the fixed frame. All formulas are in the
+    axes of `a`: `turn`, the unit quaternion of its rotation, with the angular velocity `spin`; `shift`, the vector to its
+    origin, with the rate `speed`. Without `turn` the orientations, without `shift` the positions are not related; without
+    `spin` or `speed` they are derivatives."""
+
+    a: str
+    b: str
+    turn: Formula | None
+    spin: Formula | None
+    shift: Formula | None
+    speed: Formula | None
+    place: Place
+
+    @property
+    def formulas(self) -> tuple[tuple[str, Formula, int], ...]:
+        """The key, the formula and the length of each of its vectors."""
+        known = (("turn", self.turn, 4), ("spin", self.spin, 3), ("shift", self.shift, 3), ("speed", self.speed, 3))
+        return tuple((key, formula, length) for key, formula, length in known if formula is not None)
+
+    @property
+    def rank(self) -> int:
+        """The number of independent equations between both frames."""
+        return 3*(self.turn is not None) + 3*(self.shift is not None)
+
+
+@dataclass(frozen=True)
 class Reset:
     """Assignment of an event or of the start: a held variable or a state, `target` with its place in the file, and its new
     value."""
@@ -491,6 +533,7 @@ class Component:
     parameters: dict[str, Parameter] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
     equations: tuple[EquationLine, ...] = ()
+    frames: tuple[FrameRelation, ...] = ()
     initial: tuple[Reset, ...] = ()  # states at the start, if the diagram does not give them
     travel_time: Formula | None = None  # travel time of a wave through a segment of a line
     opens: Formula | None = None  # positive while a valve passes from the first to the second port in it

@@ -16,6 +16,7 @@ from heavebond.language.definition import (
     Domain,
     EquationLine,
     Formula,
+    FrameRelation,
     Instance,
     Parameter,
     Port,
@@ -162,6 +163,8 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
         _formula(requirement, TRUTH, "requires", "a comparison, as in `x_max > x_min`", scope, problems)
     for name, delayed in component.delayed.items():
         _delayed(component, name, delayed, scope, problems)
+    for relation in component.frames:
+        _frame(relation, scope, problems)
     check_events(component, scope, Lengths(scope.length, exact=False), problems)
     check_initial(component, scope, problems)
 
@@ -186,6 +189,23 @@ def _formula(formula: Formula, wanted: Dimension, subject: str, wanted_text: str
         actual = "a comparison" if dimension_found == TRUTH else f"in {dimension_text(dimension_found)}"
         problems.add("units-differ", f"`{subject}:` must be {wanted_text}; this is {actual}", formula.place,
                      hint="Check the factors of the formula." if wanted != TRUTH else "Write a relation of parameters.")
+
+
+def _frame(relation: FrameRelation, scope: Scope, problems: Problems) -> None:
+    """Check the units and lengths of the vectors that relate two frames."""
+    units = {"turn": "1", "spin": "rad/s", "shift": "m", "speed": "m/s"}
+    for key, formula, length in relation.formulas:
+        wanted = declared_unit(units[key]).dimension
+        try:
+            found, shape = dimension(formula.tree, scope), Lengths(scope.length, exact=False).of(formula.tree)
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, formula.place, problems)
+            continue
+        if found not in (wanted, None) or shape != length:
+            problems.add("frames-vector", f"`{key}:` of '{relation.b}' must be a list of {length} numbers in "
+                         f"{units[key]}", formula.place,
+                         hint="Write for example `turn: \"turn(n, phi)\"`, a rotation by phi about the axis n."
+                         if key == "turn" else f"Write for example `{key}: \"[l, 0, 0]\"`.")
 
 
 def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, problems: Problems) -> None:
@@ -213,6 +233,7 @@ def _balance(component: Component, domains: Domains, problems: Problems) -> None
     unknowns = _own_unknowns(component, domains)
     lengths = Lengths(Scope(component, domains).length, exact=False)
     equations = sum(_repetitions(line, component) * elements(lengths.equation(line.tree)) for line in component.equations)
+    equations += sum(relation.rank for relation in component.frames)
     if equations == len(unknowns):
         return
     used = {n.text for line in component.equations for side in (line.tree.left, line.tree.right) for n in names(side)}

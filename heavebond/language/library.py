@@ -261,7 +261,8 @@ def example(component: Component) -> Path | None:
 
 def called_functions(component: Component) -> list[Function]:
     """The functions of files that a component calls, in the order of its file."""
-    formulas = [component.stores, component.dissipates, component.unbalanced, *component.requires]
+    formulas = [component.stores, component.dissipates, component.unbalanced, *component.requires,
+                *(formula for relation in component.frames for _, formula, _ in relation.formulas)]
     for event in component.when:
         formulas += [event.formula, *(reset.value for reset in event.resets)]
     trees = [side for line in component.equations for side in (line.tree.left, line.tree.right)]
@@ -371,7 +372,8 @@ def same_class(one: str, other: str) -> bool:
 
 def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
     keys = ("effort", "flow", "across", "through", "position", "power", "members", "doc", "reference", "medium",
-            "fills", "relative", "colour", "pale", "determined_by", "compliance")
+            "fills", "relative", "colour", "pale", "determined_by", "compliance", "vectors", "orientation", "turning",
+            "free", "minimal", "idle")
     reading.known_keys(node, keys, f"domain '{name}'", problems, required=("across", "through", "members"))
     members = {}
     entries = reading.mapping(node.items.get("members"), "members", problems)
@@ -392,10 +394,15 @@ def _domain(name: str, node: Mapping, problems: Problems) -> Domain:
     def single(key: str) -> str | None:
         return reading.text(node.items.get(key), key, problems) or None
 
+    lists = reading.mapping(node.items.get("vectors"), "vectors", problems)
+    vectors = {key: tuple(s.text for s in reading.words(item, key, problems)) for key, item in (
+        lists.items if lists else {}).items()}
     return Domain(name, members, listed("across"), listed("through"), listed("effort"), listed("flow"),
                   listed("position"), single("power"), single("reference"), single("medium"), _fills(node, problems),
                   reading.choice(node.items.get("relative"), "relative", ("true", "false"), problems) == "true",
-                  **{key: found for key in ("colour", "pale", "determined_by", "compliance") if (found := single(key))})
+                  **{key: found for key in ("colour", "pale", "determined_by", "compliance", "turning", "free", "minimal",
+                                            "idle")
+                     if (found := single(key))}, vectors=vectors, orientation=listed("orientation"))
 
 
 def _fills(node: Mapping, problems: Problems) -> tuple[str, tuple[tuple[str, str], ...]] | None:

@@ -15,7 +15,7 @@ import numpy as np
 from heavebond.core.errors import Place, Problem, either
 from heavebond.language.definition import Body, Component, Domain, EquationLine
 from heavebond.language.library import Library, is_bundled
-from heavebond.language.power_law import TOLERANCE, Array, check_power, powers
+from heavebond.language.power_law import TOLERANCE, Array, check_power, powers, wrong_rates
 from heavebond.text.expression import Expr, Name, names
 
 MOST_PORTS = 5  # components with up to this number of ports are tried in all combinations, others port by port
@@ -40,6 +40,10 @@ def used(library: Library, bodies: Iterable[Body]) -> list[Component]:
 def power_problems(components: Iterable[Component], domains: Mapping[str, Domain]) -> Iterator[Problem]:
     """Power problems of components, each reported once; nothing if the law holds."""
     for component in components:
+        for relation, key in wrong_rates(component, domains):
+            formula, whole = getattr(relation, key), "turn" if key == "spin" else "shift"
+            yield Problem("frames-rate", f"`{key}: {formula.text}` of {component.name} is not the rate of its `{whole}:`",
+                          formula.place, f"Correct it, or leave it out: then `{key}:` is the derivative of `{whole}:`.")
         report = check_power(component, domains)
         if not report.holds:
             yield power_problem(component, domains) if report.tried else Problem(
@@ -134,7 +138,7 @@ def _problem(message: str, place: Place | None, notes: Iterable[str]) -> Problem
 def _lines_of(component: Component, domains: Mapping[str, Domain], ports: Iterable[str]) -> list[EquationLine]:
     """The equations that set the through variables of ports; equations with a through variable alone on one side first."""
     wanted = {port.partition("[")[0] for port in ports}
-    shared = {member for domain in domains.values() for member in (*domain.across, *domain.positions)}
+    shared = {member for domain in domains.values() for member in domain.shared}
     matching_lines = [line for line in component.equations
                       if any(name.partition("[")[0].partition(".")[0] in wanted for side in (line.tree.left, line.tree.right)
                              if isinstance(side, Name) for name in [side.text])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import lru_cache, partial
 from math import inf
 from typing import TypeVar
@@ -11,7 +12,16 @@ from typing import TypeVar
 import casadi as ca
 
 from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
-from heavebond.language.definition import Component, Domain, EquationLine, EventDefinition, Formula, Reset, Variable
+from heavebond.language.definition import (
+    Component,
+    Domain,
+    EquationLine,
+    EventDefinition,
+    Formula,
+    FrameRelation,
+    Reset,
+    Variable,
+)
 from heavebond.language.incidence import Entry, Interval, classify
 from heavebond.language.symbols import Called, Context, evaluate, indicator, nonsmooth, operated, split, stack
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, names
@@ -41,6 +51,38 @@ class EventLine:
     targets: tuple[str, ...]
 
 
+class FrameForm(Enum):
+    """The form of a relation between two frames: explicit for the frame of `b`, explicit for that of `a`, or three equations
+    for a loop that it closes."""
+
+    FORWARD = "forward"
+    INVERSE = "inverse"
+    CLOSING = "closing"
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEquations:
+    """Equations of a relation of frames in one form: their names and text, the function of their residuals (with the
+    arguments of `Template.residuals`) and the incidence of these."""
+
+    labels: tuple[str, ...]
+    text: str
+    residuals: ca.Function
+    entries: tuple[tuple[Entry, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameLaw:
+    """A relation of frames: the equations of its rotation and of its translation in each form; none if these are not
+    related."""
+
+    a: str
+    b: str
+    place: Place
+    rotation: Mapping[FrameForm, FrameEquations]
+    translation: Mapping[FrameForm, FrameEquations]
+
+
 @dataclass(frozen=True, eq=False)
 class Template:
     """Residuals r(slots, d slots, d2 slots, given, time, time rate) of a component; all residuals in SI.
@@ -62,6 +104,7 @@ class Template:
     requirements: ca.Function
     events: tuple[EventLine, ...]
     happenings: ca.Function | None
+    frames: tuple[FrameLaw, ...] = ()
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -107,6 +150,8 @@ class _Builder:
             for level in range(LEVELS):
                 self.levels[level][slot] = ca.SX.sym("d" * level + slot)
         self.lists = self._lists()
+        # whether the laws may contain lists
+        self.vectors = bool(self.lists or self.arrays or any(domains[name].vectors for name in bound.values()))
         self.called: Called = {}
         self.context = self._context({})
 
@@ -145,18 +190,24 @@ class _Builder:
         texts = [n.text for tree in self._trees() for n in names(tree)]
         positions = {(port, member) for t in texts if "." in t
                      for port in [t.split("[")[0].split(".")[0]] for d in [self.bound.get(port)] if d
-                     for member in [self.domains[d].role(t.rsplit(".", 1)[1])] if member in self.domains[d].positions}
+                     for member in [self.domains[d].role(t.rsplit(".", 1)[1])]
+                     if member in (*self.domains[d].positions, *self.domains[d].orientation)}
+        related = {port for relation in self.component.frames for port in (relation.a, relation.b) if port}
+        turned = related | {port for port, member in positions if member in self.domains[self.bound[port]].orientation}
+        positions |= {(port, member) for port in related for member in self.domains[self.bound[port]].positions}
         slots = []
         for port, domain_name in self.bound.items():
             domain = self.domains[domain_name]
             copies = [f"{port}[{k + 1}]" for k in range(self.arrays[port])] if port in self.arrays else [port]
-            members = [*domain.across, *domain.through, *(m for m in domain.positions if (port, m) in positions)]
+            members = [*domain.across, *domain.through, *(m for m in domain.positions if (port, m) in positions),
+                       *(domain.orientation if port in turned else ())]
             slots += [f"{copy}.{member}" for copy in copies for member in members]
         return [*slots, *self.component.signals, *self.component.unknowns]
 
     def _trees(self) -> list[Expr]:
         component = self.component
-        formulas = [component.stores, component.dissipates, component.unbalanced]
+        formulas = [component.stores, component.dissipates, component.unbalanced,
+                    *(formula for relation in component.frames for _, formula, _ in relation.formulas)]
         for event in component.when:
             formulas += [event.formula, *(f for reset in event.resets for f in (reset.target, reset.value))]
         return [side for line in component.equations for side in (line.tree.left, line.tree.right)] + \
@@ -221,7 +272,7 @@ class _Builder:
 
     def _shape_of(self, equation: EquationLine) -> Shape:
         """The shape of an equation; None for an equation of numbers."""
-        if not self.lists and not self.arrays:
+        if not self.vectors:
             return None
         return self._shaped(lambda lengths: lengths.equation(equation.tree), equation.place)
 
@@ -258,7 +309,67 @@ class _Builder:
             ca.Function("residuals", inputs, [stacked]), tuple(tuple(row) for row in entries),
             ca.Function("energy", inputs, [stack(self._energy())]),
             ca.Function("requirements", [parameters], [stack(truths)]), events,
-            ca.Function("happenings", inputs, [stack(happenings)]) if events else None)
+            ca.Function("happenings", inputs, [stack(happenings)]) if events else None,
+            tuple(self._frame_law(relation, inputs, stack(arguments)) for relation in self.component.frames))
+
+    def _frame_law(self, relation: FrameRelation, inputs: list[ca.SX], unknowns: ca.SX) -> FrameLaw:
+        """The equations of a relation of frames in each form. With R the rotation of `a`:
+
+            q_b = q_a (x) turn,  w_b = w_a + R spin;   r_b = r_a + R shift,  v_b = v_a + w_a x R shift + R speed
+        """
+        constants = {s.element_hash() for s in self.parameters.values()}
+
+        def equations(what: str, formula: Formula, residual: ca.SX) -> FrameEquations:
+            rows = classify(residual, unknowns, constants, self._bounds())
+            text = f"{what} of {relation.b}" + (f" from {relation.a}" if relation.a else "") + f": {formula.text}"
+            return FrameEquations(tuple(f"{what} of {relation.b}, element {k + 1}" for k in range(residual.numel())), text,
+                                  ca.Function("frame", inputs, [residual]), tuple(tuple(row) for row in rows))
+
+        forms = (FrameForm.FORWARD, FrameForm.CLOSING, *((FrameForm.INVERSE,) if relation.a else ()))
+        rotation = {form: equations("orientation", relation.turn, self._rotation(relation, form)) for form in forms} \
+            if relation.turn is not None else {}
+        translation = {form: equations("position", relation.shift, self._translation(relation, form)) for form in forms} \
+            if relation.shift is not None else {}
+        return FrameLaw(relation.a, relation.b, relation.place, rotation, translation)
+
+    def _rotation(self, relation: FrameRelation, form: FrameForm) -> ca.SX:
+        assert relation.turn is not None
+        turn = self._evaluated(relation.turn.tree, relation.turn.place)
+        spin = turning_speed(turn, self._der(turn)) if relation.spin is None else \
+            self._evaluated(relation.spin.tree, relation.spin.place)
+        still = ca.SX([1, 0, 0, 0])
+        (qa, wa), (qb, wb) = ((still, ca.SX(3, 1)) if not port else (self._orientation(port), self._vector(port, "turning"))
+                              for port in (relation.a, relation.b))
+        ahead = quaternion_product(qa, turn) if relation.a else turn
+        faster = wa + (rotated(qa, spin) if relation.a else spin)
+        if form is FrameForm.FORWARD:
+            return stack([qb - ahead, wb - faster])
+        if form is FrameForm.INVERSE:
+            return stack([qa - quaternion_product(qb, conjugate(turn)), wb - faster])
+        return quaternion_product(conjugate(qb), ahead)[1:]
+
+    def _translation(self, relation: FrameRelation, form: FrameForm) -> ca.SX:
+        assert relation.shift is not None
+        shift = self._evaluated(relation.shift.tree, relation.shift.place)
+        speed = self._der(shift) if relation.speed is None else self._evaluated(relation.speed.tree, relation.speed.place)
+        rb, vb = self._vector(relation.b, "positions"), self._vector(relation.b, "flows")
+        place, velocity = shift, speed
+        if relation.a:
+            ra, va, wa, q = (self._vector(relation.a, "positions"), self._vector(relation.a, "flows"),
+                             self._vector(relation.a, "turning"), self._orientation(relation.a))
+            arm = rotated(q, shift)
+            place, velocity = ra + arm, va + ca.cross(wa, arm) + rotated(q, speed)
+        return rb - place if form is FrameForm.CLOSING else stack([rb - place, vb - velocity])
+
+    def _vector(self, port: str, what: str) -> ca.SX:
+        """The positions of a port, their rates (`flows`), or its angular velocity (`turning`)."""
+        domain = self.domains[self.bound[port]]
+        members = {"positions": domain.positions, "flows": tuple(domain.rate(x) for x in domain.positions),
+                   "turning": domain.vectors[domain.turning]}[what]
+        return stack(self.levels[0][f"{port}.{member}"] for member in members)
+
+    def _orientation(self, port: str) -> ca.SX:
+        return stack(self.levels[0][f"{port}.{member}"] for member in self.domains[self.bound[port]].orientation)
 
     def _events(self) -> tuple[tuple[EventLine, ...], list[ca.SX]]:
         local = {s.element_hash(): name for group in (self.levels[0], self.held) for name, s in group.items()}
@@ -319,9 +430,32 @@ class _Builder:
 
     def _number(self, formula: Formula) -> ca.SX:
         """Evaluate a formula that is one number, with its vectors and matrices compared."""
-        if self.lists or self.arrays:
+        if self.vectors:
             self._shaped(lambda lengths: lengths.number(formula.tree, "the formula"), formula.place)
         return self._evaluated(formula.tree, formula.place)
+
+
+def quaternion_product(a: ca.SX, b: ca.SX) -> ca.SX:
+    """a (x) b for quaternions (4,), the real part first."""
+    return ca.vertcat(a[0]*b[0] - ca.dot(a[1:], b[1:]), a[0]*b[1:] + b[0]*a[1:] + ca.cross(a[1:], b[1:]))
+
+
+def conjugate(q: ca.SX) -> ca.SX:
+    """The quaternion (4,) of the reverse rotation of a unit quaternion."""
+    return ca.vertcat(q[0], -q[1:])
+
+
+def rotated(q: ca.SX, r: ca.SX) -> ca.SX:
+    """The vector r (3,) turned by the unit quaternion q (4,)."""
+    if r.is_zero():
+        return r
+    twice = 2*ca.cross(q[1:], r)
+    return r + q[0]*twice + ca.cross(q[1:], twice)
+
+
+def turning_speed(q: ca.SX, rate: ca.SX) -> ca.SX:
+    """The angular velocity (3,) in the fixed frame of a frame with unit quaternion q (4,): 2 vec(dq/dt (x) conj(q))."""
+    return 2*quaternion_product(rate, conjugate(q))[1:]
 
 
 def _assigned(reset: Reset, lengths: Lengths) -> None:

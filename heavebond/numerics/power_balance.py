@@ -21,6 +21,9 @@ from heavebond.numerics.pointwise import evaluated
 # A share of the largest power in the machine that counts as missing. Laws close to rounding, some 1e-12; algebraic unknowns
 # are solved to 1e-12 of their size, which differences of large forces magnify.
 TOLERANCE = 1e-6
+# A share of the apparent power of a machine, its efforts times the nominal sizes of their flows, that is rounding: at rest
+# all powers are products of an effort and a flow of 1e-20 or less.
+RESTING = 1e-20
 # At a kink a derivative is that of one side: a single point says nothing about a law.
 LEAST_POINTS = 3
 
@@ -58,8 +61,9 @@ def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: S
              _size(held) / duration if duration else 0.0]
     imbalances = _missing(parts, through, (rate, dissipated, unbalanced), TOLERANCE * max(sizes), columns[0][0])
     if imbalances:  # in a machine that turns energy it holds into other energy it holds, these powers are the size of things
-        turned = _turnover(assembly, parts, columns)
-        imbalances = _missing(parts, through, (rate, dissipated, unbalanced), TOLERANCE * max(*sizes, turned), columns[0][0])
+        turned, resting = _turnover(assembly, parts, columns), RESTING * _apparent(flat, values)
+        limit = max(TOLERANCE * max(*sizes, turned), resting)
+        imbalances = _missing(parts, through, (rate, dissipated, unbalanced), limit, columns[0][0])
     return imbalances, more_values
 
 
@@ -87,6 +91,12 @@ def _turnover(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence
     terms = ca.sum2(ca.fabs(ca.mtimes(gradient, ca.diag(stack([rate, assembly.ode])))))
     function = ca.Function("turnover", list(assembly.arguments), [ca.densify(terms)])
     return _size(*evaluated(assembly, function, columns))
+
+
+def _apparent(flat: Flat, values: Array) -> float:
+    """The largest sum of the efforts at all ports times the nominal sizes of their flows, W."""
+    pairs = [pair for bond in flat.bonds.values() for pair in zip(bond.efforts, bond.flows, strict=False)]
+    return _size(sum((np.abs(values[e])*flat.unknowns[f].nominal for e, f in pairs), np.zeros(values.shape[1])))
 
 
 def _size(values: Array) -> float:

@@ -38,6 +38,8 @@ class SizeConstants:
         passes through several states. Doubled: smaller motions beside large cancelling forces are not followed.
     noise: share of the largest unknown, in nominal sizes, below which a value is no motion. Origin: starts are solved to
         about 1e-12, and this error decays. Doubled: smaller motions with large ones are not followed.
+    zero: share of its nominal size below which a value is zero in any case. Origin: rounding in the products of a symmetric
+        machine that starts exactly; no motion is as small. Doubled: nothing measurable.
     max_repeats: repetitions of a run. Origin: the sizes of the first repetition may follow from errors. Doubled:
         nothing measurable.
     points: points of a run at which rounding is estimated. Origin: extremes of most motions. Doubled: nothing measurable.
@@ -49,6 +51,7 @@ class SizeConstants:
     algebraic: float = 1e-2
     rounding: float = 30.0
     noise: float = 1e-12
+    zero: float = 1e-19
     max_repeats: int = 3
     points: int = 16
     least_stops: int = 100
@@ -64,7 +67,7 @@ def far_below(reached: Mapping[str, float], nominal: Mapping[str, float], declar
     largest = 0.0 if exact else max((value / declared[name] for name, value in reached.items() if np.isfinite(value)),
                                     default=0.0)
     return [name for name, value in reached.items()
-            if SIZES.noise * largest * declared[name] < value < SIZES.small * nominal[name]]
+            if max(SIZES.noise * largest, SIZES.zero) * declared[name] < value < SIZES.small * nominal[name]]
 
 
 def fitting_sizes(assembly: Assembly, names: Sequence[str], reached: Mapping[str, float], columns: Sequence[Array],

@@ -50,6 +50,7 @@ from heavebond.text.syntax import constant as constant
 from heavebond.text.syntax import functions_in as functions_in
 from heavebond.text.syntax import inside as inside
 from heavebond.text.syntax import names as names
+from heavebond.text.syntax import put_in as put_in
 
 # number of arguments by function
 FUNCTIONS = {

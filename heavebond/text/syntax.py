@@ -239,24 +239,24 @@ def inside(call: FunctionCall) -> Iterator[Expr]:
     values: dict[str, Expr] = {step.name: Name((f"{function.name}()", step.name), call.column, 1) for step in function.steps}
     values.update(zip(function.inputs, call.args, strict=True))
     for step in function.needed(call.output):
-        yield _put_in(step.expr, values)
+        yield put_in(step.expr, values)
 
 
-def _put_in(expr: Expr, values: Mapping[str, Expr]) -> Expr:
+def put_in(expr: Expr, values: Mapping[str, Expr]) -> Expr:
     """Substitute expressions for names."""
     if isinstance(expr, Name):
         return values.get(expr.text, values.get(expr.base, expr))
     if isinstance(expr, (Call, FunctionCall)):
-        return replace(expr, args=tuple(_put_in(arg, values) for arg in expr.args))
+        return replace(expr, args=tuple(put_in(arg, values) for arg in expr.args))
     if isinstance(expr, (Binary, Compare, Logic)):
-        return replace(expr, left=_put_in(expr.left, values), right=_put_in(expr.right, values))
+        return replace(expr, left=put_in(expr.left, values), right=put_in(expr.right, values))
     if isinstance(expr, (Negative, Not)):
-        return replace(expr, operand=_put_in(expr.operand, values))
+        return replace(expr, operand=put_in(expr.operand, values))
     if isinstance(expr, Elements):
-        return replace(expr, items=tuple(_put_in(item, values) for item in expr.items))
+        return replace(expr, items=tuple(put_in(item, values) for item in expr.items))
     if isinstance(expr, SumOver):
         inner = {name: value for name, value in values.items() if name != expr.index}
-        return replace(expr, low=_put_in(expr.low, values), high=_put_in(expr.high, values), body=_put_in(expr.body, inner))
+        return replace(expr, low=put_in(expr.low, values), high=put_in(expr.high, values), body=put_in(expr.body, inner))
     return expr
 
 

@@ -1,0 +1,170 @@
+"""Frames: which relations between the frames of nodes are explicit, and which close a loop.
+
+A part relates the frames of its ports by a rotation and a translation (`frames:` of a component). Between two orientations,
+unit quaternions, a relation has rank three, but it determines four numbers; with the velocities, which follow from it by
+differentiation, it determines all seven. The relations are the edges of a graph whose vertices are the nodes and the fixed
+frame. On a spanning tree each of them gives the orientation, position and velocities of a node from those of its predecessor
+by explicit equations, in which the norm of the quaternion is 1 by construction; each of the others closes a loop and gives
+three equations for the rotation and three for the translation. Thus a tree of bodies has explicit recursions without any
+derivative of a position, and a loop has as many equations as constraints.
+
+M. Otter, H. Elmqvist, S. E. Mattsson: The new Modelica MultiBody library. Proc. 3rd International Modelica Conference,
+Linkoping 2003, 311-330: overdetermined connectors, and relations of velocities beside those of positions.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from heavebond.core.errors import Place
+from heavebond.equations.connect import Network
+from heavebond.equations.expand import default
+from heavebond.equations.expanded import Expanded, Junction, Leaf, PortEnd
+from heavebond.language.definition import Domain
+from heavebond.language.lists import written_out
+from heavebond.language.template import FrameForm, template
+
+FIXED = -1  # the vertex of the fixed frame
+SUFFIX = "rotation"  # of the name of an added part
+Key = tuple[str, int]  # a part, and the number of one of its relations
+
+
+class Relation(NamedTuple):
+    """A relation between two vertices (numbers of groups of the network, or FIXED)."""
+
+    key: Key
+    first: int
+    second: int
+
+
+class FrameForms(NamedTuple):
+    """The forms of the rotation and of the translation of a relation; None if it relates only the other."""
+
+    rotation: FrameForm | None
+    translation: FrameForm | None
+
+
+@dataclass(frozen=True)
+class FrameTree:
+    """The forms of each relation; the groups of nodes whose orientations are related to each other but not to the fixed
+    frame (`unrooted`), and the nodes whose positions and velocities follow from those of others (`carried`)."""
+
+    forms: Mapping[Key, FrameForms]
+    unrooted: tuple[tuple[int, ...], ...]
+    carried: frozenset[int]
+
+
+def frame_tree(expanded: Expanded, network: Network) -> FrameTree:
+    """The spanning trees of orientations and of positions."""
+    domains = expanded.model.library.domains
+    vertices = [k for k, group in enumerate(network.groups)
+                if group.ports and group.domain in domains and domains[group.domain].orientation]
+    rotations, translations = list[Relation](), list[Relation]()
+    for path, leaf in expanded.leaves.items():
+        for number, frame in enumerate(leaf.component.frames):
+            first, second = (network.group_of_port[f"{path}.{port}"] if port else FIXED for port in (frame.a, frame.b))
+            if frame.turn is not None:
+                rotations.append(Relation((path, number), first, second))
+            if frame.shift is not None:
+                translations.append(Relation((path, number), first, second))
+    turned, trees = _spanning_trees(vertices, rotations)
+    moved, others = _spanning_trees(vertices, translations)
+    forms = {key: FrameForms(turned.get(key), moved.get(key)) for key in dict.fromkeys((*turned, *moved))}
+    roots = {tree[0] for tree in others}
+    return FrameTree(forms, tuple(tuple(tree) for tree in trees), frozenset(k for k in vertices if k not in roots))
+
+
+def _spanning_trees(vertices: Iterable[int], relations: Iterable[Relation]
+                    ) -> tuple[dict[Key, FrameForm], list[list[int]]]:
+    """The form of each relation by breadth-first search, from the fixed frame and then from the first vertex that is not
+    reached, in the order of declaration; and the vertices of each tree without the fixed frame, its root first."""
+    edges: dict[int, list[Relation]] = {}
+    for relation in relations:
+        for vertex in dict.fromkeys((relation.first, relation.second)):
+            edges.setdefault(vertex, []).append(relation)
+    forms: dict[Key, FrameForm] = {}
+    reached: set[int] = set()
+    trees: list[list[int]] = []
+    for root in (FIXED, *vertices):
+        if root in reached:
+            continue
+        reached.add(root)
+        tree, waiting = [root], deque([root])
+        while waiting:
+            vertex = waiting.popleft()
+            for relation in edges.get(vertex, ()):
+                if relation.key in forms:
+                    continue
+                ahead = relation.first == vertex
+                other = relation.second if ahead else relation.first
+                if other in reached:
+                    forms[relation.key] = FrameForm.CLOSING
+                    continue
+                forms[relation.key] = FrameForm.FORWARD if ahead else FrameForm.INVERSE
+                reached.add(other)
+                tree.append(other)
+                waiting.append(other)
+        if root != FIXED:
+            trees.append(tree)
+    return forms, trees
+
+
+def with_roots(expanded: Expanded, network: Network) -> Expanded:
+    """The diagram with a part for each group of orientations that nothing relates to the fixed frame: `free` of its domain,
+    whose states they follow from (for a linearisation `minimal`, with as many states as degrees of freedom), or `idle` if no
+    law depends on them."""
+    unrooted = frame_tree(expanded, network).unrooted
+    if not unrooted:
+        return expanded
+    leaves, junctions, ports = dict(expanded.leaves), dict(expanded.junctions), dict(expanded.ports)
+    turned = _turned(expanded, network)
+    library = expanded.model.library
+    for tree in unrooted:
+        group = network.groups[tree[0]]
+        domain = library.domains[group.domain]
+        free = domain.minimal if expanded.model.approximate else domain.free
+        component = written_out(library.checked(free if turned & set(tree) else domain.idle, group.place), {})
+        path = f"{group.name}_{SUFFIX}"
+        while path in leaves or path in junctions:
+            path += "_"
+        values = {name: bound for name, parameter in component.parameters.items()
+                  if (bound := default(parameter, path)) is not None}
+        leaves[path] = Leaf(path, component, group.place, values, {}, {})
+        port = next(iter(component.ports))
+        ports[f"{path}.{port}"] = component.ports[port]
+        node = next((alias for alias in group.aliases if alias in junctions), "")
+        junctions[node or path] = _joined(junctions.get(node), group.ports[0], path, port, group.place)
+    return replace(expanded, leaves=leaves, junctions=junctions, ports=ports)
+
+
+def _joined(junction: Junction | None, end: str, path: str, port: str, place: Place) -> Junction:
+    """A node with one more port; without a node, one that joins the port with the free end."""
+    added = PortEnd(path, port, 1, place)
+    if junction is not None:
+        return replace(junction, ends=(*junction.ends, added))
+    leaf, _, name = end.rpartition(".")
+    return Junction(path, (PortEnd(leaf, name, 1, place), added), place)
+
+
+def _turned(expanded: Expanded, network: Network) -> set[int]:
+    """The vertices on whose orientation or angular velocity a law depends."""
+    domains, turned = expanded.model.library.domains, set[int]()
+    for path, leaf in expanded.leaves.items():
+        turning = {port: members for port, name in network.domains[path].items() if (members := _turning(domains[name]))}
+        if not turning or leaf.component.composite:
+            continue
+        laws = template(leaf.component, domains, network.domains[path], leaf.integers)
+        rows = [*laws.entries, *(row for law in laws.frames if law.translation
+                                 for row in law.translation[FrameForm.FORWARD].entries)]  # an arm turns with its frame
+        named = {laws.slots[e.column % len(laws.slots)] for row in rows for e in row}
+        turned |= {network.group_of_port[f"{path}.{port}"] for port, members in turning.items()
+                   if any(f"{port}.{member}" in named for member in members)}
+    return turned
+
+
+def _turning(domain: Domain) -> tuple[str, ...]:
+    """The members of a domain that describe its orientation."""
+    return (*domain.orientation, *domain.vectors[domain.turning]) if domain.orientation else ()

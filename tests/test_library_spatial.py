@@ -1,0 +1,427 @@
+"""Mechanics in space: the example of every component beside a closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from examples import Array, Case, check, without_example
+from library_check import Found, agree, checks, part, run
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipj, ellipk
+
+G = 9.81
+LAW = "the law at a prescribed motion; nothing is integrated"
+RUN = "closed form; 1e-6 for the integration"
+SWING = "closed form; 2e-5 for the integration, which adds up over the swings"
+
+
+def swing(t: Array, start: float, rate: float) -> Array:
+    """The angle of a pendulum let go at `start` from hanging, sin(theta/2) = k sn(K - rate t, k) with k = sin(start/2)."""
+    k = np.sin(start/2)
+    return 2*np.arcsin(k*ellipj(ellipk(k**2) - rate*t, k**2)[0])
+
+
+def by_cosines(t: Array) -> Array:
+    """The angle between two sides of 1 m and 0.6 m, opposite to which a strut changes its length."""
+    s = 1 + 0.4*np.sin(np.pi/2*t)
+    return np.arccos((1 + 0.6**2 - s**2)/(2*0.6))
+
+
+def cone(t: Array) -> Array:
+    """The centre of a rod on a ball joint that goes round with its angular velocity vertical: the moment of its weight is
+    the rate of its angular momentum, (J_t - J_a) w**2 cos(theta) = m g l."""
+    theta, m, transverse, axial = 0.5, 2, 0.5 + 2*1**2, 0.1
+    w = np.sqrt(m*G*1/((transverse - axial)*np.cos(theta)))
+    return -np.sin(theta)*np.cos(w*t)
+
+
+def paid_out(t: Array) -> Array:
+    """The tension of a rope that is paid out with 2 m/s2 from equilibrium: m (g - a) and an oscillation of m a."""
+    return 200*(G - 2) + 200*2*np.cos(np.sqrt(50e3/200)*t)
+
+
+GATE = np.sqrt(12*G/(4 + 12))
+CASES = [
+    Case("spatial_fixed", "wall.a.M_y", lambda t: 40*G*1.5 + 0*t, LAW),
+    Case("spatial_body", "height", lambda t: 4*t - G/2*t**2, RUN),
+    # of a symmetric top: Euler's equations turn the transverse part with (J_z - J_x)/J_x w_z
+    Case("spatial_body", "rate", lambda t: np.cos(0.5*8*t), RUN),
+    Case("spatial_point_mass", "height", lambda t: 4*t - G/2*t**2, RUN),
+    Case("spatial_link", "pin.phi", lambda t: swing(t, np.pi/2, np.sqrt(G/0.8)) - np.pi/2, SWING, 2e-5),
+    Case("spatial_revolute_joint", "pin.phi", lambda t: swing(t, np.pi*2/3, GATE) - np.pi/2, SWING, 2e-5),
+    Case("spatial_prismatic_joint", "guide.s", lambda t: G*0.5*t**2/2, RUN),
+    Case("cylindrical_joint", "rod.phi", lambda t: 0.6/0.2*t**2/2, RUN),
+    Case("cylindrical_joint", "rod.s", lambda t: -G*t**2/2, RUN),
+    Case("screw_joint", "nut.z", lambda t: -5*G/(5 + 0.03*(2*np.pi/0.5)**2)*t**2/2, RUN),
+    Case("universal_joint", "cross.phi", lambda t: swing(t, np.pi*2/3, GATE) - np.pi/2, SWING, 2e-5),
+    Case("spherical_joint", "way", cone, RUN),
+    Case("plane_joint", "plane.s", lambda t: G*np.sin(np.radians(20))*t**2/2, RUN),
+    Case("plane_joint", "plane.phi", lambda t: 3*t, RUN),
+    Case("cardan_joint", "place.z", lambda t: np.sin(0.5*t) + 5*np.sin(0.2*np.sin(0.8*t)), LAW),
+    Case("spatial_spring", "weight.z", lambda t: 1.5 - 4*G/900*(1 - np.cos(np.sqrt(900/4)*t)), SWING, 2e-5),
+    Case("spatial_rope", "rope.F", paid_out, SWING, 2e-5),
+    Case("spatial_strut", "pin.phi", by_cosines, LAW),
+    Case("spatial_force", "way", lambda t: 6/3*t**2/2, RUN),
+    Case("spatial_force", "turn", lambda t: 0.3/0.2*t, RUN),
+    Case("spatial_position_source", "side", lambda t: 0.3*np.sin(2*t), LAW),
+    Case("spatial_position_source", "force", lambda t: -2*0.3*2**2*np.cos(2*t), LAW),
+    Case("spatial_sensor", "gauge.roll", lambda t: 0.3*np.sin(t), LAW),
+    Case("spatial_sensor", "gauge.pitch", lambda t: 0.2*t, LAW),
+    Case("spatial_sensor", "gauge.yaw", lambda t: 0.5*t, LAW),
+    Case("spatial_motion_sensor", "inwards", lambda t: -0.5*(3*t)**2, LAW),
+    Case("spatial_motion_sensor", "forward", lambda t: 0.5*3 + 0*t, LAW),
+    Case("spatial_motion_sensor", "upwards", lambda t: G + 0*t, LAW),
+    Case("spatial_distance_sensor", "gauge.y", lambda t: np.hypot(0.1 + 3*t, 4*t - G/2*t**2), RUN),
+    Case("spatial_force_sensor", "force", lambda t: 40*G + 0*t, LAW),
+    Case("spatial_force_sensor", "moment", lambda t: -40*G*1.5 + 0*t, LAW),
+    Case("spatial_free", "axis", np.sin, RUN),
+    Case("spatial_minimal", "axis", lambda t: np.sin(0.1*t), RUN),
+    Case("spatial_idle", "height", lambda t: 4*t - G/2*t**2, RUN),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.example}-{case.signal}")
+def test_the_example_shows_the_law(case: Case) -> None:
+    check(case)
+
+
+def test_every_component_has_an_example() -> None:
+    assert without_example(["spatial"], CASES) == []
+
+
+# -- the laws at points ------------------------------------------------------------------------------------------------
+N = 5
+_random = np.random.default_rng(7)
+TURN = Rotation.random(N, random_state=3)
+UP = np.array([0.0, 0, G])
+r_A, v_A, w_A, F_B, M_B, ALPHA, ACCEL = (_random.normal(size=(N, 3)) for _ in range(7))
+
+
+def members(port: str, word: str, values: Array) -> dict[str, Array]:
+    """The members of a vector (N, 3) of a port: F_x, F_y, F_z, or x, y, z."""
+    return {f"{port}.{f'{word}_' if word else ''}{axis}": values[:, k] for k, axis in enumerate("xyz")}
+
+
+def elements(name: str, values: Array) -> dict[str, Array]:
+    return {f"{name}[{k + 1}]": values[:, k] for k in range(values.shape[1])}
+
+
+def vector(found: Found, port: str, word: str) -> Array:
+    return np.stack([found[name] for name in members(port, word, np.zeros((1, 3)))], axis=-1)
+
+
+def quaternion(found: Found, port: str) -> Rotation:
+    x, y, z, w = (found[f"{port}.q_{k}"] for k in (1, 2, 3, 0))
+    return Rotation.from_quat(np.stack([x, y, z, w], axis=-1))
+
+
+def frame_a() -> dict[str, Array]:
+    """The frame of port a: its orientation, angular velocity, position and velocity."""
+    x, y, z, w = TURN.as_quat().T
+    return {"a_rotation.s_0": w, "a_rotation.s_1": x, "a_rotation.s_2": y, "a_rotation.s_3": z,
+            **elements("a_rotation.w", w_A), **members("a", "", r_A), **members("a", "v", v_A)}
+
+
+def relates(found: Found, turn: Rotation, spin: Array, shift: Array, speed: Array) -> None:
+    """The frame of b from that of a by a rotation, an angular velocity, a vector and its rate in the axes of a."""
+    agree((quaternion(found, "b")*(TURN*turn).inv()).magnitude(), 0*r_A[:, 0], 1e-7, 1)
+    agree(vector(found, "b", "w"), w_A + TURN.apply(spin), 1e-9, 1)
+    agree(vector(found, "b", ""), r_A + TURN.apply(shift), 1e-9, 1)
+    agree(vector(found, "b", "v"), v_A + np.cross(w_A, TURN.apply(shift)) + TURN.apply(speed), 1e-9, 1)
+
+
+def balances(found: Found) -> None:
+    """Newton's third law, and the balance of moments about a."""
+    arm = vector(found, "b", "") - vector(found, "a", "")
+    agree(vector(found, "a", "F"), -vector(found, "b", "F"))
+    agree(vector(found, "a", "M"), -vector(found, "b", "M") - np.cross(arm, vector(found, "b", "F")), 1e-9, 1)
+
+
+AXIS = np.array([1.0, 2.0, -2.0])/3
+n = "[1, 2, -2]"
+LOAD = {**members("b", "F", F_B), **members("b", "M", M_B)}
+PHI, RATE = _random.normal(size=(2, N))
+
+
+@checks("SpatialFixed")
+def test_a_fixed_frame() -> None:
+    found = part("SpatialFixed", x_0="1 m", y_0="2 m", z_0="3 m", roll="0.1 rad", pitch="0.2 rad", yaw="0.3 rad")({})
+    agree([found[f"a.{axis}"] for axis in "xyz"], [1, 2, 3])
+    turn = Rotation.from_quat([float(found[f"a.q_{k}"]) for k in (1, 2, 3, 0)])
+    agree(turn.as_matrix(), Rotation.from_euler("ZYX", [0.3, 0.2, 0.1]).as_matrix(), 1e-9, 1)
+    agree([found[f"a.{name}_{axis}"] for name in "vw" for axis in "xyz"], np.zeros(6), 1e-9, 1)
+
+
+@checks("SpatialBody")
+def test_newton_and_euler_for_a_body() -> None:
+    J = np.array([[2, 0.1, -0.2], [0.1, 3, 0.3], [-0.2, 0.3, 4]])
+    law = part("SpatialBody", m="5 kg", J_x="2 kg*m**2", J_y="3 kg*m**2", J_z="4 kg*m**2", J_xy="0.1 kg*m**2",
+               J_xz="-0.2 kg*m**2", J_yz="0.3 kg*m**2", l_x="0.3 m", l_y="-0.2 m", l_z="0.1 m")
+    rates = {f"der({name})": value for name, value in {**members("a", "v", ACCEL), **members("a", "w", ALPHA)}.items()}
+    found = law({**frame_a(), **rates})
+    arm = TURN.apply([0.3, -0.2, 0.1])
+    force = 5*(ACCEL + np.cross(ALPHA, arm) + np.cross(w_A, np.cross(w_A, arm)) + UP)
+    world = np.array([R @ J @ R.T for R in TURN.as_matrix()])
+    momentum = np.einsum("nij,nj->ni", world, w_A)
+    moment = np.einsum("nij,nj->ni", world, ALPHA) + np.cross(w_A, momentum) + np.cross(arm, force)
+    agree(vector(found, "a", "F"), force)
+    agree(vector(found, "a", "M"), moment, 1e-9, 1)
+
+
+@checks("SpatialPointMass")
+def test_newton_for_a_point_mass() -> None:
+    found = part("SpatialPointMass", m="5 kg")({f"der({name})": value for name, value in members("a", "v", ACCEL).items()})
+    agree(vector(found, "a", "F"), 5*(ACCEL + UP))
+    agree(vector(found, "a", "M"), 0*ACCEL)
+
+
+@checks("SpatialLink")
+def test_a_link() -> None:
+    found = part("SpatialLink", l_x="0.3 m", l_y="-0.2 m", l_z="0.1 m", roll="0.1 rad", pitch="0.2 rad", yaw="0.3 rad")(
+        {**frame_a(), **LOAD})
+    zero = 0*r_A
+    relates(found, Rotation.from_euler("ZYX", [0.3, 0.2, 0.1]), zero, zero + np.array([0.3, -0.2, 0.1]), zero)
+    balances(found)
+
+
+@checks("SpatialRevoluteJoint")
+def test_a_hinge() -> None:
+    found = part("SpatialRevoluteJoint", n=n)({**frame_a(), **LOAD, "d.phi": PHI, "d.w": RATE})
+    relates(found, Rotation.from_rotvec(np.outer(PHI, AXIS)), np.outer(RATE, AXIS), 0*r_A, 0*r_A)
+    balances(found)
+    agree(found["d.tau"], -np.sum(TURN.apply(AXIS)*M_B, axis=1))
+
+
+@checks("SpatialPrismaticJoint")
+def test_a_guide() -> None:
+    found = part("SpatialPrismaticJoint", n=n)({**frame_a(), **LOAD, "d.x": PHI, "d.v": RATE})
+    relates(found, Rotation.identity(N), 0*r_A, np.outer(PHI, AXIS), np.outer(RATE, AXIS))
+    balances(found)
+    agree(found["d.f"], -np.sum(TURN.apply(AXIS)*F_B, axis=1))
+
+
+@checks("CylindricalJoint")
+def test_a_sleeve() -> None:
+    s, v = _random.normal(size=(2, N))
+    found = part("CylindricalJoint", n=n)({**frame_a(), **LOAD, "d.phi": PHI, "d.w": RATE, "e.x": s, "e.v": v})
+    relates(found, Rotation.from_rotvec(np.outer(PHI, AXIS)), np.outer(RATE, AXIS), np.outer(s, AXIS), np.outer(v, AXIS))
+    balances(found)
+    agree(found["d.tau"], -np.sum(TURN.apply(AXIS)*M_B, axis=1))
+    agree(found["e.f"], -np.sum(TURN.apply(AXIS)*F_B, axis=1))
+
+
+@checks("ScrewJoint")
+def test_a_screw() -> None:
+    found = part("ScrewJoint", n=n, h="0.2 m")({**frame_a(), **LOAD, "d.phi": PHI, "d.w": RATE})
+    per = 0.2/(2*np.pi)
+    relates(found, Rotation.from_rotvec(np.outer(PHI, AXIS)), np.outer(RATE, AXIS), np.outer(per*PHI, AXIS),
+            np.outer(per*RATE, AXIS))
+    balances(found)
+    agree(found["d.tau"], -np.sum(TURN.apply(AXIS)*(M_B + per*F_B), axis=1))
+
+
+@checks("UniversalJoint")
+def test_a_cardan_joint() -> None:
+    psi, o = _random.normal(size=(2, N))
+    found = part("UniversalJoint", n_a=n, n_b="[0, 1, 0]")(
+        {**frame_a(), **LOAD, "d.phi": PHI, "d.w": RATE, "e.phi": psi, "e.w": o})
+    first, y = Rotation.from_rotvec(np.outer(PHI, AXIS)), np.array([0.0, 1, 0])
+    relates(found, first*Rotation.from_rotvec(np.outer(psi, y)), np.outer(RATE, AXIS) + o[:, None]*first.apply(y),
+            0*r_A, 0*r_A)
+    balances(found)
+    agree(found["d.tau"], -np.sum(TURN.apply(AXIS)*M_B, axis=1))
+    agree(found["e.tau"], -np.sum((TURN*first).apply(y)*M_B, axis=1))
+
+
+@checks("SphericalJoint")
+def test_a_ball_joint() -> None:
+    found = part("SphericalJoint")({**members("a", "", r_A), **members("a", "v", v_A), **members("b", "F", F_B)})
+    agree(vector(found, "b", ""), r_A)
+    agree(vector(found, "a", "F"), -F_B)
+    agree(vector(found, "a", "M"), 0*F_B)
+    agree(vector(found, "b", "M"), 0*F_B)
+
+
+@checks("PlaneJoint")
+def test_a_plane() -> None:
+    s, t, u, v = _random.normal(size=(4, N))
+    zero = 0*s
+    found = part("PlaneJoint")({**frame_a(), **LOAD, "d.phi": PHI, "d.w": RATE, "e.x": s, "e.v": u, "f.x": t, "f.v": v})
+    relates(found, Rotation.from_rotvec(np.outer(PHI, [0, 0, 1])), np.stack([zero, zero, RATE], 1),
+            np.stack([s, t, zero], 1), np.stack([u, v, zero], 1))
+    balances(found)
+    x, y, z = (TURN.apply(axis) for axis in np.eye(3))
+    agree(found["d.tau"], -np.sum(z*M_B, axis=1))
+    agree(found["e.f"], -np.sum(x*F_B, axis=1))
+    agree(found["f.f"], -np.sum(y*F_B, axis=1))
+
+
+@checks("CardanJoint")
+def test_six_motions() -> None:
+    s, u, angles, rates = _random.normal(size=(4, N, 3))
+    given = {f"{name}.{member}": values[:, k] for names, members_, groups in (
+        (("surge", "sway", "heave"), "xv", (s, u)), (("roll", "pitch", "yaw"), ("phi", "w"), (angles, rates)))
+        for k, name in enumerate(names) for member, values in zip(members_, groups, strict=True)}
+    found = part("CardanJoint")({**frame_a(), **LOAD, **given})
+    turn = Rotation.from_euler("ZYX", angles[:, ::-1])
+    # the angular velocity by a difference of rotations over 2e-6 s, which is exact to 1e-9
+    later, before = (Rotation.from_euler("ZYX", (angles + h*rates)[:, ::-1]) for h in (1e-6, -1e-6))
+    spin = (later*before.inv()).as_rotvec()/2e-6
+    agree((quaternion(found, "b")*(TURN*turn).inv()).magnitude(), 0*r_A[:, 0], 1e-7, 1)
+    agree(vector(found, "b", "w"), w_A + TURN.apply(spin), 1e-8, 1)
+    agree(vector(found, "b", ""), r_A + TURN.apply(s))
+    agree(vector(found, "b", "v"), v_A + np.cross(w_A, TURN.apply(s)) + TURN.apply(u))
+    balances(found)
+    # virtual work of each motion
+    axes = np.zeros((3, N, 3))
+    for k in range(3):
+        step = np.zeros((N, 3))
+        step[:, k] = 1e-6
+        ahead, behind = (Rotation.from_euler("ZYX", (angles + sign*step)[:, ::-1]) for sign in (1, -1))
+        axes[k] = TURN.apply((ahead*behind.inv()).as_rotvec()/2e-6)
+    for name, axis in zip(("roll", "pitch", "yaw"), axes, strict=True):
+        agree(found[f"{name}.tau"], -np.sum(axis*M_B, axis=1), 1e-7, 1)
+    for name, axis in zip(("surge", "sway", "heave"), np.eye(3), strict=True):
+        agree(found[f"{name}.f"], -np.sum(TURN.apply(axis)*F_B, axis=1))
+
+
+r_B, v_B = r_A + _random.normal(size=(N, 3)), _random.normal(size=(N, 3))
+POINTS = {**members("a", "", r_A), **members("a", "v", v_A), **members("b", "", r_B), **members("b", "v", v_B)}
+LENGTH = np.linalg.norm(r_B - r_A, axis=1)
+LINE = (r_B - r_A)/LENGTH[:, None]
+STRETCH = np.sum((v_B - v_A)*LINE, axis=1)
+
+
+def along(found: Found, tension: Array) -> None:
+    agree(vector(found, "b", "F"), tension[:, None]*LINE)
+    agree(vector(found, "a", "F"), -tension[:, None]*LINE)
+    for port in "ab":
+        agree(vector(found, port, "M"), 0*LINE)
+
+
+@checks("SpatialSpring")
+def test_a_spring() -> None:
+    along(part("SpatialSpring", c="900 N/m", d="30 N*s/m", l0="1.2 m")(POINTS), 900*(LENGTH - 1.2) + 30*STRETCH)
+
+
+@checks("SpatialRope")
+def test_a_rope() -> None:
+    found = part("SpatialRope", c="900 N/m", d="30 N*s/m", l0="1.2 m", e_t="1 cm")({**POINTS, "w.x": 0.1, "w.v": 0.2})
+    e = np.maximum(LENGTH - 1.3, 0)
+    assert np.any(e > 0)
+    tension = np.maximum(900*e + 30*(STRETCH - 0.2)*np.minimum(e/0.01, 1), 0)
+    along(found, tension)
+    agree(found["w.f"], -tension)
+
+
+@checks("SpatialStrut")
+def test_a_strut() -> None:
+    found = part("SpatialStrut")({**POINTS, "h.x": 0.3, "h.v": 0.1, "r.f": PHI})
+    along(found, -PHI)
+    agree(found["r.x"], 0.3 + LENGTH)
+    agree(found["h.f"], -PHI)
+
+
+@pytest.mark.parametrize("body", [0, 1])
+def test_a_force(body: int) -> None:
+    _force(body)
+
+
+@checks("SpatialForce")
+def _force(body: int) -> None:
+    found = part("SpatialForce", body=body)({**frame_a(), **elements("F", F_B), **elements("M", M_B)})
+    turn = TURN if body else Rotation.identity(N)
+    agree(vector(found, "a", "F"), -turn.apply(F_B))
+    agree(vector(found, "a", "M"), -turn.apply(M_B))
+
+
+@checks("SpatialPositionSource")
+def test_a_prescribed_frame() -> None:
+    place, angles = _random.normal(size=(2, N, 3))
+    found = part("SpatialPositionSource")({**elements("x", place), **elements("phi", angles)})
+    agree(vector(found, "a", ""), place)
+    agree((quaternion(found, "a")*Rotation.from_euler("ZYX", angles[:, ::-1]).inv()).magnitude(), 0*PHI, 1e-7, 1)
+
+
+@checks("SpatialSensor")
+def test_position_and_angles() -> None:
+    found = part("SpatialSensor")(frame_a())
+    yaw, pitch, roll = TURN.as_euler("ZYX").T
+    for name, expected in {"x": r_A[:, 0], "y": r_A[:, 1], "z": r_A[:, 2], "roll": roll, "pitch": pitch, "yaw": yaw}.items():
+        agree(found[name], expected)
+    agree(vector(found, "a", "F"), 0*r_A)
+    agree(vector(found, "a", "M"), 0*r_A)
+
+
+@checks("SpatialMotionSensor")
+def test_an_inertial_measurement_unit() -> None:
+    rates = {f"der({name})": value for name, value in members("a", "v", ACCEL).items()}
+    found = part("SpatialMotionSensor")({**frame_a(), **rates})
+    for name, expected in {"v": v_A, "w": w_A, "b": ACCEL + UP}.items():
+        agree(np.stack([found[f"{name}[{k}]"] for k in (1, 2, 3)], -1), TURN.inv().apply(expected))
+
+
+@checks("SpatialDistanceSensor")
+def test_a_distance() -> None:
+    agree(part("SpatialDistanceSensor")(POINTS)["y"], LENGTH)
+
+
+@checks("SpatialForceSensor")
+def test_a_load_cell() -> None:
+    found = part("SpatialForceSensor")({**frame_a(), **LOAD})
+    relates(found, Rotation.identity(N), 0*r_A, 0*r_A, 0*r_A)
+    balances(found)
+    for name, expected in {"F": F_B, "M": M_B}.items():
+        agree(np.stack([found[f"{name}[{k}]"] for k in (1, 2, 3)], -1), -TURN.inv().apply(expected))
+
+
+@checks("SpatialFree")
+def test_the_rate_of_a_quaternion() -> None:
+    """ds/dt = w s/2 in the fixed frame, and the decay of an error of the norm."""
+    x, y, z, w = TURN.as_quat().T*1.1
+    found = part("SpatialFree", k="2 1/s")({"s_0": w, "s_1": x, "s_2": y, "s_3": z, **elements("w", w_A)})
+    real = -np.sum(w_A*np.stack([x, y, z], 1), axis=1)/2
+    imaginary = (w[:, None]*w_A + np.cross(w_A, np.stack([x, y, z], 1)))/2
+    decay = 2/2*(1 - 1.1**2)
+    agree(found["der(s_0)"], real + decay*w, 1e-9, 1)
+    agree(np.stack([found[f"der(s_{k})"] for k in (1, 2, 3)], -1), imaginary + decay*np.stack([x, y, z], 1), 1e-9, 1)
+    agree((quaternion(found, "a")*TURN.inv()).magnitude(), 0*PHI, 1e-7, 1)
+    agree(vector(found, "a", "w"), w_A)
+
+
+@checks("SpatialMinimal")
+def test_the_rate_of_rodrigues_parameters() -> None:
+    """By a difference of rotations over 2e-6 s, which is exact to 1e-9."""
+    c = np.tan(TURN.magnitude()/4)[:, None]*TURN.as_rotvec()/TURN.magnitude()[:, None]
+    found = part("SpatialMinimal")({**elements("c", c), **elements("w", w_A)})
+
+    def parameters(time: float) -> Array:
+        turned = Rotation.from_rotvec(time*w_A)*TURN
+        angle = turned.magnitude()[:, None]
+        return np.tan(angle/4)*turned.as_rotvec()/angle
+
+    rates = np.stack([found[f"der(c[{k}])"] for k in (1, 2, 3)], -1)
+    agree(rates, (parameters(1e-6) - parameters(-1e-6))/2e-6, 1e-7, 1)
+    agree((quaternion(found, "a")*TURN.inv()).magnitude(), 0*PHI, 1e-7, 1)
+
+
+def test_a_dumbbell_turns_about_its_centre() -> None:
+    """Two point masses on a link without mass have an orientation, though no law of a part contains it."""
+    found = run("""model: dumbbell
+components:
+  left:  {is: SpatialPointMass, m: 1 kg, g: 0 m/s**2}
+  link:  {is: SpatialLink, l_x: 2 m}
+  tip:   {is: SpatialBody, m: 1 kg, J_x: 1e-3 kg*m**2, J_y: 1e-3 kg*m**2, J_z: 1e-3 kg*m**2, g: 0 m/s**2}
+nodes: {left: [left.a, link.a], right: [link.b, tip.a]}
+initial: {left.v_y: -1 m/s, left.w_z: 1 rad/s}
+show: {x: {is: right.x - left.x, unit: m}}
+simulate: {until: 3 s}
+""")
+    assert found["x"] == pytest.approx(2*np.cos(found.time), abs=1e-5)
+
+
+@checks("SpatialIdle")
+def test_a_held_orientation() -> None:
+    found = part("SpatialIdle")({})
+    agree([found[f"a.q_{k}"] for k in range(4)], [1, 0, 0, 0])
+    agree([found[f"a.F_{axis}"] for axis in "xyz"], [0, 0, 0])
