@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from heavebond.energy.audit import audit
 from random_trees import Pinocchio, diagram, mujoco_accelerations, random_tree
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj
 
 import heavebond as hb
 from heavebond.core.errors import ModelError
-from heavebond.energy.audit import audit
 from heavebond.language.library import library
 from heavebond.language.power_law import wrong_rates
 from heavebond.language.power_terms import power_problems
