@@ -19,9 +19,9 @@ def write(folder: Path, text: str, name: str = "train.csv") -> Path:
     return path
 
 
-def complaint(folder: Path, text: str) -> DataError:
+def complaint(folder: Path, text: str, used: str = "") -> DataError:
     with pytest.raises(DataError) as caught:
-        read_table(write(folder, text))
+        column(read_table(write(folder, text)), used)
     return caught.value
 
 
@@ -54,8 +54,8 @@ def test_byte_order_mark_quotes_and_closing_separator(tmp_path: Path) -> None:
 
 def test_all_problems_of_a_file_at_once(tmp_path: Path) -> None:
     error = complaint(tmp_path, "t,z,y\n0,1,2\n1,x1,3\n2,4\n3,5,6,7\n4,8,9\n")
-    assert where(error) == [("record-text", 3, 3), ("record-ragged", 4, 4), ("record-ragged", 5, 7)]
-    text = str(error)
+    assert where(error) == [("record-ragged", 4, 4), ("record-ragged", 5, 7)]
+    text = str(error) + str(complaint(tmp_path, "t,z,y\n0,1,2\n1,x1,3\n", "z"))
     assert f"{tmp_path / 'train.csv'}:3: 'x1' in column 'z' is not a number" in text
     assert "    3 | 1,x1,3\n      |   ^^" in text
     assert "this row has 2 cells, the row of names has 3" in text
@@ -64,7 +64,7 @@ def test_all_problems_of_a_file_at_once(tmp_path: Path) -> None:
 
 
 def test_many_of_a_kind_are_counted(tmp_path: Path) -> None:
-    bad = complaint(tmp_path, "t,z\n" + "".join(f"{k},{'oops' if 3 <= k < 23 else k}\n" for k in range(30)))
+    bad = complaint(tmp_path, "t,z\n" + "".join(f"{k},{'oops' if 3 <= k < 23 else k}\n" for k in range(30)), "z")
     assert where(bad) == [("record-text", k, 3) for k in (5, 6, 7, 8, 9)]
     assert [p.notes for p in bad.problems][3:] == [(), ("and 15 more such cells in this file",)]
     ragged = complaint(tmp_path, "t,z\n0,1\n" + "7\n" * 6 + "1,1\n")
@@ -104,11 +104,43 @@ def test_unit_beside_a_name(tmp_path: Path) -> None:
     "Axis1\nSampling interval (ms),0.7\nt,z,n\nms,rpm,-\n0,1,2\n1,2,3\n",  # a servo drive
     "Trace 4\n\nDate;3,5\nt;z;n\n0;1,5;1\n1;2,5;1\n",  # decimal commas
     "Run, of today, at noon, in the lab\nt\tz\tn\n0\t1\t2\n1\t2\t3\n",  # a title with other separators
+    "Started,2020-03-16,17:04\nInterval,0.7,0.7\nt,z,n\nUnit,V,V\n0,1,2\n1,2,3\n",  # as wide as the table
+    "Run 7,,\nDate,2024-05-01,\nt,z,n\n0,1,2\n1,2,3\n",  # a spreadsheet
+    "Run 7;;\n;;\nRate;100;\nt;z;n\ns;mm;\n0;1,5;1\n1;2,5;1\n",
 ])
 def test_settings_of_a_logger_above_the_names_are_skipped(tmp_path: Path, text: str) -> None:
     table = read_table(write(tmp_path, text))
     assert table.header == ("t", "z", "n") and column(table, "t").tolist() == [0, 1]
     assert table.place(1, "z").line == text.count("\n")  # lines are counted as in an editor
+
+
+def test_settings_between_runs_are_no_settings(tmp_path: Path) -> None:
+    """No row of numbers is skipped: a second row of names further below is a row with text."""
+    again = write(tmp_path, "t,z\n0,1\n1,2\nt,z\n0,3\n1,4\n2,5\n3,6\n4,7\n5,8\n")
+    assert read_table(again).header == ("t", "z")
+    assert where(complaint(tmp_path, again.read_text(), "z")) == [("record-text", 4, 3)]
+    early = "t,z\n0,OVER\n1,OVER\n2,3\n3,4\n4,5\n5,6\n6,7\n"  # text where the numbers should begin
+    assert where(complaint(tmp_path, early, "z")) == [("record-text", 2, 3), ("record-text", 3, 3)]
+    assert column(read_table(write(tmp_path, early)), "t").tolist() == [0, 1, 2, 3, 4, 5, 6]
+
+
+def test_two_rows_that_may_be_the_names_are_refused(tmp_path: Path) -> None:
+    """Which line is to be marked is stated."""
+    text = "deck,load,load\ntime,place,force\n" + "".join(f"{k},{k},{k}\n" for k in range(9))
+    assert "Put a # in front of line 2, or in front of line 1 if the names are in line 2" in str(complaint(tmp_path, text))
+    assert read_table(write(tmp_path, "#" + text)).header == ("time", "place", "force")
+
+
+@pytest.mark.parametrize("cells", ["ok,,7", "1;2,,ok", ",,", "1,2,x", "v1.2,0,1_0", '"a, b",,2', "1.234.5,1e400,inf"])
+def test_columns_that_are_not_used_may_hold_anything(tmp_path: Path, cells: str) -> None:
+    """Text, text between numbers, numbers in another form: the other columns are read, and the fault is stated when the
+    column is used."""
+    rows = [f"{k},{k / 2},{cells if k % 3 else '1,2,3'}" for k in range(12)]
+    table = read_table(write(tmp_path, "t,z,a,b,c\n" + "\n".join(rows) + "\n"))
+    assert column(table, "t").tolist() == list(range(12)) and column(table, "z")[3] == 1.5
+    for name in table.defects:
+        error = complaint(tmp_path, table.text or "", name)
+        assert error.problems[0].place and error.problems[0].place.line == 3 and f"column '{name}'" in str(error)
 
 
 @pytest.mark.parametrize("text", ["t,z\n0,1\n1\n", "t,z\n0,1\n1,2,3\n", "t\n0,1\n1,2\n", "rig\n0;1,5\n1;2,5\n",
@@ -128,13 +160,13 @@ def test_columns_without_an_own_name_are_refused_when_they_are_used(tmp_path: Pa
 
 
 def test_commas_that_may_be_either_are_refused(tmp_path: Path) -> None:
-    error = complaint(tmp_path, "t;z\n0.5;0,5\n1.5;0,6\n")
+    error = complaint(tmp_path, "t;z\n0.5;0,5\n1.5;0,6\n", "z")
     assert where(error) == [("decimal-comma", 2, 5), ("decimal-comma", 3, 5)]
     assert "'0,5' in column 'z' has a decimal comma; other numbers here may have decimal points" in str(error)
     assert "Export the table with decimal points" in str(error)
-    assert "comma between thousands" in str(complaint(tmp_path, "t;z\n0;1,234\n1;1,301\n"))
+    assert "comma between thousands" in str(complaint(tmp_path, "t;z\n0;1,234\n1;1,301\n", "z"))
     assert column(read_table(write(tmp_path, "t;z\n0,5;1,234\n1;1,301\n")), "z").tolist() == [1.234, 1.301]
-    assert where(complaint(tmp_path, "t;z\n0,5;1.234,5\n1;2\n")) == [("record-thousands", 2, 5)]
+    assert where(complaint(tmp_path, "t;z\n0,5;1.234,5\n1;2\n", "z")) == [("record-thousands", 2, 5)]
 
 
 def test_decimal_comma_between_commas(tmp_path: Path) -> None:
@@ -149,7 +181,7 @@ def test_decimal_comma_between_commas(tmp_path: Path) -> None:
     ("t,z\n", "record-empty", 1, "names but no rows"),
     ("0,1\n1,2\n", "record-header", 1, "`time_s,heave_m`"),
     ("# t,z\n0,1\n1,2\n", "record-header", 2, "Remove the # in front of the names."),
-    ("t,z\nbegin,middle\n0,1\n", "record-units-row", 2, "Put a # in front of this line"),
+    ("t,z\nbegin,middle\n0,1\n", "record-units-row", 2, "Put a # in front of line 2, or"),
     ("t  z\n0 1\n1 2\n", "record-separator", 1, "commas, semicolons or tabs"),
     ("t|z\n0|1\n1|2\n", "record-separator", 1, "commas, semicolons or tabs"),
 ])

@@ -13,7 +13,7 @@ from heavebond.cli import main
 from heavebond.core.numerals import number, plain, whole
 from heavebond.core.units import UnitProblem, parse_quantity, parse_range, unit
 from heavebond.records.clock_times import ClockProblem, read_clock
-from heavebond.records.measurements import read_table
+from heavebond.records.measurements import column, read_table
 from heavebond.text.expression import ExpressionProblem, parse_formula
 
 # underscores as in Python, Arabic-Indic, Devanagari, full-width and superscript digits
@@ -30,7 +30,7 @@ def test_underscores_and_digits_of_other_scripts_are_no_numbers(text: str, tmp_p
         path = tmp_path / "record.csv"
         path.write_text(f"t,x\n0,1\n1,{bad}\n2,3\n", encoding="utf-8")
         with pytest.raises(hb.DataError, match=r"is not a number \[record-text\]"):
-            read_table(path)
+            column(read_table(path), "x")
         for read, words in ((parse_quantity, f"{bad} kN"), (parse_range, f"{bad} .. 70 kN"),
                             (parse_range, f"5 kN +- {bad} %")):
             with pytest.raises(UnitProblem):

@@ -197,7 +197,7 @@ def test_an_input_that_drives_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("change", "said"), [
     (("unit: mm, noise: 0.1 mm", "unit: mmm, noise: 0.1 mm"), "'mmm' is not a known unit"),
-    (("time: {column: t, unit: s}\n", ""), "Write for example `time: {column: time_s, unit: s}`."),
+    (("time: {column: t, unit: s}\n", ""), "Write `time: {column: time_s, unit: s}`, or `time: {every: 10 ms}`"),
     ((", interpolation: spline", ""), "Add `interpolation: spline` (for smooth signals), `linear`, or `hold`"),
     (("outputs:", "free: {spring.c: 1 kN/m +/- 10 %}\noutputs:"), "Write `1 kN/m +- 10 %`."),
     (("outputs:", "free: {spring.c: 1 kN/m}\noutputs:"), "Write `1 kN/m +- 20 %`."),

@@ -105,7 +105,8 @@ def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = (), e
     columns, remarks = [], []
     for name in table.header:
         if name not in table.columns:
-            remarks.append(f"'{name}' holds no numbers and is left out")
+            remarks.append(f"'{name}' is left out: " + (table.defects[name][0].message if name in table.defects else
+                                                        "it holds no numbers"))
             continue
         role, target = ("time", None) if name == time else \
             (chosen[name].role, chosen[name]) if name in chosen else ("", None)
@@ -165,7 +166,10 @@ def _sketch(values: Array) -> tuple[float, ...]:
 # -- roles of columns -------------------------------------------------------------------------------------------------
 def _time_column(table: Table) -> str | None:
     """The column of times: the first with such a name, else the first of clock times, else the first numeric one, with
-    increasing values; None without one."""
+    increasing values; None without one. DataError for a column with such a name that has other cells too."""
+    for name, problems in table.defects.items():
+        if _words(name) & TIMES:
+            raise DataError(list(problems))
     able = [name for name in table.header if name in table.columns or name in table.words or name in table.clocks]
     rising = [name for name in able if name in table.columns and increases(table.columns[name])]
     called = [name for name in able if _words(name) & TIMES and (name not in table.columns or name in rising)]

@@ -43,7 +43,8 @@ class Table:
 
     `header` names all columns; `columns` contains the numeric ones, (n,) each, NaN for an empty cell. `lines` (n,) is
     the line of each row in the file, or its row number if the file has no lines (Parquet, MAT; `text` is None then).
-    `aside` gives for other names the reason why they are not columns, and advice; `units` is a row of units below the
+    `aside` gives for other names the reason why they are not columns, and advice; `defects` the mistakes in the cells of
+    columns, which are reported when these are used; `units` is a row of units below the
     names; `words` contains the cells (n,) of text columns, `clocks` those that are times (see `timed`).
     """
 
@@ -57,6 +58,7 @@ class Table:
     units: dict[str, str] = field(default_factory=dict)
     words: dict[str, list[str]] = field(default_factory=dict)
     clocks: dict[str, Clock] = field(default_factory=dict)
+    defects: dict[str, tuple[Problem, ...]] = field(default_factory=dict)
 
     def place(self, row: int, name: str) -> Place:
         """Place of the cell of column `name` in `row` (from 0)."""
@@ -98,7 +100,7 @@ def read_table(path: Path | str, *, place: Place | None = None, beside: str | No
 
     Text has one row of names, optionally a row of units below it, and comments after `#` (see `text_tables`). For a MAT
     file the table contains the vectors with the length of the variable `beside`. `place` is the entry that refers to
-    the file. Raises DataError with all mistakes in the file (a column without any number is ignored until it is used),
+    the file. Raises DataError with all mistakes in the rows of the file (those in a column are reported when it is used),
     UsageError for another suffix.
     """
     path = Path(path)
@@ -107,7 +109,7 @@ def read_table(path: Path | str, *, place: Place | None = None, beside: str | No
     if suffix in TEXT_SUFFIXES:
         text = read_text_columns(path)
         return Table(path, text.header, text.lines, dict(text.columns), text.text, text.separator, units=dict(text.units),
-                     words=dict(text.words), aside=dict(text.aside))
+                     words=dict(text.words), aside=dict(text.aside), defects=dict(text.defects))
     if suffix in PARQUET_SUFFIXES:
         return _read_parquet(path)
     if suffix in MATLAB_SUFFIXES:
@@ -127,6 +129,8 @@ def column(table: Table, name: str, place: Place | None = None) -> Array:
         raise DataError([Problem("record-column-unknown", f"'{file}' has no column '{name}'", place,
                                  suggest(name, table.header) or "Name one of its columns.",
                                  (f"its columns are {listing(table.header)}",))])
+    if name in table.defects:
+        raise DataError(list(table.defects[name]))
     if name in table.aside:
         why, hint = table.aside[name]
         raise DataError([Problem("record-column-kind", f"'{name}' of '{file}' {why}", place, hint)])

@@ -2,7 +2,7 @@
 
 Accepted are the usual output formats of programs: UTF-8, UTF-16 with byte order mark, or Windows-1252; commas, semicolons
 or tabs between the columns, or the separator of a first line `sep=;`; decimal points, or decimal commas throughout; a row
-of units below the names. The settings of a data logger above the names are skipped if they have fewer cells than the table.
+of units below the names. The settings of a data logger above the names are skipped.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Cells = list[tuple[int, list[str]]]
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 SHOWN = 5
+LAST = 20  # rows at the end of a table by which its columns of numbers are recognised
 MOST_KEPT = 50_000_000  # characters of a file that is cached
 # The last column of a saved run: the number of rows that follow. A truncated file does not end with 0.
 ROWS_LEFT = "rows left [1]"
@@ -49,8 +50,9 @@ _WORDS = {"-": "1", "–": "1", "sec": "s", "Sek": "s", "l/min": "L/min", "l": "
 @dataclass(frozen=True, eq=False)
 class TextColumns:
     """A text file as columns: `header` names all; `columns` contains the numeric ones (n,); `lines` (n,) is the line of
-    each row; `units` the row of units below the names; `words` the cells (n,) of the others. `aside` gives for a name of
-    several columns the reason why it is none, and advice."""
+    each row; `units` the row of units below the names; `words` the cells (n,) of columns of text. `aside` gives for a name
+    of several columns the reason why it is none, and advice, `defects` the cells of a column that are not numbers between
+    others that are."""
 
     header: tuple[str, ...]
     lines: NDArray[np.int64]
@@ -60,10 +62,12 @@ class TextColumns:
     units: dict[str, str] = field(default_factory=dict)
     words: dict[str, list[str]] = field(default_factory=dict)
     aside: dict[str, tuple[str, str]] = field(default_factory=dict)
+    defects: dict[str, tuple[Problem, ...]] = field(default_factory=dict)
 
 
 def read_text_columns(path: Path) -> TextColumns:
-    """Read a text file; DataError with all mistakes in it (a column without any number is ignored).
+    """Read a text file; DataError with all mistakes in its rows. Mistakes in the cells of a column are returned with it:
+    they matter only if it is used.
 
     The last few files are cached by their text: a comparison reads a record for its inputs and for its outputs, and a
     diagnosis compares many times."""
@@ -88,7 +92,6 @@ def _columns(path: Path, text: str) -> TextColumns:
     rows = _full_rows(sheet, rows, problems)
     written, why = _with_points(sheet, rows)
     columns = [_numbers([cells[k] for _, cells in written]) for k in range(width)]
-    _report_cells(sheet, rows, [bad for _, bad in columns], why, problems)
     if not sheet.rows:
         problems.add("record-empty", f"'{path.name}' has names but no rows", sheet.place(sheet.header[0], 0))
     problems.raise_as(DataError)
@@ -96,12 +99,15 @@ def _columns(path: Path, text: str) -> TextColumns:
     if names[-1] == ROWS_LEFT:
         check_rows_left(path, columns[-1][0] if columns[-1][0] is not None else np.zeros(0))
     aside = _without_own_name(names)
+    defects = {name: _wrong_cells(sheet, rows, k, bad, why) for k, (name, (_, bad)) in enumerate(
+        zip(names, columns, strict=True)) if bad and name not in aside}
     numbers = {name: values for name, (values, _) in zip(names, columns, strict=True)
-               if values is not None and name not in aside}
+               if values is not None and name not in aside and name not in defects}
     words = {name: [cells[k] for _, cells in rows] for k, name in enumerate(names)
-             if name not in numbers and name not in aside}
+             if name not in numbers and name not in aside and name not in defects}
     lines = np.array([line for line, _ in rows], dtype=np.int64)
-    return TextColumns(names, lines, numbers, text, sheet.separator, dict(zip(names, units, strict=False)), words, aside)
+    return TextColumns(names, lines, numbers, text, sheet.separator, dict(zip(names, units, strict=False)), words, aside,
+                       defects)
 
 
 def check_rows_left(path: Path, left: Array) -> None:
@@ -218,13 +224,30 @@ def _separator(lines: Sequence[str]) -> str:
 
 
 def _settings(rows: Cells) -> int:
-    """Number of rows above the names that are a title or the settings of a data logger: they have fewer cells than the
-    table, whose first row with all cells contains no number."""
+    """Number of rows above the names that are a title or the settings of a data logger.
+
+    The numbers begin with the first row that has a number in a column of numbers, and no text in any of these. The names
+    are the row above them with a text in each of these columns; or the first of several such rows, since the second may
+    be the units. What is above was padded with empty cells, has fewer cells, or has a number itself: it cannot be names.
+    """
     width = len(rows[-1][1])
-    first = next(k for k, (_, cells) in enumerate(rows) if len(cells) == width)
-    named = any(rows[first][1]) and not any(map(_is_written_number, rows[first][1]))
-    below = any(_is_written_number(cell) for _, cells in rows[first + 1:first + 3] for cell in cells)
-    return first if named and below and all(len(cells) < width for _, cells in rows[:first]) else 0
+    last = [cells for _, cells in rows[-max(1, min(LAST, len(rows) // 4)):] if len(cells) == width]
+    numeric = [k for k in range(width) if any(_is_written_number(cells[k]) for cells in last)
+               and all(_is_written_number(cells[k]) or cells[k].lower() in _MISSING for cells in last)]
+
+    def names(k: int) -> bool:
+        cells = rows[k][1]
+        return len(cells) == width and all(cells[n] for n in numeric) and not any(map(_is_written_number, cells))
+
+    def numbers(cells: list[str]) -> bool:
+        return len(cells) == width and any(_is_written_number(cells[k]) for k in numeric) and all(
+            _is_written_number(cells[k]) or cells[k].lower() in _MISSING for k in numeric)
+
+    first = next((k for k, (_, cells) in enumerate(rows) if numbers(cells)), 0)
+    named = next((k for k in reversed(range(first)) if names(k)), 0)
+    while named and names(named - 1):
+        named -= 1
+    return named
 
 
 def _other_separator(sheet: _Sheet) -> str:
@@ -271,10 +294,12 @@ def _without_units_row(sheet: _Sheet, problems: Problems) -> tuple[Cells, list[s
     (line, first), (_, second) = sheet.rows[:2]
     if not any(first) or any(map(_is_written_number, first)) or not any(map(_is_written_number, second)):
         return sheet.rows, []
-    if any(unit_in_file(cell) for cell in first) and all(len(cell) <= _LONGEST_UNIT for cell in first):
+    if any(unit_in_file(cell) for cell in first):
         return sheet.rows[1:], first
-    problems.add("record-units-row", "the row below the names has neither numbers nor units", sheet.place(line, 0),
-                 hint="Put a # in front of this line, or delete it; one row of names is permitted above the numbers.")
+    problems.add("record-units-row", f"line {sheet.header[0]} seems to name the columns, and the row below it has neither "
+                 "numbers nor units", sheet.place(line, 0),
+                 hint="One row of names is permitted above the numbers, and a row of units below it. Put a # in front of "
+                 f"line {line}, or in front of line {sheet.header[0]} if the names are in line {line}.")
     return sheet.rows[1:], []
 
 
@@ -342,12 +367,13 @@ def _numbers(cells: list[str]) -> tuple[Array | None, list[int]]:
     return values, bad
 
 
-def _report_cells(sheet: _Sheet, rows: Cells, bad: list[list[int]], why: str, problems: Problems) -> None:
-    """Report cells that are not numbers; `why` is the reason why decimal commas could not be read."""
-    cells = sorted((row, k) for k, column_rows in enumerate(bad) for row in column_rows)
-    commas = [c for c in cells if _DECIMAL_COMMA.fullmatch(rows[c[0]][1][c[1]])]
-    grouped = [c for c in cells if c not in commas and _GROUPED.fullmatch(rows[c[0]][1][c[1]])]
-    words = [c for c in cells if c not in commas and c not in grouped]
+def _wrong_cells(sheet: _Sheet, rows: Cells, k: int, bad: list[int], why: str) -> tuple[Problem, ...]:
+    """The cells of column k in the rows `bad`, which are not numbers; `why` is the reason why decimal commas could not be
+    read."""
+    problems = Problems()
+    commas = [row for row in bad if _DECIMAL_COMMA.fullmatch(rows[row][1][k])]
+    grouped = [row for row in bad if row not in commas and _GROUPED.fullmatch(rows[row][1][k])]
+    words = [row for row in bad if row not in commas and row not in grouped]
     for rows_wrong, code, what, hint in (
             (commas, "decimal-comma", f"has a decimal comma; {why}",
              "Export the table with decimal points, without separators of thousands."),
@@ -355,8 +381,9 @@ def _report_cells(sheet: _Sheet, rows: Cells, bad: list[list[int]], why: str, pr
             (words, "record-text", "is not a number",
              "Write a number, or empty the cell: a sample that was not taken.")):
         few = [(f"'{rows[row][1][k]}' in column '{sheet.header[1][k]}' {what}", sheet.place(rows[row][0], k))
-               for row, k in rows_wrong[:SHOWN]]
+               for row in rows_wrong[:SHOWN]]
         add_few(problems, code, few, len(rows_wrong), "cells", hint)
+    return tuple(problems.found)
 
 
 def add_few(problems: Problems, code: str, issues: Sequence[tuple[str, Place]], total: int, things: str,
