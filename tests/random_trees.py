@@ -28,6 +28,15 @@ class TreeBody:
     v: float
 
 
+def aligned_tree(n: int, seed: int) -> list[TreeBody]:
+    """A chain of n bodies on hinges at rest, with axes and links along coordinate axes and angles of 0, as robots have."""
+    random = np.random.default_rng(seed)
+    axes = np.eye(3)
+    return [TreeBody(k - 1, True, axes[random.integers(3)], axes[random.integers(3)]*random.uniform(0.1, 1), np.zeros(3),
+                     random.uniform(1, 5), axes[random.integers(3)]*random.uniform(0, 0.5),
+                     np.diag(random.uniform(0.1, 0.18, 3)), 0.0, 0.0) for k in range(n)]
+
+
 def random_tree(n: int, seed: int) -> list[TreeBody]:
     """n bodies, three of four on hinges and the others on guides, each on a body before it."""
     random = np.random.default_rng(seed)

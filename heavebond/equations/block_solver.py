@@ -316,6 +316,9 @@ class BlockSolver:
             c for item in ordered if isinstance(item, _Block) for c in item.torn)})])
         open_entries = ca.which_depends(expressed, unsolved, 1, True)
         values = self._at_random_states(expressed)
+        values = values[:, np.isfinite(values).all(axis=0)]  # a quaternion of zeros, or coinciding points, are no states
+        if values.shape[1] < SAMPLES/2:
+            return
         first = 0
         for block, matrix in zip(loops, matrices, strict=True):
             entries = range(first, first + matrix.nnz())
