@@ -18,6 +18,7 @@ from heavebond.equations.flatten import flatten
 from heavebond.equations.reduce import collapse_rows
 from heavebond.equations.structural_messages import singular
 from heavebond.language.library import library
+from heavebond.numerics.compiled_cvodes import Method
 from heavebond.numerics.quick_simulation import CaseSimulator, FitSimulator, QuickSimulator
 from heavebond.numerics.result import Probe
 from heavebond.numerics.simulator import Simulator
@@ -367,3 +368,36 @@ def test_a_limit_that_is_passed_for_milliseconds_of_an_hour_is_noticed_by_runs_a
         with pytest.raises(SimulationError, match="run-physical"):
             Simulator(hb.assemble(hb.loads(beyond)), times=times).run()
         assert Simulator(hb.assemble(hb.loads(inside)), times=times).run().ended is None
+
+
+# oil at 0.1 bar from which 2 L/min are drawn for 4 ms, and given back after 20 ms: dp/dt = -q beta/V
+SHORT_VACUUM = """
+model: short_vacuum
+parameters: {q: 2 L/min}
+components:
+  pump: {is: FlowSource, u: "=-q*(exp(-((time - 5.03 s)/(2 ms))**2) - exp(-((time - 5.05 s)/(2 ms))**2))"}
+  oil:  {is: Volume, V: 0.1 L, beta: 1.5 GPa}
+nodes: {oil: [pump.a, oil.a]}
+initial: {oil.p: 0.1 bar}
+simulate: {until: 20 s, every: 0.1 s}
+"""
+
+
+@pytest.mark.parametrize("kind", [FitSimulator, QuickSimulator, CaseSimulator])
+@pytest.mark.parametrize("one_step", [False, True])
+def test_compiled_runs_end_at_the_step_that_passes_a_limit_between_their_samples(kind: type[Simulator], one_step: bool
+                                                                                 ) -> None:
+    assembly = hb.assemble(hb.loads(SHORT_VACUUM))
+    probe = {} if kind is CaseSimulator else {"probe": Probe(assembly, ["oil.p"], si=True)}
+    simulator = kind(assembly, **probe)
+    if simulator.driver is None:
+        pytest.skip("the compiled program is not available here")
+    if one_step:
+        simulator.driver.method = Method(True, 1e6)
+    run = simulator.run if kind is CaseSimulator else simulator.measured
+    for _ in range(2):
+        with pytest.raises(SimulationError, match=r"oil.p falls below -1.0132 bar at 5.02\d* s") as failed:
+            run({})
+        assert failed.value.problems[0].code == "run-physical"
+    assert simulator.driver.stats()["nsteps"] < 600  # it ends there: the whole run has more
+    run({"q": 1e-6})  # down to -0.43 bar; nothing is left of the run before

@@ -39,6 +39,7 @@ typedef struct {
   int (*preconditioner)(void *, Setup, Solve);
   int (*jacobian_times)(void *, Times);
   int (*step)(void *, double, N_Vector, double *, int);
+  int (*between)(void *, double, int, N_Vector);
   int (*steps)(void *, long *);
   int (*evaluations)(void *, long *);
   int (*error_failures)(void *, long *);
@@ -89,7 +90,7 @@ struct Sampled;
 
 typedef struct {
   const Sundials *sundials;
-  Tape right, full, signals, looked; /* f; f and g with their Jacobian; s with its Jacobian; indicators of conditions */
+  Tape right, full, signals, looked; /* f; f and g with their Jacobian; s with its Jacobian; see first_limit */
   Pattern slopes, signal_slopes;
   long n, n_z, m, total, n_moving, n_p, n_u, n_signals, n_pieces, restart, n_kinks; /* restart: integration stops at each break */
   const double *breaks, *pieces; /* (n_pieces + 1,), (n_u, n_pieces) by columns */
@@ -109,13 +110,20 @@ typedef struct {
   double *stages;  /* (8, total), of the one-step method */
   long one_step, most_steps, most_evaluations;
   double rtol, atol, longest, step;
+  /* Outputs of `looked` from `first_limit` on, behind the indicators of conditions: how far variables are above their physical
+     limits. A run ends at an accepted step where one is below by more than its grace; `least` of each, with its time, and
+     `most` are noted (3, n_limits) by rows. */
+  long n_limits, first_limit;
+  const double *grace;
+  double *margins, end, at; /* of the run; of the last accepted step of CVODES */
   struct Sampled *sampled; /* null in a run without samples */
 } Problem;
 
 /* The problem that this thread integrates: a linear solver of CVODES is given nothing of it. */
 static _Thread_local Problem *integrating;
 
-enum { BDF = 2, NEWTON = 2, NORMAL = 1, LEFT = 1, BASES = 5, HIGHEST_ORDER = 5, RIGHT_FAILED = -8, NEWTON_STEPS = 20 };
+enum { BDF = 2, NEWTON = 2, NORMAL = 1, LEFT = 1, BASES = 5, HIGHEST_ORDER = 5, RIGHT_FAILED = -8, LIMIT_PASSED = -103,
+       NEWTON_STEPS = 20, ONE_STEP = 2 };
 
 /* Newton's method for z ends with a step of less than this share of 1 + |z| (in scaled unknowns); z is not determined where
    a pivot of g_z is less than this share of its largest entry. */
@@ -334,6 +342,23 @@ static int right(double t, N_Vector given, N_Vector found, void *data) {
   return rates(problem, t, problem->sundials->values(given), problem->sundials->values(found));
 }
 
+/* Test the physical limits at an accepted step; LIMIT_PASSED where a variable is below its limit. */
+static int within(Problem *problem, double t, const double *x) {
+  const double *u = driving(problem, t);
+  long n = problem->n_limits, k;
+  double *least = problem->margins, *when = least + n, *most = when + n;
+  if (!n || (problem->n_z && complete(problem, t, x, u))) return 0;
+  bind(problem, &problem->looked, t, x, u);
+  evaluate(&problem->looked);
+  for (k = 0; k < n; ++k) {
+    double above = VALUE(&problem->looked, problem->first_limit + k);
+    if (above < least[k]) least[k] = above, when[k] = t;
+    if (above > most[k]) most[k] = above;
+    if (above < -problem->grace[k]) return LIMIT_PASSED;
+  }
+  return 0;
+}
+
 static int passed(Problem *problem, double t, double step, const double *x, const double *next, double *const *k);
 
 #include "dormand_prince.c"
@@ -484,6 +509,9 @@ int limit(Problem *problem, double longest) {
   return problem->sundials->longest_step(problem->memory, longest);
 }
 
+/* The states at which the last run ended (total,). */
+double *state(Problem *problem) { return problem->sundials->values(problem->x); }
+
 void finish(Problem *problem) {
   if (problem->memory) problem->sundials->release(&problem->memory);
   if (problem->x) problem->sundials->drop(problem->x);
@@ -523,17 +551,40 @@ static void put(Problem *problem, Tape *tape, const double *p) {
 /* Begin a run at x (total,) with z near (n_z,) and p (n_p,), and write what is wanted of its first stop. */
 int begin(Problem *problem, double t, const double *x, const double *z, const double *p, double *x_out, double *z_out,
           double *signals) {
+  long k;
   int bad;
   memcpy(problem->sundials->values(problem->x), x, problem->total * sizeof(double));
   if (problem->n_z) memcpy(problem->z, z, problem->n_z * sizeof(double));
   put(problem, &problem->right, p);
   put(problem, &problem->full, p);
   put(problem, &problem->signals, p);
+  put(problem, &problem->looked, p);
+  for (k = 0; k < problem->n_limits; ++k)
+    problem->margins[k] = HUGE_VAL, problem->margins[2 * problem->n_limits + k] = -HUGE_VAL;
+  problem->at = t;
   problem->piece = problem->kink = 0;
   memset(problem->noted, 0, sizeof problem->noted);
   problem->step = 0.0;
   bad = note(problem, 0, t, x_out, z_out, signals);
   return bad ? bad : problem->sundials->reinit(problem->memory, t, problem->x);
+}
+
+/* Step by CVODES to a stop, the last one of the run if it is no less than `last`, and test the limits at each step before the
+   end of the run and at this. */
+static int limited_steps(Problem *problem, double stop, double last, double *reached) {
+  const Sundials *s = problem->sundials;
+  double *x = s->values(problem->x);
+  long number;
+  int answer;
+  for (number = 0; problem->at < stop; ++number) {
+    if (number >= problem->most_steps) return *reached = problem->at, TOO_MANY_STEPS;
+    if ((answer = s->step(problem->memory, stop, problem->x, reached, ONE_STEP)) < 0) return answer;
+    problem->at = *reached;
+    if (problem->at < last && (answer = within(problem, problem->at, x))) return answer;
+  }
+  if (problem->at > stop && (answer = s->between(problem->memory, stop, 0, problem->x))) return answer;
+  *reached = stop;
+  return stop < last ? 0 : within(problem, stop, x);
 }
 
 /* Go on to stops[1 ... number], from stops[0], where the run stands; `first` is the number of the interval that begins there.
@@ -563,7 +614,9 @@ int advance(Problem *problem, long number, const double *stops, long first, doub
       if ((answer = s->stop_time(problem->memory, problem->kink < problem->n_kinks ? problem->kinks[problem->kink] : NEVER)))
         return answer;
     }
-    answer = s->step(problem->memory, stops[k + 1], problem->x, reached, NORMAL);
+    if (problem->restart || at_kink) problem->at = stops[k];
+    answer = problem->n_limits ? limited_steps(problem, stops[k + 1], problem->end, reached)
+                               : s->step(problem->memory, stops[k + 1], problem->x, reached, NORMAL);
     if (problem->restart || k + 1 == number || answer < 0 || problem->n_kinks) {
       /* counts begin anew with each start */
       long *noted = problem->noted, anew = problem->restart || at_kink, now[3], i;

@@ -69,6 +69,10 @@ static int explicit_steps(Problem *problem, double t, double end, int known, dou
     ++counts[0];
     if (problem->sampled && (bad = passed(problem, t, step, x, next, k))) return *reached = t, bad;
     t = last ? end : t + step;
+    if (problem->n_limits && (bad = within(problem, t, next))) {
+      memcpy(x, next, total * sizeof(double));
+      return *reached = t, bad;
+    }
     memcpy(x, next, total * sizeof(double));
     memcpy(k[0], k[STAGES - 1], total * sizeof(double));
   }

@@ -10,7 +10,7 @@
    are counted, the one-step method takes over; where it takes more than `CHEAPER` times as many in an interval, CVODES makes
    that interval again and some more, twice as many each time. */
 
-enum { ALL_DONE = 0, NOT_QUIET = 1, BUFFER_FULL = 2, HANDED_OVER = -102, ONE_STEP = 2, TRIAL = 8, LONGEST_TRIAL = 4096, PARTS = 32,
+enum { ALL_DONE = 0, NOT_QUIET = 1, BUFFER_FULL = 2, HANDED_OVER = -102, TRIAL = 8, LONGEST_TRIAL = 4096, PARTS = 32,
        INNER_FROM = 2, INNER = 2 };
 
 static const double CHEAPER = 1.5;

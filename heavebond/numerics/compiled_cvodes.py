@@ -86,12 +86,14 @@ END = len(OPERATIONS)
 FUNCTIONS = (
     "CVodeCreate", "CVodeInit", "CVodeReInit", "CVodeSStolerances", "CVodeSetUserData", "CVodeSetMaxNumSteps",
     "CVodeSetMaxStep", "CVodeSetStopTime", "CVodeSetErrHandlerFn", "CVSpgmr", "CVSpilsSetPreconditioner",
-    "CVSpilsSetJacTimesVecFn", "CVode", "CVodeGetNumSteps", "CVodeGetNumRhsEvals", "CVodeGetNumErrTestFails", "CVodeFree",
+    "CVSpilsSetJacTimesVecFn", "CVode", "CVodeGetDky", "CVodeGetNumSteps", "CVodeGetNumRhsEvals", "CVodeGetNumErrTestFails",
+    "CVodeFree",
     "N_VNew_Serial", "N_VGetArrayPointer", "N_VDestroy_Serial")
 MESSAGES = {-1: "mxstep steps taken before reaching tout", -2: "too much accuracy was asked for",
             -3: "error test failures occurred too many times", -4: "convergence test failures occurred too many times",
             -8: "the right-hand side failed", -9: "the right-hand side failed at the first call",
             -10: "the right-hand side failed repeatedly", -101: "the one-step method took too many evaluations"}
+LIMIT_PASSED = -103
 _Pointer = ctypes.c_void_p
 
 
@@ -116,7 +118,9 @@ class _Problem(ctypes.Structure):
                                                 "by_x", "loop_pivots", "memory", "x", "newton")),
                 ("factored", ctypes.c_double), ("stages", _Pointer),
                 *((name, ctypes.c_long) for name in ("one_step", "most_steps", "most_evaluations")),
-                *((name, ctypes.c_double) for name in ("rtol", "atol", "longest", "step")), ("sampled", _Pointer)]
+                *((name, ctypes.c_double) for name in ("rtol", "atol", "longest", "step")),
+                ("n_limits", ctypes.c_long), ("first_limit", ctypes.c_long), ("grace", _Pointer), ("margins", _Pointer),
+                ("end", ctypes.c_double), ("at", ctypes.c_double), ("sampled", _Pointer)]
 
 
 class Equations:
@@ -174,6 +178,15 @@ class Equations:
                     self.compilation = _Compilation(*self.expressions)
             elif compiled_functions := self.compilation.functions():
                 self.functions = compiled_functions
+
+
+class LimitReached(Exception):
+    """A run ended at the time `t` because a variable is below its physical limit, with scaled states x (n,) and algebraic
+    unknowns z (n_z,)."""
+
+    def __init__(self, t: float, x: Array, z: Array):
+        super().__init__()
+        self.t, self.x, self.z = t, x, z
 
 
 class NotCompiled(Exception):
@@ -235,9 +248,11 @@ class CompiledCvodes:
 
     def __init__(self, equations: Equations, m: int, stops: Array, tolerances: Tolerances, most_steps: int,
                  driving: Driving | None = None, longest: float = 0.0, method: Method | None = CVODES,
-                 compiled: _Program | None = None):
-        """Steps are no longer than `longest` (s) if it is above 0. Without a `method` the first run decides. `compiled`
-        is the program, by default the one that passed the self-test (see `program`)."""
+                 graces: Array | None = None, compiled: _Program | None = None):
+        """Steps are no longer than `longest` (s) if it is above 0. Without a `method` the first run decides. The last
+        values `looked` of the equations are distances of variables from their physical limits: a run ends (LimitReached) at
+        an accepted step where one is below its limit by more than its grace (k,). `compiled` is the program, by default the
+        one that passed the self-test (see `program`)."""
         compiled = compiled or program()
         assert compiled is not None
         self._program, self._stops, self.equations = compiled, np.ascontiguousarray(stops, float), equations
@@ -250,18 +265,25 @@ class CompiledCvodes:
         self._directions = np.zeros((max(m, 1), len(equations.moving)))
         work = [np.zeros(n_z), np.zeros(n_z * m), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n, np.int32),
                 np.zeros((n_z, n_z)), np.zeros(n_z), np.zeros((n, n_z)), np.zeros(n_z, np.int32)]
+        self._z = work[0]
         stages = np.zeros((STAGES + 1, self._total))
         self._counts = np.zeros(3, np.int64)
+        graces = np.zeros(0) if graces is None else np.ascontiguousarray(graces, float)
+        # of the last run: the least distances from the limits, their times, and the largest distances
+        self.margins = np.zeros((3, len(graces)))
         # what C points to must live as long as this does
         self._functions, slots = equations.functions, equations.slots()
-        self._kept = references = [*columns, *work, stages, *slots, self._directions, equations, self._functions]
+        self._kept = references = [*columns, *work, stages, graces, self.margins, *slots, self._directions, equations,
+                                   self._functions]
         n_u = driving.pieces.shape[0]
         assert n_u == 0 or len(columns[2]) == len(stops)  # C reads so many
         self._problem = _Problem(
             ctypes.cast(compiled.sundials, _Pointer), *equations.structures(slots), *equations.jacobians(), n, n_z, m,
             self._total, len(equations.moving), equations.n_p, n_u, equations.n_signals, len(columns[1]), driving.restarts,
             len(driving.kinks), *map(_address, columns), _address(self._directions), 0, 0, (0, 0, 0),
-            *map(_address, work), None, None, None, 0.0, _address(stages), 0, 0, 0, 0.0, 0.0, 0.0, 0.0, None)
+            *map(_address, work), None, None, None, 0.0, _address(stages), 0, 0, 0, 0.0, 0.0, 0.0, 0.0,
+            len(graces), len(self._functions[3].out) - len(graces), _address(graces), _address(self.margins),
+            self._stops[-1], 0.0, None)
         answer = compiled.library.prepare(
             ctypes.byref(self._problem), self._stops[0], tolerances.rtol, tolerances.atol, most_steps, longest,
             compiled.direct)
@@ -332,6 +354,10 @@ class CompiledCvodes:
                     reported = first + 1
         finally:
             equations.spent(int(self._counts[1]), bool(m or equations.n_z))
+        if answer == LIMIT_PASSED:
+            n = equations.n
+            ended = ctypes.cast(library.state(at), ctypes.POINTER(ctypes.c_double))
+            raise LimitReached(reached.value, np.array(ended[:n]), self._z.copy())
         if answer:
             raise RuntimeError(f"At t = {reached.value:.17g}, {MESSAGES.get(answer, f'CVODES answered {answer}')}")
         return Integrated(x.T, z.T, signals.reshape(N, 1 + m, equations.n_signals))
@@ -494,6 +520,7 @@ class _Program:
         library.begin.argtypes = [_Pointer, number, *[_Pointer] * 6]
         library.advance.argtypes = [_Pointer, whole, _Pointer, whole, *[_Pointer] * 5]
         library.limit.argtypes = [_Pointer, number]
+        library.state.argtypes, library.state.restype = [_Pointer], _Pointer
         library.place.argtypes, library.place.restype = [_Pointer] * 5, None
         library.sample.argtypes = [_Pointer, number, whole, *[_Pointer] * 13]
         library.finish.argtypes = [_Pointer]

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +14,7 @@ from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError, listing
 from heavebond.core.presentation import readable
 from heavebond.equations.resolver import Unknown
+from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.run_verdict import Verdict
@@ -39,13 +41,19 @@ class LimitPassed(SimulationError):
 
 @dataclass(frozen=True)
 class Limited:
-    """The variables of an assembly with a physical limit (k,): `limits` and the rows of the states among them; `probe`
-    evaluates those that are not states, in the same order."""
+    """The variables of an assembly with a physical limit (k,): `limits`, the distances from these as expressions, `margins`,
+    and the rows of the states among them; `probe` evaluates those that are not states, in the same order."""
 
     unknowns: tuple[Unknown, ...]
     limits: Array
+    margins: ca.SX
     states: dict[int, int]
     probe: Probe
+
+    @property
+    def graces(self) -> Array:
+        """How far each variable may be below its limit in any run (k,)."""
+        return np.array([physical_grace(u, np.inf) for u in self.unknowns])
 
     def values(self, result: Result) -> Array:
         """Their values along a run (k, N)."""
@@ -66,7 +74,8 @@ def limited(assembly: Assembly) -> Limited:
         chosen = [j for j, u in enumerate(flat.unknowns) if np.isfinite(u.plausible.least)]
         row = {j: k for k, (j, order) in enumerate(assembly.reduced.states) if order == 0}
         unknowns = tuple(flat.unknowns[j] for j in chosen)
-        return Limited(unknowns, np.array([u.plausible.least for u in unknowns]),
+        limits = np.array([u.plausible.least for u in unknowns])
+        return Limited(unknowns, limits, assembly.express(stack(flat.levels[0][j] for j in chosen)) - ca.SX(ca.DM(limits)),
                        {k: row[j] for k, j in enumerate(chosen) if j in row},
                        Probe(assembly, [flat.unknowns[j].name for j in chosen if j not in row], si=True))
 
@@ -100,6 +109,15 @@ def check_limits(result: Result, whole: Result | None = None) -> None:
     before = int(np.searchsorted(result.time, points.time[n]))
     raise LimitPassed([Verdict((violation,)).problem], result=replace(result.first(max(before, 1)), ended=violation),
                       bracket=(float(points.time[max(n - 1, 0)]), float(points.time[n])))
+
+
+def check_margins(of: Limited, margins: Array, begin: float) -> None:
+    """LimitPassed where a variable fell below its physical limit between the points of a run: `margins` are the least
+    distances from the limits, their times after `begin`, and the largest distances (3, k)."""
+    for u, limit, (least, time, most) in zip(of.unknowns, of.limits.tolist(), margins.T.tolist(), strict=True):
+        if least < -physical_grace(u, most):
+            raise LimitPassed([Verdict((finding_of("physical", u, begin + time, least + limit, limit,
+                                                   u.plausible.beyond),)).problem])
 
 
 def _drawing_part(points: Result, n: int, u: Unknown) -> str:

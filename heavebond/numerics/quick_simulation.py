@@ -16,7 +16,8 @@ used instead, which needs one or two steps.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -34,13 +35,14 @@ from heavebond.numerics.compiled_cvodes import (
     Driving,
     Equations,
     Integrated,
+    LimitReached,
     Watch,
     scaled_equations,
 )
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.idas import in_unit_of_time, time_unit
 from heavebond.numerics.initialise import Start, Tangent, renamed_start
-from heavebond.numerics.physical_limits import check_limits, limited
+from heavebond.numerics.physical_limits import check_limits, check_margins, limited
 from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulator import Simulator
 from heavebond.numerics.solvers import CVODES_SHARE, Choice, Integrator, integrator, solver_options
@@ -131,7 +133,8 @@ class Unexplained(Simulator):
         # a candidate gets would depend on what was made before
         key = ("compiled", self.probe.names if self.probe is not None else (), moving, self.begin)
         return assembly.once(key, lambda: scaled_equations(
-            assembly, ca.SX(0, 1) if self.probe is None else self.probe.signals, moving, self.begin))
+            assembly, ca.SX(0, 1) if self.probe is None else self.probe.signals, moving, self.begin,
+            looked=limited(assembly).margins))
 
     def _differentiated(self, assembly: Assembly) -> list[int]:
         """The parameters (indices) by which the compiled program's list has derivatives."""
@@ -151,7 +154,8 @@ class Unexplained(Simulator):
         tolerances = self.tolerances.scaled(self.share)
         self.driver = CompiledCvodes(self.equations, len(self.sensitivities), self.stops - self.begin, tolerances,
                                      self.most_steps, self._driving(), self._longest(),
-                                     self.method if self.driver is None else self.driver.method)
+                                     self.method if self.driver is None else self.driver.method,
+                                     limited(self.assembly).graces)
 
     def _integrator(self) -> Integrator:
         name = "idas" if self.equations is not None else self.solver.name
@@ -224,8 +228,7 @@ class Unexplained(Simulator):
             watch(int(begin), signals[self._keep[begin:end] - first_new].T)
 
         try:
-            limits = bool(limited(self.assembly).unknowns)
-            whole = self._compiled(self.driver, first, start_tangent, limits or not self._measured, watch and at_outputs)
+            whole = self._compiled(self.driver, first, start_tangent, not self._measured, watch and at_outputs)
             self._whole, self._measured = None if self._measured else whole, True
         except RuntimeError as error:
             check()
@@ -235,11 +238,6 @@ class Unexplained(Simulator):
         signals_at_outputs = whole.signals[self._keep]
         if not np.all(np.isfinite(signals_at_outputs)):
             raise self._failure(self.assembly, first, "a value became infinite or not a number")
-        if limits:
-            n_x, n_z = len(first.x), len(first.z)
-            check_limits(Result(self.assembly, self.stops, whole.x[:n_x] * self.assembly.x_nominal[:, None],
-                                whole.z[:n_z] * self.assembly.z_nominal[:, None], self.pieces.at(self.stops),
-                                first.p, first))
         return signals_at_outputs
 
     def _compiled(self, driver: CompiledCvodes, first: Start, start_tangent: Tangent | None, states: bool,
@@ -249,7 +247,22 @@ class Unexplained(Simulator):
         directions = self.along if start_tangent is None else start_tangent.p
         if start_tangent is not None:
             x0 = np.concatenate([x0, (start_tangent.x / nominal).T.ravel()])
-        return driver.run(x0, first.z / self.assembly.z_nominal, first.p, directions, states, watch)
+        with self._limits(first):
+            return driver.run(x0, first.z / self.assembly.z_nominal, first.p, directions, states, watch)
+
+    @contextmanager
+    def _limits(self, first: Start) -> Iterator[None]:
+        """Raise LimitPassed if a variable falls below its physical limit at a step of the compiled program."""
+        assembly, driver = self.assembly, self.driver
+        assert driver is not None
+        try:
+            yield
+        except LimitReached as at:
+            t = np.array([self.begin + at.t])
+            check_limits(Result(assembly, t, (at.x[:len(first.x)] * assembly.x_nominal)[:, None],
+                                (at.z * assembly.z_nominal)[:, None], self.pieces.at(t), first.p, first))
+            raise
+        check_margins(limited(assembly), driver.margins, self.begin)
 
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         if self.driver is None:
@@ -308,7 +321,7 @@ class CaseSimulator(Unexplained):
                 or compiled_cvodes.program() is None:
             return None
         return scaled_equations(assembly, ca.SX(0, 1), (), self.begin, self.quadratures,
-                                None if self.factors is None else self.factors.symbols)
+                                None if self.factors is None else self.factors.symbols, limited(assembly).margins)
 
     def _take_sizes(self, sizes: Mapping[str, float]) -> None:
         super()._take_sizes(sizes)
@@ -338,7 +351,8 @@ class CaseSimulator(Unexplained):
         n = len(first.x)
         x0 = np.append(first.x / self.assembly.x_nominal, np.zeros(self.integrals))
         p = first.p if self.factors is None else np.concatenate([first.p, self.factors.values])
-        integrated = self.driver.run(x0, first.z / self.assembly.z_nominal, p, np.zeros((len(p), 0)))
+        with self._limits(first):
+            integrated = self.driver.run(x0, first.z / self.assembly.z_nominal, p, np.zeros((len(p), 0)))
         trace = self._trace(integrated.x[:n] * self.assembly.x_nominal[:, None], integrated.z * self.assembly.z_nominal[:,
                                                                                                                         None],
                             integrated.x[n:], dict(self.driver.stats()))
