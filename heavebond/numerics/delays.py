@@ -43,7 +43,15 @@ class DelayConstants:
         error of the integrator. Doubled: slightly longer pieces.
     parts: samples and pieces of one window, at most: a shorter window resolves a short transient in the history. Origin:
         memory of a call. Doubled: fewer windows.
+    scatter: difference of a sample from a smooth curve, over the error of a piece. Origin: samples have the error of the
+        integrator, and what a stencil makes of it. Doubled: pieces follow short motions with twice the error.
+    piece_samples: samples of the history at which a piece is compared with it, at most. Origin: a piece of six coefficients
+        follows a few samples of a motion, and short motions have most of the samples. Doubled: twice the time.
+    refinements: halvings of an interval between two points of the integrator, in which a source changes more than its
+        samples show. Origin: an interval contains at most one motion of a function of time. Doubled: rounding of time.
     halvings: halvings of a piece, at most. Origin: rounding of time. Doubled: nothing.
+    shortest: length of a piece, or of an interval between two samples, at least, in units of `same_instant`. Origin:
+        rounding of time. Doubled: nothing.
     max_windows: windows of a run, at most. Origin: some minutes. Doubled: shorter delays are possible.
     beside: distance from a discontinuity at which sources are evaluated on both sides, in units of `same_instant`. Origin: a
         function of time has its value on the other side at the instant itself. Doubled: nothing.
@@ -55,7 +63,11 @@ class DelayConstants:
     apart: float = 0.25
     tolerance: float = 0.1
     parts: int = 1024
+    scatter: float = 50.0
+    piece_samples: int = 64
+    refinements: int = 12
     halvings: int = 30
+    shortest: float = 8.0
     max_windows: int = 1_000_000
     beside: float = 4.0
 
@@ -99,6 +111,13 @@ class Stretch:
             self._values = np.concatenate([self._values, np.zeros_like(self._values)])
         self._times[self.number:end], self._values[self.number:end] = times, values.T
         self.number = end
+
+    def insert(self, times: Array, values: Array) -> None:
+        """Add samples (n,) and (rows, n) between those that are there."""
+        order = np.argsort(np.concatenate([self.times, times]), kind="stable")
+        all_times, all_values = np.concatenate([self.times, times])[order], np.vstack([self.values, values.T])[order]
+        self.number = 0
+        self.add(all_times, all_values.T)
 
     def at(self, times: Array, rows: NDArray[np.intp]) -> Array:
         """Some rows at times (n,), interpolated: (rows, n). The integrator begins each call with short steps: the stencil
@@ -209,9 +228,13 @@ class Delays:
                                     ).reshape(self.n, n))
         return np.vstack(samples)
 
-    def sample(self, times: Array, values: Array) -> None:
-        """Add samples (n (1 + m), N) to the present stretch; one at its last time takes the place of the last."""
+    def sample(self, times: Array, values: Array, beside: float = 0.0) -> None:
+        """Add samples (n (1 + m), N) to the present stretch; one at its last time takes the place of the last. The values
+        are those at times so much later, `beside`: just before or after a discontinuity."""
         stretch = self.stretches[-1]
+        if beside < 0 and stretch.number > 1 and stretch.times[-2] < times[0] + beside - self.same:
+            stretch.number -= int(stretch.times[-1] >= times[0] - self.same)
+        times = times + beside
         last = stretch.times[-1] if stretch.number else -np.inf
         new = times > last + self.same
         for k in np.flatnonzero(np.abs(times - last) <= self.same).tolist():
@@ -219,6 +242,20 @@ class Delays:
         if new.any():
             stretch.add(times[new], values[:, new])
             self.largest = np.maximum(self.largest, np.abs(values[:, new]).max(axis=1))
+
+    def coarse(self, times: Array, values: Array) -> NDArray[np.bool_]:
+        """At which of the times (n,) the history, interpolated between its samples, differs from these values of the sources
+        and their sensitivities (n (1 + m), n)."""
+        stretch, differs = self.stretches[-1], np.zeros(len(times), bool)
+        for k, rows in enumerate(self._rows):
+            error = np.abs(stretch.at(times, rows) - values[rows])
+            differs |= (error > DELAYS.scatter * self._allowed(k)[:, None]).any(axis=0)
+        return differs
+
+    def insert(self, times: Array, values: Array) -> None:
+        """Add samples (n (1 + m), N) between those of the present stretch."""
+        self.stretches[-1].insert(times, values)
+        self.largest = np.maximum(self.largest, np.abs(values).max(axis=1))
 
     def cut(self, t: float, sensitivity: Array) -> None:
         """A discontinuity at a time, whose sensitivity is `sensitivity` (m,): a new stretch begins."""
@@ -329,7 +366,7 @@ class Delays:
         while waiting:
             a, b, depth = waiting.pop()
             column, error = self._piece(k, a, b)
-            if depth < DELAYS.halvings and np.any(error > allowed) and (b - a) > 8 * self.same:
+            if depth < DELAYS.halvings and np.any(error > allowed) and (b - a) > DELAYS.shortest * self.same:
                 waiting += [((a + b) / 2, b, depth + 1), (a, (a + b) / 2, depth + 1)]
             else:
                 fitted.append((a, b, column))
@@ -337,12 +374,20 @@ class Delays:
 
     def _piece(self, k: int, a: float, b: float) -> tuple[Array, Array]:
         """The column of a piece, v, t_0, r, then the coefficients of the variable and of its sensitivities; and the errors
-        (1 + m,) of the interpolation."""
+        (1 + m,) of the interpolation, also at the samples of the history, between which a short motion may lie."""
         middle, half, length = (a + b) / 2, (b - a) / 2, float(self.lengths[k])
         at = middle - length + half * np.concatenate([_NODES, _BETWEEN])
         values = self._history(k, at)
         terms = values[:, :DELAY_TERMS] @ _TO_TERMS.T
         error = np.abs(terms @ _CHECKED.T - values[:, DELAY_TERMS:]).max(axis=1)
+        stretches = slice(max(bisect_right(self.starts, a - length) - 1, 0), bisect_left(self.starts, b - length))
+        for stretch in self.stretches[stretches]:
+            first, last = np.searchsorted(stretch.times, (a - length, b - length))
+            if last > first:
+                chosen = np.linspace(first, last - 1, min(last - first, DELAYS.piece_samples)).astype(int)
+                powers = np.vander((stretch.times[chosen] - middle + length) / half, DELAY_TERMS, increasing=True)
+                samples = stretch.values[np.ix_(chosen, self._rows[k])].T
+                error = np.maximum(error, np.abs(terms @ powers.T - samples).max(axis=1) / DELAYS.scatter)
         slope = np.append(terms[0, 1:] * np.arange(1, DELAY_TERMS), 0.0) / half
         terms[1:] -= self.moved[k][:, None] * slope
         return np.concatenate([[1.0, middle, 1 / half], terms.ravel()]), error

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError, either
 from heavebond.numerics.dae import DELAY_ROWS, Array, Integrand
-from heavebond.numerics.delays import DELAYS, Delays, Return
+from heavebond.numerics.delays import DELAYS, Delays, Return, Stretch
 from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.initialise import Start, Tangent
@@ -327,13 +327,44 @@ class EventIntegration:
 
     def _sample(self, state: EventState, times: Array, y: Array, z: Array, beside: float = 0.0) -> None:
         """Add points (n,) to the history of the delays; functions of time are taken so much later."""
-        if self.delays is None or not len(times):
+        if self.delays is not None and len(times):
+            self.delays.sample(times, self._sources(state, times, y, z, beside), beside)
+
+    def _sample_call(self, state: EventState, times: Array, y: Array, z: Array) -> None:
+        """Add the points (n,) of a call of the integrator to the history of the delays. Where a source changes more between
+        two points than the history shows, such as a short function of time that no state follows, samples between them
+        are added; the states there are interpolated."""
+        delays, n = self.delays, len(times)
+        if delays is None or not n:
             return
+        self._sample(state, times, y, z)
+        course = Stretch()
+        first, then = np.concatenate([state.y, state.z]), np.vstack([y, z])[:, :n]
+        course.add(np.append(state.t, times), np.column_stack([first, then]))
+        begins, ends, rows = course.times[:-1], course.times[1:], np.arange(len(state.y) + len(state.z))
+        for _ in range(DELAYS.refinements):
+            wide = ends - begins > DELAYS.shortest * self.same
+            begins, ends = begins[wide], ends[wide]
+            middle = (begins + ends) / 2
+            if not len(middle):
+                return
+            states = course.at(middle, rows)
+            values = self._sources(state, middle, states[:len(state.y)], states[len(state.y):])
+            coarse = delays.coarse(middle, values)
+            if not coarse.any():
+                return
+            delays.insert(middle[coarse], values[:, coarse])
+            begins, ends = (np.concatenate([first[coarse], then[coarse]])
+                            for first, then in ((begins, middle), (middle, ends)))
+
+    def _sources(self, state: EventState, times: Array, y: Array, z: Array, beside: float = 0.0) -> Array:
+        """The sources of the delays and their sensitivities (rows, n) at points."""
+        assert self.delays is not None
         assembly, n, driven = state.frame.assembly, len(times), self._driven(times)
         x, z = (np.einsum("bin,i->ibn", values[:len(size) * state.blocks, :n].reshape(state.blocks, len(size), n), size)
                 for values, size in ((y, assembly.x_nominal), (z, assembly.z_nominal)))
-        self.delays.sample(times, self.delays.values(assembly, times + beside, x, z, state.p, state.dp, driven.u,
-                                                     driven.along.transpose(1, 0, 2)))
+        return self.delays.values(assembly, times + beside, x, z, state.p, state.dp, driven.u,
+                                  driven.along.transpose(1, 0, 2))
 
     def _until(self, state: EventState, limit: float, record: Record) -> EventState:
         """Integrate to a time through the events of conditions on the way, and record the points."""
@@ -358,12 +389,12 @@ class EventIntegration:
             event = self._first_event(state, times[:reached], y[:, :reached], z[:, :reached], record)
             if event is not None:
                 record.write(state, times[:event[0]], y, z)
-                self._sample(state, times[:event[0]], y, z)
+                self._sample_call(state, times[:event[0]], y, z)
                 state, halvings = self._happen(event[1], event[2], event[3], record, condition=True), 0
                 ahead.restart(self.changes)
                 continue
             self._passed(state, looks, reached, y, z, record, record.steps - steps)
-            self._sample(state, times[:reached], y, z)
+            self._sample_call(state, times[:reached], y, z)
             if not halvings and reached == len(times):
                 ahead.accept(state.t, looks, record.steps - steps)
             else:
