@@ -20,7 +20,7 @@ import pytest
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.writable import confined, make_folder, new_file, write_text
 from heavebond.studio import tab as tabs
-from heavebond.studio.folder import MARKER, STALE, Folder, version
+from heavebond.studio.folder import MARKER, STALE, Folder, _mark, version
 from heavebond.studio.page_safety import Guard
 from heavebond.studio.record_upload import store
 from heavebond.studio.tab import Tab
@@ -234,6 +234,28 @@ def test_a_lock_file_of_a_studio_that_ended_is_removed_and_that_of_another_one_r
     os.utime(marker, (time.time() - 2*STALE, time.time() - 2*STALE))
     folder.save("car.yaml", "model: later\n", base)
     assert folder.read("car.yaml").text == "model: later\n" and not marker.exists()
+
+
+def test_of_two_studios_that_wait_for_a_lock_file_left_behind_one_removes_it(folder: Folder, monkeypatch: pytest.MonkeyPatch
+                                                                             ) -> None:
+    """The other one comes between the look at the old file and its removal, and has its own file then."""
+    monkeypatch.setattr("heavebond.studio.folder.LOCKED", 0.1)
+    marker, other_came, stat = folder.root / MARKER, [], os.stat
+    marker.touch()
+    os.utime(marker, (time.time() - 2*STALE, time.time() - 2*STALE))
+
+    def looked(path: object, **named: object) -> os.stat_result:
+        found = stat(path, **named)  # type: ignore[arg-type]
+        if not other_came and str(path) == str(marker):
+            other_came.append(True)
+            _mark(-1, folder.root / "car.yaml")
+        return found
+
+    monkeypatch.setattr("heavebond.studio.folder.os.stat", looked)
+    with pytest.raises(UsageError, match="another studio is saving"):
+        _mark(-1, folder.root / "car.yaml")
+    assert other_came and time.time() - stat(marker).st_mtime < STALE
+    assert [file.name for file in folder.root.iterdir() if file.name.startswith(MARKER)] == [MARKER]
 
 
 # -- requests ------------------------------------------------------------------------------------------------------------

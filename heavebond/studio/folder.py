@@ -304,11 +304,26 @@ def _mark(folder: int, path: Path) -> None:
             os.close(os.open(marker, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK, 0o666, **at))
             return
         except FileExistsError:
-            with suppress(OSError):  # it was removed meanwhile
-                if time.time() - os.stat(marker, follow_symlinks=False, **at).st_mtime > STALE:
-                    os.unlink(marker, **at)
-                    continue
-            _wait(until, path)
+            if not _remove_stale(marker, at):
+                _wait(until, path)
+
+
+def _remove_stale(marker: str | Path, at: dict[str, int]) -> bool:
+    """Remove a lock file older than STALE; whether it was removed. One of several processes that wait may do so, after it
+    has created a second file, named after the time of the first: else another one would remove the next lock file."""
+    with suppress(OSError):  # it was removed meanwhile
+        left = os.stat(marker, follow_symlinks=False, **at).st_mtime_ns
+        if time.time() - left / 1e9 <= STALE:
+            return False
+        guard = f"{marker}.{left}"
+        os.close(os.open(guard, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK, 0o666, **at))
+        try:
+            if os.stat(marker, follow_symlinks=False, **at).st_mtime_ns == left:
+                os.unlink(marker, **at)
+                return True
+        finally:
+            os.unlink(guard, **at)
+    return False
 
 
 def _marker(folder: int, path: Path) -> tuple[str | Path, dict[str, int]]:
