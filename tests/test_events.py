@@ -11,6 +11,7 @@ import pytest
 from diagrams import BALL, FLOOR, PEAKS
 
 import heavebond as hb
+from heavebond.core.errors import RunWarning
 from heavebond.energy_audit.audit import energy as audit
 from heavebond.estimation.experiment import load_experiment
 from heavebond.estimation.fitting import fit
@@ -645,3 +646,44 @@ simulate: {until: 1 s}
     assert found.value == pytest.approx(2 * 60e3, rel=0.02)  # of 99 half periods
     assert "Relay" in found.advice
     assert not hb.simulate(hb.loads(text.replace("F", "10 kHz"))).verdict.findings
+
+
+# x'' = -1 above x = b and +1 below, from x = 1 at rest; with s = sqrt(2 (1 - b)), x(3) = b - s (3 - s) + (3 - s)**2/2
+TURNING = """
+model: turning
+parameters: {{b: 0.1 m}}
+components:
+  mass:  {{is: Mass, m: 1 kg}}
+  push:  {{is: ForceSource, u: "{force}"}}
+  {more}
+nodes: {{body: [mass.a, push.a]}}
+initial: {{body.x: 1 m, body.v: 0 m/s}}
+simulate: {{until: 3 s, every: 10 ms}}
+"""
+
+
+@pytest.mark.parametrize("force", ["=if_else(body.x > b, -1 N, 1 N)", "=-1 N*sign(body.x - b)",
+                                   "=if_else(body.x <= b, 1 N, if_else(body.x < 9 m, -1 N, 0 N))"])
+def test_sensitivities_past_a_jump_at_a_condition_of_a_state_are_not_given_without_a_warning(force):
+    run_of = hb.loads(TURNING.format(force=force, more=""))
+    with pytest.warns(RunWarning, match=r"the sensitivities lack the jump of push at 1.34\d s"):
+        run = hb.simulate(run_of, sensitivities=["b"])
+    assert [(f.kind, f.failed) for f in run.verdict.findings] == [("jump", False)]
+    s = np.sqrt(1.8)
+    assert run["body.x"][-1] == pytest.approx(0.1 - s*(3 - s) + (3 - s)**2/2, abs=1e-6)
+    assert not hb.simulate(run_of).verdict.findings
+
+
+def test_sensitivities_past_a_switch_on_a_state_are_those_of_the_closed_form():
+    more = 'side: {{is: Switch, u: "=body.x - b", u_1: -1 N, u_2: 1 N}}'.replace("{{", "{").replace("}}", "}")
+    run = hb.simulate(hb.loads(TURNING.format(force="=side.y", more=more)), sensitivities=["b"])
+    s = np.sqrt(1.8)
+    by_s = -3 + 2*s - (3 - s)  # and ds/db = -1/s
+    assert run.verdict.findings == () and run.sensitivity("body.x", "b")[-1] == pytest.approx(1 - by_s/s, rel=1e-3)
+
+
+def test_kinks_of_a_state_do_not_warn():
+    for force in ("=-2 N/m*max(body.x - b, 0 m)", "=if_else(body.x > b, -2 N/m*(body.x - b), 0 N)",
+                  "=-abs(body.x - b)*1 N/m"):
+        run = hb.simulate(hb.loads(TURNING.format(force=force, more="")), sensitivities=["b"])
+        assert run.verdict.findings == ()

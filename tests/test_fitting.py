@@ -335,3 +335,27 @@ def test_a_logarithm_does_not_lead_beyond_a_bound(end: float) -> None:
         column = Column(Free("k", Range(low, high, unit), place), "", end, "1")
         assert column.outer(column.inner(end)) == end
     assert Column(Free("k", Range(1.0, 9.0, unit), place), "", 2.0, "1").outer(0.5) == pytest.approx(np.exp(0.5))
+
+
+def test_a_fit_past_a_jump_that_is_no_event_says_that_its_derivatives_lack_it(tmp_path: Path) -> None:
+    """x'' = -1 above x = b and 1 below; by a Switch the fit finds b, by `if_else` it does not."""
+    def experiment(force: str, more: str = "") -> Path:
+        (tmp_path / "m.yaml").write_text(
+            "model: m\nparameters: {b: 0.1 m}\ncomponents:\n  mass: {is: Mass, m: 1 kg}\n"
+            f"  push: {{is: ForceSource, u: \"{force}\"}}\n{more}nodes: {{body: [mass.a, push.a]}}\n"
+            "initial: {body.x: 1 m, body.v: 0 m/s}\nsimulate: {until: 3 s, every: 10 ms}\n", encoding="utf-8")
+        (tmp_path / "e.yaml").write_text(
+            "experiment: e\nmodel: m.yaml\nrecords: {a: {file: a.csv, use: fit}}\ntime: {column: t, unit: s}\n"
+            "outputs: {body.x: {column: x, unit: m, noise: 1 mm}}\nfree: {b: -0.5 .. 0.8 m}\n", encoding="utf-8")
+        return tmp_path / "e.yaml"
+
+    t, b = np.linspace(0, 3, 301), 0.25
+    turn = np.sqrt(2 * (1 - b))
+    x = np.where(t < turn, 1 - t**2 / 2, b - turn * (t - turn) + (t - turn)**2 / 2)
+    np.savetxt(tmp_path / "a.csv", np.column_stack([t, x + 1e-3 * np.random.default_rng(1).normal(size=len(t))]),
+               delimiter=",", header="t,x", comments="")
+    jumping = fit(experiment("=if_else(body.x > b, -1 N, 1 N)"))
+    assert any("push jumps at a condition (`if_else`)" in note for note in jumping.after.records["a"].notes)
+    switched = fit(experiment("=side.y", '  side: {is: Switch, u: "=body.x - b", u_1: -1 N, u_2: 1 N}\n'))
+    assert not any("jumps" in note for note in switched.after.records["a"].notes)
+    assert switched.values["b"] == pytest.approx(b, abs=1e-3)

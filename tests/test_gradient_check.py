@@ -15,8 +15,9 @@ from test_tuning import ABSORBER
 
 import heavebond as hb
 from heavebond import cli
+from heavebond.numerics.kinks import Kinks
 from heavebond.numerics.simulator import Simulator, Tolerances
-from heavebond.optimise.gradient_check import Kinks, SampledRun, Subject, Verdict, check_gradients, costs_of, signals_of
+from heavebond.optimise.gradient_check import SampledRun, Subject, Verdict, check_gradients, costs_of, signals_of
 from heavebond.optimise.objective import TuningProblem, ranges
 
 # A force of 10 N at most, and cut at 10 N: more amplitude is cut, a higher limit cuts nothing.

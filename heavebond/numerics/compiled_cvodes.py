@@ -263,9 +263,9 @@ class CompiledCvodes:
         columns = [np.ascontiguousarray(driving.breaks, float), np.ascontiguousarray(driving.pieces.T, float),
                    np.ascontiguousarray(driving.at_stops.T, float), np.ascontiguousarray(driving.kinks, float)]
         self._directions = np.zeros((max(m, 1), len(equations.moving)))
-        work = [np.zeros(n_z), np.zeros(n_z * m), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n, np.int32),
+        self._z = np.zeros(n_z)
+        work = [self._z, np.zeros(n_z * m), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n, np.int32),
                 np.zeros((n_z, n_z)), np.zeros(n_z), np.zeros((n, n_z)), np.zeros(n_z, np.int32)]
-        self._z = work[0]
         stages = np.zeros((STAGES + 1, self._total))
         self._counts = np.zeros(3, np.int64)
         graces = np.zeros(0) if graces is None else np.ascontiguousarray(graces, float)

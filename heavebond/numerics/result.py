@@ -25,7 +25,7 @@ from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.extremes import SignalFigures, signal_figures
 from heavebond.numerics.initialise import Start
 from heavebond.numerics.pointwise import undetermined
-from heavebond.numerics.run_verdict import DENSE, NOT_BECOME, Finding, Verdict
+from heavebond.numerics.run_verdict import DENSE, JUMP, NOT_BECOME, Finding, Verdict
 from heavebond.numerics.start_stability import unstable_start
 from heavebond.numerics.validity import RunSection, judged, without_value
 from heavebond.records.saved_runs import SavedRun, Signals, write_run
@@ -112,7 +112,8 @@ class Result(facade.Displayed):
         """The verdict on the values of this run: `print(result.verdict)` shows it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
         findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._filled(),
-                    *self._unfit(), *self._unstable_start(), *self._time_formulas(), *self._rates(), *self._dense_events(),
+                    *self._unfit(), *self._unstable_start(), *self._time_formulas(), *self._passed_jumps(),
+                    *self._rates(), *self._dense_events(),
                     *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
@@ -252,6 +253,13 @@ class Result(facade.Displayed):
         return [Finding("scale", name, name.rpartition(".")[0], float(self.time[0]), float(size), u.nominal, u.unit.text,
                         f"State its size, `nominal: {{{name}: {size:g} {u.unit.text}}}`")
                 for name, size in unfit.items() if (u := unknowns.get(name)) is not None]
+
+    def _passed_jumps(self) -> list[Finding]:
+        """Jumps of laws at conditions of states, in a run with sensitivities."""
+        jumps = self.statistics.get("jumps", ())
+        assert isinstance(jumps, (list, tuple))
+        return [Finding("jump", jump.owner, jump.owner, jump.time, 0.0, None, "", JUMP.format(jump.function))
+                for jump in jumps]
 
     def first(self, n: int) -> Result:
         """The run at its first n output times."""

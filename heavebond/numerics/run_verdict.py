@@ -25,6 +25,8 @@ NOT_BECOME = ("`{}` acts as it becomes true. State what holds at the start, `ini
 DENSE = ("each one stops the integrator. If a switch drives itself back, widen its band (of a Relay, `u_on` and `u_off`) or "
          "give the driven part an inertia or a lag. Sample the counts of a quantiser or encoder (`Encoder`, `Quantiser`) "
          "instead of an event for each edge. If the machine needs these events, shorten the run")
+JUMP = ("The values of the run are right. Let the condition of `{}` happen as an event, which sensitivities pass exactly: a "
+        "Switch, Comparator or Relay, a DryFriction for friction, or `when:` in a component; or smooth it (smooth_sign)")
 RUNAWAY = 1e6  # typical sizes from which on a value is no result: a machine of metres does not go a thousand kilometres
 
 
@@ -63,6 +65,8 @@ class Finding:
             return f"{self.name} grows exponentially, to {value} at the end"
         if self.kind == "true-at-start":
             return f"the condition of {self.name} is true at the start, which lets nothing happen"
+        if self.kind == "jump":
+            return f"the sensitivities lack the jump of {self.name} at {t}, and are wrong from there on"
         if self.kind == "dense-events":
             many = number(self.limit or 0.0, 6)
             return f"{self.name} has {number(self.value, 3)} events per second at {t} and {many} in the run"
@@ -104,7 +108,7 @@ class Finding:
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
          "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
          "placeholder": False, "joined": False, "reversed": False, "filled": False, "front": False, "time-formula": False,
-         "dense-events": False, "rates": False}
+         "dense-events": False, "rates": False, "jump": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

@@ -41,6 +41,7 @@ from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this m
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
 from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
+from heavebond.numerics.kinks import passed_jumps
 from heavebond.numerics.looks import Looks
 from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, largest_step_of, refined
 from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
@@ -418,6 +419,8 @@ class Simulator:
                 assembly, self.integrand, self.inputs, self.solver, self.tolerances, self.begin).found_in(points, first.p)
 
         result = taken(found, output_times, output_stops)
+        if start_tangent is not None and (jumps := passed_jumps(result)):
+            statistics["jumps"] = jumps
         if found.between is None:
             if limited(self.assembly).unknowns:
                 times, trace, _ = with_hidden((stops, found, None))

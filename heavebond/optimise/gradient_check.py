@@ -9,34 +9,28 @@ tolerances, the central difference of fourth order and the two one-sided ones of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.progress import Progress
-from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.kinks import KinkCrossing, Kinks
 from heavebond.numerics.output_times import Time
-from heavebond.numerics.result import Probe, Result, columns
+from heavebond.numerics.result import Probe, Result
 from heavebond.numerics.simulator import Simulator, Tolerances
 from heavebond.optimise.adjoint import Adjoint
 from heavebond.optimise.influence import in_chunks
 from heavebond.optimise.objective import TOLERANCES, Objective, TuningProblem
-from heavebond.text.expression import ExpressionProblem
 
 STEPS = (1e-2, 1e-3, 1e-4, 1e-5)  # relative to the parameter, or to 1 in its base unit if it is zero
 TIGHT = Tolerances(1e-11, 1e-13, along=1.0)
 # The slope of adjoint states jumps at a kink of a law, which no step passes at TIGHT.
 TIGHT_BACKWARDS = Tolerances(1e-9, 1e-11)
-_DIFFERENCES = {ca.OP_FMAX: "max", ca.OP_FMIN: "min", ca.OP_LT: "if_else", ca.OP_LE: "if_else", ca.OP_EQ: "if_else",
-                ca.OP_NE: "if_else"}
-_ARGUMENTS = {ca.OP_FABS: "abs", ca.OP_SIGN: "sign"}
-JUMPS = ("sign", "floor", "if_else")
 
 
 @dataclass(frozen=True)
@@ -330,89 +324,3 @@ def _with(passings: Sequence[KinkCrossing], words: str) -> str:
         named.setdefault((p.kink.owner, p.kink.function), p.time)
     switchings = [f"{owner} ({function}) switches at {time:.4g} s" for (owner, function), time in list(named.items())[:3]]
     return words + ", ".join(switchings) + (f" and {len(named) - 3} more" if len(named) > 3 else "")
-
-
-@dataclass(frozen=True)
-class Kink:
-    """A place in a law that switches if `argument`, in the arguments of the assembly, passes through zero; in an equation
-    of `owner`, or in the formula of `signal` itself."""
-
-    owner: str
-    function: str
-    argument: ca.SX
-    signal: str = ""
-
-    @property
-    def jumps(self) -> bool:
-        """True if the value may jump there, and not only its slope."""
-        return self.function in JUMPS
-
-
-@dataclass(frozen=True)
-class KinkCrossing:
-    """A kink that two runs pass at different times or on different sides, with the first such time."""
-
-    kink: Kink
-    time: float
-
-
-class Kinks:
-    """The kinks of a diagram's equations and of some signals."""
-
-    def __init__(self, assembly: Assembly, signals: Iterable[str] = ()):
-        self.kinks = [*_of_equations(assembly), *_of_signals(assembly, signals)]
-        self._arguments = ca.Function("kinks", list(assembly.arguments), [stack(k.argument for k in self.kinks)])
-
-    def apart(self, one: Result, other: Result) -> list[KinkCrossing]:
-        """The kinks at which two runs on the same grid are on different sides, in the order of time."""
-        if not self.kinks:
-            return []
-        differ = self._sides(one) != self._sides(other)
-        crossings = [KinkCrossing(kink, float(one.time[np.argmax(row)]))
-                     for kink, row in zip(self.kinks, differ, strict=True)
-                     if row.any()]
-        return sorted(crossings, key=lambda passing: passing.time)
-
-    def _sides(self, run: Result) -> Array:
-        return np.sign(np.array(self._arguments(*columns(run))).reshape(len(self.kinks), -1))
-
-
-def _of_equations(assembly: Assembly) -> Iterator[Kink]:
-    flat = assembly.flat
-    for equation, residual in zip(flat.equations, flat.residuals, strict=True):
-        if equation.kink:
-            yield from _expressed(assembly, residual, equation.owner)
-
-
-def _of_signals(assembly: Assembly, signals: Iterable[str]) -> Iterator[Kink]:
-    for name in signals:
-        output = assembly.model.show.get(name)
-        formula = assembly.resolver().evaluate(output.expr if output else assembly.model.library.formula(name))
-        yield from _expressed(assembly, formula, f"the signal {name}", name)
-
-
-def _expressed(assembly: Assembly, raw: ca.SX, owner: str, signal: str = "") -> Iterator[Kink]:
-    """The kinks of an expression in raw symbols, with arguments in the assembly's symbols."""
-    for function, argument in _kinks(raw):
-        try:
-            yield Kink(owner, function, assembly.express(argument), signal)
-        except ExpressionProblem:  # a derivative within a loop, which cannot be evaluated outside
-            continue
-
-
-def _kinks(expression: ca.SX) -> Iterator[tuple[str, ca.SX]]:
-    """Function and argument of each kink in a scalar expression."""
-    waiting, visited = [expression], set()
-    while waiting:
-        node = waiting.pop()
-        if node.element_hash() in visited or node.is_constant() or node.is_symbolic():
-            continue
-        visited.add(node.element_hash())
-        operation, parts = node.op(), [node.dep(k) for k in range(node.n_dep())]
-        if operation in _DIFFERENCES:
-            yield _DIFFERENCES[operation], parts[0] - parts[1]
-        elif operation in _ARGUMENTS:
-            yield _ARGUMENTS[operation], parts[0]
-        elif operation == ca.OP_FLOOR:
-            yield "floor", ca.sin(np.pi * parts[0])  # changes its sign when the argument passes a whole number
-        waiting += parts
