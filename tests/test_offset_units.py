@@ -65,6 +65,8 @@ def problem_of(text: str, code: str = "unit-offset") -> str:
     ("x.y", "degC", 60.0, BEHIND),
     ("x.y - 0 K", "degF", 108.0, BEHIND),
     ("x.y", "degC", 60.0, SAMPLED),
+    ("max(a.T - b.T, 0 K)", "degC", 60.0, PLATE),
+    ("if_else(a.T > 300 K, a.T - b.T, -1 K)", "degF", 108.0, PLATE.replace("until: 46 s", "until: 20 s")),
 ])
 def test_a_shown_difference_of_temperatures_is_an_interval(formula: str, unit: str, first: float, text: str) -> None:
     run = shown(formula, unit, text)
@@ -73,7 +75,7 @@ def test_a_shown_difference_of_temperatures_is_an_interval(formula: str, unit: s
     assert run.display["y"][0] == pytest.approx(first, rel=1e-12)
     # the error of a run is about its rtol, 1e-8 of 300 K
     late = 1.0 if text == SAMPLED else 0.0  # the last sample is 1 s old, or of the last instant
-    assert run.display["y"][-1] == pytest.approx(first/np.e, abs=1e-4 + late)
+    assert run.display["y"][-1] == pytest.approx(first*np.exp(-run.time[-1]/46), abs=1e-4 + late)
 
 
 @pytest.mark.parametrize(("formula", "unit", "first"), [
@@ -95,6 +97,8 @@ def test_a_shown_temperature_counts_from_the_zero_of_its_scale(formula: str, uni
     PLATE.replace("b: {is: Ambient, T_0: 20 degC}", "b: {is: TemperatureSource, u: =T_r + 5 degC*sin(time/1 s)}").replace(
         "components:", "parameters: {T_r: 20 degC}\ncomponents:"),
     PLATE.replace("initial: {a.T: 80 degC}", "initial: {a.T: =b.T_0 + 60 degC}"),
+    PLATE.replace("initial: {a.T: 80 degC}", 'initial: {"a.T + b.T": 100 degC}'),
+    PLATE.replace("is: a.T,", "is: a.T - 293.15 K,"),
 ])
 def test_a_sum_of_two_temperatures_is_refused(text: str) -> None:
     assert "write" in problem_of(text).lower()
@@ -109,6 +113,8 @@ def test_a_sum_of_two_temperatures_is_refused(text: str) -> None:
         "q: [q.y, d.u_2]", "q: [q.y, d.u_2], d: [d.y, w.u]"), "5 K"),
     (PLATE.replace("initial: {a.T: 80 degC}", "initial: {a.T - b.T: 60 degC}"), "60 K"),
     (PLATE.replace("initial: {a.T: 80 degC}", "initial: {a.T - b.T: ~ 9 degF}"), "5 K"),
+    (PLATE + 'vary: {r.R: "=1 + (a.T - b.T)/(10 degC)"}\n', "10 K"),
+    (PLATE.replace("until: 46 s", 'until: {when: "a.T - b.T < 30 degC", at_most: 1 h}'), "30 K"),
 ])
 def test_a_difference_given_as_a_temperature_is_refused_with_the_interval(text: str, instead: str) -> None:
     assert instead in problem_of(text)

@@ -197,9 +197,10 @@ def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
     ModelError for a sum of temperatures, and for a difference whose value is in a unit with an origin.
     """
     model = flat.expanded.model
-    values = list(_values(flat))
-    if not any(counts_from_origin(output.unit) or has_origin(output.expr) for output in model.show.values()) and \
-            not any(counts_from_origin(v.unit) if isinstance(v, FileInput) else has_origin(v.expr) for _, v, _ in values):
+    values, ends = list(_values(flat)), model.ends
+    if not (any(counts_from_origin(output.unit) or has_origin(output.expr) for output in model.show.values())
+            or (ends is not None and has_origin(ends.tree))
+            or any(counts_from_origin(v.unit) if isinstance(v, FileInput) else has_origin(v.expr) for _, v, _ in values)):
         return model.show
     known, problems, shows = flat.origins, Problems(), dict(model.show)
     starts = {name: known.of(parse_formula(name)) for name in model.initial.conditions}
@@ -215,9 +216,18 @@ def with_intervals(flat: Flat) -> dict[str, NamedOutput]:
         except ExpressionProblem as problem:
             add_formula_problem(problem, value, problems)
             continue
+        if name in starts and needed not in (None, 0.0, 1.0) and weight == 1:
+            problems.add("unit-offset", f"{name} is no temperature, and '{value.text}' counts from an origin", value.place,
+                         hint="A sum of temperatures has no value in such a unit. Write the mean, `\"(a.T + b.T)/2\"`, or "
+                         "each of them.")
         if needed == 0 and isinstance(value.expr, Number) and weight == 1:
             problems.add("unit-offset", f"{name} is a difference of temperatures, and '{value.text}' is a temperature",
                          value.place, hint=f"Write '{interval_text(value.expr.value, value.expr.unit)}'.")
+    if ends is not None:
+        try:
+            check_origins(ends.tree, known.lookup())
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, ends.place, problems)
     for output in model.show.values():
         try:
             weight = check_origins(output.expr, known.lookup(), shown=counts_from_origin(output.unit))
@@ -239,3 +249,5 @@ def _values(flat: Flat) -> Iterator[tuple[str, Value | FileInput, str]]:
             yield f"{path}.{name}", bound.value, bound.scope
     for name, condition in flat.expanded.model.initial.conditions.items():
         yield name, condition.value, ""
+    for name, setting in flat.expanded.model.vary.items():
+        yield f"vary {name}", setting.value, ""

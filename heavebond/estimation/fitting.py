@@ -130,9 +130,9 @@ class OwnValues:
     instants: tuple[str, ...] = ()
 
 
-JUMPS = ("{} jumps at a condition (`{}`) that the model passes at {:.4g} s and that is no event. The derivatives of the fit "
-         "lack this jump: values and intervals may be wrong. Let the condition happen as an event (a Switch, Comparator, Relay "
-         "or DryFriction, or `when:` in a component), or smooth it (smooth_sign)")
+JUMPS = ("{} jumps at a condition (`{}`) that the model passes at {:.4g} s and that is no event. Derivatives of the fit "
+         "lack this jump: values and intervals may be wrong. Let the condition happen as an event (a Switch, Comparator, "
+         "Relay or DryFriction, or `when:` in a component), or smooth it (smooth_sign)")
 
 
 @dataclass(frozen=True)

@@ -262,6 +262,7 @@ def _start(expr: Expr) -> int:
 
 # -- origins of temperatures ---------------------------------------------------------------------------------------
 KELVIN: Dimension = (("K", Fraction(1)),)
+INTERVALS = 200.0  # K; a larger number in K that is subtracted from a temperature may be a temperature itself
 _WIDTHS = {"deviation", "equivalent_range"}  # functions of a time series whose value does not depend on the origin
 
 
@@ -286,8 +287,12 @@ def origins(expr: Expr, lookup: Callable[[Name], float | None]) -> float | None:
     if isinstance(expr, Call):
         if expr.function in ("der", "sign", *_WIDTHS):
             return 0.0
+        inner = children(expr)
         if expr.function == "if_else":
-            weights = weights[1:]
+            inner, weights = inner[1:], weights[1:]
+        # a number in K beside temperatures or differences is one of these
+        decided = [w for w, child in zip(weights, inner, strict=True) if w is not None or not _in_kelvin(child)]
+        weights = decided or weights
         same = bool(weights) and len(set(weights)) == 1
         if same and (weights[0] == 0 or expr.function in _SAME_ORIGIN):
             return weights[0]
@@ -350,6 +355,16 @@ def check_origins(expr: Expr, lookup: Callable[[Name], float | None], *, shown: 
                 if isinstance(number, Number) and has_origin(number) and constant(factor) is None:
                     raise ExpressionProblem("unit-offset", "a factor of a temperature counts from absolute zero",
                                             number.column, 1, f"Write an interval: {_interval(number)}.")
+        if isinstance(part, Binary) and part.op == "/" and isinstance(part.right, Number) and has_origin(part.right) and \
+                origins(part.left, lookup) == 0:
+            raise ExpressionProblem("unit-offset", "a divisor of something else than a temperature counts from absolute "
+                                    "zero", part.right.column, 1, f"Write an interval: {_interval(part.right)}.")
+        if shown and isinstance(part, Binary) and part.op == "-" and isinstance(part.right, Number) and \
+                _in_kelvin(part.right) and part.right.value > INTERVALS and origins(part.left, lookup) == 1:
+            text = f"{part.right.value:g} K"
+            raise ExpressionProblem("unit-offset", f"{text} may be a temperature or an interval, so that the result is a "
+                                    "difference or a temperature", part.right.column, 1,
+                                    f"Write `{part.right.value - 273.15:g} degC` if it is a temperature, else `unit: K`.")
         if isinstance(part, Compare) and has_origin(part):
             left, right = origins(part.left, lookup), origins(part.right, lookup)
             if left is not None and right is not None and left != right:
@@ -369,4 +384,6 @@ def _interval(number: Number) -> str:
 
 
 def _in_kelvin(expr: Expr) -> bool:
+    if isinstance(expr, Negative):
+        return _in_kelvin(expr.operand)
     return isinstance(expr, Number) and expr.unit is not None and not expr.unit.offset
