@@ -287,11 +287,11 @@ def origins(expr: Expr, lookup: Callable[[Name], float | None]) -> float | None:
     if isinstance(expr, Call):
         if expr.function in ("der", "sign", *_WIDTHS):
             return 0.0
-        inner = children(expr)
+        parts = children(expr)
         if expr.function == "if_else":
-            inner, weights = inner[1:], weights[1:]
+            parts, weights = parts[1:], weights[1:]
         # a number in K beside temperatures or differences is one of these
-        decided = [w for w, child in zip(weights, inner, strict=True) if w is not None or not _in_kelvin(child)]
+        decided = [w for w, child in zip(weights, parts, strict=True) if w is not None or not _in_kelvin(child)]
         weights = decided or weights
         same = bool(weights) and len(set(weights)) == 1
         if same and (weights[0] == 0 or expr.function in _SAME_ORIGIN):
