@@ -334,7 +334,8 @@ class _Opener:
                         if (p := component.parameters[n]) and ("[" not in n or n.endswith("[1]")))
         remaining = [n for n in settable if n not in missing]
         needed = f"It needs {needs}." * bool(needs) + f" It may have: {listing(remaining)}." * bool(remaining)
-        has = needed.strip() if missing else f"It has: {listing(settable)}." if settable else f"{component.name} has no parameters."
+        has = needed.strip() if missing else f"It has: {listing(settable)}." if settable else \
+            f"{component.name} has no parameters."
         single = {name.partition("[")[0]: name for name in reversed(unknown) if "[" in name}
         single = {base: name for base, name in single.items() if base in component.parameters}
         for base, name in single.items():
