@@ -253,7 +253,7 @@ class Studio {
     if (this.picked && !this.view[this.picked.kind === "part" ? "parts" : "nodes"]?.[this.picked.path]) this.picked = this.diagram.picked = null;
     if (!this.picked || this.chosen.some((part) => !this.view.parts[part])) this.chosen = [];
     this.runs.values = Object.fromEntries(Object.entries(this.runs.values).filter(([path]) => known.has(path)));
-    if (!this.runs.plotted.length && !this.runs.live) this.runs.plotted = this.view.outputs.slice(0, 4).map((/** @type {any} */ o) => o.name);
+    if (!this.runs.plotted.length && !this.runs.live) this.runs.recall(this.view.outputs.slice(0, 4).map((/** @type {any} */ o) => o.name));
   }
 
   /** @param {any[]} problems */

@@ -1,4 +1,4 @@
-// Signals over time by uPlot: one chart for each unit, linked in time; runs laid over each other.
+// Signals by uPlot: one chart for each unit, linked in time, or over another signal; runs laid over each other.
 
 import uPlot from "./vendor/uPlot.js";
 import { byId, download, el, number, unitLabel } from "./dom.js";
@@ -7,7 +7,7 @@ import { byId, download, el, number, unitLabel } from "./dom.js";
 export const COLOURS = ["#0072b2", "#c44e00", "#00785a", "#a1478a", "#8a6d00", "#1d2733"];
 export const BRIGHT = ["#6cbcf0", "#ff9d5c", "#4fd1a5", "#e58ccb", "#e0c04a", "#e4e9ee"];
 export const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [4, 4], [14, 4]];
-const HEIGHT = 190;
+const HEIGHT = 190, FLAT = 1e-9; // pixels; share of its size below which the span of a signal counts as none
 
 export class Plots {
   constructor() {
@@ -19,18 +19,23 @@ export class Plots {
     this.dark.addEventListener("change", () => { this.shape = ""; this.again?.(); });
     new ResizeObserver(() => this.fit()).observe(this.place);
     this.limits = null;
+    /** What is chosen for the chart of a unit. @type {Record<string, {unit?: string, log?: boolean, over?: string}>} */
+    this.choices = {};
+    this.large = ""; // the unit whose chart fills the place
     /** @type {((time: number) => void)|undefined} */ this.onpoint = undefined;
+    /** @type {(() => void)|undefined} */ this.onchoice = undefined;
   }
 
   /** @param {any[]} runs the visible ones, each with `series` by name @param {string[]} plotted @param {HTMLElement[]} above @param {HTMLElement[]} below what stands above and under the charts */
   show(runs, plotted, above, below) {
     this.place.classList.remove("bare");
     this.again = () => this.show(runs, plotted, above, below);
-    const groups = grouped(runs, plotted);
-    const shape = JSON.stringify([groups.map((g) => [g.unit, g.lines.map((/** @type {any} */ l) => [l.name, l.run.id, l.run.label])])]);
+    const groups = grouped(runs, plotted, this.choices);
+    if (!groups.some((g) => g.base === this.large)) this.large = "";
+    const shape = JSON.stringify([this.choices, this.large, groups.map((g) => [g.unit, g.lines.map((/** @type {any} */ l) => [l.name, l.run.id, l.run.label])])]);
     if (shape !== this.shape) this.build(groups, shape);
-    groups.forEach((group, k) => this.charts[k].setData(data(group), !this.limits));
-    if (this.limits) for (const chart of this.charts) chart.setScale("x", this.limits);
+    groups.forEach((group, k) => this.charts[k].along ? this.charts[k].along(group) : this.charts[k].setData(data(group), !this.limits));
+    if (this.limits) for (const chart of this.charts) if (!chart.along) chart.setScale("x", this.limits);
     this.head?.replaceChildren(...above);
     this.tail?.replaceChildren(...below);
   }
@@ -54,11 +59,76 @@ export class Plots {
     this.shape = shape;
     this.head = el("div", { role: "alert" });
     this.tail = el("div");
+    const names = [...new Set(groups.flatMap((g) => g.lines.map((/** @type {any} */ l) => l.name)))];
     const places = groups.map((group) => el("div", { class: "chart", role: "img",
-      "aria-label": `${group.lines.map((/** @type {any} */ l) => l.name).join(", ")} over time` }));
-    this.place.replaceChildren(this.head, ...places, this.tail);
-    this.charts = groups.map((group, k) => new (/** @type {any} */ (uPlot))(this.options(group), data(group), places[k]));
-    this.charts.forEach((chart, k) => zoomByKeys(places[k], chart, "time"));
+      "aria-label": `${group.lines.map((/** @type {any} */ l) => l.name).join(", ")} over ${this.over(group) || "time"}` }));
+    const boxes = groups.map((group, k) => el("div", { class: "chart-box", hidden: this.large !== "" && group.base !== this.large }, this.tools(group, names), places[k]));
+    this.place.replaceChildren(this.head, ...boxes, this.tail);
+    this.charts = groups.map((group, k) => this.over(group) ? this.curves(group, places[k]) : new (/** @type {any} */ (uPlot))(this.options(group), data(group), places[k]));
+    this.charts.forEach((chart, k) => { if (!chart.along) zoomByKeys(places[k], chart, "time"); });
+  }
+
+  /** The signal over which the lines of a group are drawn; empty for time. @param {any} group */
+  over(group) {
+    const name = this.choices[group.base]?.over ?? "";
+    return group.lines.some((/** @type {any} */ l) => l.run.series.has(name)) ? name : "";
+  }
+
+  /** @param {string} base @param {Record<string, any>} given */
+  choose(base, given) {
+    this.choices = { ...this.choices, [base]: { ...this.choices[base], ...given } };
+    this.onchoice?.();
+    this.again?.();
+  }
+
+  /** Unit, logarithmic axis, abscissa and size of a chart. @param {any} group @param {string[]} names */
+  tools(group, names) {
+    const { base } = group, choice = this.choices[base] ?? {}, subject = group.lines[0].name;
+    const option = (/** @type {string} */ value, /** @type {string} */ words, /** @type {string} */ now) => el("option", { value, selected: value === now }, words);
+    const units = group.units.length > 1 ? [el("select", { "aria-label": `unit of ${subject}`, onchange: (/** @type {any} */ e) => this.choose(base, { unit: e.target.value }) },
+      option("", "unit", choice.unit ?? ""), ...group.units.map((/** @type {string} */ u) => option(u, unitLabel(u), choice.unit ?? "")))] : [];
+    const large = this.large === base;
+    return el("div", { class: "chart-tools" }, ...units,
+      el("button", { "aria-pressed": String(Boolean(choice.log && group.positive)), disabled: !group.positive, "aria-label": `logarithmic axis of ${subject}`,
+        title: group.positive ? "Logarithmic axis" : "A logarithmic axis needs values above zero", onclick: () => this.choose(base, { log: !choice.log }) }, "log"),
+      el("select", { "aria-label": `what ${subject} is drawn over`, onchange: (/** @type {any} */ e) => this.choose(base, { over: e.target.value }) },
+        option("", "over time", this.over(group)), ...names.map((name) => option(name, `over ${name}`, this.over(group)))),
+      el("button", { "aria-pressed": String(large), "aria-label": large ? "show all charts" : `show ${subject} alone`, title: large ? "Show all charts" : "Show this chart alone",
+        onclick: () => { this.large = large ? "" : base; this.shape = ""; this.onchoice?.(); this.again?.(); } }, large ? "▣" : "□"));
+  }
+
+  /** @param {any} group */
+  height(group) { return group.base === this.large ? Math.max(HEIGHT, this.place.clientHeight - 90) : HEIGHT; }
+
+  /** Lines over another signal, in the order of time. @param {any} group @param {HTMLElement} box */
+  curves(group, box) {
+    const given = this.options(group), name = this.over(group);
+    let shown = group;
+    const lines = () => shown.lines.filter((/** @type {any} */ l) => l.run.series.has(name)).map((/** @type {any} */ l, /** @type {number} */ k) => ({ x: l.run.series.get(name), y: scaled(l, shown.scale), of: given.series[k + 1] }));
+    const ends = (/** @type {"x"|"y"} */ key) => { let low = Infinity, high = -Infinity; for (const l of lines()) for (const v of l[key]) if (Number.isFinite(v)) { low = Math.min(low, v); high = Math.max(high, v); } return low <= high ? [low, high] : [0, 1]; };
+    const draw = (/** @type {any} */ u) => {
+      const { ctx } = u;
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height);
+      ctx.clip();
+      for (const line of lines()) {
+        ctx.strokeStyle = line.of.stroke;
+        ctx.lineWidth = line.of.width * devicePixelRatio;
+        ctx.setLineDash((line.of.dash ?? []).map((/** @type {number} */ d) => d * devicePixelRatio));
+        ctx.beginPath();
+        line.y.forEach((/** @type {number} */ v, /** @type {number} */ k) => ctx.lineTo(u.valToPos(line.x[k], "x", true), u.valToPos(v, "y", true)));
+        ctx.stroke();
+      }
+      ctx.restore();
+    };
+    const unit = group.lines[0].run.units[name];
+    const chart = new (/** @type {any} */ (uPlot))({ ...given, cursor: { drag: { x: true, y: true } }, hooks: { draw: [draw] },
+      axes: [{ ...given.axes[1], size: 44, label: unit && unit !== "1" ? `${name} [${unitLabel(unit)}]` : name, labelSize: 18 }, given.axes[1]],
+      series: [{ label: name }, ...given.series.slice(1).map((/** @type {any} */ one) => ({ ...one, show: true, stroke: one.stroke, paths: () => null }))] },
+      [ends("x"), ...group.lines.map(() => ends("y"))], box);
+    chart.along = (/** @type {any} */ next) => { shown = next; chart.setData([ends("x"), ...next.lines.map(() => ends("y"))]); };
+    return chart;
   }
 
   /** @param {any} group */
@@ -67,13 +137,13 @@ export class Plots {
     const names = [...new Set(group.lines.map((/** @type {any} */ l) => l.name))];
     const axis = { stroke: ink, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1 }, font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
     return {
-      width: this.place.clientWidth - 26, height: HEIGHT, cursor: { sync: { key: "time" }, drag: { x: true, y: false } },
-      scales: { x: { time: false } },
+      width: this.place.clientWidth - 26, height: this.height(group), cursor: { sync: { key: "time" }, drag: { x: true, y: false } },
+      scales: { x: { time: false }, y: this.choices[group.base]?.log && group.positive ? { distr: 3, log: 10 } : { range: roomy } },
       legend: { markers: { width: 2, dash: (/** @type {any} */ chart, /** @type {number} */ k) => chart.series[k].dash?.length ? "dashed" : "solid" } },
       hooks: { setScale: [(/** @type {any} */ chart, /** @type {string} */ key) => key === "x" && this.linked(chart)],
         setCursor: [(/** @type {any} */ chart) => { const { left } = chart.cursor; if (!this.pointing && left >= 0) this.onpoint?.(chart.posToVal(left, "x")); }] },
       axes: [{ ...axis, size: 30, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => `${number(t)} s`) },
-        { ...axis, size: 66, label: group.unit === "1" ? "" : unitLabel(group.unit), labelSize: 18, values: (/** @type {any} */ _, /** @type {number[]} */ ticks) => ticks.map((t) => number(t)) }],
+        { ...axis, size: 66, label: group.unit === "1" ? "" : unitLabel(group.unit), labelSize: 18, values: (/** @type {any} */ _, /** @type {(number|null)[]} */ ticks) => ticks.map((t) => t === null ? "" : number(t)) }],
       series: [{ label: "time", value: (/** @type {any} */ _, /** @type {number} */ v) => v === null || v === undefined ? "—" : `${number(v)} s` },
         ...group.lines.map((/** @type {any} */ l, /** @type {number} */ k, /** @type {any[]} */ all) => ({
           label: l.run.label ? `${l.name} (${l.run.label})` : l.name, stroke: palette[(names.length > 1 ? names.indexOf(l.name) : (k + 1) % all.length) % palette.length], // one signal: colours tell the runs
@@ -90,7 +160,7 @@ export class Plots {
     const whole = min <= times[0] && max >= times[times.length - 1];
     this.limits = whole ? null : { min, max };
     this.linking = true;
-    for (const other of this.charts) if (other !== chart) other.setScale("x", { min, max });
+    for (const other of this.charts) if (other !== chart && !other.along) other.setScale("x", { min, max });
     this.linking = false;
   }
 
@@ -98,6 +168,7 @@ export class Plots {
   pointAt(time) {
     this.pointing = true;
     for (const chart of this.charts) {
+      if (chart.along) continue;
       const { min, max } = chart.scales.x;
       chart.setCursor({ left: time >= min && time <= max ? chart.valToPos(time, "x") : -10, top: -1e4 }, false);
     }
@@ -105,7 +176,7 @@ export class Plots {
   }
 
   fit() {
-    for (const chart of this.charts) chart.setSize({ width: this.place.clientWidth - 26, height: HEIGHT });
+    for (const chart of this.charts) chart.setSize({ width: this.place.clientWidth - 26, height: this.large && !chart.root.closest("[hidden]") ? Math.max(HEIGHT, this.place.clientHeight - 90) : HEIGHT });
   }
 
   /** All charts below each other. @param {string} name */
@@ -167,8 +238,15 @@ export function zoomByKeys(box, chart, group) {
   });
 }
 
-/** Lines by their unit, with the one in which they read well: bar for large pressures in Pa. @param {any[]} runs @param {string[]} plotted */
-function grouped(runs, plotted) {
+/** The ends of an axis: of a signal that does not vary, a tenth of its size on both sides. @param {any} _ @param {number} low @param {number} high */
+export function roomy(_, low, high) {
+  if (low === null || high === null) return [0, 1];
+  const size = Math.max(Math.abs(low), Math.abs(high)), room = size ? 0.1 * size : 1;
+  return high - low <= FLAT * size ? [low - room, high + room] : /** @type {any} */ (uPlot).rangeNum(low, high, 0.1, true);
+}
+
+/** Lines by their unit, with the one that is chosen, or in which they read well: bar for large pressures in Pa. @param {any[]} runs @param {string[]} plotted @param {Record<string, any>} choices */
+function grouped(runs, plotted, choices) {
   /** @type {Map<string, any>} */
   const groups = new Map();
   for (const name of plotted) {
@@ -180,19 +258,24 @@ function grouped(runs, plotted) {
     }
   }
   for (const group of groups.values()) {
-    let size = 0;
-    for (const { name, run } of group.lines) for (const v of run.series.get(name)) size = Math.max(size, Math.abs(v));
-    const steps = group.lines.find((/** @type {any} */ l) => l.run.readable[group.unit])?.run.readable[group.unit];
-    const [, unit, scale] = (size && steps?.find((/** @type {any[]} */ [least]) => size >= least)) || [0, group.unit, 1];
-    Object.assign(group, { unit, scale });
+    let size = 0, least = Infinity;
+    for (const { name, run } of group.lines) for (const v of run.series.get(name)) { size = Math.max(size, Math.abs(v)); if (v < least) least = v; }
+    const steps = group.lines.find((/** @type {any} */ l) => l.run.readable[group.unit])?.run.readable[group.unit] ?? [];
+    const base = group.unit, chosen = choices[base]?.unit, readable = size && steps.find((/** @type {any[]} */ [smallest]) => size >= smallest);
+    const [, unit, scale] = (chosen && (chosen === base ? [0, base, 1] : steps.find((/** @type {any[]} */ [, u]) => u === chosen))) || readable || [0, base, 1];
+    const units = [...new Set([base, ...steps.map((/** @type {any[]} */ [, u]) => u)])];
+    Object.assign(group, { base, unit, scale, units, positive: least > 0 });
   }
   return [...groups.values()];
 }
 
+/** The values of a line in the unit of its chart. @param {any} line @param {number} scale */
+function scaled(line, scale) { const found = line.run.series.get(line.name); return scale === 1 ? found : found.map((/** @type {number} */ v) => v / scale); }
+
 /** The columns of a chart; runs with other times are joined. @param {any} group */
 function data(group) {
   const { lines, scale } = group, times = lines[0].run.time;
-  const values = (/** @type {any} */ l) => { const found = l.run.series.get(l.name); return scale === 1 ? found : found.map((/** @type {number} */ v) => v / scale); };
+  const values = (/** @type {any} */ l) => scaled(l, scale);
   const same = lines.every((/** @type {any} */ l) => l.run.time === times || (l.run.time.length === times.length && l.run.time.at(-1) === times.at(-1)));
   if (same) return [times, ...lines.map(values)];
   return uPlot.join(lines.map((/** @type {any} */ l) => [l.run.time, values(l)]));

@@ -16,6 +16,7 @@ export class Runs {
   constructor(studio) {
     this.studio = studio;
     this.plots = new Plots();
+    this.plots.onchoice = () => this.remember();
     this.busy = this.begun = this.serial = 0;
     this.clear();
   }
@@ -168,7 +169,22 @@ export class Runs {
   /** @param {string} name @param {boolean} on */
   plot(name, on) {
     this.plotted = on ? [...this.plotted, name] : this.plotted.filter((n) => n !== name);
+    this.remember();
     void this.complete();
+  }
+
+  get layoutKey() { return `plots:${this.studio.folder}/${this.studio.document.name}`; }
+
+  /** Keep what is plotted, and how, for the next time that this diagram of this folder is opened. */
+  remember() {
+    if (this.studio.document) localStorage.setItem(this.layoutKey, JSON.stringify({ plotted: this.plotted, choices: this.plots.choices, large: this.plots.large }));
+  }
+
+  /** What was plotted the last time; the first outputs without it. @param {string[]} outputs */
+  recall(outputs) {
+    const kept = JSON.parse(localStorage.getItem(this.layoutKey) ?? "null");
+    this.plotted = kept?.plotted ?? outputs;
+    Object.assign(this.plots, { choices: kept?.choices ?? {}, large: kept?.large ?? "" });
   }
 
   get visible() { return [...this.kept.filter((r) => r.visible), ...(this.live ? [this.live] : [])]; }
