@@ -142,6 +142,28 @@ def test_a_wrong_sweep_names_the_argument(over: dict[str, str], more: dict[str, 
     assert hint in str(caught.value) and "--over" not in str(caught.value) and "--sample" not in str(caught.value)
 
 
+def test_linear_results_are_drawn_and_short(cart: Path) -> None:
+    system = hb.state_space("cart.yaml", ["push.u"], ["load.x"])
+    locus = hb.root_locus("cart.yaml", "damper.d", "1 .. 200 N*s/m", points=5)
+    for figure in (system.plot(), system.plot("nyquist"), system.plot("poles"), locus.plot()):
+        assert (figure.axes and figure.axes[0].lines) or figure.axes[0].collections
+    with pytest.raises(hb.UsageError, match="picture-unknown"):
+        system.plot("bod")
+    assert locus._repr_html_().startswith("<div") and repr(locus).startswith("<RootLocus 'damper.d': 1 N*s/m to 200 N*s/m")
+    margins = hb.loop_margins("cmc_ahc", "command")
+    simpler = hb.simplify("cart.yaml", 0.9, 0.5)
+    for result in (margins, simpler):
+        assert type(result).__name__ in repr(result) and len(repr(result)) < 400
+    assert "phase 15" in repr(margins) and "states before" in repr(simpler)
+
+
+def test_pages_import_nothing_below_heavebond() -> None:
+    """Except for the constants of the method of the diagnosis, which only its page shows."""
+    pages = [*PAGE.parent.rglob("*.md"), *PAGE.parent.rglob("*.ipynb"), PAGE.parent.parent / "README.md"]
+    below = {page.name for page in pages if re.search(r"(from|import) heavebond\.", page.read_text(encoding="utf-8"))}
+    assert below <= {"diagnosis_method.md"}
+
+
 def test_the_largest_value_over_a_run_is_named(cart: Path) -> None:
     with pytest.raises(hb.HeavebondError, match="function-arguments") as caught:
         hb.sweep("cart.yaml", {"damper.d": ["20 N*s/m"]}, "max(load.x) in mm", processes=1)

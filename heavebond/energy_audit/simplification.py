@@ -17,7 +17,8 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from heavebond.core.errors import HeavebondError
+from heavebond.core.errors import HeavebondError, listing
+from heavebond.core.presentation import brief, number
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
 from heavebond.energy_audit.audit import EnergyAudit, EnergyLine
@@ -84,6 +85,11 @@ class Simplified:
     tried: tuple[Tried, ...]
     errors: dict[str, float]
     states: tuple[int, int]
+
+    def __repr__(self) -> str:
+        return brief(self, self.original.name, f"{self.states[0]} states before, {self.states[1]} after",
+                     f"neutralised: {listing([one.component for one in self.removed]) or 'nothing'}",
+                     *(f"{name} moves by {number(100 * error, 3)} %" for name, error in list(self.errors.items())[:8]))
 
     @property
     def removed(self) -> tuple[Tried, ...]:

@@ -18,11 +18,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from heavebond.core import facade
 from heavebond.core.errors import Problem, UsageError, listing
 from heavebond.core.presentation import brief, count
 from heavebond.core.units import dimension_text, read_unit
@@ -40,6 +41,9 @@ from heavebond.numerics.output_times import Time
 from heavebond.numerics.result import unknown_signal
 from heavebond.numerics.start_equations import Point
 from heavebond.text.expression import ExpressionProblem, names
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Complex = NDArray[np.complex128]
 
@@ -140,6 +144,11 @@ class StateSpace:
     sampled: tuple[HeldVariable, ...] = ()
     cut: SampledLoop | None = field(default=None, repr=False, compare=False)
     hybrid: Hybrid | None = field(default=None, repr=False, compare=False)
+
+    def plot(self, picture: str = "bode") -> Figure:
+        """A matplotlib figure of all channels: bode, nyquist or poles; UsageError for another picture."""
+        figure: Figure = facade.call("StateSpace.plot", self, picture)
+        return figure
 
     def __repr__(self) -> str:
         return brief(self, f"{listing(list(self.inputs), 4)} to {listing(list(self.outputs), 4)}",

@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from heavebond.core.errors import Problem, UsageError
+from heavebond.core.presentation import brief, number
 from heavebond.language.model import ModelOrFile
 from heavebond.linear import loop_crossings as crossing
 from heavebond.linear.held_variables import HeldVariable
@@ -95,6 +96,13 @@ class Crossings:
     delay: tuple[Margin, ...]
     modulus: Margin
     held: tuple[HeldVariable, ...] = ()
+
+    def __repr__(self) -> str:
+        gains = [f"{number(m.value, 4)} at {number(m.frequency, 4)} Hz" for m in (self.gain_down, self.gain_up) if m]
+        phase, delay = self.least_phase, self.least_delay
+        return brief(self, self.verdict, f"gain times {' and '.join(gains)}" if gains else "no gain margin",
+                     f"phase {number(phase.value, 4)} deg at {number(phase.frequency, 4)} Hz" if phase else "",
+                     f"delay {number(delay.value, 4)} s" if delay else "", f"modulus {number(self.modulus.value, 4)}")
 
     @property
     def stable(self) -> bool:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from heavebond.core import facade
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.presentation import brief, count, readable
 from heavebond.core.quantities import si_range
@@ -21,11 +23,14 @@ from heavebond.linear.stability import Stability
 from heavebond.numerics.dae import Array
 from heavebond.numerics.output_times import Time
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 POINTS = 81
 
 
 @dataclass(frozen=True)
-class RootLocus:
+class RootLocus(facade.Displayed):
     """Poles (N, n) in 1/s at the values (N,) of a parameter in SI, each column following one pole; `limits` are values at
     which the last growing mode appears or vanishes (the stability boundary). `stability` is the verdict on each value: free
     modes remain exactly zero and give no limit. The poles of a sampled system are log(z)/T; `periods` (N,) are T in s.
@@ -47,6 +52,11 @@ class RootLocus:
         limits = ", ".join(readable(limit, self.unit) for limit in self.limits)
         return brief(self, self.parameter, f"{ends}, {count(self.poles.shape[1], 'pole')}",
                      f"stability boundary at {limits}" if limits else "no stability boundary")
+
+    def plot(self) -> Figure:
+        """A matplotlib figure of the ways of the poles, coloured by the value of the parameter."""
+        figure: Figure = facade.call("RootLocus.plot", self)
+        return figure
 
     @property
     def z(self) -> NDArray[np.complex128]:

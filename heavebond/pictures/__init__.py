@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
     from heavebond.estimation.comparison import Comparison
     from heavebond.language.model import Model
+    from heavebond.linear.linear_system import StateSpace
+    from heavebond.linear.root_locus import RootLocus
     from heavebond.numerics.dae import Array
     from heavebond.numerics.result import Result
     from heavebond.optimise.influence import Rankings
@@ -58,6 +60,20 @@ def _plot_of_comparison(comparison: Comparison) -> Figure:
     from heavebond.pictures.plot import plot_comparison
 
     return plot_comparison(comparison)
+
+
+@provides("RootLocus.plot")
+def _plot_of_locus(locus: RootLocus) -> Figure:
+    from heavebond.pictures.plot_linear import plot_root_locus
+
+    return plot_root_locus(locus, title=f"poles over {locus.parameter}")
+
+
+@provides("StateSpace.plot")
+def _plot_of_state_space(system: StateSpace, picture: str) -> Figure:
+    from heavebond.pictures.plot_linear import channels_figure
+
+    return channels_figure(system, picture)
 
 
 @provides("Rankings.plot")

@@ -11,6 +11,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import FixedLocator, NullLocator
 
+from heavebond.core.errors import Problem, UsageError, suggest
 from heavebond.core.presentation import number, readable, readable_unit, unit_label
 from heavebond.core.units import read_unit
 from heavebond.linear.held_variables import with_held
@@ -340,3 +341,18 @@ def _quiet(axes: Axes) -> None:
     axes.grid(True, color=GRID, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_axisbelow(True)
+
+
+def channels_figure(system: StateSpace, picture: str) -> Figure:
+    """All channels of a system over the frequencies that show them; UsageError for an unknown picture."""
+    channels = [system.channel(o, i) for i in system.inputs for o in system.outputs]
+    span = np.unique(np.concatenate([channel.frequencies() for channel in channels]))
+    if picture == "bode":
+        return plot_bode(channels, span)
+    if picture == "nyquist":
+        return plot_nyquist(channels, span)
+    if picture == "poles":
+        zeros = {channel_name(c): c.zeros() for c in channels}
+        return plot_poles(channels[0].poles, zeros, title="poles and zeros", period=channels[0].period)
+    raise UsageError([Problem("picture-unknown", f"there is no picture '{picture}' of a linear system", None,
+                              suggest(picture, ("bode", "nyquist", "poles")) or "Pictures: bode, nyquist, poles.")])

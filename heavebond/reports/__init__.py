@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from heavebond.language.model import Model
     from heavebond.laws.find import Laws
     from heavebond.linear.modes import Modes
+    from heavebond.linear.root_locus import RootLocus
     from heavebond.localise.misfit import Localization
     from heavebond.numerics.result import Result
     from heavebond.optimise.influence import Rankings
@@ -93,6 +94,13 @@ def _modes(found: Modes) -> str:
     from heavebond.reports import analysis_tables, notebook
 
     return notebook.items_html(found.model, found.at, analysis_tables.modes_items(found))
+
+
+@provides("RootLocus._repr_html_")
+def _root_locus(found: RootLocus) -> str:
+    from heavebond.reports import notebook
+
+    return notebook.items_html(found.parameter, repr(found).partition(": ")[2].rstrip(">"), [], [found.plot()])
 
 
 @provides("Rankings._repr_html_")
