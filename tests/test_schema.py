@@ -77,7 +77,8 @@ def test_every_bundled_file_is_valid(path: Path, known: object) -> None:
 @pytest.mark.parametrize(("time", "valid"), [("{column: t, unit: s}", True), ("{every: 20 ms, from: 2 s}", True),
                                               ("{every: 20 ms, column: t}", False), ("{from: 2 s}", False)])
 def test_the_times_of_an_experiment(time: str, valid: bool, known: object) -> None:
-    text = f"experiment: e\nmodel: m.yaml\nrecords: {{r: {{file: r.csv, use: fit}}}}\ntime: {time}\n"
+    text = f"experiment: e\nmodel: m.yaml\nrecords: {{r: {{file: r.csv, use: fit}}}}\ntime: {time}\n" \
+        "inputs: {v.u: {column: u, unit: mm, interpolation: spline, factor: -1}}\n"
     assert (complaints(known, text) == []) == valid
 
 

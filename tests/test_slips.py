@@ -151,6 +151,40 @@ def test_a_sign_that_is_turned() -> None:
     assert seems_turned(MOTION, MOTION, "a.x") is None and seems_turned(np.full(400, 0.1), MOTION, "a.x") is None
 
 
+def test_a_sign_that_is_turned_while_an_effect_is_missing() -> None:
+    """Friction beside a measured force, say: the correlation alone leaves the sign open, the size does not."""
+    missing = 0.6 * np.std(MOTION) * np.sign(np.cos(np.arange(len(MOTION)) * 0.37))
+    assert -0.9 < np.corrcoef(missing - MOTION, MOTION)[0, 1] < -0.8
+    assert "write `is: -(a.x)`" in (seems_turned(3 + missing - MOTION, MOTION, "a.x") or "")
+    for other in (missing - 0.2 * MOTION, missing + MOTION, missing, 2 * missing - MOTION):
+        assert seems_turned(other, MOTION, "a.x") is None
+
+
+def test_an_input_of_the_opposite_sign(tmp_path: Path) -> None:
+    """It turns all channels; the factor corrects it."""
+    turned = BESIDE.replace("{column: foot,", "{column: foot, factor: -1,")
+    notes = compare(written(tmp_path, turned)).records["one"].notes
+    assert any("if the input foot.u has the opposite sign, write `factor: 1` at foot.u" in note for note in notes)
+    one_more = "  time: {column: t, unit: s, noise: 1 s}\n"  # a channel that does not move against the model
+    assert not any("factor" in note for note in compare(written(tmp_path, turned + one_more)).records["one"].notes)
+
+
+def test_a_factor_multiplies_the_readings(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    before = compare(path).records["one"].channels["load.x"].error
+    rows = [row.split(",") for row in (tmp_path / "one.csv").read_text().split()[1:]]
+    (tmp_path / "one.csv").write_text("t,foot,load\n" + "".join(f"{t},{-float(a) / 2:.5f},{b}\n" for t, a, b in rows))
+    path.write_text(BESIDE.replace("{column: foot,", "{column: foot, factor: -2,"))
+    assert compare(path).records["one"].channels["load.x"].error == pytest.approx(before, rel=0.01)
+
+
+@pytest.mark.parametrize("factor", ["0", "2 mm", "sign", "=time"])
+def test_a_factor_is_a_number(tmp_path: Path, factor: str) -> None:
+    with pytest.raises(HeavebondError) as caught:
+        compare(written(tmp_path, BESIDE.replace("{column: foot,", f"{{column: foot, factor: {factor},")))
+    assert caught.value.problems[0].place and caught.value.problems[0].place.line == 8
+
+
 @pytest.mark.parametrize(("unit", "offset", "write"), [
     ("bar", -1.01, "`is: A.p - 1.01325 bar`"), ("kPa", 98.0, "`is: A.p + 101.325 kPa`"),
     ("K", -273.15, "`unit: degC`"), ("degC", 273.15, "`unit: K`"),

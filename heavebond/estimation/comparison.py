@@ -43,9 +43,10 @@ from heavebond.estimation.unit_and_sign_checks import (
     seems_from_another_zero,
     seems_in_another_unit,
     seems_of_another_sign,
+    seems_turned,
 )
 from heavebond.language import reading
-from heavebond.language.definition import Value
+from heavebond.language.definition import FileInput, Value
 from heavebond.language.edits import quoted
 from heavebond.numerics.dae import Array, Assembly, assemble
 from heavebond.numerics.quick_simulation import FitSimulator
@@ -313,7 +314,8 @@ def compare_record(experiment: Experiment, record: Record,
     closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()},
                           prescribing_inputs(result.assembly))
     adjusted = bool(parameters) or not experiment.free
-    slipped = tuple(f"{name} {remark}" for name, remarks in slips.items() for remark in remarks)
+    slipped = (*(f"{name} {remark}" for name, remarks in slips.items() for remark in remarks),
+               *([] if measured.time_suspect else _turned_inputs(experiment.inputs_for(record), fitted)))
     notes = (*measured.notes, *slipped, *_notes(measured, fitted, slips, held_inputs, adjusted), *starts,
              *frozen_notes(experiment, record, fitted), *swapped_notes(experiment, record, result.assembly, fitted),
              *noise_notes(experiment, measured), *smoothing_notes(experiment, record, result.assembly), *closed,
@@ -418,6 +420,17 @@ def _slips(channel: Channel, output: Output, declared: Unit | None) -> list[str]
                seems_of_another_sign(measured, model, formula),
                seems_from_another_zero(measured, model, channel.unit, formula))
     return [remark for remark in remarks if remark]
+
+
+def _turned_inputs(inputs: Mapping[str, FileInput], channels: Mapping[str, Channel]) -> list[str]:
+    """A note if all channels move against the model: an input of the opposite sign turns all of them."""
+    turned = [seems_turned(c.measured[c.counts], c.model[c.counts], "") for c in channels.values()]
+    if not inputs or not turned or None in turned:
+        return []
+    entries = listing([f"`factor: {number(-source.factor)}` at {name}" for name, source in inputs.items()], 3)
+    subject = f"{next(iter(channels))} moves" if len(turned) == 1 else "all channels move"
+    cause = "if an input has" if len(inputs) > 1 else f"if the input {next(iter(inputs))} has"
+    return [f"{subject} against the model: {cause} the opposite sign, write {entries} instead"]
 
 
 def _late_note(channel: Channel, declared: float) -> str:

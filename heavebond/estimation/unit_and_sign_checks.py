@@ -40,6 +40,9 @@ class UnitCheckConstants:
     sign_gain: gain in correlation by which the opposite sign must explain a record better. Doubled: no effect except for
     weak signals.
     opposite: correlation below which the sign is wrong; a mistuned model hardly reaches it. Doubled: no sign is ever named.
+    opposite_left: ratio of the residuals with the opposite and with the own sign of the model, without their means, below
+    which the sign is wrong: the model has about the right size, and an effect may be missing. Doubled: mistuned resonances
+    are named.
     zero_left: relative difference between a mean residual and the distance of two zeros of a scale (an atmosphere, which the
     weather and 1000 m of height change by as much; 273.15 K). Doubled: other offsets are taken for it.
     zero_share: least share of the mean in the mean square of the residual. Doubled: no zero is ever named.
@@ -55,6 +58,7 @@ class UnitCheckConstants:
     time_ratio: float = 40.0
     sign_gain: float = 0.01
     opposite: float = -0.9
+    opposite_left: float = 1 / 3
     zero_left: float = 0.15
     zero_share: float = 0.9
 
@@ -144,7 +148,7 @@ def seems_of_another_sign(measured: Array, model: Array, formula: str) -> str | 
 def seems_turned(measured: Array, model: Array, formula: str) -> str | None:
     """A remark if the record (n,) is close to the negative of the model (n,); `formula` is the output's."""
     _, alike = _likeness(measured, model)
-    if alike > UNIT_CHECKS.opposite:
+    if alike > UNIT_CHECKS.opposite and not np.std(measured + model) < UNIT_CHECKS.opposite_left * np.std(measured - model):
         return None
     return f"moves against the model (correlation {number(alike, 3)}): if the sensor has the opposite sign, write " \
         f"`is: -({formula})`"

@@ -339,6 +339,7 @@ def column(required: Iterable[str], more: Mapping[str, Schema] | None = None) ->
         "column": {**TEXT, "description": "its name in the file"}, "unit": {"$ref": "#/definitions/unit"},
         "interpolation": {"enum": list(INTERPOLATIONS), "description": "interpolation between two samples"},
         "time": TIME_AXIS,
+        "factor": {"type": "number", "description": "the readings are multiplied by it: -1 for the opposite sign"},
         "gaps": {"enum": ["bridge"], "description": "go across gaps"}, **(more or {})}}
 
 

@@ -479,7 +479,7 @@ def _columns(experiment: Experiment, frame: _Frame, known: Mapping[str, Array]) 
     columns = {"time [s]" if axis.every is not None else axis.column: _in(axis.unit, time)}
     for k in frame.known:
         signal = pieces(frame.time, known[k.source.column], k.source.interpolation)
-        columns[k.source.column] = _in(k.source.unit, evaluate(signal, time))
+        columns[k.source.column] = _in(k.source.unit, evaluate(signal, time)) / k.source.factor
     return columns
 
 

@@ -146,11 +146,12 @@ class Value:
 class FileInput:
     """A signal given by a column of a measured file; `interpolation` is spline, linear or hold.
 
-    `file` is `Path()` for the record of the experiment. `time` gives the times of its rows (None: the times of the record,
-    or in a diagram the first column in s). `bridge`: interpolate across gaps. `zero` is the file, with its times, whose
-    first row is the zero of clock times, if it is another file. `noise` is the standard deviation of
-    its white noise, in `unit` (0: unknown); `seed` selects a realisation of this noise that is added to the readings;
-    `smooth` is the frequency in Hz above which a smoothing spline attenuates by more than half.
+    `file` is `Path()` for the record of the experiment. `time` gives the times of its rows (None: the times of the
+    record, or in a diagram the first column in s). `bridge`: interpolate across gaps. `zero` is the file, with its
+    times, whose first row is the zero of clock times, if it is another file. `factor` multiplies the readings. `noise`
+    is the standard deviation of its white noise, in `unit` (0: unknown); `seed` selects a realisation of this noise that
+    is added to the readings; `smooth` is the frequency in Hz above which a smoothing spline attenuates by more than
+    half.
     """
 
     file: Path
@@ -161,6 +162,7 @@ class FileInput:
     time: TimeAxis | None = None
     bridge: bool = False
     zero: tuple[Path, TimeAxis] | None = None
+    factor: float = 1.0
     noise: float = 0.0
     seed: int | None = None
     smooth: float | None = None

@@ -259,7 +259,7 @@ def _range_of(content: str) -> str | None:
 def file_input(node: Mapping, source: Source, problems: Problems, subject: str, *, file: bool = True) -> FileInput | None:
     """Read `{file: heave.csv, column: z, unit: m, interpolation: spline}`; the file name is relative to the folder of the
     source. Without `file`, in an experiment, it may have `noise`, which the caller reads."""
-    keys = ["file", "column", "unit", "interpolation", "time", "gaps", "smooth", *([] if file else ["noise"])]
+    keys = ["file", "column", "unit", "interpolation", "time", "gaps", "factor", "smooth", *([] if file else ["noise"])]
     if node.items and not any(nearest(name, keys) for name in node.items):
         keyed = f"`{{{listing(node.items)}}}`"
         problems.add("not-a-quantity", f"{subject}: {keyed} is neither a quantity nor an input from a record", node.place,
@@ -280,13 +280,27 @@ def file_input(node: Mapping, source: Source, problems: Problems, subject: str, 
     if any(name not in node.items for name in ("column", "unit", "interpolation")):
         return None
     entry = {name: text(item, name, problems) for name, item in node.items.items()
-             if name not in ("time", "noise", "smooth")}
+             if name not in ("time", "noise", "smooth", "factor")}
     time_node = node.items.get("time")
     return FileInput(source.path.parent / entry["file"] if "file" in entry else Path(), entry["column"], entry["unit"],
                      entry["interpolation"], node.place,
                      time_axis(time_node, problems) if time_node is not None else None,
                      choice(node.items.get("gaps"), "gaps", ("bridge",), problems) == "bridge",
+                     factor=_factor(node.items.get("factor"), problems),
                      smooth=_bandwidth(node.items.get("smooth"), entry["interpolation"], problems))
+
+
+def _factor(node: Node | None, problems: Problems) -> float:
+    """The `factor:` of an input: a number other than 0."""
+    read = value(node, "factor", problems) if node is not None else None
+    if read is None:
+        return 1.0
+    number = constant(read.expr)
+    if number is None or getattr(read.expr, "unit", None) is not None or not 0 < abs(number) < float("inf"):
+        problems.add("factor-not-a-number", f"factor: '{read.text}' is not a number other than 0", read.place,
+                     hint="Write for example `factor: -1`; a calibration with a unit is a Gain in the diagram.")
+        return 1.0
+    return number
 
 
 def _bandwidth(node: Node | None, interpolation: str, problems: Problems) -> float | None:

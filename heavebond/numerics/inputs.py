@@ -77,9 +77,9 @@ def read_input(known: KnownInput, begin: float = -np.inf, end: float = np.inf) -
 
 def input_samples(source: FileInput, begin: float = -np.inf, end: float = np.inf, *, table: Table | None = None
                   ) -> tuple[Array, Array]:
-    """The times (n,) in s and values (n,) of the samples of an input, in the unit of the input; rows without a value are
-    omitted. `table` is its file where that has been read. DataError for a gap between `begin` and `end` (see `check_gaps`)
-    that may not be bridged."""
+    """The times (n,) in s and values (n,) of the samples of an input, with its factor, in its unit; rows without a value
+    are omitted. `table` is its file where that has been read. DataError for a gap between `begin` and `end` (see
+    `check_gaps`) that may not be bridged."""
     table = table or read_table(source.file, place=source.place, beside=source.time.column if source.time else None)
     axis = source.time or TimeAxis(table.header[0])
     table, name = timed(table, axis, zero=source.zero, place=source.place), axis.column
@@ -88,4 +88,4 @@ def input_samples(source: FileInput, begin: float = -np.inf, end: float = np.inf
     scale = axis.scale
     if not source.bridge:
         check_gaps(table, name, {source.column: rows}, begin=begin / scale, end=end / scale)
-    return table.columns[name][rows] * scale, column(table, source.column)[rows]
+    return table.columns[name][rows] * scale, column(table, source.column)[rows] * source.factor
