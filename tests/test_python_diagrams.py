@@ -224,6 +224,7 @@ def test_interactive_input_shows_what_was_given() -> None:
     (lambda d: d.show("place", "load.x", unit="mm"), "name-twice", "another name"),
     (lambda d: d.define("S", **SNUBBER).define("S", **SNUBBER), "name-twice", "another name"),
     (lambda d: hb.Diagram.from_dict({"name": "x"}), "not-a-model", "model"),
+    (lambda d: hb.modes(hb.assemble(d)), "not-a-model", ".model"),
     (lambda d: d.save("cart.txt"), "file-suffix", "cart.yaml"),
     (lambda d: hb.Diagram.read("nowhere"), "file-missing", "bundled name"),
 ])

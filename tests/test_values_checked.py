@@ -58,6 +58,13 @@ def test_a_value_below_its_minimum_is_refused_at_every_entry(entry: str, name: s
     assert name in problem.message
 
 
+@pytest.mark.parametrize("entry", ENTRIES)
+@pytest.mark.parametrize("value", [True, np.True_, [100.0]])
+def test_a_truth_value_or_a_list_is_no_number_at_every_entry(entry: str, value: object) -> None:
+    with pytest.raises(hb.HeavebondError, match=r"spring\.c: a .* is not one value"):
+        ENTRIES[entry](hb.loads(OSCILLATOR), {"spring.c": value})  # type: ignore[dict-item]
+
+
 @pytest.mark.parametrize("entry", ["simulate", "Simulator", "Assembly", "audit"])
 def test_limits_in_the_wrong_order_are_refused_at_every_entry(entry: str) -> None:
     with pytest.raises(hb.HeavebondError, match="requires y_max > y_min"):

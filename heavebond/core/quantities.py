@@ -35,6 +35,8 @@ def number_or_text(given: object, unit: str, subject: str) -> float | str:
         return f"{float(getattr(given, 'magnitude'))!r} {units:~C}".rstrip()  # noqa: B009
     text = getattr(given, "unit", None)
     try:
+        if type(given).__name__ in ("bool", "bool_"):
+            raise TypeError
         number = float(given)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise UsageError([Problem("not-a-quantity", f"{subject}: a {type(given).__name__} is not one value", None,

@@ -191,8 +191,9 @@ def loaded(model: ModelOrFile) -> Model:
         return model
     if isinstance(model, (str, Path)):
         return load(model)
-    if not hasattr(model, "model"):
+    if not callable(getattr(model, "model", None)):
         hint = "Write hb.Diagram.from_dict(...)." if isinstance(model, dict) else \
+            "Give its diagram, .model, and changed values as `parameters=`." if hasattr(model, "model") else \
             'Give a Model, a Diagram, the path of a file, or a bundled name: "cmc_ahc".'
         raise UsageError([Problem("not-a-model", f"a {type(model).__name__} is not a diagram", None, hint)])
     return model.model()
