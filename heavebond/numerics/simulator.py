@@ -43,7 +43,7 @@ from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.kinks import passed_jumps
 from heavebond.numerics.looks import Looks
-from heavebond.numerics.output_times import DENSE_POINTS, Time, grid, largest_step_of, refined
+from heavebond.numerics.output_times import DENSE_POINTS, POINTS, Time, grid, largest_step_of, refined
 from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
 from heavebond.numerics.sampled_integration import SampledIntegration, sampled_integration
@@ -651,13 +651,19 @@ class Simulator:
 
     def _with_first_interval(self, first: Start, x: Array, z: Array, p: Array) -> tuple[Array, Array, Array]:
         """The stops (N,) with scaled states (n, N) and algebraic unknowns. If the states change much in the first interval,
-        which is not divided in the run, it is integrated again with points between."""
-        assembly, stops, length = self.assembly, self.stops, float(self.stops[1] - self.stops[0])
+        which is not divided in the run, it is integrated again with points between. Where the stops are closer than a
+        thousandth of the run, their intervals up to there are the first."""
+        assembly, stops = self.assembly, self.stops
+        share = (stops[-1] - stops[0]) / POINTS
+        last = max(int(np.searchsorted(stops, stops[0] + share * (1 + 1e-9), side="right")) - 1, 1)
+        length = float(stops[last] - stops[0])
         u = self.pieces.at(stops[:1])[:, 0]
         rates = np.array(assembly.rates(first.t, first.x, first.z, first.p, u, 1.0)[0]).ravel() / assembly.x_nominal
         ranges, n = np.ptp(x, axis=1), len(first.x)
-        moves = np.maximum(np.abs(x[:n, 1] - x[:n, 0]), np.abs(rates) * length)
-        times = stops[0] + length * DENSE_POINTS.shares
+        moves = np.maximum(np.ptp(x[:n, :last + 1], axis=1), np.abs(rates) * length)
+        between = stops[0] + length * DENSE_POINTS.shares[:-1]
+        apart = np.abs(between[:, None] - stops[1:last + 1]).min(axis=1) > rounding(stops[last]) + 1e-9 * length
+        times = np.union1d(stops[:last + 1], between[apart])
         if len(stops) < 3 or not np.any(moves > DENSE_POINTS.moved * ranges[:n]):
             return stops, x, z
         name = "idas" if len(z) else self.solver.name
@@ -671,8 +677,9 @@ class Simulator:
         inner = [np.asarray(results[name]).reshape(len(of), len(times) - 1)[:, :-1] for name, of in (("xf", x), ("zf", z))]
         if not np.all(np.isfinite(inner[0])):
             return stops, x, z
-        states, unknowns = (np.column_stack([of[:, :1], more, of[:, 1:]]) for of, more in zip((x, z), inner, strict=True))
-        return np.concatenate([stops[:1], times[1:-1], stops[1:]]), states, unknowns
+        states, unknowns = (np.column_stack([of[:, :1], more, of[:, last:]])
+                            for of, more in zip((x, z), inner, strict=True))
+        return np.concatenate([stops[:1], times[1:-1], stops[last:]]), states, unknowns
 
     def _scaled_start(self, first: Start, start_tangent: Tangent | None = None) -> tuple[Array, Array, Array]:
         """x0, z0 and p of the integrator."""
