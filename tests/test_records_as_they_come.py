@@ -57,7 +57,8 @@ free:
 def truth() -> dict[str, Array]:
     """Times every 1 ms over 8 s, foot and load in m, spring force in N."""
     run = hb.simulate(hb.loads(MODEL), until=8.0, every=1e-3)
-    return {"t": run.time, "u": run["base.x"], "x": run["load.x"], "F": run["spring.F"]}
+    return {"t": run.time, **{name: np.asarray(run[path]) for name, path in (
+        ("u", "base.x"), ("x", "load.x"), ("F", "spring.F"))}}
 
 
 def record(every: int = 20, seed: int = 1) -> dict[str, Array]:
