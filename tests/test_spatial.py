@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from random_trees import Pinocchio, aligned_tree, diagram, mujoco_accelerations, random_tree
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
 import heavebond as hb
@@ -338,3 +339,32 @@ def test_modes_have_as_many_states_as_degrees_of_freedom() -> None:
     assert len(hb.assemble(model).reduced.states) == 7
     point = OperatingPoints(model)
     assert len(point.assembly.reduced.states) == 6
+
+
+def test_a_platform_on_six_cylinders() -> None:
+    """The lengths of the legs at the position and orientation of the platform; no leg is a constraint."""
+    run = hb.simulate(hb.load("spatial/platform"), "2 s")
+    assert len(run.assembly.reduced.states) == 25
+    assert run.assembly.reduced.z.numel() == 0
+    model = run.assembly.model
+    place = np.array([run[f"deck.{name}"] for name in "xyz"]).T
+    x, y, z, w = (np.asarray(run[f"deck.q_{k}"]) for k in (1, 2, 3, 0))
+    turn = Rotation.from_quat(np.stack([x, y, z, w], axis=-1))
+    values = run.assembly.parameter_values
+    for k in range(1, 7):
+        low, high = (np.array([values[f"{part}_{k}.l_{axis}"] for axis in "xyz"]) for part in ("base", "eye"))
+        length = np.linalg.norm(place + turn.apply(high) - low, axis=1)
+        assert run[f"leg_{k}.line.l"] == pytest.approx(length, abs=1e-9)
+    assert model.name == "platform"
+    height = 1.9 + 0.15*np.sin(2*np.pi*0.2*(run.time - 0.2))  # a loop of 5 1/s follows 0.2 s later
+    assert np.abs(np.asarray(run["deck.z"]) - height)[run.time > 1].max() < 0.02
+
+
+@pytest.mark.parametrize("name", ["gyroscope", "robot_arm"])
+def test_the_energy_of_a_bundled_machine(name: str) -> None:
+    assert hb.energy(hb.load(f"spatial/{name}"), "1 s").closes()
+
+
+def test_a_crane_on_a_vessel_starts_in_equilibrium() -> None:
+    run = hb.simulate(hb.load("spatial/vessel_crane"), "0.5 s")
+    assert run.si["tension"][0] == pytest.approx(25e3*G, rel=1e-6)

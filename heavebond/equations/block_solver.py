@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.lost_rank import Row
 from heavebond.equations.sparse_elimination import SAMPLES, Coefficient, eliminate, random_states
-from heavebond.equations.state_selection import Column
+from heavebond.equations.state_selection import Column, InitialGuess
 from heavebond.equations.tearing import tear
 from heavebond.language.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
 from heavebond.language.symbols import split, stack
@@ -346,7 +346,8 @@ class BlockSolver:
         return any(self.flat.unknowns[self.unknown[c][0]].pose for c in block.columns)
 
     def _at_random_states(self, expressions: ca.SX) -> Array:
-        """The values (n, SAMPLES) of expressions in states, parameters and known functions of time."""
+        """The values (n, SAMPLES) of expressions in states, parameters and known functions of time; the first state is the
+        initial guess of the diagram."""
         symbols = ca.symvar(expressions)
         if not symbols:
             return np.repeat(np.array(ca.DM(expressions)).reshape(-1, 1), SAMPLES, axis=1)
@@ -358,7 +359,10 @@ class BlockSolver:
                                [np.inf if u is None else u.high for u in unknowns],
                                [1.0 if u is None else u.nominal for u in unknowns],
                                [u is not None and u.unit.text == "rad" for u in unknowns])
+        guess = InitialGuess(self.flat)(np.array([q.value for q in self.flat.parameters]))
+        guess_of = {s.element_hash(): value for s, value in zip(self.flat.levels[0], guess.tolist(), strict=True)}
         for k, symbol in enumerate(symbols):
+            values[k, 0] = guess_of.get(symbol.element_hash(), 0.0)
             if symbol.element_hash() in parameters:
                 values[k] = parameters[symbol.element_hash()]
             elif symbol.element_hash() == self.flat.rate.element_hash():

@@ -20,10 +20,12 @@ from heavebond.text.shapes import whole_number
 
 class Unknowns:
     """The unknowns in the order of the diagram, with their names and aliases: `listed`, `names` (name to index), and the
-    ports as `bonds` of components and `block_bonds` of blocks. `also` names positions that a caller wants."""
+    ports as `bonds` of components and `block_bonds` of blocks. `also` names positions that a caller wants, `roots` are the
+    groups whose positions follow from their velocities."""
 
     def __init__(self, expanded: Expanded, network: Network, templates: Mapping[str, Template], claimed: Names,
-                 also: tuple[str, ...]):
+                 also: tuple[str, ...], roots: frozenset[int] = frozenset()):
+        self.roots = roots
         self.expanded, self.network, self.templates, self.claimed = expanded, network, templates, claimed
         self.domains = expanded.model.library.domains
         self.listed: list[Unknown] = []
@@ -48,7 +50,8 @@ class Unknowns:
             if group.domain == "signal":
                 self._signal_unknown(group)
             elif group.ports:
-                self._across_unknowns(group, positions.get(k, ()))
+                self._across_unknowns(group, positions.get(k, ()), k in self.roots)
+        turning = {name for domain in self.domains.values() for name in (domain.free, domain.minimal)}
         for path, leaf in self.expanded.leaves.items():
             for port, domain_name in self.network.domains[path].items():
                 self._through_unknowns(path, port, domain_name, leaf)
@@ -62,7 +65,7 @@ class Unknowns:
                     f"{path}.{name}", unit, variable.nominal or self._nominal(unit, variable.start), "own", variable.place,
                     variable.doc, -inf if variable.low is None else variable.low,
                     inf if variable.high is None else variable.high, variable.start,
-                    plausible=usual), ())
+                    plausible=usual, root=leaf.component.name in turning), ())
 
     def _nominal(self, unit: Unit, start: float | None) -> float:
         usual = self.nominal_of.get(unit.dimension, 1.0)
@@ -83,16 +86,18 @@ class Unknowns:
         self._unknown(Unknown(group.name, unit, self._nominal(unit, None), "signal", group.place, doc,
                               plausible=self.plausible_of.get(unit.text, NOTHING_KNOWN)), group.aliases)
 
-    def _across_unknowns(self, group: Group, positions: Iterable[str]) -> None:
+    def _across_unknowns(self, group: Group, positions: Iterable[str], root: bool) -> None:
         domain = self.domains[group.domain]
         members = [*((m, "across") for m in domain.across),
                    *((m, "position") for m in (*positions, *domain.orientation))]
         for name, role in members:
             member: Member = domain.members[name]
+            free = root and (name in domain.positions or name in map(domain.rate, domain.positions))
             low, high = (-inf, inf) if member.low is None else (member.low, member.largest or inf)
             self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
                                   low, high, start=member.start,
-                                  motion=bool(domain.positions) and role == "across", pose=bool(domain.orientation),
+                                  motion=bool(domain.positions) and role == "across",
+                                  pose=bool(domain.orientation) and not free, root=free,
                                   plausible=self.plausible[group.domain][name]),
                           [f"{alias}.{name}" for alias in group.aliases])
 

@@ -324,7 +324,7 @@ class _Builder:
     def build(self, also: tuple[str, ...]) -> Flat:
         self._make_templates()
         check_values(self.expanded, self.parameters, self.templates)
-        unknowns = Unknowns(self.expanded, self.network, self.templates, self.claimed, also)
+        unknowns = Unknowns(self.expanded, self.network, self.templates, self.claimed, also, self.tree.roots)
         self.names, self.bonds, self.block_bonds = unknowns.names, unknowns.bonds, unknowns.block_bonds
         self.unknowns = with_nominal_sizes(self.expanded.model, unknowns.listed, self.names, self.problems)
         self.n = len(self.unknowns)

@@ -25,7 +25,7 @@ from heavebond.equations.expand import default
 from heavebond.equations.expanded import Expanded, Junction, Leaf, PortEnd
 from heavebond.language.definition import Domain
 from heavebond.language.lists import written_out
-from heavebond.language.template import FrameForm, template
+from heavebond.language.template import FrameForm, Template, template
 
 FIXED = -1  # the vertex of the fixed frame
 SUFFIX = "rotation"  # of the name of an added part
@@ -50,11 +50,13 @@ class FrameForms(NamedTuple):
 @dataclass(frozen=True)
 class FrameTree:
     """The forms of each relation; the groups of nodes whose orientations are related to each other but not to the fixed
-    frame (`unrooted`), and the nodes whose positions and velocities follow from those of others (`carried`)."""
+    frame (`unrooted`); the nodes whose positions and velocities follow from those of others (`carried`), and the others
+    (`roots`)."""
 
     forms: Mapping[Key, FrameForms]
     unrooted: tuple[tuple[int, ...], ...]
     carried: frozenset[int]
+    roots: frozenset[int]
 
 
 def frame_tree(expanded: Expanded, network: Network) -> FrameTree:
@@ -73,8 +75,8 @@ def frame_tree(expanded: Expanded, network: Network) -> FrameTree:
     turned, trees = _spanning_trees(vertices, rotations)
     moved, others = _spanning_trees(vertices, translations)
     forms = {key: FrameForms(turned.get(key), moved.get(key)) for key in dict.fromkeys((*turned, *moved))}
-    roots = {tree[0] for tree in others}
-    return FrameTree(forms, tuple(tuple(tree) for tree in trees), frozenset(k for k in vertices if k not in roots))
+    roots = frozenset(tree[0] for tree in others)
+    return FrameTree(forms, tuple(tuple(tree) for tree in trees), frozenset(vertices) - roots, roots)
 
 
 def _spanning_trees(vertices: Iterable[int], relations: Iterable[Relation]
@@ -150,19 +152,33 @@ def _joined(junction: Junction | None, end: str, path: str, port: str, place: Pl
 
 
 def _turned(expanded: Expanded, network: Network) -> set[int]:
-    """The vertices on whose orientation or angular velocity a law depends."""
+    """The vertices whose orientation or angular velocity acts on a force, a moment or the place of another node; that of a
+    point mass with a sensor of its angles does not."""
     domains, turned = expanded.model.library.domains, set[int]()
     for path, leaf in expanded.leaves.items():
         turning = {port: members for port, name in network.domains[path].items() if (members := _turning(domains[name]))}
         if not turning or leaf.component.composite:
             continue
         laws = template(leaf.component, domains, network.domains[path], leaf.integers)
-        rows = [*laws.entries, *(row for law in laws.frames if law.translation
-                                 for row in law.translation[FrameForm.FORWARD].entries)]  # an arm turns with its frame
-        named = {laws.slots[e.column % len(laws.slots)] for row in rows for e in row}
+        acting = _acting(laws, {f"{port}.{member}" for port, name in network.domains[path].items()
+                                for member in domains[name].through}, set(leaf.component.unknowns))
+        arms = [row for law in laws.frames if law.translation for row in law.translation[FrameForm.FORWARD].entries]
+        acting |= {laws.slots[e.column % len(laws.slots)] for row in arms for e in row}
         turned |= {network.group_of_port[f"{path}.{port}"] for port, members in turning.items()
-                   if any(f"{port}.{member}" in named for member in members)}
+                   if any(f"{port}.{member}" in acting for member in members)}
     return turned
+
+
+def _acting(laws: Template, through: set[str], own: set[str]) -> set[str]:
+    """The variables in the laws of a part that contain through variables, directly or by own variables of the part."""
+    rows = [{laws.slots[e.column % len(laws.slots)] for e in row} for row in laws.entries]
+    acting: set[str] = set()
+    links = set(through)
+    while found := [row for row in rows if row & links]:
+        rows = [row for row in rows if not row & links]
+        acting |= set().union(*found)
+        links |= acting & own
+    return acting
 
 
 def _turning(domain: Domain) -> tuple[str, ...]:

@@ -65,6 +65,8 @@ class Unknown:
     motion: bool = False
     # a position or velocity of a frame, which follows from the coordinates of the joints: never preferred as a state
     pose: bool = False
+    # a position or velocity of a free body: preferred as a state to the lengths of struts that carry it
+    root: bool = False
     plausible: PlausibleRange = NOTHING_KNOWN
 
 

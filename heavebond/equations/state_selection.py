@@ -23,6 +23,7 @@ Column = tuple[int, int]  # (unknown, order of its derivative)
 # initial value for is kept unless another choice is a thousand times better conditioned.
 PREFERENCE = {"position": 1e-2, "across": 1e-2, "signal": 1e-1, "own": 1e-1, "through": 1.0}
 ASKED = 1e-1
+ROOT = 1e-3  # of the position, orientation and velocities of a free body
 # strain of a choice above which it does not serve; preferences alone come to 1/(1e-2 * 1e-1)
 UNSUITABLE = 1e3
 # From so many rows on LAPACK is faster; for fewer, loading SciPy would take longer than all of a usual model.
@@ -278,6 +279,8 @@ def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
 
 def _weight(flat: Flat, column: Column, asked: frozenset[int]) -> float:
     j, order = column
+    if flat.unknowns[j].root and order <= 1:
+        return ROOT * (ASKED if j in asked else 1.0)
     if flat.unknowns[j].pose or (flat.unknowns[j].role in ("position", "own") and order > 1):
         return 1.0  # the node's velocity is the state that people know, not der(position)
     return PREFERENCE[flat.unknowns[j].role] * (ASKED if j in asked else 1.0)
