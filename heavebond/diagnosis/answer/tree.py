@@ -479,8 +479,8 @@ def _with_equivalent_places(leaves: Sequence[Leaf], twins: Mapping[str, Sequence
                     places.setdefault(key, common)
     moved = []
     for leaf in leaves:
-        key, name = places.get(leaf.keys[:4], (leaf.keys[1], leaf.names[1]))
-        moved.append(replace(leaf, keys=(leaf.keys[0], key, *leaf.keys[2:]), names=(leaf.names[0], name, *leaf.names[2:])))
+        place, name = places.get(leaf.keys[:4], (leaf.keys[1], leaf.names[1]))
+        moved.append(replace(leaf, keys=(leaf.keys[0], place, *leaf.keys[2:]), names=(leaf.names[0], name, *leaf.names[2:])))
     return moved
 
 
