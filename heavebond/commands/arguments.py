@@ -161,10 +161,13 @@ def read_signals(option: str, texts: Sequence[str], model: Model) -> dict[str, E
     return formulas
 
 
-def check_signals(assembly: Assembly, option: str, formulas: dict[str, Expr]) -> None:
-    """Raise UsageError for a signal that the diagram does not have, before the integration begins."""
-    from heavebond.text.expression import ExpressionProblem
+def assembled(model: Model, option: str, formulas: dict[str, Expr]) -> Assembly:
+    """Assemble the diagram with the positions that only signals of an option need; UsageError for an unknown signal."""
+    from heavebond.numerics.dae import assemble
+    from heavebond.text.expression import ExpressionProblem, names
 
+    assembly = assemble(model, {name.text for formula in formulas.values() for name in names(formula)})
+    # raise UsageError for a signal that the diagram does not have, before the integration begins
     problems, outputs = Problems(), assembly.model.show
     for text, formula in formulas.items():
         try:
@@ -175,15 +178,6 @@ def check_signals(assembly: Assembly, option: str, formulas: dict[str, Expr]) ->
             hint = suggest(text, [*outputs, *assembly.flat.names]) or problem.hint
             problems.add(problem.code, f"{option} {text}: {problem.message}", hint=hint)
     problems.raise_as(UsageError)
-
-
-def assembled(model: Model, option: str, formulas: dict[str, Expr]) -> Assembly:
-    """Assemble the diagram with the positions that only signals of an option need; UsageError for an unknown signal."""
-    from heavebond.numerics.dae import assemble
-    from heavebond.text.expression import names
-
-    assembly = assemble(model, {name.text for formula in formulas.values() for name in names(formula)})
-    check_signals(assembly, option, formulas)
     return assembly
 
 

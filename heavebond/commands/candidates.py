@@ -9,7 +9,7 @@ import click
 from heavebond.commands.arguments import json_option
 
 if TYPE_CHECKING:
-    from heavebond.diagnosis.candidates.catalogue import Candidate
+    pass
 
 HEAD = ("class", "effect", "place", "what is fitted")
 
@@ -29,8 +29,8 @@ def candidates(experiment: str) -> dict[str, object]:
 
     candidate_list = places.candidates(experiment)
     ordered = sorted(candidate_list, key=lambda c: c.kind)
-    rows = [(c.kind if k == 0 or ordered[k - 1].kind != c.kind else "", name_to_type(c), c.place,
-             ", ".join(n.name.rpartition(".")[2] for n in c.numbers)) for k, c in enumerate(ordered)]
+    rows = [(c.kind if k == 0 or ordered[k - 1].kind != c.kind else "", c.name if c.attaches == "in" else c.component,
+             c.place, ", ".join(n.name.rpartition(".")[2] for n in c.numbers)) for k, c in enumerate(ordered)]
     console = terminal.output()
     console.print(terminal.table("", HEAD, rows, text=4))
     console.print(f"{len(candidate_list)} candidates of {len({c.kind for c in candidate_list})} classes. Try one by hand: "
@@ -39,8 +39,3 @@ def candidates(experiment: str) -> dict[str, object]:
                   soft_wrap=True)
     return {"candidates": [{**c.as_dict(), "description": c.description, "numbers": [n.name for n in c.numbers]}
                            for c in candidate_list]}
-
-
-def name_to_type(candidate: Candidate) -> str:
-    """Name of an effect for `heavebond try`: the inactive parameter (`cylinder.leakage`), else the component."""
-    return candidate.name if candidate.attaches == "in" else candidate.component

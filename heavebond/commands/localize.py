@@ -52,10 +52,6 @@ def _drawn(localization: Localization, output: Path) -> list[Path]:
     from heavebond.pictures.plot import save
     from heavebond.pictures.plot_where import plot_misfit, plot_place
 
-    files = [save(plot_place(localization, s.place.name), _numbered(output, k))
+    files = [save(plot_place(localization, s.place.name), output if k == 1 else output.with_stem(f"{output.stem}_{k}"))
              for k, s in enumerate(best_of_each_group(localization), 1)]
     return [*files, save(plot_misfit(localization), output.with_stem(output.stem + "_misfit"))]
-
-
-def _numbered(output: Path, number: int) -> Path:
-    return output if number == 1 else output.with_stem(f"{output.stem}_{number}")

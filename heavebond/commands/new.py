@@ -61,8 +61,9 @@ def _experiment(path: Path, origin: str | None, records: tuple[Path, ...], every
     with terminal.working("reading the records"):
         text, proposal = proposed_text(path, load(origin), records, every)
     console = terminal.output()
-    console.print(terminal.table("", HEAD, [(c.name, c.role or "not used", c.target, _unit(c.unit, c.unit_known))
-                                            for c in proposal.columns], text=4))
+    rows = [(c.name, c.role or "not used", c.target,
+             c.unit if c.unit_known else f"{c.unit} (assumed: the file gives no known unit)") for c in proposal.columns]
+    console.print(terminal.table("", HEAD, rows, text=4))
     for remark in proposal.remarks:
         console.print(remark, soft_wrap=True)
     write_text(path, text)
@@ -70,7 +71,3 @@ def _experiment(path: Path, origin: str | None, records: tuple[Path, ...], every
     console.print(f"next: look through {path}, then heavebond compare {path}", soft_wrap=True)
     return {"experiment": str(path), "files": [str(path)], "columns": [asdict(c) for c in proposal.columns],
             "remarks": list(proposal.remarks)}
-
-
-def _unit(unit: str, known: bool) -> str:
-    return unit if known else f"{unit} (assumed: the file gives no known unit)"

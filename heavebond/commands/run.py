@@ -82,7 +82,8 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
             result = simulate(assembly, until, every=every, begin=begin, rtol=rtol, solver=solver, allow_fmu=allow_fmu)
     listed = list(assembly.model.show) or assembly.state_names or [u.name for u in assembly.flat.unknowns]
     names = list(dict.fromkeys([*listed, *plotted]))
-    figures = _figures(result, names)
+    figures: dict[str, dict[str, float | str]] = {name: {**numbers.as_dict(), "unit": result.unit(name)}
+                                                  for name, numbers in result.figures(names).items()}
     if not result.verdict.failed and any(not math.isfinite(float(f["rms"])) for f in figures.values()):
         report_verdict(f"{assembly.model.name}, outputs", result.without_value(names))
     console = terminal.output()
@@ -128,11 +129,6 @@ def _tell(verification: Verification, figures: dict[str, object]) -> None:
                          "moved": [m.name for m in verification.moved],
                          "outputs": shares}
     raise_if_moved(verification, figures)
-
-
-def _figures(result: Result, names: Sequence[str]) -> dict[str, dict[str, float | str]]:
-    """min, max, rms and last value of signals, each in the unit of the result."""
-    return {name: {**figures.as_dict(), "unit": result.unit(name)} for name, figures in result.figures(names).items()}
 
 
 def _shown(value: float | str) -> str:

@@ -45,7 +45,13 @@ def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]
     def ready() -> None:
         click.echo(f"{folder.root}: {opened.address}\nCtrl-C ends the studio.")
         if not no_browser:
-            open_browser(opened.address, Path(private))
+            import webbrowser
+
+            page = Path(private) / "open.html"
+            write_text(page, f'<!doctype html><meta charset="utf-8"><meta name="referrer" content="no-referrer">'
+                       f'<meta http-equiv="refresh" content="0; url={opened.address}"><title>heavebond</title>'
+                       f'<a href="{opened.address}">Open the studio</a>\n')
+            webbrowser.open(page.as_uri())
 
     try:
         # readable by this user only
@@ -56,18 +62,6 @@ def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]
 
         clear_signal()
     return {"folder": str(folder.root), "port": opened.port}
-
-
-def open_browser(address: str, private: Path) -> None:
-    """Open an address in the browser by an HTML file in a `private` folder that redirects to it: all users of the machine
-    can read the command line of a browser, which must not contain the address."""
-    import webbrowser
-
-    page = private / "open.html"
-    write_text(page, f'<!doctype html><meta charset="utf-8"><meta name="referrer" content="no-referrer">'
-               f'<meta http-equiv="refresh" content="0; url={address}"><title>heavebond</title>'
-               f'<a href="{address}">Open the studio</a>\n')
-    webbrowser.open(page.as_uri())
 
 
 def _opened(target: str) -> tuple[Folder, str]:

@@ -126,33 +126,29 @@ def warn(line: str) -> None:
 
 def print_problems(problems: Sequence[Problem]) -> None:
     """Print problems on standard error in the form of `str(Problem)`, numbered if there are several."""
+    from rich.text import Text
+
     console = messages()
     for k, problem in enumerate(problems[:PROBLEMS_SHOWN]):
         if k:
             console.print()
-        _print_problem(console, problem)
+        lines = str(problem).split("\n")
+        hint = len(problem.hint.splitlines())
+        head = Text(lines[0], style="bold red")
+        if problem.place:
+            head.stylize("bold", 0, len(f"{problem.place.file}:{problem.place.line}: "))
+        head.stylize("not bold dim", len(lines[0]) - len(problem.code) - 2)
+        styled = [head]
+        for line in lines[1:len(lines) - hint]:
+            caret = line.lstrip(" |").startswith("^") and line.lstrip().startswith("|")
+            styled.append(Text(line, style="yellow" if caret else ""))
+        styled += [Text(line, style="green") for line in lines[len(lines) - hint:]]
+        for line_text in styled:
+            # no line breaks here: they could split a name that the user copies
+            console.print(line_text, soft_wrap=True)
     if len(problems) > 1:
         suffix = f", the first {PROBLEMS_SHOWN} are shown" if len(problems) > PROBLEMS_SHOWN else ""
         console.print(f"\n{len(problems)} problems{suffix}", style="bold red")
-
-
-def _print_problem(console: Console, problem: Problem) -> None:
-    from rich.text import Text
-
-    lines = str(problem).split("\n")
-    hint = len(problem.hint.splitlines())
-    head = Text(lines[0], style="bold red")
-    if problem.place:
-        head.stylize("bold", 0, len(f"{problem.place.file}:{problem.place.line}: "))
-    head.stylize("not bold dim", len(lines[0]) - len(problem.code) - 2)
-    styled = [head]
-    for line in lines[1:len(lines) - hint]:
-        caret = line.lstrip(" |").startswith("^") and line.lstrip().startswith("|")
-        styled.append(Text(line, style="yellow" if caret else ""))
-    styled += [Text(line, style="green") for line in lines[len(lines) - hint:]]
-    for line_text in styled:
-        # no line breaks here: they could split a name that the user copies
-        console.print(line_text, soft_wrap=True)
 
 
 @contextlib.contextmanager

@@ -42,19 +42,17 @@ class Place:
         if not self.text:
             return []
         number = f"{self.line:>5} | "
-        text, column = self._window()
+        # the line and the column; of a long line the part around the column
+        if len(self.text) <= WIDEST_EXCERPT:
+            text, column = self.text, self.column
+        else:
+            begin = max(0, min(self.column - 1 - WIDEST_EXCERPT // 2, len(self.text) - WIDEST_EXCERPT))
+            end = begin + WIDEST_EXCERPT
+            before, after = "..." if begin else "", "..." if end < len(self.text) else ""
+            text, column = before + self.text[begin:end] + after, self.column - begin + len(before)
         room = max(1, len(text) - column + 1)
         caret = " " * (column - 1) + "^" * max(1, min(self.length, room))
         return [number + text.replace("\t", " "), " " * (len(number) - 2) + "| " + caret]
-
-    def _window(self) -> tuple[str, int]:
-        """The line and the column; of a long line the part around the column."""
-        if len(self.text) <= WIDEST_EXCERPT:
-            return self.text, self.column
-        begin = max(0, min(self.column - 1 - WIDEST_EXCERPT // 2, len(self.text) - WIDEST_EXCERPT))
-        end = begin + WIDEST_EXCERPT
-        before, after = "..." if begin else "", "..." if end < len(self.text) else ""
-        return before + self.text[begin:end] + after, self.column - begin + len(before)
 
 
 @dataclass(frozen=True)

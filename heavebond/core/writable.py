@@ -83,13 +83,15 @@ def new_file(path: str | Path, *, exclusive: bool = False) -> Iterator[Path]:
                 at = {"dir_fd": folder}
                 if root is not None:
                     _check_replaceable(target.name, folder)
-                    fresh = _by_descriptor(folder, fresh)
+                    link = Path(f"/proc/{os.getpid()}/fd/{folder}")  # Linux
+                    fresh = link / fresh.name if link.exists() else fresh
                 _remove_unfinished(folder)
             elif root is not None and not target.is_relative_to(root):
                 raise PermissionError(errno.EACCES, f"it leads out of the folder {root}", str(path))
             lock = _created(name if at else fresh, at)
             yield fresh
-            _flush(fresh)
+            with open(fresh, "rb+") as file:
+                os.fsync(file.fileno())
             _rename(name if at else fresh, target.name if at else target, exclusive, at)
         except BaseException:
             with suppress(OSError):
@@ -118,12 +120,6 @@ def _check_replaceable(name: str, folder: int) -> None:
             raise PermissionError(errno.EACCES, "it is not an ordinary file", name)
 
 
-def _by_descriptor(folder: int, fresh: Path) -> Path:
-    """A path of a file in an opened folder that stays valid if the folder is moved and a link is put in its place."""
-    link = Path(f"/proc/{os.getpid()}/fd/{folder}")  # Linux
-    return link / fresh.name if link.exists() else fresh
-
-
 def _created(fresh: str | Path, at: dict[str, int]) -> int:
     """The descriptor of a new empty file. Its lock shows other processes that it is still being written; -1 if the system
     has no locks."""
@@ -149,12 +145,6 @@ def _remove_unfinished(folder: int) -> None:
                 os.unlink(name, dir_fd=folder)
             finally:
                 os.close(file)
-
-
-def _flush(path: Path) -> None:
-    # r+: Windows flushes only files that are open for writing
-    with open(path, "rb+") as file:
-        os.fsync(file.fileno())
 
 
 def _rename(fresh: str | Path, target: str | Path, exclusive: bool, at: dict[str, int]) -> None:

@@ -10,7 +10,7 @@ cannot be removed: the outputs then change by more than the limit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,7 +23,6 @@ from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
 from heavebond.energy_audit.audit import EnergyAudit, EnergyLine
 from heavebond.energy_audit.audit import energy as audit
-from heavebond.equations.flatten import Flat
 from heavebond.language.edits import Change, extended_from
 from heavebond.language.model import Model, ModelOrFile, extended, loaded
 from heavebond.language.symbols import stack
@@ -128,7 +127,13 @@ def simplify(model: ModelOrFile, share: float | str = 0.99, limit: float | str =
     outputs = list(model.show) or whole.assembly.state_names
     tried: list[Tried] = []
     done, errors, changed, states = Step(), dict[str, float](), model, len(whole.assembly.state_names)
-    for line, part in _inactive(found, share):
+    # the components outside the requested share of activity, the least active first
+    total, beyond = 0.0, []
+    for line, part in found.ranking:
+        if total >= share and not line.kind and part > STILL:
+            beyond.append((line, part))
+        total += part
+    for line, part in beyond[::-1]:
         progress(line.component)
         why = "it has no values at which it is absent"
         for step in _steps(model, whole, line.component):
@@ -144,19 +149,6 @@ def simplify(model: ModelOrFile, share: float | str = 0.99, limit: float | str =
     return Simplified(changed, model, tuple(tried), errors, (len(whole.assembly.state_names), states))
 
 
-def _inactive(found: EnergyAudit, share: float) -> list[tuple[EnergyLine, float]]:
-    """The components outside the requested share of activity, the least active first.
-
-    Sources are excluded because they drive the machine, and so are components without power (sensors).
-    """
-    total, beyond = 0.0, []
-    for line, part in found.ranking:
-        if total >= share and not line.kind and part > STILL:
-            beyond.append((line, part))
-        total += part
-    return beyond[::-1]
-
-
 def _steps(model: Model, whole: Result, component: str) -> list[Step]:
     """The changes that remove the effect of a component: set its null values, or delete it from the diagram."""
     flat = whole.assembly.flat
@@ -166,17 +158,13 @@ def _steps(model: Model, whole: Result, component: str) -> list[Step]:
         return []
     units = flat.units
     own = {f"{component}.{name}": f"0 {units[f'{component}.{name}'].text}" for name in effect.amplitude}
-    held = _followers(flat, component, whole.p)
-    return [Step({**own, **held}), *([Step(held, (component,))] if component in model.body.instances else [])]
-
-
-def _followers(flat: Flat, component: str, p: Array) -> dict[str, str]:
-    """The parameters of other components that depend on the parameters of a component by a formula, with their values."""
+    # the parameters of other components that depend on the parameters of a component by a formula, with their values
     given = [value for name, value in flat.constants.items() if name.startswith(component + ".") and value.is_symbolic()]
     names = [name for name, value in flat.constants.items()
              if not name.startswith(component + ".") and given and ca.depends_on(value, stack(given))]
-    values = np.array(ca.Function("held", [flat.p], [stack([flat.constants[name] for name in names])])(p)).ravel()
-    return {name: flat.units[name].written(value) for name, value in zip(names, values.tolist(), strict=True)}
+    values = np.array(ca.Function("held", [flat.p], [stack([flat.constants[name] for name in names])])(whole.p)).ravel()
+    held = {name: flat.units[name].written(value) for name, value in zip(names, values.tolist(), strict=True)}
+    return [Step({**own, **held}), *([Step(held, (component,))] if component in model.body.instances else [])]
 
 
 def _moved(step: Step, model: Model, whole: Result, outputs: list[str]) -> tuple[dict[str, float], int, str]:
@@ -187,10 +175,7 @@ def _moved(step: Step, model: Model, whole: Result, outputs: list[str]) -> tuple
         before, after = whole.signals(outputs), result.signals(outputs)
     except HeavebondError as error:
         return {}, 0, error.problems[0].message
-    return _errors(before, after), len(assembly.state_names), ""
 
-
-def _errors(before: Mapping[str, Array], after: Mapping[str, Array]) -> dict[str, float]:
     def rms(values: Array) -> float:
         return float(np.sqrt(np.mean(values**2)))
 
@@ -198,4 +183,4 @@ def _errors(before: Mapping[str, Array], after: Mapping[str, Array]) -> dict[str
     for name, values in before.items():
         size = rms(values - values.mean()) or rms(values)
         found[name] = rms(after[name] - values) / size if size else float(rms(after[name]) > 0)
-    return found
+    return found, len(assembly.state_names), ""

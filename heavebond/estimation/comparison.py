@@ -309,7 +309,12 @@ def compare_record(experiment: Experiment, record: Record,
         c.name: _slips(c, measured.channels[c.name].output, measured.declared.get(c.name)) for c in fitted.values()}
     steady = result.assembly.model.initial.mode == "steady"
     states = [fitted[name] for name in _states(result.assembly, experiment) if not slips.get(name)]
-    elsewhere = _elsewhere(measured, states)
+    # the channels whose value at the first instant of the record differs from the model
+    elsewhere = [c for c in states
+                 if not measured.time_suspect and c.time[0] <= measured.grid[0] and c.name not in measured.declared
+                 and not (c.outlier[0] and measured.channels[c.name].output.drop_outliers)
+                 and not (c.late is not None and c.late.noticeable and c.late.explains(c.noise))
+                 and abs(c.measured[0] - c.model[0]) > ELSEWHERE * max(c.noise, c.step)]
     starts = tuple(_start_note(c, measured.channels[c.name].output, steady, result) for c in elsewhere)
     closed = closed_loops(experiment, record, {c.name: (c.time, c.measured, c.model) for c in fitted.values()},
                           prescribing_inputs(result.assembly))
@@ -331,17 +336,6 @@ def _states(assembly: Assembly, experiment: Experiment) -> list[str]:
     expressions = {name: assembly.expression(output.shown.expr) for name, output in experiment.outputs.items()}
     return [name for name, formula in expressions.items()
             if ca.depends_on(formula, x) and not ca.depends_on(formula, ca.veccat(t, z, p, u))]
-
-
-def _elsewhere(measured: Measured, states: Sequence[Channel]) -> list[Channel]:
-    """The channels whose value at the first instant of the record differs from the model."""
-    if measured.time_suspect:
-        return []
-    return [c for c in states
-            if c.time[0] <= measured.grid[0] and c.name not in measured.declared
-            and not (c.outlier[0] and measured.channels[c.name].output.drop_outliers)
-            and not (c.late is not None and c.late.noticeable and c.late.explains(c.noise))
-            and abs(c.measured[0] - c.model[0]) > ELSEWHERE * max(c.noise, c.step)]
 
 
 def _start_note(channel: Channel, output: Output, steady: bool, result: Result) -> str:
@@ -384,7 +378,13 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
     shift in time, a held input the shifts of all channels."""
     if measured.time_suspect:
         return ()
-    held = _held_too_long(channels, held_inputs)
+    # the note for an input with `hold` although it changed between samples
+    held: list[str] = []
+    lags = [c.late for c in channels.values() if c.late is not None]
+    if held_inputs and lags and all(lag.noticeable and _SOONER < -lag.seconds / lag.interval < 1 for lag in lags):
+        held = [f"all channels are early by a part of a sample: so they would look where {listing(held_inputs, 3)} did not "
+                "stay from sample to sample (`interpolation: hold`) but moved on; if it was measured and not commanded, "
+                "try `interpolation: linear`"]
     late = [c for c in channels.values() if c.late is not None and c.late.noticeable and not held
             and not slips.get(c.name) and c.name not in measured.declared]
     sure = {c.name: c for c in late if c.late is not None and c.late.explains(c.noise, fitted=adjusted)}
@@ -400,17 +400,6 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
             "the free parameters are not fitted yet, and their errors shift"
         notes.append(f"nearer if shifted in time: {others_text}; but {why} phases too: fit first")
     return (*notes, *held)
-
-
-def _held_too_long(channels: Mapping[str, Channel], inputs: Sequence[str]) -> list[str]:
-    """The note for an input with `hold` although it changed between samples. A held input acts half a sample interval
-    later than an interpolated one, so that all channels lead by a fraction of an interval."""
-    late = [c.late for c in channels.values() if c.late is not None]
-    if not inputs or not late or not all(lag.noticeable and _SOONER < -lag.seconds / lag.interval < 1 for lag in late):
-        return []
-    return [f"all channels are early by a part of a sample: so they would look where {listing(inputs, 3)} did not stay from "
-            "sample to sample (`interpolation: hold`) but moved on; if it was measured and not commanded, "
-            "try `interpolation: linear`"]
 
 
 def _slips(channel: Channel, output: Output, declared: Unit | None) -> list[str]:
@@ -458,7 +447,27 @@ def assemble_for(experiment: Experiment, record: Record) -> Assembly:
     problems = Problems()
     for name, output in experiment.outputs.items():
         _check_output(assembly, name, output, problems)
-    _check_free(assembly, experiment, problems)
+    flat = assembly.flat
+    units = {q.name: q.unit for q in flat.parameters}
+    for name, free in experiment.free.items():
+        place: Place = free.place
+        if name not in units:
+            inner = name.removeprefix("initial.")
+            hint = "It follows from other parameters by a formula." if name in flat.constants else \
+                f"Give it a value in the diagram first: `initial: {{{inner}: ...}}`." if inner in flat.names else \
+                suggest(name, units) or NAMES_LISTED
+            problems.add("free-unknown", f"'{name}' cannot be estimated: it is not a numeric parameter", place, hint=hint)
+            continue
+        unit = units[name]
+        if unit.dimension != free.range.unit.dimension:
+            problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place,
+                         hint=f"Write it in {unit.text} or in a multiple of it.")
+            continue
+        check_turns(free.range.unit.text, unit, name, place, problems)
+        try:
+            check_range(name, free.range, flat.limits, flat.origins.of_name, place)
+        except UsageError as error:
+            problems.extend(error)
     problems.raise_as(ModelError)
     return assembly
 
@@ -512,30 +521,6 @@ def _check_output(assembly: Assembly, name: str, output: Output, problems: Probl
             problems.add("unit-offset", f"output '{name}' is a difference of temperatures; {output.shown.unit} has an "
                          "offset", output.place,
                          hint=f"Write `unit: {interval_unit(output.shown.unit)}`.")
-
-
-def _check_free(assembly: Assembly, experiment: Experiment, problems: Problems) -> None:
-    flat = assembly.flat
-    units = {q.name: q.unit for q in flat.parameters}
-    for name, free in experiment.free.items():
-        place: Place = free.place
-        if name not in units:
-            inner = name.removeprefix("initial.")
-            hint = "It follows from other parameters by a formula." if name in flat.constants else \
-                f"Give it a value in the diagram first: `initial: {{{inner}: ...}}`." if inner in flat.names else \
-                suggest(name, units) or NAMES_LISTED
-            problems.add("free-unknown", f"'{name}' cannot be estimated: it is not a numeric parameter", place, hint=hint)
-            continue
-        unit = units[name]
-        if unit.dimension != free.range.unit.dimension:
-            problems.add("unit-wrong", f"the range of {name} is in {free.range.unit.text}; {unit.text} is needed", place,
-                         hint=f"Write it in {unit.text} or in a multiple of it.")
-            continue
-        check_turns(free.range.unit.text, unit, name, place, problems)
-        try:
-            check_range(name, free.range, flat.limits, flat.origins.of_name, place)
-        except UsageError as error:
-            problems.extend(error)
 
 
 def _channel(name: str, samples: Samples, simulated: Array, counts: Mask, astray: Mask, late: TimeDelay | None) -> Channel:

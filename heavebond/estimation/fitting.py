@@ -231,13 +231,16 @@ def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, see
     costs = [2 * run.cost for run in runs]
     best = runs[int(np.argmin(costs))]
     if problem.broken(best.x) >= 0.5:
-        raise SimulationError([Problem("fit-broken", "the model could not be simulated anywhere near the start of the "
-                                       "fit", None, f"{_filled_by_compare(problem)}"
+        limit = problem.limit_passed
+        raise SimulationError([Problem("fit-broken",
+                                       "the model could not be simulated anywhere near the start of the "
+                                       "fit", None,
+                                       f"{_filled_by_compare(problem)}"
                                        f"`heavebond compare {experiment.path.name}` shows where it stops. What "
                                        "adds up its input (a cylinder without a spring behind a valve) runs away from a "
                                        "record of that input: measure the reference and put the controller into the "
                                        "diagram, or the end stops. Else narrow the ranges under `free:`, or correct it.",
-                                       _limit_passed(problem))])
+                                       () if limit is None else (f"in a trial {limit.message}: {limit.hint}",))])
     say("comparing")
     with finishing(say):
         fit_result = _finished(problem, replace(best, message=runs[-1].message), costs, before)
@@ -257,12 +260,6 @@ def evaluated(experiment: Experiment, before: Comparison | None = None) -> Fit:
 
 def _free(name: str, given: Free | str) -> Free:
     return given if isinstance(given, Free) else Free(name, si_range(given, name), Place("free", 1, 1, f"{name}: {given}"))
-
-
-def _limit_passed(problem: Residuals) -> tuple[str, ...]:
-    """The physical limit that a trial exceeded, with its advice."""
-    limit = problem.limit_passed
-    return () if limit is None else (f"in a trial {limit.message}: {limit.hint}",)
 
 
 def _filled_by_compare(problem: Residuals) -> str:

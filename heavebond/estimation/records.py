@@ -360,29 +360,20 @@ def _channel(experiment: Experiment, record: Record, name: str, files: _Files, w
     y, t = table.columns[output.column][rows], table.columns[axis.column][rows] * axis.scale
     estimate = estimate or estimate_noise([(y, t)])
     deviation = estimate.deviation if math.isfinite(estimate.deviation) else 0.0
-    noise, step = _noise(output, y, deviation)
-    no = np.zeros(len(t), dtype=bool)
-    return Samples(output, t, y, np.zeros(len(t), dtype=np.int64), outliers.outliers(t, y, max(deviation, step)), no,
-                   noise, output.noise is not None, step, estimate=None if output.noise else estimate)
-
-
-def _noise(output: Output, y: Array, estimate: float) -> tuple[float, float]:
-    """The noise of a channel, given or else `estimate` (0: unknown), and the resolution of a quantised sensor if it is not
-    below the noise.
-
-    Rounding to a step is an error of standard deviation step/sqrt(12), which is a lower limit of an estimate (B. Widrow,
-    I. Kollar, Quantization Noise, Cambridge, 2008). DataError if the noise is not given and cannot be estimated.
-    """
+    # the noise of a channel, given or else `estimate` (0: unknown), and the resolution of a quantised sensor if it is not
+    # below the noise
     step = outliers.step_of(y)
-    step = step if step >= (output.noise or estimate) else 0.0
-    noise = output.noise or max(estimate, step / math.sqrt(12))
+    step = step if step >= (output.noise or deviation) else 0.0
+    noise = output.noise or max(deviation, step / math.sqrt(12))
     if noise <= 0:
         still, give = not np.ptp(y), f"its noise: `noise: 1 {output.shown.unit}`."
         raise DataError([Problem("noise-unknown", f"the noise of column '{output.column}' cannot be estimated from the "
                                  f"record{': all its readings are the same' if still else ''}", output.place,
                                  f"Was the sensor connected? Else leave '{output.shown.name}' out, or give {give}" if still
                                  else f"Give {give}")])
-    return noise, step
+    no = np.zeros(len(t), dtype=bool)
+    return Samples(output, t, y, np.zeros(len(t), dtype=np.int64), outliers.outliers(t, y, max(deviation, step)), no,
+                   noise, output.noise is not None, step, estimate=None if output.noise else estimate)
 
 
 def _gap_notes(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:

@@ -238,7 +238,15 @@ class Residuals:
         self.columns = columns_of(experiment, {run.record.name: run.assembly for run in self.runs})
         self.low = np.array([c.inner(c.free.range.low) for c in self.columns])
         self.high = np.array([c.inner(c.free.range.high) for c in self.columns])
-        self.orders = self._orders()
+        # pairs of columns whose first must not be below the second (`requires: [F_s >= F_c]`, both free)
+        at = {(c.free.name, c.record): k for k, c in enumerate(self.columns)}
+        ordered_pairs = []
+        for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
+            for ends in leaf.component.orders:
+                higher, lower = (f"{leaf.path}.{end}" for end in ends)
+                ordered_pairs += [(k, at.get((lower, record), at.get((lower, ""), -1)))
+                                  for (name, record), k in at.items() if name == higher]
+        self.orders = [(high, low) for high, low in ordered_pairs if low >= 0]
         for high, low in self.orders:  # the lower range ends early enough for the higher value
             most = self.columns[high].free.range.high - 2 * self._hair(high)
             if self.columns[low].free.range.low < most < self.columns[low].free.range.high:
@@ -247,17 +255,6 @@ class Residuals:
         self._known: dict[bytes, tuple[Array, Array]] = {}
         if outside := starts_outside(self.columns):
             raise UsageError(outside)
-
-    def _orders(self) -> list[tuple[int, int]]:
-        """Pairs of columns whose first must not be below the second (`requires: [F_s >= F_c]`, both free)."""
-        at = {(c.free.name, c.record): k for k, c in enumerate(self.columns)}
-        ordered_pairs = []
-        for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
-            for ends in leaf.component.orders:
-                high, low = (f"{leaf.path}.{end}" for end in ends)
-                ordered_pairs += [(k, at.get((low, record), at.get((low, ""), -1)))
-                                  for (name, record), k in at.items() if name == high]
-        return [(high, low) for high, low in ordered_pairs if low >= 0]
 
     def _hair(self, high: int) -> float:
         """The least distance of two ordered values, because some laws divide by it."""

@@ -115,22 +115,9 @@ def _copied(machine: Path, folder: Path) -> StarterFolder:
     diagrams = sorted(heads.get("model", []), key=lambda path: path != main)
     experiments = [path for path in heads.get("experiment", []) if _complete(path)]
     readme = folder / "README.md"
-    write_text(readme, _readme(folder.name, machine.name, diagrams, experiments, heads.get("study", [])))
-    return StarterFolder(folder, tuple(sorted(p for p in folder.rglob("*") if p.is_file())), tuple(diagrams),
-                         tuple(experiments))
-
-
-def _complete(path: Path) -> bool:
-    """True if all records of an experiment exist: the licences of some do not permit distribution."""
-    try:
-        return all(record.file.is_file() for record in load_experiment(path).records.values())
-    except HeavebondError:
-        return False
-
-
-def _readme(name: str, machine: str, diagrams: list[Path], experiments: list[Path], studies: list[Path]) -> str:
+    studies = heads.get("study", [])
     first = diagrams[0]
-    parts = [f"# {name}", "", f"A copy of the bundled machine {machine}: {load(first).summary}", "",
+    parts = [f"# {folder.name}", "", f"A copy of the bundled machine {machine.name}: {load(first).summary}", "",
              "Type the commands in this folder.", "", "```sh", f"heavebond check {first.name}",
              f"heavebond run {first.name} --output {first.stem}.png"]
     if experiments:
@@ -141,4 +128,14 @@ def _readme(name: str, machine: str, diagrams: list[Path], experiments: list[Pat
         parts += [f"* {heading}: {', '.join(f'`{path.name}`' for path in paths)}."] if paths else []
     if not experiments and (Path(first).parent / "data").is_dir():
         parts += ["", "The records are not part of heavebond; `data/README.md` states their source."]
-    return "\n".join(parts) + "\n"
+    write_text(readme, "\n".join(parts) + "\n")
+    return StarterFolder(folder, tuple(sorted(p for p in folder.rglob("*") if p.is_file())), tuple(diagrams),
+                         tuple(experiments))
+
+
+def _complete(path: Path) -> bool:
+    """True if all records of an experiment exist: the licences of some do not permit distribution."""
+    try:
+        return all(record.file.is_file() for record in load_experiment(path).records.values())
+    except HeavebondError:
+        return False

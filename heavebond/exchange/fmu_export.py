@@ -54,7 +54,8 @@ def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), versi
     compiler = find_compiler()
     exported = portable(model, inputs, "model_", events=True)
     source = c_text(exported, "model", whole=True)
-    identifier, wrappers = c_name(exported.name), _wrappers(version)
+    names = (f"fmi{version}.c", "fmu_core.c", "run.c", "fmu_start.c", "fmu_events.c", "history.c", "rosenbrock.c")
+    identifier, wrappers = c_name(exported.name), {name: (SOURCES / name).read_text(encoding="utf-8") for name in names}
     hashed = hashlib.sha256("".join([source, *wrappers.values()]).encode())
     token = "{" + hashed.hexdigest()[:32] + "}"
     source += f'\nstatic const char model_token[] = "{token}";\n'
@@ -91,12 +92,6 @@ def platform_of(version: int = 3) -> tuple[str, str]:
     machine = platform.machine().lower()
     processor = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
     return f"{processor}-{system}", suffix
-
-
-def _wrappers(version: int) -> dict[str, str]:
-    """The sources in addition to model.c; the first includes the others."""
-    names = (f"fmi{version}.c", "fmu_core.c", "run.c", "fmu_start.c", "fmu_events.c", "history.c", "rosenbrock.c")
-    return {name: (SOURCES / name).read_text(encoding="utf-8") for name in names}
 
 
 def _compiled(compiler: str, source: str, wrappers: dict[str, str], version: int) -> bytes:
@@ -137,9 +132,14 @@ def description(exported: Portable, identifier: str, token: str, version: int = 
         **({"description": summary} if (summary := exported.assembly.model.summary) else {})})
     (_kinds_3 if version == 3 else _kinds_2)(root, identifier, not exported.delays)
     quantities = [q for group in (exported.states, exported.parameters, exported.inputs, exported.outputs) for q in group]
-    rates = [_rate(q) for q in exported.states]
+    rates = [(f"der({q.name})", derived(q.unit, 1)) for q in exported.states]
     _units(root, [*(q.unit for q in quantities), *(unit for _, unit in rates)])
-    _experiment(root, exported)
+    model = exported.assembly.model
+    if model.until is not None:
+        times = grid(model, None, None)
+        Xml.SubElement(root, "DefaultExperiment", {"startTime": repr(float(times[0])) if times[0] else "0",
+                                                   "stopTime": repr(float(times[-1])), "tolerance": "1e-9",
+                                                   "stepSize": repr(float(times[1] - times[0]))})
     (_Variables3 if version == 3 else _Variables2)(root).write(exported, rates)
     return xml_bytes(root)
 
@@ -163,11 +163,6 @@ def _kinds_2(root: Xml.Element, identifier: str, exchange: bool) -> None:
         Xml.SubElement(Xml.SubElement(element, "SourceFiles"), "File", {"name": "fmi2.c"})  # which includes the others
 
 
-def _rate(state: Quantity) -> tuple[str, Unit]:
-    """Name and unit of a state's derivative."""
-    return f"der({state.name})", derived(state.unit, 1)
-
-
 def unit_name(unit: Unit) -> str:
     """A unit in the notation of FMI: `m3/(s.Pa)` for `m**3/(s*Pa)`."""
     return unit.text.replace("**", "").replace("*", ".")
@@ -187,15 +182,6 @@ def _units(root: Xml.Element, units: Sequence[Unit]) -> None:
         if unit.offset:
             base["offset"] = repr(unit.offset)
         Xml.SubElement(entry, "BaseUnit", base)
-
-
-def _experiment(root: Xml.Element, exported: Portable) -> None:
-    model = exported.assembly.model
-    if model.until is not None:
-        times = grid(model, None, None)
-        Xml.SubElement(root, "DefaultExperiment", {"startTime": repr(float(times[0])) if times[0] else "0",
-                                                   "stopTime": repr(float(times[-1])), "tolerance": "1e-9",
-                                                   "stepSize": repr(float(times[1] - times[0]))})
 
 
 def _conditions(exported: Portable) -> list[FlatEvent]:

@@ -182,7 +182,22 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
                                   "Remove friction that sticks (DryFriction) and further stops, or take elastic ones "
                                   "(EndStop).")])
     assembly = assembly.with_sizes(sizes) if sizes else assembly
-    stops = stop_events(assembly, column)
+    # time events that set nothing, at the instants at which functions of time have kinks or fast transitions
+    forcing: Forcing = assembly.once("forcing", lambda: Forcing(assembly))
+    if not forcing.parts:
+        stops = []
+    else:
+        time, p = assembly.arguments[0], assembly.arguments[3]
+        x = start(assembly, None, column).x if forcing.follows_states else None
+        roots = _roots(forcing.parts_from(assembly.begin, x), time)
+        known = np.array(ca.Function("known", [p], [stack(roots)])(assembly.p)).ravel()
+        if assembly.model.until is not None:  # instants without a formula, with the parameters of the diagram
+            times = forcing.stops(grid(assembly.model, None, None), assembly.p, x).times
+            near = np.abs(times[:, None] - known[None, :]).min(axis=1, initial=np.inf) <= 4 * rounding(times)
+            roots += [ca.SX(t) for t in times[~near].tolist()]
+        place = next(iter(assembly.flat.expanded.leaves.values())).place
+        stops = [FlatEvent(f"stop_{k}", "stop", place, None, root, None, ())
+                 for k, root in enumerate(roots[:MOST_INSTANTS], 1)]
     if events and stops:
         flat = replace(assembly.flat, events=(*assembly.flat.events, *stops), options=None)
         assembly = replace(assembly, reduced=replace(assembly.reduced, flat=flat), memo={})
@@ -220,17 +235,13 @@ def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
         text = flat.unknowns[flat.names[path]].unit.text
         settings[path] = Setting(path, FileInput(Path(), path, text, "spline", place), place)
     assembly = assemble(replace(before.model, settings=settings))
-    return assembly, _column(before, assembly)
-
-
-def _column(before: Assembly, after: Assembly) -> Array:
-    """(t, c0..c3 of each input) at the start: the values of the inputs in the diagram, and their rates."""
+    # (t, c0..c3 of each input) at the start: the values of the inputs in the diagram, and their rates
     measured = _measured(before)
     first = start(before, None, measured)
-    column = np.zeros(after.arguments[4].numel())
+    column = np.zeros(assembly.arguments[4].numel())
     column[0] = before.begin
     t, x, z, _, _, rate = before.arguments
-    for k, known in enumerate(after.flat.inputs):
+    for k, known in enumerate(assembly.flat.inputs):
         course = before.express(before.flat.levels[0][before.flat.names[known.name]])
         for order in range(4):
             value = ca.Function("c", list(before.arguments), [course])(first.t, first.x, first.z, first.p, measured, 1.0)
@@ -238,7 +249,7 @@ def _column(before: Assembly, after: Assembly) -> Array:
             if z.numel() and ca.which_depends(course, z, 1, False)[0]:
                 break  # its rate depends on a loop; the new input begins at rest
             course = ca.jtimes(course, stack([x, t]), stack([before.ode, rate]))
-    return column
+    return assembly, column
 
 
 # -- equations -------------------------------------------------------------------------------------------------------
@@ -373,30 +384,6 @@ def _outputs(assembly: Assembly, names: Iterable[str], expressions: ca.SX, first
 
 
 # -- instants at which an integrator stops -----------------------------------------------------------------------------
-def stop_events(assembly: Assembly, column: Array) -> list[FlatEvent]:
-    """Time events that set nothing, at the instants at which functions of time have kinks or fast transitions.
-
-    A run of a diagram determines these instants with its parameters (`numerics.forcing`). A program that runs an export
-    has a separate integrator and may change parameters, so it needs formulas: for each function of time, the zeros of the
-    linear expressions at which `min`, `max`, `abs`, `sign` and comparisons may switch, and the zeros and the ends of the
-    steep part of linear expressions in powers and exponentials. If another branch is active, such an instant is
-    superfluous and has no effect. States that are polynomials of the time begin as in the diagram, with the inputs `column`.
-    """
-    forcing: Forcing = assembly.once("forcing", lambda: Forcing(assembly))
-    if not forcing.parts:
-        return []
-    time, p = assembly.arguments[0], assembly.arguments[3]
-    x = start(assembly, None, column).x if forcing.follows_states else None
-    roots = _roots(forcing.parts_from(assembly.begin, x), time)
-    known = np.array(ca.Function("known", [p], [stack(roots)])(assembly.p)).ravel()
-    if assembly.model.until is not None:  # instants without a formula, with the parameters of the diagram
-        times = forcing.stops(grid(assembly.model, None, None), assembly.p, x).times
-        near = np.abs(times[:, None] - known[None, :]).min(axis=1, initial=np.inf) <= 4 * rounding(times)
-        roots += [ca.SX(t) for t in times[~near].tolist()]
-    place = next(iter(assembly.flat.expanded.leaves.values())).place
-    return [FlatEvent(f"stop_{k}", "stop", place, None, root, None, ()) for k, root in enumerate(roots[:MOST_INSTANTS], 1)]
-
-
 def _roots(parts: list[ca.SX], time: ca.SX) -> list[ca.SX]:
     """Times at which linear expressions in functions of time are zero, or at the ends of their steep part."""
     roots: dict[str, ca.SX] = {}

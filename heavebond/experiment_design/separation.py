@@ -320,7 +320,20 @@ def separate(alternatives: Sequence[Alternative], *, machine: Experiment | None 
         runs = _runs(rivals, frame.with_proposal(proposal))
         if runs is not None and frame.within(runs):
             tried.append(SimulatedInput(proposal, _pairs(rivals, runs, frame, names)))
-    tried = _refitted(rivals, frame, tried, names, say, began + 1.5 * seconds)
+    # all inputs, best first, with the alternatives fitted to each other for the best ones: the tangent may overestimate a
+    # difference
+    until = began + 1.5 * seconds
+    order = sorted(tried, key=_merit)
+    for k in range(REFITTED):
+        good = any(t.refitted and t.decided == len(t.pairs) and t.smallest > ENOUGH * frame.needed for t in order)
+        if not order or order[0].refitted or good or (k and clock.perf_counter() > until):
+            break
+        say(f"fitting the alternatives to each other under input {k + 1}")
+        known = frame.with_proposal(order[0].proposal)
+        runs = _runs(rivals, known) or []
+        order[0] = SimulatedInput(order[0].proposal, _pairs(rivals, runs, frame, names, known), True)
+        order.sort(key=_merit)
+    tried = sorted(order, key=lambda t: (not t.refitted, *_merit(t)))
     extra = None
     if tried and not tried[0].decided:
         say("looking for a channel that distinguishes them")
@@ -344,15 +357,11 @@ def _frame(alternatives: Sequence[Alternative]) -> _Frame:
     noise = np.array([c.noise * read_unit(c.output.shown.unit).scale for c in channels])
     needed = 10.0 + 0.003 * (float(samples.sum()) + max(a.samples for a in alternatives))
     recorded_inputs = {k.name: recorded(first, k, time) for k in known}
-    return _Frame(record, known, recorded_inputs, time, finer, samples / len(time), noise, _reach(first), needed)
-
-
-def _reach(experiment: Experiment) -> Array:
-    """The range of each channel in all records, a little widened (n_y, 2), SI."""
-    values = [measure(experiment, record).on_grid()[0] for record in experiment.records.values()]
+    values = [measure(first, record).on_grid()[0] for record in first.records.values()]
     low, high = (np.array([pick(v, axis=1) for v in values]) for pick in (np.nanmin, np.nanmax))
     low, high = low.min(axis=0), high.max(axis=0)
-    return np.column_stack([low - REACH * (high - low), high + REACH * (high - low)])
+    return _Frame(record, known, recorded_inputs, time, finer, samples / len(time), noise,
+                  np.column_stack([low - REACH * (high - low), high + REACH * (high - low)]), needed)
 
 
 def _runs(rivals: Sequence[PreparedAlternative], known: Mapping[str, Array], probes: Sequence[Probe | None] | None = None
@@ -381,25 +390,6 @@ def _pairs(rivals: Sequence[PreparedAlternative], runs: Sequence[AlternativeRun]
         pairs.append(Pair(rivals[i].label, rivals[j].label, chi2, names[channel], float(frame.time[at]),
                           float(abs(d[channel, at])) / float(np.sqrt(frame.weight[channel])), _sure(chi2, frame.needed)))
     return tuple(pairs)
-
-
-def _refitted(rivals: Sequence[PreparedAlternative], frame: _Frame, tried: Sequence[SimulatedInput], names: Sequence[str],
-              say: Progress,
-              until: float) -> list[SimulatedInput]:
-    """All inputs, best first, with the alternatives fitted to each other for the best ones: the tangent may overestimate
-    a difference.
-    """
-    order = sorted(tried, key=_merit)
-    for k in range(REFITTED):
-        good = any(t.refitted and t.decided == len(t.pairs) and t.smallest > ENOUGH * frame.needed for t in order)
-        if not order or order[0].refitted or good or (k and clock.perf_counter() > until):
-            break
-        say(f"fitting the alternatives to each other under input {k + 1}")
-        known = frame.with_proposal(order[0].proposal)
-        runs = _runs(rivals, known) or []
-        order[0] = SimulatedInput(order[0].proposal, _pairs(rivals, runs, frame, names, known), True)
-        order.sort(key=_merit)
-    return sorted(order, key=lambda t: (not t.refitted, *_merit(t)))  # an estimate by the tangent does not count
 
 
 def _merit(tried: SimulatedInput) -> tuple[float, float]:

@@ -13,10 +13,10 @@ from heavebond.import_20sim.emx_file import EmxFile
 from heavebond.import_20sim.equations import Builder
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
-from heavebond.import_20sim.memory import SAMPLE_TIME, Memory
+from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import camel, identifier, labels
 from heavebond.import_20sim.sampling import Sampling
-from heavebond.import_20sim.sidops_tree import Assign, Connection, Do, Expr, Port, Submodel
+from heavebond.import_20sim.sidops_tree import Assign, Connection, Do, Expr, Submodel
 
 GENERIC = {"Submodel", "SubmodelEquation", "SubmodelGraphical", "Mainmodel", "SubmodelTryout"}
 GLOBALS = "globals"  # the name of the submodel of global relations
@@ -62,17 +62,6 @@ def title(submodel: Submodel, library: frozenset[str] = frozenset()) -> str:
     kind = camel(submodel.type)
     name = camel(submodel.name) if kind in GENERIC or kind in library or not submodel.type else kind
     return f"Own{name}" if name in library else name
-
-
-def elements_of(port: Port, known: Mapping[str, float]) -> list[str]:
-    """The names of the elements of a port, with the values of global quantities."""
-    sizes = [round(fold(e, known) or 1) for e in port.size]
-    rows, columns = (*sizes, 1, 1)[:2] if sizes else (1, 1)
-    base = identifier(port.name)
-    if rows * columns == 1 or rows * columns > 2000:
-        return [base]
-    return [f"{base}_{i + 1}" for i in range(rows)] if columns == 1 else \
-        [f"{base}_{i + 1}_{k + 1}" for i in range(rows) for k in range(columns)]
 
 
 def _unused(base: str, used_names: Collection[str]) -> str:
@@ -196,7 +185,15 @@ class Translator:
         component = builder.build()
         sampled = None if id(submodel) in self.sampling.discrete else self.sampling.sampled.get(id(submodel), ())
         if sampled != () and not component.untranslated:
-            self._show_samples(component, builder.memory, prefix, sampled)
+            # plotted variables of a discrete submodel keep their values between the samples; `sampled` are the names of such
+            # variables in one with continuous parts
+            for plotted in (label for name in self.emx.plotted for label in labels(name)):
+                name = plotted[len(prefix):]
+                item = component.items.get(name)
+                if not plotted.startswith(prefix) or (sampled is not None and name not in sampled):
+                    continue
+                if item is not None and item.kind in ("variable", "out", "held") and name not in component.shown:
+                    component.shown[name] = builder.memory.at_samples(f.name(name))
         if computed is not None:
             component.untranslated.append((submodel.line,
                                            "its global relations have results, which is supported in a submodel "
@@ -213,15 +210,6 @@ class Translator:
         self.components.append((new, component))
         return component
 
-    def _show_samples(self, component: Component, memory: Memory, prefix: str, sampled: Collection[str] | None) -> None:
-        """Plotted variables of a discrete submodel keep their values between the samples; `sampled` are the names of such
-        variables in one with continuous parts."""
-        for plotted in (label for name in self.emx.plotted for label in labels(name)):
-            name = plotted[len(prefix):]
-            item = component.items.get(name) if plotted.startswith(prefix) and (sampled is None or name in sampled) else None
-            if item is not None and item.kind in ("variable", "out", "held") and name not in component.shown:
-                component.shown[name] = memory.at_samples(f.name(name))
-
     def finish(self) -> None:
         """Set the initial values, after all global quantities that are known before the run have been determined."""
         for _, made in self.components:
@@ -235,7 +223,23 @@ class Translator:
                 self.computed.update({label: known[own] for own, label in made.gives.items()
                                       if own in known and label not in self.computed})
         for made, prefix, builder in self.pending:
-            self._initial_values(made, prefix, builder)
+            # initial values from the experiment, or from the equations; a parameter without a value is 0
+            values = dict.fromkeys((item.name for item in made.of_kind("parameter")), 0.0) | self._of_globals(made)
+            known = _known_values(made, builder, values)
+            for held, first in made.first.items():
+                value = fold(first, known)
+                if value is None:
+                    why = f"the first value of '{held}' depends on the run; 0 is used"
+                    made.omitted.append((builder.submodel.line, why))
+                made.items[held].value = value or 0.0
+            for variable, first in list(made.initial.items()):
+                of_element = re.sub(r"((?:_[0-9]+)*)$", r"_initial\1", variable)  # x_initial[2]
+                stated = self.emx.initials.get(f"{prefix}{variable}_initial", self.emx.initials.get(f"{prefix}{of_element}"))
+                value = fold(first, known) if stated is None else stated
+                if value is None:
+                    why = f"the initial value of '{variable}' depends on the run; 0 is used"
+                    made.omitted.append((builder.submodel.line, why))
+                made.initial[variable] = first.__class__("number", value=value or 0.0)
 
     def _of_globals(self, component: Component) -> dict[str, float]:
         """The known values of the global quantities that a component needs, by its local names."""
@@ -259,25 +263,6 @@ class Translator:
                 item.value = stated
         self.pending.append((component, prefix, builder))
 
-    def _initial_values(self, component: Component, prefix: str, builder: Builder) -> None:
-        """Initial values from the experiment, or from the equations; a parameter without a value is 0."""
-        values = dict.fromkeys((item.name for item in component.of_kind("parameter")), 0.0) | self._of_globals(component)
-        known = _known_values(component, builder, values)
-        for held, first in component.first.items():
-            value = fold(first, known)
-            if value is None:
-                why = f"the first value of '{held}' depends on the run; 0 is used"
-                component.omitted.append((builder.submodel.line, why))
-            component.items[held].value = value or 0.0
-        for variable, first in list(component.initial.items()):
-            of_element = re.sub(r"((?:_[0-9]+)*)$", r"_initial\1", variable)  # x_initial[2]
-            stated = self.emx.initials.get(f"{prefix}{variable}_initial", self.emx.initials.get(f"{prefix}{of_element}"))
-            value = fold(first, known) if stated is None else stated
-            if value is None:
-                why = f"the initial value of '{variable}' depends on the run; 0 is used"
-                component.omitted.append((builder.submodel.line, why))
-            component.initial[variable] = first.__class__("number", value=value or 0.0)
-
     def block(self, submodel: Submodel, old: str, new: str) -> Block:
         """The parts of a submodel and their nodes."""
         block = Block(title(submodel, self.library), "", line=submodel.line)
@@ -289,7 +274,16 @@ class Translator:
                     block.elements[label] = [identifier(label)]
                     block.items[identifier(label)] = Item(identifier(label), "bond", "", port.domain)
                 continue
-            block.elements[port.name] = elements_of(port, self._known())
+            # the names of the elements of a port, with the values of global quantities
+            known = self._known()
+            sizes = [round(fold(e, known) or 1) for e in port.size]
+            rows, columns = (*sizes, 1, 1)[:2] if sizes else (1, 1)
+            base = identifier(port.name)
+            if rows * columns == 1 or rows * columns > 2000:
+                block.elements[port.name] = [base]
+            else:
+                block.elements[port.name] = [f"{base}_{i + 1}" for i in range(rows)] if columns == 1 \
+                    else [f"{base}_{i + 1}_{k + 1}" for i in range(rows) for k in range(columns)]
             for name in block.elements[port.name]:
                 kind = port.direction if port.domain == "signal" else "bond"
                 block.items[name] = Item(name, kind, port.unit if kind != "bond" else "",

@@ -27,7 +27,11 @@ def simplified(expr: Expr) -> Expr:
         return expr
     expr = rebuilt(expr, simplified)
     if expr.op == "if":
-        return _choice(expr)
+        condition, then, otherwise = _condition(expr.args[0]), *expr.args[1:]
+        if condition.op == "number":
+            return then if condition.value else otherwise
+        then, otherwise = decided(then, condition, True), decided(otherwise, condition, False)
+        return then if then == otherwise else Expr("if", (condition, then, otherwise), line=expr.line)
     if expr.op == "+" and f.number(0) in expr.args:
         return expr.args[1] if expr.args[0] == f.number(0) else expr.args[0]
     if expr.op in ("and", "or"):
@@ -43,14 +47,6 @@ def simplified(expr: Expr) -> Expr:
     if expr.op in OPPOSITE:
         return _compared(expr)
     return expr
-
-
-def _choice(expr: Expr) -> Expr:
-    condition, then, otherwise = _condition(expr.args[0]), *expr.args[1:]
-    if condition.op == "number":
-        return then if condition.value else otherwise
-    then, otherwise = decided(then, condition, True), decided(otherwise, condition, False)
-    return then if then == otherwise else Expr("if", (condition, then, otherwise), line=expr.line)
 
 
 def _condition(expr: Expr) -> Expr:

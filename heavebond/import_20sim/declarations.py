@@ -51,17 +51,13 @@ class Symbols:
             self.guard(partial(self._parameter, parameter), parameter.line)
         for variable in [*self.submodel.variables, *self.source.variables, *self.source.externals]:
             self.guard(partial(self._variable, variable), variable.line)
-        fixed = self._structural()
-        for parameter in everything:
-            if not parameter.size and parameter.name not in fixed:
-                self.numbers.pop(parameter.name, None)
-
-    def _structural(self) -> set[str]:
-        """The names on which sizes and numbers of iterations depend: the translation fixes their values."""
         source = self.source
         sizes = [port.size for port in self.submodel.ports] + [v.size for v in (*self.submodel.variables, *source.variables)]
         loops = map(counts, (*source.initial, *source.equations, *source.code))
-        return {n for size in sizes for e in size for n in names(e)}.union(*loops)
+        fixed = {n for size in sizes for e in size for n in names(e)}.union(*loops)
+        for parameter in everything:
+            if not parameter.size and parameter.name not in fixed:
+                self.numbers.pop(parameter.name, None)
 
     def guard(self, action: Callable[[], None], line: int) -> None:
         """Perform an action; list a construct that cannot be read."""
@@ -133,7 +129,25 @@ class Symbols:
             group = [[label]] if rows * columns == 1 else [[f"{label}_{i + 1}"] for i in range(rows * columns)]
             self._end(port, label, group, out)
         if not self.submodel.knot and port.domain != "signal":
-            self._common(port)
+            # a port of an element with several possible connections: its ends share the across quantity, and the through
+            # quantities are added
+            if not self.many[port.name]:
+                self._end(port, port.name, [[identifier(port.name)]], port.direction == "out")
+            else:
+                (first, _), *further_ends = self.many[port.name]
+                across = self.names[f"{first}.a"]
+                through = None
+                for name, out in self.many[port.name]:
+                    terminal = self.names[f"{name}.t"]
+                    signed = [[f.negative(e) if out != (port.direction == "out") else e for e in row] for row in terminal]
+                    through = signed if through is None else [[f.add(a, b) for a, b in zip(r, s, strict=True)]
+                                                              for r, s in zip(through, signed, strict=True)]
+                for name, _ in further_ends:
+                    for mine, their_name in zip(across, self.names[f"{name}.a"], strict=True):
+                        self.made.equations += [(b, a, "") for a, b in zip(mine, their_name, strict=True)]
+                assert through is not None
+                effort, flow = (through, across) if port.domain in ACROSS_IS_FLOW else (across, through)
+                self._members(port, port.name, effort, flow)
 
     def _end(self, port: Port, label: str, group: list[list[str]], out: bool) -> None:
         """One port of the component with its elements."""
@@ -150,27 +164,6 @@ class Symbols:
         effort = [[f.name(f"{e}.e") for e in row] for row in group]
         flow = [[f.negative(f.name(f"{e}.f")) if out else f.name(f"{e}.f") for e in row] for row in group]
         self._members(port, label, effort, flow)
-
-    def _common(self, port: Port) -> None:
-        """A port of an element with several possible connections: its ends share the across quantity, and the through
-        quantities are added."""
-        if not self.many[port.name]:
-            self._end(port, port.name, [[identifier(port.name)]], port.direction == "out")
-            return
-        (first, _), *further_ends = self.many[port.name]
-        across = self.names[f"{first}.a"]
-        through = None
-        for name, out in self.many[port.name]:
-            terminal = self.names[f"{name}.t"]
-            signed = [[f.negative(e) if out != (port.direction == "out") else e for e in row] for row in terminal]
-            through = signed if through is None else [[f.add(a, b) for a, b in zip(r, s, strict=True)]
-                                                      for r, s in zip(through, signed, strict=True)]
-        for name, _ in further_ends:
-            for mine, their_name in zip(across, self.names[f"{name}.a"], strict=True):
-                self.made.equations += [(b, a, "") for a, b in zip(mine, their_name, strict=True)]
-        assert through is not None
-        effort, flow = (through, across) if port.domain in ACROSS_IS_FLOW else (across, through)
-        self._members(port, port.name, effort, flow)
 
     def _terminals(self, port: Port) -> None:
         """A port with two terminals: the across quantity is the difference between them, and the through quantity is

@@ -94,7 +94,12 @@ class Builder(Execution):
         component.untranslated += [*self.submodel.problems, *self.source.problems]
         self.symbols.declare()
         self.labels = {f.text(e): label for label, rows in self.symbols.names.items() for row in rows for e in row}
-        self._hold_inputs()
+        # inputs from a discrete submodel keep their values between the samples
+        for port in self.held_inputs:
+            for label in [name for name, _ in self.symbols.many.get(port, [(identifier(port), True)])]:
+                held_names = self.symbols.names.get(label) or self.symbols.names.get(port, [])
+                self.symbols.names[label if label in self.symbols.names else port] = [
+                    [f.name(self.memory.at_samples(e)) for e in row] for row in held_names]
         try:
             self._equations()
         except Unreadable as problem:
@@ -113,14 +118,6 @@ class Builder(Execution):
             split_deep(component)
             share_repeated(component)
         return component
-
-    def _hold_inputs(self) -> None:
-        """Inputs from a discrete submodel keep their values between the samples."""
-        for port in self.held_inputs:
-            for label in [name for name, _ in self.symbols.many.get(port, [(identifier(port), True)])]:
-                held_names = self.symbols.names.get(label) or self.symbols.names.get(port, [])
-                self.symbols.names[label if label in self.symbols.names else port] = [
-                    [f.name(self.memory.at_samples(e)) for e in row] for row in held_names]
 
     # -- statements --------------------------------------------------------------------------------------------------
     def _equations(self) -> None:
@@ -274,7 +271,15 @@ class Builder(Execution):
         if isinstance(statement, Assign):
             self._equation(statement, written)
         elif isinstance(statement, Do):
-            self._do(statement)
+            if statement.error:
+                raise Unreadable(statement.line, statement.error)
+            function, call = statement.call.name.lower(), statement.call
+            if function == "equal" and call.args and call.args[0].op == "call":
+                elements = collected(self.symbols, call.args[0])
+                for element in elements[1:]:
+                    self._pairs(elements[0][1], element[1])
+            elif function not in NO_EFFECT:
+                raise Unreadable(statement.line, f"`{statement.call.name}` is not translated")
         else:
             env: Env = dict(self.triggers)
             self._statement(statement, env)
@@ -295,17 +300,6 @@ class Builder(Execution):
                     f.number(0) in reduced[name].args[1:]:
                 self.said.setdefault(self.labels.get(name, name), []).append("0 where no branch assigns it")
         return reduced
-
-    def _do(self, statement: Do) -> None:
-        if statement.error:
-            raise Unreadable(statement.line, statement.error)
-        function, call = statement.call.name.lower(), statement.call
-        if function == "equal" and call.args and call.args[0].op == "call":
-            elements = collected(self.symbols, call.args[0])
-            for element in elements[1:]:
-                self._pairs(elements[0][1], element[1])
-        elif function not in NO_EFFECT:
-            raise Unreadable(statement.line, f"`{statement.call.name}` is not translated")
 
     def _pairs(self, left: Matrix, right: Matrix, comment: str = "") -> None:
         a = [e for row in left for e in row]

@@ -89,7 +89,14 @@ class Evaluator:
         if op == "name":
             return self._name(expr)
         if op == "matrix":
-            return self._matrix(expr)
+            blocks = [self(e) for e in expr.args]
+            rows: Matrix = []
+            for k in range(0, len(blocks), expr.columns):
+                row = blocks[k:k + expr.columns]
+                if len({len(b) for b in row}) != 1:
+                    raise Unreadable(expr.line, "the parts of a matrix have different heights")
+                rows += [[e for b in row for e in b[i]] for i in range(len(row[0]))]
+            return rows
         if op == "index":
             return self._index(expr)
         if op == "call":
@@ -100,7 +107,14 @@ class Evaluator:
         if op == "*":
             return _product(self(expr.args[0]), self(expr.args[1]), expr.line)
         if op == "^" and _is_square(base := self(expr.args[0])):
-            return self._power(base, expr)
+            # a square matrix to a power, `expr` being `A ^ n`; of its inverse for a negative one
+            exponent = fold(self.scalar(expr.args[1]), self.numbers)
+            if exponent is None or exponent != round(exponent) or abs(exponent) > MOST_TIMES:
+                raise Unreadable(expr.line, "the exponent of a matrix is not a known whole number "
+                                            f"from -{MOST_TIMES} to {MOST_TIMES}")
+            if exponent < 0:
+                base = self._call(Expr("call", (expr.args[0],), "inverse", line=expr.line))
+            return power(base, abs(round(exponent)))
         if op == "/" and _is_square(self(expr.args[1])):  # A / B is A * inverse (B)
             inverse = self._call(Expr("call", (expr.args[1],), "inverse", line=expr.line))
             return _product(self(expr.args[0]), inverse, expr.line)
@@ -109,16 +123,6 @@ class Evaluator:
         if op in ("text", "range"):
             raise Unreadable(expr.line, "a text is given instead of a number")
         return each(lambda a, b: self._pair(op, a, b, expr.line), self(expr.args[0]), self(expr.args[1]), expr.line)
-
-    def _power(self, base: Matrix, expr: Expr) -> Matrix:
-        """A square matrix to a power, `expr` being `A ^ n`; of its inverse for a negative one."""
-        exponent = fold(self.scalar(expr.args[1]), self.numbers)
-        if exponent is None or exponent != round(exponent) or abs(exponent) > MOST_TIMES:
-            raise Unreadable(expr.line, "the exponent of a matrix is not a known whole number "
-                                        f"from -{MOST_TIMES} to {MOST_TIMES}")
-        if exponent < 0:
-            base = self._call(Expr("call", (expr.args[0],), "inverse", line=expr.line))
-        return power(base, abs(round(exponent)))
 
     def _pair(self, op: str, a: Expr, b: Expr, line: int) -> Expr:
         if op in (".*", "./", ".^"):
@@ -152,16 +156,6 @@ class Evaluator:
         if expr.name.lower() == "sampletime":
             return [[self.make.sample_time()]]
         raise Unreadable(expr.line, f"'{expr.name}' is not declared")
-
-    def _matrix(self, expr: Expr) -> Matrix:
-        blocks = [self(e) for e in expr.args]
-        rows: Matrix = []
-        for k in range(0, len(blocks), expr.columns):
-            row = blocks[k:k + expr.columns]
-            if len({len(b) for b in row}) != 1:
-                raise Unreadable(expr.line, "the parts of a matrix have different heights")
-            rows += [[e for b in row for e in b[i]] for i in range(len(row[0]))]
-        return rows
 
     def _index(self, expr: Expr) -> Matrix:
         base = self(expr.args[0])
@@ -272,10 +266,7 @@ class Evaluator:
             return [[multiplied(flat) if name == "mul" else total(flat) if name in ("sum", "msum") else extreme(name, flat)]]
         if name in SAME and len(expr.args) == 1:
             return [[f.call(SAME[name], e) for e in row] for row in self(expr.args[0])]
-        return self._by_element(name, [self(a) for a in expr.args if a.op != "text"], expr)
-
-    def _by_element(self, name: str, args: list[Matrix], expr: Expr) -> Matrix:
-        """Apply a function of numbers to each element of its arguments; a number is combined with all elements."""
+        args = [self(a) for a in expr.args if a.op != "text"]
         whole = next((a for a in args if (len(a), len(a[0])) != (1, 1)), [[f.number(0)]])
         sides = [[[e for e, _ in row] for row in _pairs(a, whole, expr.line)] for a in args]
         final = self.final(expr.args[0]) if expr.args else None
@@ -292,39 +283,35 @@ class Evaluator:
         if name == "tdelay":
             return self.make.delayed(args, expr.line)
         if name in ("floor", "round", "ceil", "trunc", "truncate") and len(args) == 1:
-            return self._rounded(name, args[0])
+            # a whole number computed from a value, followed by events
+            value = args[0]
+            if (known := fold(value, self.numbers)) is not None:
+                whole = {"floor": math.floor, "ceil": math.ceil,
+                         "round": lambda x: math.copysign(math.floor(abs(x) + 0.5), x)}
+                return f.number(float(whole.get(name, math.trunc)(known)))
+            if name == "floor":
+                return self.make.floor(value)
+            if name == "ceil":
+                return f.negative(self.make.floor(f.negative(value)))
+            if name == "round":
+                return self.make.floor(f.add(value, f.number(0.5)))
+            return self.make.truncated(value)
         if name in ("gauss", "ran"):
             return self.make.noise(expr.line)
         if name == "dly" and args:
             self.make.note(expr.line, "`dly` delays by a step of the integration; it is left out")
             return args[0]
         if name in BITS:
-            return self._bits(name, args, expr)
+            # a function of the bits of known whole numbers
+            values = [fold(a, self.numbers) for a in args]
+            try:
+                return f.number(float(BITS[name](*(int(v) for v in values if v is not None))))
+            except (TypeError, ValueError):
+                raise Unreadable(expr.line, f"`{expr.name}` is translated for known whole numbers only") from None
         try:
             return FUNCTIONS[name](*args)
         except (KeyError, TypeError):
             raise Unreadable(expr.line, f"the function `{expr.name}` is not translated") from None
-
-    def _bits(self, name: str, args: list[Expr], expr: Expr) -> Expr:
-        """A function of the bits of known whole numbers."""
-        values = [fold(a, self.numbers) for a in args]
-        try:
-            return f.number(float(BITS[name](*(int(v) for v in values if v is not None))))
-        except (TypeError, ValueError):
-            raise Unreadable(expr.line, f"`{expr.name}` is translated for known whole numbers only") from None
-
-    def _rounded(self, name: str, value: Expr) -> Expr:
-        """A whole number computed from a value, followed by events."""
-        if (known := fold(value, self.numbers)) is not None:
-            whole = {"floor": math.floor, "ceil": math.ceil, "round": lambda x: math.copysign(math.floor(abs(x) + 0.5), x)}
-            return f.number(float(whole.get(name, math.trunc)(known)))
-        if name == "floor":
-            return self.make.floor(value)
-        if name == "ceil":
-            return f.negative(self.make.floor(f.negative(value)))
-        if name == "round":
-            return self.make.floor(f.add(value, f.number(0.5)))
-        return self.make.truncated(value)
 
 
 def _no_table(name: Expr) -> Expr:

@@ -11,7 +11,7 @@ from heavebond.import_20sim.component import Component
 from heavebond.import_20sim.evaluate import Evaluator, fold, spread
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.memory import Memory
-from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statement, While
+from heavebond.import_20sim.sidops_tree import Assign, Expr, For, If, Statement, While
 
 Env = dict[str, Expr]
 MOST_TURNS = 500
@@ -37,9 +37,6 @@ class Execution:
         self.turns = 0
         self.said: dict[str, list[str]] = {}  # the comments at the statements that assign a quantity
 
-    def _do(self, statement: Do) -> None:
-        raise NotImplementedError
-
     def _run(self, statements: Iterable[Statement], env: Env) -> None:
         """Execute assignments in sequence with symbols; `env` holds the values."""
         outer, self.evaluate.values = self.evaluate.values, env
@@ -54,7 +51,11 @@ class Execution:
         outer, self.evaluate.values = self.evaluate.values, env
         try:
             if statement.line in self.comments:
-                self._say(statement)
+                # keep a comment for the first quantity that a statement assigns
+                for label in assigned(statement)[:1]:
+                    comments = self.said.setdefault(label, [])
+                    if (comment := self.comments[statement.line]) not in comments:
+                        comments.append(comment)
             if isinstance(statement, Assign):
                 self._assign(statement, env)
             elif isinstance(statement, If):
@@ -64,16 +65,9 @@ class Execution:
             elif isinstance(statement, While):
                 self._while(statement, env)
             else:
-                self._do(statement)
+                raise NotImplementedError
         finally:
             self.evaluate.values = outer
-
-    def _say(self, statement: Statement) -> None:
-        """Keep a comment for the first quantity that a statement assigns."""
-        for label in assigned(statement)[:1]:
-            comments = self.said.setdefault(label, [])
-            if (comment := self.comments[statement.line]) not in comments:
-                comments.append(comment)
 
     def comment(self, label: str) -> str:
         """The comments of all statements that assign a quantity: lines before the equation, and last the text on its

@@ -101,20 +101,16 @@ class Reader:
                 sign = self.take()
                 inner = self._sign()
                 return Expr("negative", (inner,), line=sign.line) if sign.text == "-" else inner
-            base = self._postfix()
+            base = self._primary()
+            while self.now.text == "[":
+                line = self.take().line
+                base = Expr("index", (base, *self._list("]", ranges=True)), line=line)
             if self.now.text in ("^", ".^"):
                 sign = self.take()
                 return Expr(sign.text, (base, self._sign()), line=sign.line)
             return base
         finally:
             self.depth -= 1
-
-    def _postfix(self) -> Expr:
-        postfixed = self._primary()
-        while self.now.text == "[":
-            line = self.take().line
-            postfixed = Expr("index", (postfixed, *self._list("]", ranges=True)), line=line)
-        return postfixed
 
     def _list(self, end: str, *, ranges: bool = False) -> list[Expr]:
         items: list[Expr] = []
@@ -134,7 +130,7 @@ class Reader:
             raise Unreadable(token.line, f"the number {token.text[:30]} is too large")
         if token.kind == "number" and self.now.kind == "unit" and not (
                 self.declaring and self.tokens[self.at + 1].text in (";", ",")):  # this is the unit of the declaration
-            return Expr("number", value=float(token.text) * unit_factor(self.take().text[1:-1]), line=token.line)
+            return Expr("number", value=float(token.text) * unit_of(self.take().text[1:-1]).factor, line=token.line)
         if token.kind == "number":
             return Expr("number", value=float(token.text), line=token.line)
         if token.kind == "string":
@@ -321,12 +317,6 @@ class Reader:
                 self.to_semicolon()
         return declared_list
 
-    def _annotation(self) -> None:
-        """Skip the rest of `(min=0, range=<-1,1>)`."""
-        depth = 1
-        while depth and self.now.kind != "end" and self.now.text != ";":
-            depth += {"(": 1, ")": -1}.get(self.take().text, 0)
-
     def _stated(self) -> Expr:
         """The value of a declaration; a unit after it belongs to the declaration."""
         self.declaring = True
@@ -351,7 +341,9 @@ class Reader:
             unit = ""
             while True:
                 if self.skip("("):
-                    self._annotation()
+                    depth = 1
+                    while depth and self.now.kind != "end" and self.now.text != ";":
+                        depth += {"(": 1, ")": -1}.get(self.take().text, 0)
                 elif self.skip("["):
                     size = self._list("]")
                 elif self.skip("="):
@@ -423,8 +415,3 @@ def _base(plain: str, dimension: Dimension) -> str:
     except (UnitProblem, ValueError, OverflowError):
         pass
     return dimension_text(dimension)
-
-
-def unit_factor(text: str) -> float:
-    """The factor of a number with a unit in an equation, such as `1 {hr}`."""
-    return unit_of(text).factor

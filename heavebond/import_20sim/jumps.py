@@ -45,29 +45,27 @@ def keep_values_before_jumps(component: Component, branches: list[Kept]) -> None
         jumps = [e for e in component.events.values() if set(e.then) & changed and e.when != AT_START
                  and (any(e is end_event for end_event in ending) or inputs & _reached(_words(e), formulas))]
         if jumps:
-            _store(component, branch, jumps)
-
-
-def _store(component: Component, branch: Kept, jumps: list[Event]) -> None:
-    """Let the first of several events at an instant store the value of a branch."""
-    value = branch.value
-    if len(f.text(value)) > SHORT and defined_everywhere(value, {item.name for item in component.of_kind("parameter")}):
-        name = component.fresh(f"{branch.name.removesuffix('_kept')}_value")
-        component.items[name] = Item(name, "variable", "", f"the value of the branch that {branch.name} keeps")
-        component.equations = [(left, _replaced(right, value, f.name(name)), said)
-                               for left, right, said in component.equations]
-        component.equations.append((f.name(name), value, ""))
-        value = f.name(name)
-    instant = f"{branch.name}_at"
-    if instant not in component.items:
-        component.hold(instant, "", f"when an event stored {branch.name}", f.number(0))  # nothing is stored at the start
-    later = Expr(">", (f.name("time"), f.name(instant)))
-    end = component.events[branch.event].then
-    end[branch.name] = Expr("if", (later, value, f.name(branch.name)))
-    for event in jumps:
-        assigned = Expr("and", (later, Expr("==", (f.name(branch.flag), f.number(1)))))
-        event.then[branch.name] = Expr("if", (assigned, value, event.then.get(branch.name, f.name(branch.name))))
-        event.then[instant] = f.name("time")
+            # let the first of several events at an instant store the value of a branch
+            value = branch.value
+            if len(f.text(value)) > SHORT and defined_everywhere(value,
+                                                                 {item.name for item in component.of_kind("parameter")}):
+                name = component.fresh(f"{branch.name.removesuffix('_kept')}_value")
+                component.items[name] = Item(name, "variable", "", f"the value of the branch that {branch.name} keeps")
+                component.equations = [(left, _replaced(right, value, f.name(name)), said)
+                                       for left, right, said in component.equations]
+                component.equations.append((f.name(name), value, ""))
+                value = f.name(name)
+            instant = f"{branch.name}_at"
+            if instant not in component.items:
+                # nothing is stored at the start
+                component.hold(instant, "", f"when an event stored {branch.name}", f.number(0))
+            later = Expr(">", (f.name("time"), f.name(instant)))
+            end = component.events[branch.event].then
+            end[branch.name] = Expr("if", (later, value, f.name(branch.name)))
+            for event in jumps:
+                assigned = Expr("and", (later, Expr("==", (f.name(branch.flag), f.number(1)))))
+                event.then[branch.name] = Expr("if", (assigned, value, event.then.get(branch.name, f.name(branch.name))))
+                event.then[instant] = f.name("time")
 
 
 def _replaced(expr: Expr, old: Expr, new: Expr) -> Expr:

@@ -31,7 +31,10 @@ def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
     if name == "sum" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() in ("direct", "collect"):
         return _total(collected(symbols, expr.args[0]), expr.args[0].name.lower() == "direct", expr.line)
     if name == "mul" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() == "collect":
-        return _product([matrix for _, matrix in collected(symbols, expr.args[0])], expr.line)
+        factor: Matrix | None = None
+        for matrix in [matrix for _, matrix in collected(symbols, expr.args[0])]:
+            factor = matrix if factor is None else each(f.multiply, factor, matrix, expr.line)
+        return factor or [[f.number(1)]]
     if name == "collect" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
         return [row for _, matrix in collected(symbols, expr) for row in matrix] or None
     if name == "first" and expr.args and expr.args[0].name.partition(".")[0] in symbols.many:
@@ -50,13 +53,6 @@ def _total(ends: list[tuple[bool, Matrix]], directed: bool, line: int) -> Matrix
         signed = [[f.negative(e) if out and directed else e for e in row] for row in matrix]
         total = signed if total is None else each(f.add, total, signed, line)
     return total or [[f.number(0)]]
-
-
-def _product(ends: list[Matrix], line: int) -> Matrix:
-    factor: Matrix | None = None
-    for matrix in ends:
-        factor = matrix if factor is None else each(f.multiply, factor, matrix, line)
-    return factor or [[f.number(1)]]
 
 
 def knot_equations(symbols: Symbols, statement: Assign) -> Iterator[tuple[Matrix, Matrix]]:

@@ -317,20 +317,15 @@ def recognised(made: Component, joined: set[str]) -> Match | None:
             if _within_bounds(made, component, match) and _agree(law, library_law, match) and \
                     (complete := _with_states(made, law, component, library_law, match)) is not None:
                 return complete
-    return _without_ones(made, law, joined)
-
-
-def _without_ones(component: Component, law: Law, joined: set[str]) -> Match | None:
-    """The library component for a law with gains of 1, as numbers in place of parameters: 1/(tau*s + 1)."""
-    ones = [n for n in law.parameters if component.items[n].value == 1 and not component.items[n].unit
-            and n not in component.shared]
+    # the library component for a law with gains of 1, as numbers in place of parameters: 1/(tau*s + 1)
+    ones = [n for n in law.parameters if made.items[n].value == 1 and not made.items[n].unit and n not in made.shared]
     if not ones or len(ones) == len(law.parameters):
         return None
-    equations = component.equations
+    equations = made.equations
     for name in ones:
         equations = [(left, renamed(right, name, f.number(1)), said) for left, right, said in equations]
-    items = {n: item for n, item in component.items.items() if n not in ones}
-    return recognised(replace(component, equations=equations, items=items), joined)
+    items = {n: item for n, item in made.items.items() if n not in ones}
+    return recognised(replace(made, equations=equations, items=items), joined)
 
 
 def _junction(component: Component, joined: set[str]) -> Match | None:
@@ -524,7 +519,20 @@ def table_match(component: Component) -> Match | None:
             or component.of_kind("bond", "held") or component.initial:
         return None
     if [len(table) for table in component.tables.values()] == [3]:
-        return _of_grid(component)
+        # a component whose output is a table of its two inputs
+        formulas = {left.name: right for left, right, _ in component.equations if left.op == "name"}
+        inputs, output = [item.name for item in component.of_kind("in")], component.of_kind("out")[0].name
+        value, input_names = formulas.get(output), []
+        if value is None or value.op != "table2" or component.shared:
+            return None
+        for e in value.args:
+            while e.op == "name" and e.name in formulas:
+                e = formulas[e.name]
+            input_names.append(e.name if e.op == "name" else "")
+        if sorted(input_names) != sorted(inputs) or len(set(input_names)) != 2:
+            return None
+        return Match("Lookup2", {output: "y", input_names[0]: "u_1", input_names[1]: "u_2"}, {}, {}, {},
+                     lists={"x": "x_1", "y": "x_2", "v": "v"})
     if len(component.of_kind("in")) > 1:
         return None
     if not component.tables:
@@ -539,23 +547,6 @@ def table_match(component: Component) -> Match | None:
         return _match(component, "time")
     return _match(component,
                   input_name) if input_name in component.items and component.items[input_name].kind == "in" else None
-
-
-def _of_grid(component: Component) -> Match | None:
-    """A component whose output is a table of its two inputs."""
-    formulas = {left.name: right for left, right, _ in component.equations if left.op == "name"}
-    inputs, output = [item.name for item in component.of_kind("in")], component.of_kind("out")[0].name
-    value, input_names = formulas.get(output), []
-    if value is None or value.op != "table2" or component.shared:
-        return None
-    for e in value.args:
-        while e.op == "name" and e.name in formulas:
-            e = formulas[e.name]
-        input_names.append(e.name if e.op == "name" else "")
-    if sorted(input_names) != sorted(inputs) or len(set(input_names)) != 2:
-        return None
-    return Match("Lookup2", {output: "y", input_names[0]: "u_1", input_names[1]: "u_2"}, {}, {}, {},
-                 lists={"x": "x_1", "y": "x_2", "v": "v"})
 
 
 def _match(component: Component, given: str) -> Match:

@@ -48,29 +48,25 @@ def _submodel(reader: Reader, name: str) -> Submodel:
     place = _numbers(reader)
     submodel.x, submodel.y = (*place, 0.0, 0.0)[:2]
     if reader.skip("specifications"):
-        _specifications(reader, submodel)
+        # one of several implementations: the active one is kept
+        reader.need("active")
+        active = reader.take().text
+        while reader.skip("specification"):
+            chosen = reader.take().text == active
+            inner = Submodel(submodel.name, reader.now.line, submodel.x, submodel.y)
+            _placement(reader)
+            _body(reader, inner)
+            _placement(reader)
+            reader.need("specification_end")
+            reader.skip(";")
+            if chosen:
+                submodel.__dict__.update(inner.__dict__)
+        reader.need("end")
+        reader.skip(";")
     else:
         _body(reader, submodel)
     reader.depth -= 1
     return submodel
-
-
-def _specifications(reader: Reader, submodel: Submodel) -> None:
-    """One of several implementations: the active one is kept."""
-    reader.need("active")
-    active = reader.take().text
-    while reader.skip("specification"):
-        chosen = reader.take().text == active
-        inner = Submodel(submodel.name, reader.now.line, submodel.x, submodel.y)
-        _placement(reader)
-        _body(reader, inner)
-        _placement(reader)
-        reader.need("specification_end")
-        reader.skip(";")
-        if chosen:
-            submodel.__dict__.update(inner.__dict__)
-    reader.need("end")
-    reader.skip(";")
 
 
 def _placement(reader: Reader) -> None:
@@ -102,7 +98,18 @@ def _body(reader: Reader, submodel: Submodel) -> None:
     reader.skip(";")
     while reader.now.word in ("icon", "description", "help"):
         if reader.now.word == "icon":
-            _drawing(reader)
+            # skip an icon, up to the `end` at the beginning of a statement; groups nest
+            depth, starts = 1, True
+            reader.take()
+            while depth and reader.now.kind != "end":
+                token = reader.take()
+                if starts and token.word == "end":
+                    depth -= 1
+                elif starts and token.word == "group":
+                    depth += 1
+                starts = token.text == ";" or token.word in ("figures", "terminals", "group") \
+                    or (starts and token.kind == "name")
+            reader.skip(";")
         else:
             _description(reader, submodel)
     if not reader.skip("implementation"):
@@ -135,20 +142,6 @@ def _description(reader: Reader, submodel: Submodel) -> None:
                 submodel.comments.update(inner.comments)
                 submodel.relations = _equations(inner)
         reader.skip(";")
-
-
-def _drawing(reader: Reader) -> None:
-    """Skip an icon, up to the `end` at the beginning of a statement; groups nest."""
-    depth, starts = 1, True
-    reader.take()
-    while depth and reader.now.kind != "end":
-        token = reader.take()
-        if starts and token.word == "end":
-            depth -= 1
-        elif starts and token.word == "group":
-            depth += 1
-        starts = token.text == ";" or token.word in ("figures", "terminals", "group") or (starts and token.kind == "name")
-    reader.skip(";")
 
 
 def _port(reader: Reader) -> Port:
@@ -207,7 +200,11 @@ def _graph(reader: Reader, submodel: Submodel) -> None:
     while reader.now.kind != "end" and reader.now.word != "implementation_end":
         if reader.skip("submodels"):
             while reader.now.kind in ("name", "string") and reader.now.word != "end":
-                _part(reader, submodel)
+                token = reader.take()
+                if token.word == "plug" and reader.now.kind == "name":
+                    reader.to_semicolon()
+                else:
+                    submodel.submodels.append(_submodel(reader, token.text.strip("'")))
             reader.need("end")
             reader.skip(";")
         elif reader.skip("connections"):
@@ -220,14 +217,6 @@ def _graph(reader: Reader, submodel: Submodel) -> None:
                 reader.take()
         else:
             reader.take()
-
-
-def _part(reader: Reader, submodel: Submodel) -> None:
-    token = reader.take()
-    if token.word == "plug" and reader.now.kind == "name":
-        reader.to_semicolon()
-        return
-    submodel.submodels.append(_submodel(reader, token.text.strip("'")))
 
 
 def _end(reader: Reader) -> str:

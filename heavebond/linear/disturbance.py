@@ -7,7 +7,7 @@ like a measured input, so that a position source passes w' and w'' on exactly. I
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import numpy as np
 from heavebond.core.errors import Problems, UsageError, listing, suggest
 from heavebond.core.units import Unit
 from heavebond.equations.flatten import EquationRole, Flat, KnownInput
-from heavebond.equations.places import Node, nodes_of
+from heavebond.equations.places import nodes_of
 from heavebond.language.definition import FileInput
 from heavebond.language.symbols import stack
 from heavebond.numerics.inputs import Pieced, pieced
@@ -43,7 +43,27 @@ def disturbed(flat: Flat, names: Iterable[str]) -> Flat:
     problems, nodes = Problems(), nodes_of(flat)
     residuals, inputs = list(flat.residuals), list(flat.inputs)
     for name in names:
-        source = _source(flat, nodes, name, problems)
+        # the location of the disturbance of a name; a problem if nothing can be added there
+        owner, _, member = name.rpartition(".")
+        node, source_unknown = nodes.get(owner), flat.names.get(name)
+        if node is not None and member == node.through:
+            source = _Source(node.unit,
+                             tuple(k for k, e in enumerate(flat.equations)
+                                   if e.role is EquationRole.BALANCE and e.subject == name))
+        elif source_unknown is None or flat.unknowns[source_unknown].role != "signal":
+            signals = [n for n, k in flat.names.items() if flat.unknowns[k].role == "signal"]
+            forces = [f"{n.name}.{n.through}" for n in nodes.values()]
+            problem = "nothing here is called" if source_unknown is None else "nothing can be added to"
+            problems.add("input-unknown", f"{problem} '{name}'", hint=suggest(name, [*signals, *forces]) or
+                         f"Signals: {listing(signals or ['none'], 12)}. Through variables of nodes: "
+                         f"{listing(forces or ['none'], 6)}.")
+            source = None
+        else:
+            aliases = {n for n, k in flat.names.items() if k == source_unknown}
+            rows = tuple(k for k, e in enumerate(flat.equations)
+                         if e.role in (EquationRole.GIVEN, EquationRole.MEASURED) and e.subject in aliases)
+            source = _Source(flat.unknowns[source_unknown].unit, rows or _driving_rows(flat, name, source_unknown, problems),
+                             source_unknown)
         if source is None:
             continue
         inner = inner_name(name)
@@ -51,7 +71,13 @@ def disturbed(flat: Flat, names: Iterable[str]) -> Flat:
         place = flat.equations[source.rows[0]].place
         inputs.append(KnownInput(inner, FileInput(Path(), name, source.unit.text, "spline", place), source.unit, symbols))
         for row in source.rows:
-            residuals[row] = _shifted(flat, residuals[row], source.unknown, symbols)
+            residual = residuals[row]
+            unknown = source.unknown
+            if unknown is None:  # what flows into the components sums to what enters
+                residuals[row] = residual - symbols[0]
+            else:
+                whole = stack([level[unknown] for level in flat.levels])
+                residuals[row] = ca.substitute(residual, whole, whole - symbols[:whole.numel()])
     problems.raise_as(UsageError)
     return replace(flat, residual_column=stack(residuals), inputs=tuple(inputs), options=None)
 
@@ -62,27 +88,6 @@ def quiet(flat: Flat, added: int, begin: float, end: float) -> Pieced:
     if not records.columns.size:
         return Pieced(np.array([begin, end]), np.zeros((1 + 4 * added if added else 0, 1 if added else 0)))
     return Pieced(records.breaks, np.vstack([records.columns, np.zeros((4 * added, records.columns.shape[1]))]))
-
-
-def _source(flat: Flat, nodes: Mapping[str, Node], name: str, problems: Problems) -> _Source | None:
-    """The location of the disturbance of a name; a problem if nothing can be added there."""
-    owner, _, member = name.rpartition(".")
-    node, unknown = nodes.get(owner), flat.names.get(name)
-    if node is not None and member == node.through:
-        return _Source(node.unit, tuple(k for k, e in enumerate(flat.equations)
-                                        if e.role is EquationRole.BALANCE and e.subject == name))
-    if unknown is None or flat.unknowns[unknown].role != "signal":
-        signals = [n for n, k in flat.names.items() if flat.unknowns[k].role == "signal"]
-        forces = [f"{n.name}.{n.through}" for n in nodes.values()]
-        problem = "nothing here is called" if unknown is None else "nothing can be added to"
-        problems.add("input-unknown", f"{problem} '{name}'", hint=suggest(name, [*signals, *forces]) or
-                     f"Signals: {listing(signals or ['none'], 12)}. Through variables of nodes: "
-                     f"{listing(forces or ['none'], 6)}.")
-        return None
-    aliases = {n for n, k in flat.names.items() if k == unknown}
-    rows = tuple(k for k, e in enumerate(flat.equations)
-                 if e.role in (EquationRole.GIVEN, EquationRole.MEASURED) and e.subject in aliases)
-    return _Source(flat.unknowns[unknown].unit, rows or _driving_rows(flat, name, unknown, problems), unknown)
 
 
 def _driving_rows(flat: Flat, name: str, unknown: int, problems: Problems) -> tuple[int, ...]:
@@ -99,10 +104,3 @@ def _driving_rows(flat: Flat, name: str, unknown: int, problems: Problems) -> tu
         problems.add("signal-own", f"'{name}' is read by the component that sets it, so that nothing can be added between",
                      hint="Put a Gain of 1 into that wire, and name its output.")
     return rows
-
-
-def _shifted(flat: Flat, residual: ca.SX, unknown: int | None, symbols: ca.SX) -> ca.SX:
-    if unknown is None:  # what flows into the components sums to what enters
-        return residual - symbols[0]
-    whole = stack([level[unknown] for level in flat.levels])
-    return ca.substitute(residual, whole, whole - symbols[:whole.numel()])

@@ -417,23 +417,20 @@ class HeldStructure:
                 HELD.threshold * np.abs(ends).max(axis=0)
         moves = by.any(axis=1)
         if not moves.all():
-            moves |= self._constant(point, values)
+            # whether the values of updates are the same at a point and at others far from it, drawn at random
+            random, reference = np.random.default_rng(0), np.array(values(*point.values())).ravel()
+            same = np.ones(len(reference), dtype=bool)
+            n_h, n_x, n_z, n_u = len(self._held_index), self.n_x, len(point.z), len(point.u)
+            for size in HELD.distances * HELD.draws:
+                p, splits = point.p.copy(), np.cumsum([n_x, n_z, n_u])
+                x, z, u, held = np.split(size * random.uniform(-1, 1, n_x + n_z + n_u + n_h), splits)
+                p[self._held_index] += held * (1 + np.abs(p[self._held_index]))
+                random_point = replace(point, x=point.x + x * self.assembly.x_nominal,
+                                       z=point.z + z * self.assembly.z_nominal, u=point.u + u, p=p)
+                same &= np.array(values(*random_point.values())).ravel() == reference
+            moves |= same
         return {row: bool(moving) and not steps and not jump
                 for row, moving, steps, jump in zip(rows, moves.tolist(), stepped, jumps.tolist(), strict=True)}
-
-    def _constant(self, point: Point, values: ca.Function) -> NDArray[np.bool_]:
-        """Whether the values of updates are the same at a point and at others far from it, drawn at random."""
-        random, reference = np.random.default_rng(0), np.array(values(*point.values())).ravel()
-        same = np.ones(len(reference), dtype=bool)
-        n_h, n_x, n_z, n_u = len(self._held_index), self.n_x, len(point.z), len(point.u)
-        for size in HELD.distances * HELD.draws:
-            p, ends = point.p.copy(), np.cumsum([n_x, n_z, n_u])
-            x, z, u, held = np.split(size * random.uniform(-1, 1, n_x + n_z + n_u + n_h), ends)
-            p[self._held_index] += held * (1 + np.abs(p[self._held_index]))
-            random_point = replace(point, x=point.x + x * self.assembly.x_nominal, z=point.z + z * self.assembly.z_nominal,
-                                   u=point.u + u, p=p)
-            same &= np.array(values(*random_point.values())).ravel() == reference
-        return same
 
     @cached_property
     def updates(self) -> list[tuple[int, FlatReset]]:

@@ -31,7 +31,7 @@ from heavebond.equations.flatten import flatten
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.linear.disturbance import inner_name
 from heavebond.linear.held_variables import HeldVariable, undecided_reasons
-from heavebond.linear.linearisation import Linear, Linearisation
+from heavebond.linear.linearisation import Linearisation
 from heavebond.linear.operating_point import OperatingPoints
 from heavebond.linear.sampled import Hybrid, SampledLoop, discretised, equivalent
 from heavebond.linear.stability import Stability, eigenvalues, stability, with_zeros
@@ -484,7 +484,15 @@ class StateSpaces:
                 first = delayed + 4 * self._added.index(name)
                 b[:, :, j], d[:, :, j] = linear.b[:, first:first + 4].T, linear.d[:, first:first + 4].T
         through = np.asarray(b[1:].any(axis=0))
-        b_0, d_all = _without_derivatives(linear, b, d)
+        # b (n, m) and d (4, k, m) after the derivatives of the inputs have been absorbed by the states
+        size_b, size_d = np.abs(b), np.abs(d)
+        for k in (3, 2, 1):
+            b[k - 1] += linear.a @ b[k]
+            d[k - 1] += linear.c @ b[k]
+            size_b[k - 1] += np.abs(linear.a) @ size_b[k]
+            size_d[k - 1] += np.abs(linear.c) @ size_b[k]
+        b_0 = np.where(np.abs(b[0]) > LINEAR_SYSTEM.rounding * size_b[0], b[0], 0.0)
+        d_all = np.where(np.abs(d) > LINEAR_SYSTEM.rounding * size_d, d, 0.0)
         if updates is None:
             exact = None
             if self._exact is not None:
@@ -557,18 +565,6 @@ def spread(poles: Complex, all_poles: Complex) -> Array:
         near.append(pole.imag + width * np.linspace(-8, 8, number + (width > -pole.real)))
     points = np.concatenate([plain, *near])
     return np.asarray(np.unique(points[(points >= low) & (points <= high)]) / (2 * np.pi))
-
-
-def _without_derivatives(linear: Linear, b: Array, d: Array) -> tuple[Array, Array]:
-    """b (n, m) and d (4, k, m) after the derivatives of the inputs have been absorbed by the states."""
-    size_b, size_d = np.abs(b), np.abs(d)
-    for k in (3, 2, 1):
-        b[k - 1] += linear.a @ b[k]
-        d[k - 1] += linear.c @ b[k]
-        size_b[k - 1] += np.abs(linear.a) @ size_b[k]
-        size_d[k - 1] += np.abs(linear.c) @ size_b[k]
-    return np.where(np.abs(b[0]) > LINEAR_SYSTEM.rounding * size_b[0], b[0], 0.0), \
-        np.where(np.abs(d) > LINEAR_SYSTEM.rounding * size_d, d, 0.0)
 
 
 def _named(model: Model, formulas: Sequence[str]) -> set[str]:

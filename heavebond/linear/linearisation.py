@@ -211,8 +211,9 @@ class Linearisation:
             by_x, by_w = _solved(g_z, g_x), _solved(g_z, g_w)
             f_x, f_w, h_x, h_w = f_x - f_z @ by_x, f_w - f_z @ by_w, h_x - h_z @ by_x, h_w - h_z @ by_w
         assembly = self.assembly
+        unknowns = (assembly.flat.unknowns[j] for j, _ in assembly.reduced.states)
         return Linear(tuple(assembly.state_names), self.inputs, self.outputs, f_x, f_w, h_x, h_w, assembly.x_nominal,
-                      rigid_states(assembly), tuple(h for h in held if not h.exact),
+                      tuple(u.role == "position" or u.motion for u in unknowns), tuple(h for h in held if not h.exact),
                       sampled=() if updates is None else updates.sampled(point)), updates
 
     def updates(self, point: Point) -> SampledUpdates | None:
@@ -239,12 +240,6 @@ def _in_si(assembly: Assembly, name: str) -> ca.SX:
     return signal_expression(assembly, name) if output is None else assembly.expression(output.expr)
 
 
-def rigid_states(assembly: Assembly) -> tuple[bool, ...]:
-    """Which states are positions and speeds of bodies."""
-    unknowns = (assembly.flat.unknowns[j] for j, _ in assembly.reduced.states)
-    return tuple(u.role == "position" or u.motion for u in unknowns)
-
-
 def _solved(g_z: Array, right: Array) -> Array:
     try:
         return np.asarray(np.linalg.solve(g_z, right), dtype=float)
@@ -252,14 +247,6 @@ def _solved(g_z: Array, right: Array) -> Array:
         raise UsageError([Problem("loop-singular", "an algebraic loop is singular here, so that its unknowns are "
                                   "undetermined",
                                   None, "Linearise at another state.")]) from None
-
-
-def _first_inputs(assembly: Assembly) -> Array:
-    """The pieces of the measured inputs at the start."""
-    if not assembly.flat.inputs:
-        return np.zeros(0)
-    times = grid(assembly.model, None, None)
-    return pieced(assembly.flat, float(times[0]), float(times[-1])).at(times[:1])[:, 0]
 
 
 def without_history(assembly: Assembly) -> Assembly:
@@ -281,7 +268,12 @@ class ModesAtStart:
 
     def __init__(self, assembly: Assembly):
         self.assembly = assembly = without_history(assembly)
-        self.u = _first_inputs(assembly)
+        # the pieces of the measured inputs at the start
+        if not assembly.flat.inputs:
+            self.u = np.zeros(0)
+        else:
+            times = grid(assembly.model, None, None)
+            self.u = pieced(assembly.flat, float(times[0]), float(times[-1])).at(times[:1])[:, 0]
         self.linearisation = Linearisation(assembly)
         self.equations = StartEquations(assembly)
         self._events = StartEvents(assembly)

@@ -56,7 +56,11 @@ class OperatingPoints:
         self._assemble(_steady(model) if self.steady else model)
         if not disturbances:
             self._fill()
-        self.filled = " ".join(filter(None, (self.filled, approximations(self.assembly.flat.expanded.approximated))))
+        approximated = self.assembly.flat.expanded.approximated
+        parts = listing([f"{path} ({kind}) as a {replacement}" for path, kind, replacement in approximated], 4)
+        note = f"States, poles, zeros and steps have an approximation without history: {parts}. Frequency responses and " \
+            "margins are exact." if approximated else ""
+        self.filled = " ".join(filter(None, (self.filled, note)))
 
     def _assemble(self, model: Model) -> None:
         def flattened(corners: Mapping[int, int]) -> Flat:
@@ -151,13 +155,6 @@ class OperatingPoints:
             point = _still(assembly, self.equations,
                            start_point(start(replace(assembly, p=p), self.begin, u, self.equations), u))
         return first
-
-
-def approximations(approximated: Sequence[tuple[str, str, str]]) -> str:
-    """A sentence on components with delayed variables that are replaced by approximations."""
-    parts = listing([f"{path} ({kind}) as a {replacement}" for path, kind, replacement in approximated], 4)
-    return f"States, poles, zeros and steps have an approximation without history: {parts}. Frequency responses and " \
-        "margins are exact." if approximated else ""
 
 
 def stuck(assembly: Assembly, point: Point) -> list[str]:

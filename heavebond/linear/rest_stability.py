@@ -139,7 +139,22 @@ class RestStability:
         first = self.modes.start(values)
         point, at_start = self.modes.point(first), True
         if not self._rests(point):
-            equilibrium = self._equilibrium(point)
+            # the equilibrium that Newton's method finds from the start, with the inputs held still
+            assembly, n_x = self.assembly, len(point.x)
+            sizes = np.concatenate([assembly.x_nominal, assembly.z_nominal])
+            updates = self.modes.linearisation.updates(point)
+            if updates is not None:
+                equilibrium = updates.at_rest(point, self.modes.equations.bounds)
+            else:
+
+                def system(y: Array) -> tuple[Array, Array]:
+                    sides, jacobian = self._at(replace(point, x=y[:n_x], z=y[n_x:], rate=0.0))
+                    return sides, jacobian * sizes
+
+                low, high = self.modes.equations.bounds
+                result = newton(system, np.concatenate([point.x, point.z]),
+                                Scaling(sizes, low[:len(sizes)], high[:len(sizes)]))
+                equilibrium = replace(point, x=result.y[:n_x], z=result.y[n_x:], rate=0.0) if result.good else None
             if equilibrium is None:
                 return None
             point, at_start = equilibrium, False
@@ -168,7 +183,15 @@ class RestStability:
             return -1.0, np.zeros(len(named))
         value = operating.smooth
         if any(variant.linear.period is not None for variant in operating.variants):
-            return value + REST_STABILITY.min_damping, self._differences(values, named)
+            # the slope (m,) of the limit of a sampled system, by central differences
+            present, slope = self.assembly.with_parameters(values).parameter_values, np.zeros(len(named))
+            for k, name in enumerate(named):
+                step = DIFFERENCE * (abs(present[name]) or 1.0)
+                ends = [self.at({**values, name: present[name] + sign * step}) for sign in (-1, 1)]
+                if all(end is not None for end in ends):
+                    low, high = (end.smooth for end in ends if end is not None)
+                    slope[k] = (high - low) / (2 * step)
+            return value + REST_STABILITY.min_damping, slope
         slope = np.zeros(len(named))
         for variant in operating.variants if named and operating.first is not None else ():
             for mode in variant.modes:
@@ -181,17 +204,6 @@ class RestStability:
                     score_slope = ds.real / size - excess * (s.real * ds.real + s.imag * ds.imag) / size**3
                     slope += weight * np.where(np.isfinite(score_slope), score_slope, 0.0)
         return value + REST_STABILITY.min_damping, slope
-
-    def _differences(self, values: Mapping[str, float | str], named: Sequence[str]) -> Array:
-        """The slope (m,) of the limit of a sampled system, by central differences."""
-        present, slope = self.assembly.with_parameters(values).parameter_values, np.zeros(len(named))
-        for k, name in enumerate(named):
-            step = DIFFERENCE * (abs(present[name]) or 1.0)
-            ends = [self.at({**values, name: present[name] + sign * step}) for sign in (-1, 1)]
-            if all(end is not None for end in ends):
-                low, high = (end.smooth for end in ends if end is not None)
-                slope[k] = (high - low) / (2 * step)
-        return slope
 
     def _variant(self, point: Point, share: float | Sequence[float]) -> Variant:
         shares = [share] * len(self.frictions.names) if isinstance(share, float) else share
@@ -237,22 +249,6 @@ class RestStability:
         sizes = np.abs(slopes[:, :len(point.x)]) @ self.assembly.x_nominal + \
             np.abs(slopes[:, len(point.x) + len(point.z):]) @ np.abs(point.p[updates.indices])
         return bool(np.all(np.abs(changes) <= REST_STABILITY.at_rest * sizes))
-
-    def _equilibrium(self, point: Point) -> Point | None:
-        """The equilibrium that Newton's method finds from the start, with the inputs held still."""
-        assembly, n_x = self.assembly, len(point.x)
-        sizes = np.concatenate([assembly.x_nominal, assembly.z_nominal])
-        updates = self.modes.linearisation.updates(point)
-        if updates is not None:
-            return updates.at_rest(point, self.modes.equations.bounds)
-
-        def system(y: Array) -> tuple[Array, Array]:
-            sides, jacobian = self._at(replace(point, x=y[:n_x], z=y[n_x:], rate=0.0))
-            return sides, jacobian * sizes
-
-        low, high = self.modes.equations.bounds
-        result = newton(system, np.concatenate([point.x, point.z]), Scaling(sizes, low[:len(sizes)], high[:len(sizes)]))
-        return replace(point, x=result.y[:n_x], z=result.y[n_x:], rate=0.0) if result.good else None
 
 
 # -- what is told of a tuned machine -------------------------------------------------------------------------------------
@@ -346,6 +342,7 @@ def loop(machine: RestStability, variant: Variant, named: Sequence[str], values:
     if not values_of[0] > 0 or (len(values_of) > 1 and values_of[1] > REST_STABILITY.rank_one * values_of[0]) or \
             np.abs(matrix(2.0) - one - m).max() > REST_STABILITY.rank_one * np.abs(m).max():
         return None
+
     def growth(factor: complex) -> float:
         return float(rates(np.linalg.eigvals(one - m + factor * m)).real.max(initial=-np.inf))
 

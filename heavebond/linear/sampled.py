@@ -235,7 +235,12 @@ def discretised(system: Hybrid, begin: float | None = None, given: Input = Input
     queue += [(time, values[j]) for time, j in new]
     steps += [(time, 0, len(pending) + i) for i, (time, _) in enumerate(new) if time < period - same]
     flows, time = dict[float, tuple[Array, Array]](), 0.0
-    merged = _merged(steps, same)
+    # steps in the order of their times; those of one instant in the order of their kinds
+    merged: list[tuple[float, int, int]] = []
+    for step_time, kind, number in sorted(steps):
+        at_last = bool(merged) and step_time - merged[-1][0] <= same
+        merged.append((merged[-1][0] if at_last else max(step_time, 0.0), kind, number))
+    merged.sort()
     for at, kind, number_of in merged:
         change, time = _flown(system, flows, change, start[:n], current, at - time), at
         whole = start[:n] + change
@@ -260,14 +265,6 @@ def discretised(system: Hybrid, begin: float | None = None, given: Input = Input
     return Discrete(period, tuple(names[k] for k in state_rows), sizes[state_rows], tuple(rigid[k] for k in state_rows),
                     less[np.ix_(state_rows, state_rows)] / period, less[state_rows, states:], out[:, state_rows],
                     out[:, states:])
-
-
-def _merged(steps: Sequence[tuple[float, int, int]], same: float) -> list[tuple[float, int, int]]:
-    """Steps in the order of their times; those of one instant in the order of their kinds."""
-    merged: list[tuple[float, int, int]] = []
-    for time, kind, number in sorted(steps):
-        merged.append((merged[-1][0] if merged and time - merged[-1][0] <= same else max(time, 0.0), kind, number))
-    return sorted(merged)
 
 
 def _flown(system: Hybrid, flows: dict[float, tuple[Array, Array]], change: Array, start: Array, current: Array,

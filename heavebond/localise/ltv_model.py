@@ -151,7 +151,9 @@ class SourcedRecord:
         self._write(np.zeros((len(self.time), len(self.nodes))))
         self.assembly = build(reduce_flattened(lambda corners: with_virtual_sources(
             flatten(model, wanted, corners=corners), self.nodes, self.file)))
-        self.locals = _locals(self.assembly)
+        flat = self.assembly.flat
+        self.locals = [LocalSignal(u.name, u.unit, u.role) for u in flat.unknowns
+                       if u.role in ("across", "position", "signal")]
         self._jacobians = _Jacobians(self.assembly, [self.assembly.expression(o.shown.expr) for o in outputs], self.locals,
                                      list(experiment.free), len(self.nodes))
 
@@ -198,11 +200,6 @@ def _learnt(counts: Mask, checking: Mask, record: Record) -> Mask:
     known = np.flatnonzero(counts | checking)
     nearest = known[np.clip(np.searchsorted(known, np.arange(len(counts))), 0, len(known) - 1)]
     return np.asarray(~checking[nearest])
-
-
-def _locals(assembly: Assembly) -> list[LocalSignal]:
-    flat = assembly.flat
-    return [LocalSignal(u.name, u.unit, u.role) for u in flat.unknowns if u.role in ("across", "position", "signal")]
 
 
 class _Jacobians:

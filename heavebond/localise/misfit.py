@@ -317,17 +317,13 @@ def _when(experiment: Experiment, search: Search, estimate: Estimate) -> tuple[t
         error = np.concatenate([system.error[u, c] * s.noise[c]
                                 for s, u, system in zip(search.sides, used, systems, strict=True)])
         both = [envelope(s.measured[u, c], s.time[u]) for s, u in zip(search.sides, used, strict=True)]
-        amplitudes = {f"amplitude of {name}": (_base_unit(output.shown.unit), np.concatenate([a for a, _ in both])),
+        amplitudes = {f"amplitude of {name}": (dimension_text(read_unit(output.shown.unit).dimension),
+                                               np.concatenate([a for a, _ in both])),
                       f"frequency of {name}": ("Hz", np.concatenate([f for _, f in both]))}
         every = np.concatenate(used)
         signals_here = {n: (text, values[every]) for n, (text, values) in signals.items()}
         states_of_errors += states(name, error / unit.scale, {**signals_here, **amplitudes}, learn[every])[:3]
     return tuple(parts), tuple(states_of_errors)
-
-
-def _base_unit(text: str) -> str:
-    """The SI unit of a unit in `text`."""
-    return dimension_text(read_unit(text).dimension)
 
 
 # -- words ---------------------------------------------------------------------------------------------------------------
@@ -362,12 +358,6 @@ PRESSED = {(kind, shape): "the friction of a seal that the pressure presses" for
            if LOOKS[kind, shape].startswith("dry friction")}
 
 
-def _pressed(suspect: PlaceEstimate, curve: Curve) -> bool:
-    """Whether a law of two variables is one of a mechanical place and a pressure."""
-    second = next((f for f in (curve.times, curve.second.formula if curve.second else "") if f), "")
-    return suspect.place.nodes[0].mechanical and curve.units.get(second) == "Pa"
-
-
 def noun(suspect: PlaceEstimate) -> str:
     """The missing quantity at a place in one word: force, volume flow, current."""
     node = suspect.place.nodes[0]
@@ -394,7 +384,9 @@ def words_of(suspect: PlaceEstimate) -> str:
     shape = shape_words(curve)
     looks = (LOOKS if place.nodes[0].mechanical else FLOWS).get((curve.variable.kind, curve.shape), "")
     if curve.times or curve.second is not None:
-        looks = PRESSED.get((curve.variable.kind, curve.shape), "") if _pressed(suspect, curve) else ""
+        second = next((f for f in (curve.times, curve.second.formula if curve.second else "") if f), "")
+        pressed = place.nodes[0].mechanical and curve.units.get(second) == "Pa"
+        looks = PRESSED.get((curve.variable.kind, curve.shape), "") if pressed else ""
     end = f": {looks} would look so." if looks else "."
     return first + f"it follows the {curve.variable.phrase} (R2 {number(curve.r2, 2)} on data not used), {shape}{end}"
 

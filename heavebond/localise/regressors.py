@@ -74,7 +74,16 @@ class Regressors:
         kind = "across" if own else "speed" if node.mechanical else "pressure"
         variables = [self._variable(kind, f"{phrase} {formula}", formula, unit.text, values)]
         if domain.position:
-            place, its = self._position(nodes, domain.position, values, formula)
+            # the position, or without one in the diagram the integral of the speed about its mean
+            member = domain.position
+            if all(f"{n.name}.{member}" in self.signals for n in nodes):
+                place, its = self._between(nodes, member)
+            else:
+                parts = []
+                for v, t in zip(self._parts(values), self.times, strict=True):
+                    x = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t))])
+                    parts.append(x - x.mean())
+                place, its = np.concatenate(parts), f"∫ {formula}"
             variables.append(self._variable("position" if own else "place", f"position {its}", its,
                                             domain.members[domain.position].unit.text, place))
         if own:
@@ -101,16 +110,6 @@ class Regressors:
         if not np.any(self.signals[f"{first.name}.{member}"]):
             return values, f"-{second.name}.{member}"
         return values, f"{first.name}.{member} - {second.name}.{member}"
-
-    def _position(self, nodes: tuple[Node, ...], member: str, speed: Array, formula: str) -> tuple[Array, str]:
-        """The position, or without one in the diagram the integral of the speed about its mean."""
-        if all(f"{n.name}.{member}" in self.signals for n in nodes):
-            return self._between(nodes, member)
-        parts = []
-        for v, t in zip(self._parts(speed), self.times, strict=True):
-            x = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t))])
-            parts.append(x - x.mean())
-        return np.concatenate(parts), f"∫ {formula}"
 
     def _variable(self, kind: str, phrase: str, formula: str, unit: str, values: Array) -> Variable:
         rising = np.concatenate([np.gradient(v) > 0 for v in self._parts(values)])

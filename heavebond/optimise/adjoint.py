@@ -131,12 +131,27 @@ class Adjoint:
         change during the run.
         """
         if run.statistics.get("state_changes"):
-            raise _other_states(run)
+            changes = run.statistics["state_changes"]
+            assert isinstance(changes, list)
+            before, after = (", ".join(changes[0][k]) for k in ("before", "after"))
+            raise SimulationError([Problem(
+                CHARTS, f"the states change at t = {changes[0]['time']:.6g} s; a backward run supports one choice of states "
+                "only", None, "Take forward sensitivities: simulate(..., sensitivities=[...]). `tune` does so by itself.",
+                (f"{before} -> {after}",))])
         self._follow_sizes()
         slopes = self.evaluator.cost_slopes(run, references)
         ends = [self._end(run, slope) for slope in slopes]
         moved = self._moved(run.start)
-        x, p = self._backward(run, slopes, ends)
+        # d cost / d x(t_0) (n_x, k) with parameters held, d cost / dp (n_p, k) with x(t_0) held and without `ends`
+        self._steps = _steps(run.statistics)
+        integrator = self._integrator(self._steps, run.p, len(slopes))
+        pulls, jumps, weights = self._seeds(run, slopes, ends, integrator.integrator.size1_in("x0"))
+        if not weights.any():
+            x, p = np.zeros((len(run.x), len(slopes))), np.zeros((len(run.p), len(slopes)))
+        else:
+            by_x, by_p, _ = self._called(integrator, run.start, pulls, jumps)
+            back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
+            x, p = by_x * back, by_p * back
         return [(slope.value, moved.x.T @ x[:, k] + moved.p.T @ (p[:, k] + slope.by_p + end.p))
                 for k, (slope, end) in enumerate(zip(slopes, ends, strict=True))]
 
@@ -191,18 +206,6 @@ class Adjoint:
     def _moved(self, first: Start) -> Tangent:
         directions = np.eye(len(first.p))[:, self._chosen]
         return tangent(self.simulator.start_equations, first, self._first_inputs(), directions)
-
-    # -- backward run ------------------------------------------------------------------------------------------------
-    def _backward(self, run: Result, slopes: list[CostSlopes], ends: list[_Ends]) -> tuple[Array, Array]:
-        """d cost / d x(t_0) (n_x, k) with parameters held, d cost / dp (n_p, k) with x(t_0) held and without `ends`."""
-        self._steps = _steps(run.statistics)
-        integrator = self._integrator(self._steps, run.p, len(slopes))
-        pulls, jumps, weights = self._seeds(run, slopes, ends, integrator.integrator.size1_in("x0"))
-        if not weights.any():
-            return np.zeros((len(run.x), len(slopes))), np.zeros((len(run.p), len(slopes)))
-        by_x, by_p, _ = self._called(integrator, run.start, pulls, jumps)
-        back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
-        return by_x * back, by_p * back
 
     def _called(self, integrator: _BuiltIntegrator, first: Start, pulls: Array, jumps: Array
                 ) -> tuple[Array, Array, dict[str, Array]]:
@@ -344,17 +347,6 @@ def _steps(statistics: Mapping[str, object]) -> int:
 def _column(run: Result, at: int) -> list[Array]:
     """The arguments of an assembly's functions at one of a run's times."""
     return [a[:, at] if a.size else np.zeros(0) for a in columns(run)]
-
-
-def _other_states(run: Result) -> SimulationError:
-    changes = run.statistics["state_changes"]
-    assert isinstance(changes, list)
-    before, after = (", ".join(changes[0][k]) for k in ("before", "after"))
-    return SimulationError([Problem(
-        CHARTS, f"the states change at t = {changes[0]['time']:.6g} s; a backward run supports one choice of states "
-                "only", None,
-        "Take forward sensitivities: simulate(..., sensitivities=[...]). `tune` does so by itself.",
-        (f"{before} -> {after}",))])
 
 
 def _failure(failed: str, text: str) -> SimulationError:

@@ -60,7 +60,13 @@ class Evaluator:
         self.columns: list[int | None] = [self._column(f) for f in self.functionals]
         n_q = len(self.integrated)
         self.factors = Factors(ca.SX.sym("w", n_q), np.ones(n_q))
-        gate = _gate(assembly.arguments[0], begin, min(begin, RAMP * (end - begin)))
+        # 0 before begin - ramp, 1 from begin on, smooth in between (a jump would stop the integrator, a kink slow it)
+        ramp = min(begin, RAMP * (end - begin))
+        if ramp <= 0:
+            gate = ca.SX(1)
+        else:
+            s = ca.fmin(ca.fmax((assembly.arguments[0] - begin) / ramp + 1, 0), 1)
+            gate = s**3 * (10 - 15 * s + 6 * s**2)
         scaled = [_until(gate, self.factors.symbols[k] * f.signal) for k, f in enumerate(self.integrated)]
         self.quadratures = stack([s ** POWERS.get(f.kind, 1) for f, s in zip(self.integrated, scaled, strict=True)])
         self._integrated = _functional_sensitivities(assembly, self.integrated)
@@ -232,14 +238,6 @@ def _signal_sensitivities(function: ca.Function, run: Result, chosen: NDArray[np
         evaluated(run.assembly, function, [*given, *(direction[:, chosen]
                                                      for direction in (x, z, with_held(run, p, held)))])[1]
         for x, z, p, held in directions]).reshape(len(names), n, number)
-
-
-def _gate(t: ca.SX, begin: float, ramp: float) -> ca.SX:
-    """0 before begin - ramp, 1 from begin on, smooth in between (a jump would stop the integrator, a kink slow it)."""
-    if ramp <= 0:
-        return ca.SX(1)
-    s = ca.fmin(ca.fmax((t - begin) / ramp + 1, 0), 1)
-    return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def _until(gate: ca.SX, scaled: ca.SX) -> ca.SX:

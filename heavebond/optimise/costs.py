@@ -158,7 +158,20 @@ class _Reader:
         if isinstance(expr, Call) and expr.function == "ref":
             return self._evaluate(expr.args[0], True)
         if isinstance(expr, Call) and expr.function in FUNCTIONALS:
-            return self._functional(expr, reference)
+            argument = expr.args[0]
+            if expr.function in NUMBERS:
+                return self._modal(expr, reference)
+            if any(isinstance(c, Call) and c.function in FUNCTIONALS for c in _walk(argument)):
+                raise ExpressionProblem("cost-nested", f"{expr.function}(...) is taken of a signal, not of another cost",
+                                        expr.column, len(expr.function))
+            resolver, used = self.assembly.resolver(), {n.text for n in names(argument)} & set(self.outputs)
+            unit = resolver.dimension(argument, extra={n: resolver.dimension(self.outputs[n]) or ONE for n in used}) or ONE
+            values = {n: resolver.evaluate(self.outputs[n]) for n in used}
+            signal = self.assembly.express(resolver.evaluate(argument, extra=values))
+            unit = ONE if expr.function in CONDITIONS else unit
+            unit = times(unit, SECOND) if expr.function == "integral" else unit
+            exponent = self._exponent(expr) if expr.function == CYCLES else 1.0
+            return self._symbol(Functional(expr.function, signal, unit, exponent=exponent), reference)
         # other expressions are formulas whose functionals are replaced by new names
         stood: dict[str, tuple[ca.SX, Dimension]] = {}
         plain = self._stood_in(expr, reference, stood)
@@ -166,21 +179,6 @@ class _Reader:
         inner = {name: symbol for name, (symbol, _) in stood.items()}
         return (resolver.evaluate(plain, extra=inner),
                 resolver.dimension(plain, extra={n: d for n, (_, d) in stood.items()}) or ONE)
-
-    def _functional(self, expr: Call, reference: bool) -> tuple[ca.SX, Dimension]:
-        inner = expr.args[0]
-        if expr.function in NUMBERS:
-            return self._modal(expr, reference)
-        if any(isinstance(c, Call) and c.function in FUNCTIONALS for c in _walk(inner)):
-            raise ExpressionProblem("cost-nested", f"{expr.function}(...) is taken of a signal, not of another cost",
-                                    expr.column, len(expr.function))
-        resolver, used = self.assembly.resolver(), {n.text for n in names(inner)} & set(self.outputs)
-        unit = resolver.dimension(inner, extra={n: resolver.dimension(self.outputs[n]) or ONE for n in used}) or ONE
-        signal = self.assembly.express(resolver.evaluate(inner, extra={n: resolver.evaluate(self.outputs[n]) for n in used}))
-        unit = ONE if expr.function in CONDITIONS else unit
-        unit = times(unit, SECOND) if expr.function == "integral" else unit
-        exponent = self._exponent(expr) if expr.function == CYCLES else 1.0
-        return self._symbol(Functional(expr.function, signal, unit, exponent=exponent), reference)
 
     def _exponent(self, expr: Call) -> float:
         value = constant(expr.args[1])

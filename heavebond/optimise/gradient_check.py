@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.core.progress import Progress
@@ -211,22 +210,17 @@ def _differences(middle: SampledRun, around: Sequence[SampledRun], j: int, h: fl
     """The differences of the j-th quantity at a step h, with the `exact` derivative (N,) at times without a valid
     difference; None if most times have none."""
     differences = _Differences.of(middle.values[j], [run.values[j] for run in around], h)
-    out = _between(middle, around)
+    # the times (N,) that lie before an event in some of the runs and after it in others: a difference over a jump is not a
+    # derivative
+    runs = [middle, *around]
+    out = np.zeros(len(middle.times), dtype=bool)
+    for k in range(max(len(run.events) for run in runs)):
+        times = [run.events[k] if k < len(run.events) else np.inf for run in runs]
+        out |= (middle.times >= min(times)) & (middle.times <= max(times)) & (min(times) < max(times))
     if 2 * np.count_nonzero(out) > len(exact):
         return None
     return differences if not out.any() else _Differences(
         *(np.where(out, exact, side) for side in (differences.central, differences.up, differences.down)))
-
-
-def _between(middle: SampledRun, around: Sequence[SampledRun]) -> NDArray[np.bool_]:
-    """The times (N,) that lie before an event in some of the runs and after it in others: a difference over a jump is not
-    a derivative. If the runs have different numbers of events, no time after the first missing one counts."""
-    runs = [middle, *around]
-    inside = np.zeros(len(middle.times), dtype=bool)
-    for k in range(max(len(run.events) for run in runs)):
-        times = [run.events[k] if k < len(run.events) else np.inf for run in runs]
-        inside |= (middle.times >= min(times)) & (middle.times <= max(times)) & (min(times) < max(times))
-    return inside
 
 
 def _around(runs: Runs, name: str, value: float, step: float) -> list[SampledRun] | None:

@@ -32,7 +32,15 @@ def sampled_value(kind: str, time: Array, signal: Array, sensitivities: Array, e
         size = max(mean(time, around**2), 0.0)**0.5
         return size, np.array([mean(time, around * slope) / size for slope in sensitivities]) if size else still
     if kind == CYCLES:
-        return _equivalent_range(time, signal, sensitivities, exponent)
+        # the range and its slopes (m,): each range changes with the samples at its two ends
+        ranges, counts, ends = rainflow_ranges(signal)
+        damage = counts * ranges**exponent / (time[-1] - time[0])
+        if not damage.sum() > 0:
+            return 0.0, np.zeros(len(sensitivities))
+        value = float(damage.sum() ** (1 / exponent))
+        first, last = ends
+        grown = np.sign(signal[last] - signal[first]) * (sensitivities[:, last] - sensitivities[:, first])
+        return value, np.asarray(value / damage.sum() * (grown @ (damage / ranges)))
     if kind == "times":
         return float(np.count_nonzero(np.diff(signal > 0.5) & (signal[1:] > 0.5))), still
     if kind == "share":
@@ -41,15 +49,3 @@ def sampled_value(kind: str, time: Array, signal: Array, sensitivities: Array, e
     value, sign, extreme = max(((sign * extreme.of(signal), sign, extreme) for sign, extreme in
                                 ((sign, of(time, signal)) for sign, of in sought)), key=lambda found: found[0])
     return value, sign * extreme.along(sensitivities)
-
-
-def _equivalent_range(time: Array, signal: Array, sensitivities: Array, exponent: float) -> tuple[float, Array]:
-    """The range and its slopes (m,): each range changes with the samples at its two ends."""
-    ranges, counts, ends = rainflow_ranges(signal)
-    damage = counts * ranges**exponent / (time[-1] - time[0])
-    if not damage.sum() > 0:
-        return 0.0, np.zeros(len(sensitivities))
-    value = float(damage.sum() ** (1 / exponent))
-    first, last = ends
-    grown = np.sign(signal[last] - signal[first]) * (sensitivities[:, last] - sensitivities[:, first])
-    return value, np.asarray(value / damage.sum() * (grown @ (damage / ranges)))

@@ -176,20 +176,22 @@ def _trust(memo: _Seen, first: Array, most_steps: int, known_best: Sequence[Eval
             if gained > SEARCH.good * step.gain:
                 radii = np.where(np.abs(step.d) > 0.9 * radii, np.minimum(2 * radii, SEARCH.max_radius), radii)
         else:
-            radii = _after_refusal(problem, at, trial, step.d, radii)
+            # shorter radii in the unknowns in which a step was too long, by the slopes at its far end, or by the loss of
+            # stability
+            d = step.d
+            if trial.gradient is not None and at.gradient is not None:
+                radii = _shorter_where(radii, d, (trial.gradient - at.gradient) * d, _lowest_between(at, trial, d))
+            else:
+                before, after = problem.growth(at.at), problem.growth(trial.at)
+                lost = not trial.cost < SEARCH.unstable_cost * abs(at.cost) and \
+                    before + max(OBJECTIVE.max_growth, 0.2 * abs(before)) < after < np.inf and after > 0
+                rise = problem.growth_slope(trial.at) * d if lost else np.zeros(len(d))
+                assert at.gradient is not None
+                slope = float(at.gradient @ d)
+                bend = trial.cost - at.cost - slope
+                share = float(np.clip(-slope / (2 * bend), 0.1, 0.5)) if np.isfinite(bend) and bend > 0 else 0.25
+                radii = _shorter_where(radii, d, rise, share)
     return f"{most_steps} steps"
-
-
-def _after_refusal(problem: Objective, at: Evaluation, trial: Evaluation, d: Array, radii: Array) -> Array:
-    """Shorter radii in the unknowns in which a step was too long, by the slopes at its far end, or by the loss of
-    stability."""
-    if trial.gradient is not None and at.gradient is not None:
-        return _shorter_where(radii, d, (trial.gradient - at.gradient) * d, _lowest_between(at, trial, d))
-    before, after = problem.growth(at.at), problem.growth(trial.at)
-    lost = not trial.cost < SEARCH.unstable_cost * abs(at.cost) and \
-        before + max(OBJECTIVE.max_growth, 0.2 * abs(before)) < after < np.inf and after > 0
-    rise = problem.growth_slope(trial.at) * d if lost else np.zeros(len(d))
-    return _shorter_where(radii, d, rise, _shorter(at, trial, d))
 
 
 def _shorter_where(radii: Array, d: Array, rise: Array, share: float = 0.3) -> Array:
@@ -231,14 +233,6 @@ def _definite(curvature: Array | None) -> Array | None:
 def _merit(at: Evaluation, penalty: float) -> float:
     return at.cost + penalty * float(np.maximum(at.limits - 0.5 * OBJECTIVE.limit_tolerance, 0).sum()) \
         if np.isfinite(at.cost) else np.inf
-
-
-def _shorter(at: Evaluation, trial: Evaluation, d: Array) -> float:
-    """The share of a step to try next: the minimum of a parabola through both costs."""
-    assert at.gradient is not None
-    slope = float(at.gradient @ d)
-    bend = trial.cost - at.cost - slope
-    return float(np.clip(-slope / (2 * bend), 0.1, 0.5)) if np.isfinite(bend) and bend > 0 else 0.25
 
 
 def _lowest_between(at: Evaluation, trial: Evaluation, d: Array) -> float:

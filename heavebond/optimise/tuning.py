@@ -94,7 +94,20 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
                               partial))
         if results[-1].message == ENDED_EARLY:
             return _told(problem, task, results, min(results, key=_rank), ENDED_EARLY, say)
-    for first in _edges(problem, min(results, key=_rank), say):
+    # points at the stability boundary along each free parameter whose cost is little above the result
+    result = min(results, key=_rank)
+    points = []
+    for k, name in enumerate(problem.names):
+        for end in (0.0, 1.0):
+            at = limit_of_stability(problem, result.best.at, k, end)
+            if at is None or abs(at - result.best.at[k]) < SEARCH.same_optimum:
+                continue
+            point = result.best.at.copy()
+            point[k] = at - INSIDE * np.sign(at - point[k]) if problem.stable else at
+            say(f"looking at the stability boundary of {name}")
+            if problem.plain(point).kept and problem.cost(point) < result.best.cost + PROMISING * abs(result.best.cost):
+                points.append(point)
+    for first in points:
         results.append(search(problem, first, method, most_steps, say, results, partial))
     best = min(results, key=_rank)
     if problem.stable:
@@ -194,23 +207,6 @@ def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: 
 
 def _rank(result: SearchResult) -> tuple[bool, float]:
     return not result.best.kept, result.best.cost
-
-
-def _edges(problem: Objective, result: SearchResult, say: Progress) -> list[Array]:
-    """Points at the stability boundary along each free parameter whose cost is little above the result. A cost often has
-    another local minimum there, where friction stabilises a machine that would be unstable without it."""
-    points = []
-    for k, name in enumerate(problem.names):
-        for end in (0.0, 1.0):
-            at = limit_of_stability(problem, result.best.at, k, end)
-            if at is None or abs(at - result.best.at[k]) < SEARCH.same_optimum:
-                continue
-            point = result.best.at.copy()
-            point[k] = at - INSIDE * np.sign(at - point[k]) if problem.stable else at
-            say(f"looking at the stability boundary of {name}")
-            if problem.plain(point).kept and problem.cost(point) < result.best.cost + PROMISING * abs(result.best.cost):
-                points.append(point)
-    return points
 
 
 def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> float | None:

@@ -207,7 +207,20 @@ def _sheet(drawn: Drawn, look: Look) -> list[str]:
     for item in drawn.items:
         lines += _halo(item, look)
     for line in drawn.lines:
-        lines += _wire(line, look)
+        stroke, marked = look.net(line), NODE + line.net.path in look.marks
+        value = look.paint.nets.get(line.net.path) if look.paint else None
+        width = WIDTHS.get(line.net.domain, 1.6) * (ARRAY if line.net.size > 1 else 1) if value is None else 3.2
+        paths = " ".join("M" + " L".join(f"{x} {y}" for x, y in path) for path in line.wire.lines)
+        if marked:
+            lines.append(f'<path d="{paths}" stroke="{HALO}" stroke-width="10" stroke-linecap="round"/>')
+        tooltip = f"<title>{xml(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None \
+            else ""
+        place = f' data-node="{xml(line.net.path)}"' if not line.net.given else ""
+        head = f'<path class="wire"{place} d="{paths}" stroke="{stroke}" stroke-width="{width:.3g}"'
+        lines.append(f"{head}>{tooltip}</path>" if tooltip else f"{head}/>")
+        lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{stroke}"/>' for x, y in line.wire.dots]
+        if line.free is not None:
+            lines.append(f'<circle cx="{line.free[0]}" cy="{line.free[1]}" r="3" fill="#ffffff" stroke="{stroke}"/>')
     for line in drawn.lines:
         lines += _heads(line, drawn, look)
     reached = frozenset(point for line in drawn.lines for path in line.wire.lines for point in (path[0], path[-1]))
@@ -228,7 +241,19 @@ def _item(item: Item, look: Look, reached: frozenset[tuple[int, int]]) -> list[s
     main = item.shape.domain or next((d for d in item.part.ports.values() if d != "signal"), "signal")
     colour = look.part(item, main)
     if item.inside is not None:
-        lines += _inside(item, item.inside, colour, look)
+        # an open block: a chain-dotted frame, as around an assembly, with its sheet inside
+        drawn = item.inside
+        shape, frame = item.shape, drawn.frame
+        lines += [f'<rect x="{shape.left}" y="{shape.top}" width="{shape.right - shape.left}" '
+                  f'height="{shape.bottom - shape.top}" rx="4" fill="#fbfbfa" '
+                  f'stroke="{QUIET if colour != WARNING else colour}" stroke-width="1" stroke-dasharray="12 3 2 3"/>',
+                  f'<g transform="translate({shape.left - frame.left:g} {shape.top - frame.top:g})">']
+        if drawn.title is not None:
+            lines += _lettered(drawn.title, colour if colour == WARNING else "#000000", "part")
+        lines += _sheet(drawn, look)
+        lines.append("</g>")
+        lines += [f'<circle cx="{a.x}" cy="{a.y}" r="2.5" fill="#ffffff" '
+                  f'stroke="{domain_colour(item.part.ports[a.port])}"/>' for a in shape.anchors]
     else:
         lines += _picture(item.shape, colour, main, "" in item.marks or look.paint is not None)
     for port in item.marks:
@@ -279,22 +304,6 @@ def _writing(mark: Mark, turn: tuple[int, int, int, int], colour: str) -> str:
             f'text-anchor="{attributes.get("text-anchor", "middle")}">{xml(mark.text)}</text>')
 
 
-def _inside(item: Item, drawn: Drawn, colour: str, look: Look) -> list[str]:
-    """An open block: a chain-dotted frame, as around an assembly, with its sheet inside."""
-    shape, frame = item.shape, drawn.frame
-    lines = [f'<rect x="{shape.left}" y="{shape.top}" width="{shape.right - shape.left}" '
-             f'height="{shape.bottom - shape.top}" rx="4" fill="#fbfbfa" stroke="{QUIET if colour != WARNING else colour}" '
-             'stroke-width="1" stroke-dasharray="12 3 2 3"/>',
-             f'<g transform="translate({shape.left - frame.left:g} {shape.top - frame.top:g})">']
-    if drawn.title is not None:
-        lines += _lettered(drawn.title, colour if colour == WARNING else "#000000", "part")
-    lines += _sheet(drawn, look)
-    lines.append("</g>")
-    lines += [f'<circle cx="{a.x}" cy="{a.y}" r="2.5" fill="#ffffff" stroke="{domain_colour(item.part.ports[a.port])}"/>'
-              for a in shape.anchors]
-    return lines
-
-
 def _halo(item: Item, look: Look) -> list[str]:
     box = item.extent
     if look.paint is not None and "" not in item.marks and item.inside is None and item.part.path in look.paint.parts:
@@ -304,24 +313,6 @@ def _halo(item: Item, look: Look) -> list[str]:
         return []
     return [f'<rect x="{box.left - 6:g}" y="{box.top - 6:g}" width="{box.right - box.left + 12:g}" '
             f'height="{box.bottom - box.top + 12:g}" rx="8" fill="{HALO}"/>']
-
-
-def _wire(line: Strand, look: Look) -> list[str]:
-    colour, marked = look.net(line), NODE + line.net.path in look.marks
-    value = look.paint.nets.get(line.net.path) if look.paint else None
-    width = WIDTHS.get(line.net.domain, 1.6) * (ARRAY if line.net.size > 1 else 1) if value is None else 3.2
-    paths = " ".join("M" + " L".join(f"{x} {y}" for x, y in path) for path in line.wire.lines)
-    lines = []
-    if marked:
-        lines.append(f'<path d="{paths}" stroke="{HALO}" stroke-width="10" stroke-linecap="round"/>')
-    tooltip = f"<title>{xml(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None else ""
-    place = f' data-node="{xml(line.net.path)}"' if not line.net.given else ""
-    head = f'<path class="wire"{place} d="{paths}" stroke="{colour}" stroke-width="{width:.3g}"'
-    lines.append(f"{head}>{tooltip}</path>" if tooltip else f"{head}/>")
-    lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{colour}"/>' for x, y in line.wire.dots]
-    if line.free is not None:
-        lines.append(f'<circle cx="{line.free[0]}" cy="{line.free[1]}" r="3" fill="#ffffff" stroke="{colour}"/>')
-    return lines
 
 
 def _heads(line: Strand, drawn: Drawn, look: Look) -> list[str]:

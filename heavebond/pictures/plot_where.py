@@ -12,7 +12,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from heavebond.core.errors import UsageError
 from heavebond.core.presentation import readable_unit, unit_label
 from heavebond.core.units import read_unit
-from heavebond.laws.find import FoundLaw, Laws
+from heavebond.laws.find import Laws
 from heavebond.localise.misfit import Localization, PlaceEstimate, noun
 from heavebond.numerics.dae import Array
 from heavebond.pictures.plot import COLOURS, DPI, RECORD, RECT, WIDTH
@@ -166,7 +166,16 @@ def plot_law(found: Laws) -> Figure:
         for k, share in enumerate(SHARES if others else (0.5,)):
             held = {v.formula: np.full(POINTS, np.quantile(np.concatenate([i.local[v.formula] for i in law.implied]), share))
                     for v in others}
-            low, middle, high = _interval(law, {first.formula: course, **held})
+            # the formula (N,) with the ends of its pointwise 95 % interval, by draws of its numbers
+            motion = {first.formula: course, **held}
+            time = np.arange(len(next(iter(motion.values()))), dtype=float)
+            low = middle = high = law.value(motion, time)
+            names = list(law.intervals)
+            if names:
+                draws = np.random.default_rng(0).multivariate_normal([law.numbers[n] for n in names], law.covariance, DRAWS)
+                courses = np.array([law.formula.value(motion, time, {**law.numbers, **dict(zip(names, draw, strict=True))})
+                                    for draw in draws])
+                low, high = np.nanquantile(courses, (0.025, 0.975), axis=0)
             label = "formula" + "".join(f", {v.formula} = {held[v.formula][0]:.3g} {v.unit}" for v in others)
             colour = "black" if not others else COLOURS[1 + k]
             panel.fill_between(course * per_x, low * per_y, high * per_y, color=colour, alpha=0.2, linewidth=0)
@@ -183,17 +192,3 @@ def plot_law(found: Laws) -> Figure:
     below.legend(loc="upper left", frameon=False, fontsize=9, ncols=2)
     dress(below, "time [s]", f"{noun} [{unit_label(shown)}]")
     return figure
-
-
-def _interval(law: FoundLaw, motion: dict[str, Array]) -> tuple[Array, Array, Array]:
-    """The formula (N,) with the ends of its pointwise 95 % interval, by draws of its numbers."""
-    time = np.arange(len(next(iter(motion.values()))), dtype=float)
-    middle = law.value(motion, time)
-    names = list(law.intervals)
-    if not names:
-        return middle, middle, middle
-    draws = np.random.default_rng(0).multivariate_normal([law.numbers[n] for n in names], law.covariance, DRAWS)
-    courses = np.array([law.formula.value(motion, time, {**law.numbers, **dict(zip(names, draw, strict=True))})
-                        for draw in draws])
-    low, high = np.nanquantile(courses, (0.025, 0.975), axis=0)
-    return low, middle, high

@@ -159,7 +159,17 @@ class _Reader:
             name = _base(path).rpartition(".")[2]
             for home in [home for home in outside if home.startswith(f"{scope}." if scope else "") and home]:
                 own_ends.append(self._inwards(path, name, domain, home, outside.pop(home)))
-            self._outwards(path, domain, outside)
+            # add the node to the enclosing sheets, up to the outermost on which a port joins it
+            outer, _, node = path.rpartition(".")
+            block, remaining = outer, dict(outside)
+            while remaining and block:
+                level = _owner(block)
+                self.extra.setdefault(block, {})[f":{node}"] = domain
+                joined_ends = [(block.rpartition(".")[2], f":{node}"), *remaining.pop(level, [])]
+                joined_ends += [("", f":{node}")] if remaining else []
+                label = "" if outer in self.opened else node
+                self.nets.setdefault(level, []).append(Net(path, label, domain, tuple(joined_ends)))
+                block = level
             if outside:
                 own_ends.append(("", f":{name}"))
             self.nets.setdefault(scope, []).append(Net(path, name, domain, tuple(own_ends),
@@ -182,19 +192,6 @@ class _Reader:
                 index_range = f"{first}" if first == last else f"{first}..{last}"
                 texts_by_end[ends[0].leaf.rpartition(".")[2], ends[0].port] = f"{port}[{index_range}]"
         return texts_by_end
-
-    def _outwards(self, path: str, domain: str, outside: dict[str, list[tuple[str, str]]]) -> None:
-        """Add the node to the enclosing sheets, up to the outermost on which a port joins it."""
-        scope, _, name = path.rpartition(".")
-        block, remaining = scope, dict(outside)
-        while remaining and block:
-            level = _owner(block)
-            self.extra.setdefault(block, {})[f":{name}"] = domain
-            ends = [(block.rpartition(".")[2], f":{name}"), *remaining.pop(level, [])]
-            ends += [("", f":{name}")] if remaining else []
-            label = "" if scope in self.opened else name
-            self.nets.setdefault(level, []).append(Net(path, label, domain, tuple(ends)))
-            block = level
 
     def _inwards(self, path: str, name: str, domain: str, home: str, ends: list[tuple[str, str]]) -> tuple[str, str]:
         """Add the node to the sheets from its `ends` up to its level; returns the block and port that join it there."""

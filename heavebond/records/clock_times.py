@@ -58,46 +58,38 @@ def read_clock(cells: Sequence[str]) -> Clock:
     texts = [cell.strip().replace(",", ".") for cell in cells]
     known = [k for k, text in enumerate(texts) if text.lower() not in MISSING]
     if known and _OF_DAY.fullmatch(texts[known[0]]):
-        return _of_day(texts, known)
+        # times of day; a decrease by more than half a day is a passage of midnight
+        moments = np.full(len(texts), NONE, dtype=np.int64)
+        days, before = 0, 0
+        for k in known:
+            time_match = _OF_DAY.fullmatch(texts[k])
+            if time_match is None or int(time_match["m"]) > 59 or int(time_match["s"]) > 59:
+                raise _unreadable(texts[k], k)
+            seconds = 3600 * int(time_match["h"]) + 60 * int(time_match["m"]) + int(time_match["s"])
+            moment = 1_000_000_000 * seconds + int((time_match["f"] or "").ljust(9, "0"))
+            days += before - moment > DAY // 2
+            moments[k], before = days * DAY + moment, moment
+        return Clock(moments, False)
     if known and _SHORT.fullmatch(texts[known[0]]):
         raise ClockProblem(f"'{cells[known[0]].strip()}' may be hours and minutes, or minutes and seconds",
                            "Export the times as hours:minutes:seconds, such as 12:05:00, or as seconds.", known[0])
     moments = np.full(len(texts), NONE, dtype=np.int64)
     if known:
-        moments[known] = _dated(cells, texts, known)
+        import pandas as pd
+
+        date_matches = [_YEAR_FIRST.fullmatch(texts[k]) or _YEAR_LAST.fullmatch(texts[k]) for k in known]
+        for k, one in zip(known, date_matches, strict=True):
+            if one is None:
+                raise _unreadable(cells[k].strip(), k)
+        matches = [one for one in date_matches if one is not None]
+        swapped = _day_first(matches, [cells[k].strip() for k in known], known)
+        written = [_iso(one, swapped) for one in matches]
+        read = pd.to_datetime(pd.Series(written), format="ISO8601", utc=True, errors="coerce")
+        wrong = np.flatnonzero(read.isna().to_numpy())
+        if len(wrong):
+            raise _unreadable(cells[known[wrong[0]]].strip(), known[wrong[0]])
+        moments[known] = np.asarray(read.dt.tz_localize(None).to_numpy().astype("datetime64[ns]").astype(np.int64))
     return Clock(moments, True)
-
-
-def _of_day(texts: Sequence[str], known: Sequence[int]) -> Clock:
-    """Times of day; a decrease by more than half a day is a passage of midnight."""
-    moments = np.full(len(texts), NONE, dtype=np.int64)
-    days, before = 0, 0
-    for k in known:
-        time_match = _OF_DAY.fullmatch(texts[k])
-        if time_match is None or int(time_match["m"]) > 59 or int(time_match["s"]) > 59:
-            raise _unreadable(texts[k], k)
-        seconds = 3600 * int(time_match["h"]) + 60 * int(time_match["m"]) + int(time_match["s"])
-        moment = 1_000_000_000 * seconds + int((time_match["f"] or "").ljust(9, "0"))
-        days += before - moment > DAY // 2
-        moments[k], before = days * DAY + moment, moment
-    return Clock(moments, False)
-
-
-def _dated(cells: Sequence[str], texts: Sequence[str], known: Sequence[int]) -> Moments:
-    import pandas as pd
-
-    date_matches = [_YEAR_FIRST.fullmatch(texts[k]) or _YEAR_LAST.fullmatch(texts[k]) for k in known]
-    for k, one in zip(known, date_matches, strict=True):
-        if one is None:
-            raise _unreadable(cells[k].strip(), k)
-    matches = [one for one in date_matches if one is not None]
-    swapped = _day_first(matches, [cells[k].strip() for k in known], known)
-    written = [_iso(one, swapped) for one in matches]
-    read = pd.to_datetime(pd.Series(written), format="ISO8601", utc=True, errors="coerce")
-    wrong = np.flatnonzero(read.isna().to_numpy())
-    if len(wrong):
-        raise _unreadable(cells[known[wrong[0]]].strip(), known[wrong[0]])
-    return np.asarray(read.dt.tz_localize(None).to_numpy().astype("datetime64[ns]").astype(np.int64))
 
 
 def _iso(match: re.Match[str], day_first: bool) -> str:

@@ -124,7 +124,13 @@ def align(signals: Sequence[Pieces], start: float, end: float, *,
     """
     for k, signal in enumerate(signals):
         _check_covered(signal, start, end, names[k] if names else f"signal {k + 1}")
-    breaks = _union([s.breaks for s in signals], start, end)
+    # the breaks inside (start, end) in order, with start and end; breaks that differ by rounding only are merged
+    all_breaks = [s.breaks for s in signals]
+    inner = np.sort(np.concatenate([np.empty(0), *(b[(b > start) & (b < end)] for b in all_breaks)]))
+    same = 1e-6 * min((float(np.diff(b).min()) for b in all_breaks), default=0.0)
+    inner = inner[(inner - start > same) & (end - inner > same)]
+    apart = np.diff(inner, prepend=-np.inf) > same
+    breaks = np.concatenate([[start], inner[apart], [end]])
     coefficients = np.zeros((len(breaks) - 1, len(signals), TERMS))
     middles = (breaks[:-1] + breaks[1:]) / 2
     for k, signal in enumerate(signals):
@@ -135,15 +141,6 @@ def align(signals: Sequence[Pieces], start: float, end: float, *,
             coefficients[:, k, j] = sum(math.comb(i, j) * shift ** (i - j) * old[:, i]
                                         for i in range(j, TERMS))
     return breaks, coefficients
-
-
-def _union(all_breaks: Sequence[Array], start: float, end: float) -> Array:
-    """The breaks inside (start, end) in order, with start and end; breaks that differ by rounding only are merged."""
-    inner = np.sort(np.concatenate([np.empty(0), *(b[(b > start) & (b < end)] for b in all_breaks)]))
-    same = 1e-6 * min((float(np.diff(b).min()) for b in all_breaks), default=0.0)
-    inner = inner[(inner - start > same) & (end - inner > same)]
-    apart = np.diff(inner, prepend=-np.inf) > same
-    return np.concatenate([[start], inner[apart], [end]])
 
 
 def _check_covered(signal: Pieces, start: float, end: float, name: str) -> None:

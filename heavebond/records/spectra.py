@@ -328,10 +328,6 @@ def read_courses(path: Path, names: Sequence[str], *, time: str | None = None, b
     else:
         inside = (run.time >= begin) & (run.time <= end)
         return [evenly(name, run.unit(name), run.time[inside], run.display[name][inside]) for name in names]
-    return _of_record(path, names, time, begin, end)
-
-
-def _of_record(path: Path, names: Sequence[str], time: str | None, begin: float, end: float) -> list[EvenSignal]:
     table = read_table(path, beside=time)
     time = time or table.header[0]
     table = timed(table, TimeAxis(time))

@@ -16,13 +16,12 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import count, number, path_text, readable_difference, readable_unit
 from heavebond.core.units import read_unit
 from heavebond.core.version import VERSION
-from heavebond.diagnosis.answer.tree import SHOWN, Node, Tree
+from heavebond.diagnosis.answer.tree import SHOWN, Node
 from heavebond.diagnosis.answer.verdict import without_effects
 from heavebond.diagnosis.diagnose import Diagnosis
 from heavebond.diagnosis.evidence.probability import PROBABILITY, percent
 from heavebond.diagnosis.state import AddedEffect, LadderEntry, channel_errors, parameter_description, restrictions
 from heavebond.estimation.comparison import RecordComparison
-from heavebond.estimation.fitting import Fit
 from heavebond.language.library import bundled
 from heavebond.language.model import Model
 from heavebond.localise.misfit import Localization
@@ -68,8 +67,12 @@ def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: 
     contents = element("nav", *(element("a", title, href=f"#{name}") for name, title, _ in found), aria_label="contents")
     parts = [element("section", element("h2", title, id=name), inside) for name, title, inside in found]
     title = f"Diagnosis of {diagnosis.experiment.name}"
-    return page(title, _head(diagnosis, title), element("main", _verdict(diagnosis), contents, *parts),
-                _foot(), data_block("series", packed(shown)))
+    model = diagnosis.experiment.model
+    summary = f": {model.summary}" if model.summary else ""
+    return page(title,
+                element("header", element("h1", title), element("p", f"Diagram {model.name}{summary}"),
+                        element("p", f"Experiment {_named(diagnosis)}", class_="small"), class_="page"),
+                element("main", _verdict(diagnosis), contents, *parts), _foot(), data_block("series", packed(shown)))
 
 
 def _sections(diagnosis: Diagnosis, shown: Sequence[ModelStyle], where: Localization | None,
@@ -77,45 +80,31 @@ def _sections(diagnosis: Diagnosis, shown: Sequence[ModelStyle], where: Localiza
     """The sections below the verdict: name, title and content of each."""
     if not diagnosis.ladder:  # no model was simulated
         return [("next", "How to go on", _next(diagnosis, written))]
-    fit = _last_fit(diagnosis)
+    fit = diagnosis.added[-1].fit if diagnosis.added else diagnosis.fitted
     finding = diagnosis.findings[0] if diagnosis.findings else diagnosis.shape
     apart = diagnosis.separation
-    return [
-        ("machine", "The machine", _machine(diagnosis, where)),
-        ("finding", "Added effects", _found(diagnosis)),
-        ("records", "Records and models", _series(shown)),
-        ("ladder", "Errors of the models", _ladder(diagnosis.ladder)),
-        ("where", "Where the diagram fails", failing(where, finding) if where is not None else Html("")),
-        ("separation", "What to record next", separating(apart) if apart is not None else Html("")),
-        ("candidates", "Candidates and their evidence", _candidates(diagnosis)),
-        ("parameters", "Parameters", parameters(fit, diagnosis.fitted) if fit is not None else Html("")),
-        ("left", "Residual", _left(diagnosis)),
-        ("tried", "What was tried", _tried(diagnosis)),
-        ("next", "How to go on", _next(diagnosis, written)),
-    ]
+    records = shown[-1].rung.comparison.records.values()
+    return [("machine", "The machine", _machine(diagnosis, where)), ("finding", "Added effects", _found(diagnosis)),
+            ("records", "Records and models",
+             joined([key(), *(record_section(k, record, shown) for k, record in enumerate(records))])),
+            ("ladder", "Errors of the models", _ladder(diagnosis.ladder)),
+            ("where", "Where the diagram fails", failing(where, finding) if where is not None else Html("")),
+            ("separation", "What to record next", separating(apart) if apart is not None else Html("")),
+            ("candidates", "Candidates and their evidence", _candidates(diagnosis)),
+            ("parameters", "Parameters", parameters(fit, diagnosis.fitted) if fit is not None else Html("")),
+            ("left", "Residual", _left(diagnosis)), ("tried", "What was tried", _tried(diagnosis)),
+            ("next", "How to go on", _next(diagnosis, written))]
 
 
 # -- the top -----------------------------------------------------------------------------------------------------------
-def _head(diagnosis: Diagnosis, title: str) -> Html:
-    model = diagnosis.experiment.model
-    summary = f": {model.summary}" if model.summary else ""
-    return element("header", element("h1", title), element("p", f"Diagram {model.name}{summary}"),
-                   element("p", f"Experiment {_named(diagnosis)}", class_="small"), class_="page")
-
-
 def _verdict(diagnosis: Diagnosis) -> Html:
     kind, mood = KINDS[diagnosis.verdict]
     if diagnosis.verdict == "undetermined" and diagnosis.partial:
         kind = "The search was ended early"
     first, *rest = diagnosis.tree.words
-    box = element("section", element("p", kind, class_="kind"), element("p", first, class_="said"),
-                  *(element("p", line) for line in rest), _tree(diagnosis.tree),
-                  *(element("p", line) for line in diagnosis.words), class_=f"verdict {mood}", aria_label="verdict")
-    return joined([box, _figures(diagnosis)]) if diagnosis.ladder else box
+    # the levels of the answer, system, place, kind, class and law, as nested lists with their probabilities
+    tree = diagnosis.tree
 
-
-def _tree(tree: Tree) -> Html:
-    """The levels of the answer, system, place, kind, class and law, as nested lists with their probabilities."""
     def listed(node: Node) -> Html:
         items = [element("li", child.name, " ", element("small", percent(child.probability)), listed(child))
                  for child in node.children if child.probability >= SHOWN]
@@ -124,7 +113,10 @@ def _tree(tree: Tree) -> Html:
     several = len(tree.effects) > 1
     parts = [joined([*([element("p", f"{k}. {effect.name}", class_="small")] if several else []), listed(effect.root)])
              for k, effect in enumerate(tree.effects, 1)]
-    return element("div", *parts, class_="levels") if parts else Html("")
+    box = element("section", element("p", kind, class_="kind"), element("p", first, class_="said"),
+                  *(element("p", line) for line in rest), element("div", *parts, class_="levels") if parts else Html(""),
+                  *(element("p", line) for line in diagnosis.words), class_=f"verdict {mood}", aria_label="verdict")
+    return joined([box, _figures(diagnosis)]) if diagnosis.ladder else box
 
 
 def _figures(diagnosis: Diagnosis) -> Html:
@@ -159,7 +151,12 @@ def _figure(name: str, value: str, small: str) -> Html:
 # -- the machine and the finding ---------------------------------------------------------------------------------------
 def _machine(diagnosis: Diagnosis, where: Localization | None) -> Html:
     """The last diagram with the findings marked, or else the place at which an unknown input explains most."""
-    model, marks = diagnosis.last.model, _marks(diagnosis)
+    model, marks = diagnosis.last.model, {}
+    for k, finding in enumerate(diagnosis.added, 1):
+        candidate = finding.candidate
+        # an inactive parameter has no picture; mark its component
+        name = candidate.where[0] if candidate.attaches == "in" else candidate.name
+        marks[name] = candidate.kind if len(diagnosis.added) == 1 else f"{k}: {candidate.kind}"
     caption = "The diagram with the added effects marked." if marks else "The diagram without changes; nothing was added."
     if not marks and where is not None and where.suspects and diagnosis.verdict == "undetermined":
         marks = {n.name: "unknown input" for n in where.suspects[0].place.nodes}
@@ -168,16 +165,6 @@ def _machine(diagnosis: Diagnosis, where: Localization | None) -> Html:
     if not picture:
         return picture
     return element("figure", element("div", picture, class_="diagram"), element("figcaption", caption))
-
-
-def _marks(diagnosis: Diagnosis) -> dict[str, str]:
-    marks = {}
-    for k, finding in enumerate(diagnosis.added, 1):
-        candidate = finding.candidate
-        # an inactive parameter has no picture; mark its component
-        name = candidate.where[0] if candidate.attaches == "in" else candidate.name
-        marks[name] = candidate.kind if len(diagnosis.added) == 1 else f"{k}: {candidate.kind}"
-    return marks
 
 
 def _rivals(diagnosis: Diagnosis) -> dict[str, str]:
@@ -242,11 +229,6 @@ def _diagram(finding: AddedEffect) -> str:
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------
-def _series(shown: Sequence[ModelStyle]) -> Html:
-    found = shown[-1].rung.comparison.records.values()
-    return joined([key(), *(record_section(k, record, shown) for k, record in enumerate(found))])
-
-
 def _ladder(rungs: Sequence[LadderEntry]) -> Html:
     """The errors of the models as a bar chart and a table."""
     levels = [100 * _noise_level(rungs[-1], use) for use in ("fit", "validate")]
@@ -314,11 +296,6 @@ def _tried(diagnosis: Diagnosis) -> Html:
                    "missing physics.") if ended else Html("")
     total = element("p", f"In all {count(len(diagnosis.steps), 'step')}, {diagnosis.seconds:.0f} s.")
     return joined([tried(diagnosis), note, total, records(diagnosis)])
-
-
-def _last_fit(diagnosis: Diagnosis) -> Fit | None:
-    """The fit of the last model."""
-    return diagnosis.added[-1].fit if diagnosis.added else diagnosis.fitted
 
 
 # -- how to go on ------------------------------------------------------------------------------------------------------

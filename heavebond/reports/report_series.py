@@ -63,10 +63,15 @@ def _span(record: RecordComparison) -> list[float]:
 
 def _chart(identity: str, record: RecordComparison, name: str, ladder: Sequence[ModelStyle], most: int) -> dict[str, object]:
     channel = record.channels[name]
-    unit, scale, offset = _conversion(channel)
+    finite = np.abs(channel.measured[np.isfinite(channel.measured)])
+    unit = readable_unit(channel.unit, float(finite.max()) if finite.size else 0.0)
+    source, target = read_unit(channel.unit), read_unit(unit)
+    scale, offset = source.scale / target.scale, (source.offset - target.offset) / target.scale
     models = [s.rung.comparison.records[record.name].channels[name].model for s in ladder]
     kept = thinned(channel.measured, [models[0], models[-1]], channel.outlier, most)
-    quantum = _quantum(channel.noise * scale, channel.measured * scale)
+    values = channel.measured * scale
+    size = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)) or 1.0
+    quantum = float(10.0 ** math.floor(math.log10(max(channel.noise * scale / QUANTA, 1e-9 * size))))
     position = np.searchsorted(kept, gaps(channel.time), side="right") - 1
     step = float(np.median(np.diff(channel.time))) if len(channel.time) > 1 else 1.0
     return {
@@ -78,14 +83,6 @@ def _chart(identity: str, record: RecordComparison, name: str, ladder: Sequence[
                    for s, m in zip(ladder, models, strict=True)],
         "breaks": sorted({int(k) for k in position if k >= 0}), "held": held_out(record, name),
         "outliers": np.flatnonzero(channel.outlier[kept]).tolist()}
-
-
-def _conversion(channel: Channel) -> tuple[str, float, float]:
-    """The unit of a channel in the charts, and the scale and offset of the conversion value * scale + offset."""
-    finite = np.abs(channel.measured[np.isfinite(channel.measured)])
-    unit = readable_unit(channel.unit, float(finite.max()) if finite.size else 0.0)
-    source, target = read_unit(channel.unit), read_unit(unit)
-    return unit, source.scale / target.scale, (source.offset - target.offset) / target.scale
 
 
 def held_out(record: RecordComparison, name: str) -> list[list[float]]:
@@ -124,12 +121,6 @@ def pack(values: Array, quantum: float) -> dict[str, object]:
     return {"o": float(finite[0]), "q": quantum, "d": np.diff(whole, prepend=0).tolist()}
 
 
-def _quantum(noise: float, values: Array) -> float:
-    """The quantum of rounding: a power of ten below noise / QUANTA, but at least of the order of 1e-9 of the values."""
-    size = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)) or 1.0
-    return float(10.0 ** math.floor(math.log10(max(noise / QUANTA, 1e-9 * size))))
-
-
 # -- the page around the charts ----------------------------------------------------------------------------------------
 def record_section(index: int, record: RecordComparison, ladder: Sequence[ModelStyle]) -> Html:
     """The section of a record: buttons, and empty charts that the script fills."""
@@ -138,21 +129,17 @@ def record_section(index: int, record: RecordComparison, ladder: Sequence[ModelS
     charts = [_figure(k, [s.rung.comparison.records[record.name].channels[name] for s in ladder])
               for k, name in enumerate(record.channels)]
     notes = [element("p", note, class_="small quiet") for note in record.notes]
-    return element("section", element("h3", f"Record {record.name} ", element("span", use, class_="tag")),
-                   element("p", f"{record.file.name}{more}.", class_="quiet small"), _toolbar(ladder), *charts, *notes,
-                   data_record=index)
-
-
-def _toolbar(ladder: Sequence[ModelStyle]) -> Html:
     moves = [("in", "+", "zoom in"), ("out", "−", "zoom out"), ("back", "◂", "earlier"), ("on", "▸", "later"),
              ("whole", "whole record", "show the whole record")]
     models = [element("button", element("svg", element("path", d="M1 6H25", class_=f"model m{s.style}"), width="26",
                                         height="12", aria_hidden="true"), s.label, type="button", data_model=s.label,
                       aria_pressed="true" if s.at_first else "false") for s in ladder]
-    return element("div", *models, element("span", class_="between"),
-                   *(element("button", face, type="button", data_do=what, aria_label=words, title=words)
-                     for what, face, words in moves), class_="toolbar", role="toolbar",
-                   aria_label="models and stretch of time")
+    return element("section", element("h3", f"Record {record.name} ", element("span", use, class_="tag")),
+                   element("p", f"{record.file.name}{more}.", class_="quiet small"),
+                   element("div", *models, element("span", class_="between"),
+                           *(element("button", face, type="button", data_do=what, aria_label=words, title=words)
+                             for what, face, words in moves), class_="toolbar", role="toolbar",
+                           aria_label="models and stretch of time"), *charts, *notes, data_record=index)
 
 
 def _figure(index: int, channels: Sequence[Channel]) -> Html:

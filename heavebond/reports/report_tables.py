@@ -197,13 +197,11 @@ def noise(diagnosis: Diagnosis) -> Html:
             known = "given" if channel.noise_given else "estimated from the record"
             values = (channel.noise, before.error, channel.error)
             sizes = [readable(v, channel.unit, 3, beside=max(values)) for v in values]
-            rows.append([name, record.name, *sizes, number(channel.chi2, 3), _white(channel.white), known])
+            p = channel.white
+            rows.append([name, record.name, *sizes, number(channel.chi2, 3),
+                         "–" if math.isnan(p) else f"{'yes' if p >= 0.01 else 'no'} ({chance(p)})", known])
     head = ("channel", "record", "noise", "rms left before", "rms left after", "reduced χ²", "white after?", "the noise is")
     return table(head, rows, numbers=(2, 3, 4, 5))
-
-
-def _white(p: float) -> str:
-    return "–" if math.isnan(p) else f"{'yes' if p >= 0.01 else 'no'} ({chance(p)})"
 
 
 # -- what was tried ----------------------------------------------------------------------------------------------------

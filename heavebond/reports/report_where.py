@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from heavebond.core.errors import HeavebondError
@@ -188,9 +186,14 @@ def learnt(finding: AddedEffect) -> Html:
     The curve of a component is its last variable over its first variable. The curve of a signal block is output minus input.
     """
     runs = [r.result for r in finding.rung.comparison.records.values()]
-    names = _curve_names(finding, runs[0])
-    if names is None:
+    leaf = runs[0].assembly.flat.expanded.leaves.get(finding.candidate.name)
+    if leaf is None or len(leaf.component.variables) < 2:
         return Html("")
+    variables, signals = list(leaf.component.variables), leaf.component.signals
+    out = next((s.name for s in signals.values() if s.direction == "out"), None)
+    into = next((s.name for s in signals.values() if s.direction == "in"), None)
+    path = finding.candidate.name
+    names = f"{path}.{variables[0]}", f"{path}.{out} - {path}.{into}" if out and into else f"{path}.{variables[-1]}"
     x, y = (np.concatenate([run.si[name] for run in runs]) for name in names)
     order = np.argsort(x)
     kept = order[np.unique(np.linspace(0, len(order) - 1, 400).astype(int))]
@@ -202,15 +205,3 @@ def learnt(finding: AddedEffect) -> Html:
                  label=f"The identified curve of {names[1]} over {names[0]}")
     return element("figure", drawn, element("figcaption", "The identified curve, as far as the records went: "
                                             f"{finding.candidate.description} {finding.candidate.place}."))
-
-
-def _curve_names(finding: AddedEffect, result: Result) -> Sequence[str] | None:
-    leaf = result.assembly.flat.expanded.leaves.get(finding.candidate.name)
-    if leaf is None or len(leaf.component.variables) < 2:
-        return None
-    variables, signals = list(leaf.component.variables), leaf.component.signals
-    out = next((s.name for s in signals.values() if s.direction == "out"), None)
-    into = next((s.name for s in signals.values() if s.direction == "in"), None)
-    path = finding.candidate.name
-    law = f"{path}.{out} - {path}.{into}" if out and into else f"{path}.{variables[-1]}"
-    return f"{path}.{variables[0]}", law

@@ -118,17 +118,19 @@ def _percent(value: float) -> str:
 # -- fit -----------------------------------------------------------------------------------------------------------------
 def fit_items(found: Fit) -> list[Item]:
     """The fitted parameters with their intervals, the errors before and after, and how well the records determine them."""
-    at_bounds = ended_at_bounds(found)
-    return [fitted_parameters(found), *map(Line, own_words(found)), _before_and_after(found), *noticed(found.after),
-            *map(Line, found.identifiability.words), *([Line(at_bounds)] if at_bounds else [])]
-
-
-def ended_at_bounds(found: Fit) -> str:
-    """A sentence on the parameters that ended at an end of their range, without unobservable parameters; empty for none."""
     unseen = found.identifiability.unseen_names
     names = [p.name for p in found.parameters
              if p.at_bound and p.name + (f" ({p.record})" if p.record else "") not in unseen]
-    return f"{', '.join(names)} ended at the end of the range: often a sign that an effect is missing." if names else ""
+    at_bounds = f"{', '.join(names)} ended at the end of the range: often a sign that an effect is missing." if names else ""
+    rows = []
+    for before_fit, part in zip(found.before.parts, found.after.parts, strict=True):
+        for k, channel in enumerate(part.channels.values()):
+            before = before_fit.channels[channel.name]
+            rows.append((f"{part.name} ({part.use})" if k == 0 else "", channel.name,
+                         *(readable_difference(v, channel.unit, 3) for v in (before.error, channel.error, channel.noise)),
+                         number(channel.chi2, 3)))
+    return [fitted_parameters(found), *map(Line, own_words(found)), ResultTable("", RECORDS, rows, text=2),
+            *noticed(found.after), *map(Line, found.identifiability.words), *([Line(at_bounds)] if at_bounds else [])]
 
 
 def fitted_parameters(found: Fit) -> ResultTable:
@@ -176,17 +178,6 @@ def own_words(found: Fit) -> list[str]:
         said.append(f"{names} (each: record): could not be fitted on {listing(failed, 4)}, where the model cannot be "
                     "simulated; the values of the diagram are used there.")
     return said
-
-
-def _before_and_after(found: Fit) -> ResultTable:
-    rows = []
-    for before_fit, part in zip(found.before.parts, found.after.parts, strict=True):
-        for k, channel in enumerate(part.channels.values()):
-            before = before_fit.channels[channel.name]
-            rows.append((f"{part.name} ({part.use})" if k == 0 else "", channel.name,
-                         *(readable_difference(v, channel.unit, 3) for v in (before.error, channel.error, channel.noise)),
-                         number(channel.chi2, 3)))
-    return ResultTable("", RECORDS, rows, text=2)
 
 
 # -- localize ------------------------------------------------------------------------------------------------------------

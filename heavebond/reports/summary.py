@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from heavebond.core.errors import listing
 from heavebond.core.presentation import columns, count, path_text, readable, readable_time
 from heavebond.equations.expanded import Medium
-from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
+from heavebond.equations.flatten import EquationRole, FlatEquation
 from heavebond.equations.grounding import Circuit, circuits
 from heavebond.equations.state_selection import Column
 from heavebond.language.state_chart import STATE
@@ -99,9 +99,11 @@ class Summary:
 
     def text(self, width: int = 100) -> str:
         """The summary as lines of about `width` characters; each section begins with a line that is not indented."""
-        return "\n".join([
-            *self._diagram(width), "", *self._circuits(width), *self._equations(width), "", *self._states(width),
-            *(["", *self._start(width)] if self.start or self.solved else [])])
+        rows = [(c.domain, f"{listing(c.nodes, MOST_OF_A_CIRCUIT)}: {_tie(c)}") for c in self.circuits]
+        return "\n".join([*self._diagram(width), "",
+                          *(["Circuits, and what grounds each", *columns(rows, width), ""] if rows else []),
+                          *self._equations(width), "", *self._states(width),
+                          *(["", *self._start(width)] if self.start or self.solved else [])])
 
     def _diagram(self, width: int) -> list[str]:
         number = sum(map(len, self.components.values()))
@@ -124,10 +126,6 @@ class Summary:
         rows += [("rates", words) for words in self.transitions]
         rows += [("states", words) for words in self.machines]
         return [f"Diagram {self.model}", *columns(rows, width)]
-
-    def _circuits(self, width: int) -> list[str]:
-        rows = [(c.domain, f"{listing(c.nodes, MOST_OF_A_CIRCUIT)}: {_tie(c)}") for c in self.circuits]
-        return ["Circuits, and what grounds each", *columns(rows, width), ""] if rows else []
 
     def _equations(self, width: int) -> list[str]:
         left = f"{count(len(self.states), 'differential equation')}, " \
@@ -324,20 +322,14 @@ def _why(assembly: Assembly, state: Column) -> str:
         words = f"{using[0].owner}: {_one_space(using[0].text)}"
     else:
         words = f"d/dt of {before[0].owner}: {_one_space(before[0].text)}" if before else "by differentiation"
-    rivals = _rivals(flat, assembly, j)
+    # unknowns that occur with unknown j in a differentiated equation but were not chosen as states
+    states = {unknown for unknown, k in assembly.reduced.states}
+    rivals: dict[str, None] = {}
+    for equation, _ in assembly.reduced.differentiated:
+        members = {c % n for c, _ in flat.entries[equation]}
+        if j in members:
+            rivals.update(dict.fromkeys(flat.unknowns[m].name for m in sorted(members - states)))
     if rivals:
         asked = order == 0 and flat.unknowns[j].name in assembly.model.initial.conditions
-        words += f"; chosen before {listing(rivals, 3)}" + (", as its initial value is asked for" if asked else "")
+        words += f"; chosen before {listing(tuple(rivals), 3)}" + (", as its initial value is asked for" if asked else "")
     return words
-
-
-def _rivals(flat: Flat, assembly: Assembly, j: int) -> Sequence[str]:
-    """Unknowns that occur with unknown j in a differentiated equation but were not chosen as states."""
-    n = len(flat.unknowns)
-    states = {unknown for unknown, _ in assembly.reduced.states}
-    found: dict[str, None] = {}
-    for i, _ in assembly.reduced.differentiated:
-        members = {c % n for c, _ in flat.entries[i]}
-        if j in members:
-            found.update(dict.fromkeys(flat.unknowns[m].name for m in sorted(members - states)))
-    return tuple(found)

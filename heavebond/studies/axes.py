@@ -106,42 +106,36 @@ def read_axes(node: Node | None, source: Source, problems: Problems) -> tuple[Ax
     axes = []
     for name, item in (entries.items if entries else {}).items():
         place = entries.keys[name].place if entries else item.place
-        axis = _axis(name, item, place, source, problems)
+        if isinstance(item, Items):
+            axis = _numeric(name, [name], item, place, problems)
+        else:
+            entry = reading.mapping(item, f"'{name}'", problems,
+                                    "Write values, `[0.5 Hz, 1 Hz]`, or variants, `{on: {}, off: {...}}`.")
+            if entry is None:
+                axis = None
+            elif "sample" in entry.items:
+                axis = _sampled(name, entry, place, problems)
+            elif "set" in entry.items:
+                reading.known_keys(entry, ("set", "values", *SPACED), f"'{name}'", problems)
+                paths = [word.text for word in reading.words(entry.items["set"], "set", problems)]
+                axis = _numeric(name, paths, entry, place, problems)
+            elif set(entry.items) & set(SPACED):
+                reading.known_keys(entry, SPACED, f"'{name}'", problems)
+                axis = _numeric(name, [name], entry, place, problems)
+            else:
+                levels = (_variant(key, level, source, problems) for key, level in entry.items.items())
+                axis = Axis(name, tuple(level for level in levels if level is not None), place)
         if axis is not None and axis.levels:
             axes.append(axis)
-    _check_diagrams(axes, problems)
-    for axis in [axis for axis in axes if axis.sampling is not None][1:]:
-        problems.add("axes-samples", f"'{axis.name}' is a second sample; a study has one", axis.place,
-                     hint="Write all uncertain parameters below one `over:`.")
-    return tuple(axes)
-
-
-def _check_diagrams(axes: Sequence[Axis], problems: Problems) -> None:
-    """Refuse two axes that both name diagrams."""
+    # refuse two axes that both name diagrams
     naming = [axis for axis in axes if any(level.model is not None for level in axis.levels)]
     for axis in naming[1:]:
         problems.add("axes-diagrams", f"'{axis.name}' and '{naming[0].name}' both name diagrams; a case has one", axis.place,
                      hint="Write the values that differ instead of `model:` in one of them, or make one axis of both.")
-
-
-def _axis(name: str, item: Node, place: Place, source: Source, problems: Problems) -> Axis | None:
-    if isinstance(item, Items):
-        return _numeric(name, [name], item, place, problems)
-    entry = reading.mapping(item, f"'{name}'", problems,
-                            "Write values, `[0.5 Hz, 1 Hz]`, or variants, `{on: {}, off: {...}}`.")
-    if entry is None:
-        return None
-    if "sample" in entry.items:
-        return _sampled(name, entry, place, problems)
-    if "set" in entry.items:
-        reading.known_keys(entry, ("set", "values", *SPACED), f"'{name}'", problems)
-        paths = [word.text for word in reading.words(entry.items["set"], "set", problems)]
-        return _numeric(name, paths, entry, place, problems)
-    if set(entry.items) & set(SPACED):
-        reading.known_keys(entry, SPACED, f"'{name}'", problems)
-        return _numeric(name, [name], entry, place, problems)
-    levels = (_variant(key, level, source, problems) for key, level in entry.items.items())
-    return Axis(name, tuple(level for level in levels if level is not None), place)
+    for axis in [axis for axis in axes if axis.sampling is not None][1:]:
+        problems.add("axes-samples", f"'{axis.name}' is a second sample; a study has one", axis.place,
+                     hint="Write all uncertain parameters below one `over:`.")
+    return tuple(axes)
 
 
 def _sampled(name: str, entry: Mapping, place: Place, problems: Problems) -> Axis | None:

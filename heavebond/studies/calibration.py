@@ -155,16 +155,15 @@ class _Problem:
     def at(self, y: Array) -> _Seen:
         """Residuals (n,) and their derivatives (n, m) by y."""
         key = np.round(y, 12).tobytes()
-        if key not in self.seen:
-            values = self.values(y)
-            self.seen[key] = self._together(y, values, self._worked(values))
-        return self.seen[key]
-
-    def _worked(self, values: Mapping[str, float]) -> dict[int, Point]:
+        if key in self.seen:
+            return self.seen[key]
+        values = self.values(y)
         study = replace(self.study, calibrated={name: (self.before[name], value) for name, value in values.items()})
         jobs = [(k, (study, k, self.gains.get(k))) for k in self.cases]
-        pairs = as_done(self.executor, at_point, jobs, self.ahead, instead=self._died) if self.executor is not None else \
-            ((k, at_point(*arguments)) for k, arguments in jobs)
+        if self.executor is not None:
+            pairs = as_done(self.executor, at_point, jobs, self.ahead, instead=self._died)
+        else:
+            pairs = ((k, at_point(*arguments)) for k, arguments in jobs)
         points: dict[int, Point] = {}
         for k, point in pairs:
             points[k] = point
@@ -174,16 +173,6 @@ class _Problem:
             self.simulations += points[k].simulations
             if not points[k].broken:
                 self.gains[k] = points[k].gains
-        return points
-
-    def _died(self, k: int, _: BaseException) -> Point:
-        """Raise an error for a case whose process died twice: without it the sum of squares would be another function."""
-        case = ", ".join(level.name for level in self.study.case(k).levels)
-        raise SimulationError([Problem("worker-died", f"the process of the case '{case}' of the calibration was "
-                                       "ended from outside, also alone: there may be too little memory", None,
-                                       "Run fewer cases at a time (--processes 1), or use a machine with more memory.")])
-
-    def _together(self, y: Array, values: Mapping[str, float], points: Mapping[int, Point]) -> _Seen:
         slopes = np.array([_slope(wanted, values[name]) for name, wanted in zip(self.names, self.ranges, strict=True)])
         residuals, rows = [], []
         for k in self.cases:
@@ -201,7 +190,15 @@ class _Problem:
                 residuals.append((values[name] - wanted.nominal) / sigma)
                 rows.append(np.eye(len(y))[j] * slopes[j] / sigma)
         self.history.append(float(np.sum(np.square(residuals))))
-        return _Seen(points, np.array(residuals), np.array(rows))
+        self.seen[key] = _Seen(points, np.array(residuals), np.array(rows))
+        return self.seen[key]
+
+    def _died(self, k: int, _: BaseException) -> Point:
+        """Raise an error for a case whose process died twice: without it the sum of squares would be another function."""
+        case = ", ".join(level.name for level in self.study.case(k).levels)
+        raise SimulationError([Problem("worker-died", f"the process of the case '{case}' of the calibration was "
+                                       "ended from outside, also alone: there may be too little memory", None,
+                                       "Run fewer cases at a time (--processes 1), or use a machine with more memory.")])
 
     def compared(self, points: Mapping[int, Point]) -> list[Residual]:
         """Every quantity with its target."""

@@ -33,7 +33,7 @@ from heavebond.optimise.objective import Objective, check_free, check_smooth
 from heavebond.optimise.tuning import Tuned, sweep_in_turn, tune
 from heavebond.studies.axes import StudyCase, case_at, changed
 from heavebond.studies.shared_runs import measured_together, run_times
-from heavebond.studies.study import COST, SIMULATIONS, Calibration, Measure, PackedCase, Procedure, Study
+from heavebond.studies.study import COST, SIMULATIONS, Calibration, PackedCase, Procedure, Study
 from heavebond.text.expression import ExpressionProblem, names
 
 # Digits, and largest number of points, of stored signals of pictures.
@@ -229,9 +229,25 @@ def checked(study: Study) -> dict[str, Unit]:
     assembled so often that every level of every axis occurs once.
     """
     problems, units = Problems(), {}
-    for case in _covering(study):
+    # cases in which every variant occurs; for a parameter's values, which are of one kind, the first is sufficient
+    numbers = [len(axis.levels) if axis.unit is None and axis.sampling is None else 1 for axis in study.axes]
+    wanted = dict.fromkeys(tuple(min(k, number - 1) for number in numbers) for k in range(max(numbers, default=1)))
+    # for a sample all parameters that any point sets
+    sampled = [level.settings for axis in study.axes if axis.sampling is not None for level in axis.levels[-1:0:-1]]
+    cases = [case_at(study.axes, study.model, index) for index in wanted]
+    for case in [replace(case, model=changed(case.model, sampled)) for case in cases]:
         assembly = assemble(case.model, named_in(study))
-        _check_along(study, assembly, problems)
+        # check that slopes are taken by parameters, with ranges in their units
+        axis = study.sample
+        parameter_units = {q.name: q.unit for q in assembly.flat.parameters}
+        for name in axis.levels[0].along if axis is not None else ():
+            assert axis is not None and axis.sampling is not None
+            if name not in parameter_units:
+                problems.add("parameter-unknown", f"'{name}' is not a parameter by which a slope could be taken", axis.place,
+                             hint=suggest(name, parameter_units) or NAMES_LISTED)
+            elif parameter_units[name].dimension != axis.sampling.over[name].unit.dimension:
+                problems.add("unit-wrong", f"the range of {name} is in {axis.sampling.over[name].unit.text}; "
+                             f"{parameter_units[name].text} is needed", axis.place)
         units = _units(study, assembly, problems)
         problems.raise_as(ModelError)
     if study.calibration is not None:
@@ -241,36 +257,12 @@ def checked(study: Study) -> dict[str, Unit]:
     return units
 
 
-def _check_along(study: Study, assembly: Assembly, problems: Problems) -> None:
-    """Check that slopes are taken by parameters, with ranges in their units."""
-    axis = study.sample
-    units = {q.name: q.unit for q in assembly.flat.parameters}
-    for name in axis.levels[0].along if axis is not None else ():
-        assert axis is not None and axis.sampling is not None
-        if name not in units:
-            problems.add("parameter-unknown", f"'{name}' is not a parameter by which a slope could be taken", axis.place,
-                         hint=suggest(name, units) or NAMES_LISTED)
-        elif units[name].dimension != axis.sampling.over[name].unit.dimension:
-            problems.add("unit-wrong", f"the range of {name} is in {axis.sampling.over[name].unit.text}; "
-                         f"{units[name].text} is needed", axis.place)
-
-
 def own_values(model: Model, calibration: Calibration) -> dict[str, float]:
     """Values of the calibrated parameters in the diagram; UsageError for an unknown parameter or another unit."""
     assembly = assemble(model)
     check_ranges({q.name: q.unit for q in assembly.flat.parameters}, calibration.free, assembly.flat.limits,
                  assembly.flat.origins.of_name)
     return {name: assembly.parameter_values[name] for name in calibration.free}
-
-
-def _covering(study: Study) -> list[StudyCase]:
-    """Cases in which every variant occurs; for a parameter's values, which are of one kind, the first is sufficient."""
-    numbers = [len(axis.levels) if axis.unit is None and axis.sampling is None else 1 for axis in study.axes]
-    wanted = dict.fromkeys(tuple(min(k, number - 1) for number in numbers) for k in range(max(numbers, default=1)))
-    # for a sample all parameters that any point sets
-    sampled = [level.settings for axis in study.axes if axis.sampling is not None for level in axis.levels[-1:0:-1]]
-    cases = [case_at(study.axes, study.model, index) for index in wanted]
-    return [replace(case, model=changed(case.model, sampled)) for case in cases]
 
 
 def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Unit]:
@@ -288,7 +280,14 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
     for measure in study.measures.values():
         with relocated(measure.place, problems):
             cost = read_cost(assembly, measure.text)
-            units[measure.name] = _unit(measure, cost, problems)
+            if not measure.unit:
+                units[measure.name] = read_unit(cost.unit)
+            else:
+                unit = read_unit(measure.unit)
+                if unit.dimension != cost.dimension:
+                    problems.add("unit-wrong", f"'{measure.name}' is in {cost.unit}, not in {measure.unit}", measure.place,
+                                 hint="Write a unit of the same kind, or leave it out.")
+                units[measure.name] = unit.of_intervals if cost.origin == 0 else unit
             if study.calibration is not None and measure.name in study.calibration.targets and any(cost.references):
                 problems.add("target-reference", f"'{measure.name}' holds ref(...), and nothing is calibrated by that",
                              measure.place, hint="Take a number without it as a target.")
@@ -296,33 +295,7 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
         for name in picture.names:
             with relocated(picture.place, problems):
                 _check_signal(assembly, name)
-    _check_published(study, units, problems)
-    return units
-
-
-def _unit(measure: Measure, cost: Cost, problems: Problems) -> Unit:
-    if not measure.unit:
-        return read_unit(cost.unit)
-    unit = read_unit(measure.unit)
-    if unit.dimension != cost.dimension:
-        problems.add("unit-wrong", f"'{measure.name}' is in {cost.unit}, not in {measure.unit}", measure.place,
-                     hint="Write a unit of the same kind, or leave it out.")
-    return unit.of_intervals if cost.origin == 0 else unit
-
-
-def _check_signal(assembly: Assembly, name: str) -> None:
-    if name in assembly.model.show:
-        return
-    try:
-        formula = assembly.model.library.formula(name)
-        assembly.resolver().dimension(formula)
-        assembly.expression(formula)
-    except ExpressionProblem as problem:
-        raise unknown_signal(assembly, name, problem) from None
-
-
-def _check_published(study: Study, units: Mapping[str, Unit], problems: Problems) -> None:
-    """Check that published numbers have the units of the measured ones."""
+    # check that published numbers have the units of the measured ones
     for beside in study.beside:
         for name, numbers in beside.numbers.items():
             for published_value in numbers.values():
@@ -336,6 +309,18 @@ def _check_published(study: Study, units: Mapping[str, Unit], problems: Problems
                                  f"{name} is a difference of temperatures, and {published_value.unit.text} has an "
                                  "offset", published_value.place,
                                  hint=f"Write '{interval_text(published_value.value, published_value.unit)}'.")
+    return units
+
+
+def _check_signal(assembly: Assembly, name: str) -> None:
+    if name in assembly.model.show:
+        return
+    try:
+        formula = assembly.model.library.formula(name)
+        assembly.resolver().dimension(formula)
+        assembly.expression(formula)
+    except ExpressionProblem as problem:
+        raise unknown_signal(assembly, name, problem) from None
 
 
 @contextmanager

@@ -74,23 +74,21 @@ def points(sampling: Sampling) -> Array:
         for k, wanted in enumerate(sampling.over.values()):
             values[1 + 2 * k, k], values[2 + 2 * k, k] = wanted.low, wanted.high
         return values
-    shares = _shares(sampling, 2 * m if sampling.kind == "sobol_indices" else m)
+    from scipy.stats import qmc
+
+    # points (number, dimensions) of the unit cube
+    dimensions = 2 * m if sampling.kind == "sobol_indices" else m
+    if sampling.kind == "random":
+        shares = np.random.default_rng(sampling.seed).random((sampling.number, dimensions))
+    elif sampling.kind == "latin_hypercube":
+        shares = np.asarray(qmc.LatinHypercube(dimensions, seed=sampling.seed).random(sampling.number))
+    else:
+        shares = np.asarray(qmc.Sobol(dimensions, seed=sampling.seed).random(sampling.number))
     if sampling.kind == "sobol_indices":
         first, second = shares[:, :m], shares[:, m:]
         mixed = [np.where(np.arange(m) == k, second, first) for k in range(m)]
         shares = np.concatenate([first, second, *mixed])
     return np.column_stack([distribution(wanted).ppf(shares[:, k]) for k, wanted in enumerate(sampling.over.values())])
-
-
-def _shares(sampling: Sampling, dimensions: int) -> Array:
-    """Points (number, dimensions) of the unit cube."""
-    from scipy.stats import qmc
-
-    if sampling.kind == "random":
-        return np.random.default_rng(sampling.seed).random((sampling.number, dimensions))
-    if sampling.kind == "latin_hypercube":
-        return np.asarray(qmc.LatinHypercube(dimensions, seed=sampling.seed).random(sampling.number))
-    return np.asarray(qmc.Sobol(dimensions, seed=sampling.seed).random(sampling.number))
 
 
 def names(sampling: Sampling) -> list[str]:

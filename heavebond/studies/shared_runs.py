@@ -24,7 +24,6 @@ from heavebond.core.errors import HeavebondError
 from heavebond.core.units import UnitProblem, check_unit
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.connect import connect
-from heavebond.equations.flatten import Flat
 from heavebond.equations.parameters import formula_order, with_declaration
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
@@ -79,7 +78,16 @@ def measured_together(study: Study, case: StudyCase, named: set[str]) -> tuple[d
         return None
     model = next((level.model for level in case.levels if level.model is not None), study.model)
     try:
-        shared = _shared(study, model, variants, named)
+        # common equations of the cases with these variants; created at the first of them
+        for shared in _KNOWN.shared:
+            if shared.measures is study.measures and shared.model is model \
+                    and shared.variants == tuple(level.name for level in variants):
+                _KNOWN.shared.remove(shared)
+                break
+        else:
+            shared = _Shared(study, model, variants, named)
+        _KNOWN.shared.append(shared)
+        del _KNOWN.shared[:-SHARED_RUNS.kept]
         values = shared.values(numbers) if shared.runs is not None else None
         measured_case = shared.runs.measured(values) if values is not None and shared.runs is not None else None
         return measured_case if measured_case is not None and all(map(isfinite, measured_case[0].values())) else None
@@ -100,19 +108,6 @@ def _numbers(levels: Sequence[Level]) -> tuple[dict[str, Value], tuple[Level, ..
     return numbers, tuple(variants)
 
 
-def _shared(study: Study, model: Model, variants: tuple[Level, ...], named: set[str]) -> _Shared:
-    """Common equations of the cases with these variants; created at the first of them."""
-    for known in _KNOWN.shared:
-        if known.measures is study.measures and known.model is model and known.variants == tuple(o.name for o in variants):
-            _KNOWN.shared.remove(known)
-            break
-    else:
-        known = _Shared(study, model, variants, named)
-    _KNOWN.shared.append(known)
-    del _KNOWN.shared[:-SHARED_RUNS.kept]
-    return known
-
-
 class _Shared:
     """The equations of the cases of a study with the same variants."""
 
@@ -126,7 +121,25 @@ class _Shared:
             return
         self.units = {q.name: q.unit for q in self.assembly.flat.parameters}
         self.calibrated = study.calibrated
-        self.allowed = _allowed(self.assembly.flat)
+        # a function of the independent parameters, and the range of each of its outputs: every parameter of a component
+        # within its bounds, every requirement satisfied (not zero)
+        flat = self.assembly.flat
+        expanded = flat.expanded
+        declared = [(flat.constants[name], parameter) for name, parameter, _ in with_declaration(expanded)]
+        network = connect(expanded, formula_order(expanded))
+        truths = []
+        for path, leaf in expanded.leaves.items():
+            if leaf.component.requires:
+                component_template = template(leaf.component, expanded.model.library.domains, network.domains[path],
+                                              leaf.integers)
+                truths.append(component_template.requirements(stack([flat.constants[f"{path}.{name}"]
+                                                                     for name in component_template.parameters])))
+        true = stack(truths)
+        rows = stack([*(value for value, _ in declared), ca.if_else(true != 0, 1, 0)])
+        low = [-inf if parameter.low is None else parameter.low for _, parameter in declared]
+        high = [inf if parameter.high is None else parameter.high for _, parameter in declared]
+        self.allowed = (Buffered(ca.Function("allowed", [flat.p], [ca.densify(rows)])),
+                        np.array([*low, *[1.0] * true.numel()]), np.array([*high, *[1.0] * true.numel()]))
 
     def values(self, numbers: Mapping[str, Value]) -> dict[str, float] | None:
         """All parameters with these set; None if one of them is unknown, shapes the equations, or is not permitted."""
@@ -146,27 +159,6 @@ class _Shared:
         rows, low, high = self.allowed
         inside = rows(np.array([values[name] for name in self.assembly.parameter_names]))["o0"].ravel()
         return values if np.all((inside >= low) & (inside <= high)) else None
-
-
-def _allowed(flat: Flat) -> tuple[Buffered, Array, Array]:
-    """A function of the independent parameters, and the range of each of its outputs: every parameter of a component
-    within its bounds, every requirement satisfied (not zero)."""
-    expanded = flat.expanded
-    declared = [(flat.constants[name], parameter) for name, parameter, _ in with_declaration(expanded)]
-    network = connect(expanded, formula_order(expanded))
-    truths = []
-    for path, leaf in expanded.leaves.items():
-        if leaf.component.requires:
-            component_template = template(leaf.component, expanded.model.library.domains, network.domains[path],
-                                          leaf.integers)
-            truths.append(component_template.requirements(stack([flat.constants[f"{path}.{name}"]
-                                                                 for name in component_template.parameters])))
-    true = stack(truths)
-    rows = stack([*(value for value, _ in declared), ca.if_else(true != 0, 1, 0)])
-    low = [-inf if parameter.low is None else parameter.low for _, parameter in declared]
-    high = [inf if parameter.high is None else parameter.high for _, parameter in declared]
-    return (Buffered(ca.Function("allowed", [flat.p], [ca.densify(rows)])), np.array([*low, *[1.0] * true.numel()]),
-            np.array([*high, *[1.0] * true.numel()]))
 
 
 @dataclass

@@ -235,13 +235,41 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
     begin = begin_of(model) if begin is None else begin
     reference = _values(items.get("reference"), source, problems)
     modes = _values(items["modes"], source, problems) if "modes" in items else None
-    measures = _measures(items.get("measure"), problems)
+    entries = reading.mapping(items.get("measure"), "measure", problems,
+                              "Write one quantity a line: `WOB: {is: largest(bit.F - 30 kN), unit: kN}`.")
+    measures = {}
+    for name, item in (entries.items if entries else {}).items():
+        unit, formula = "", item
+        if isinstance(item, Mapping):
+            reading.known_keys(item, ("is", "unit"), f"'{name}'", problems, required=("is",))
+            unit = reading.text(item.items.get("unit"), "unit", problems)
+            formula = item.items.get("is", item)
+            if isinstance(unit_node := item.items.get("unit"), Scalar):
+                reading.unit_text(unit_node, problems)
+        if isinstance(formula, Scalar):
+            place = formula.place.moved(1 if formula.quoted else 0, len(formula.text))
+            measures[name] = Measure(name, formula.text, unit, place)
+        elif not isinstance(formula, Mapping):
+            problems.add("not-text", f"'{name}' is {formula.kind}; a formula is expected", formula.place)
     entry = reading.mapping(items.get("tune"), "tune", problems)
     task: TuningProblem | None = None
     procedures: tuple[Procedure, ...] = ()
     if entry is not None:
         reading.known_keys(entry, TUNE_KEYS, "tune", problems, required=("free", "cost"))
-        task = _task(entry, source, (begin, end), reference, modes or {}, problems)
+        tuning = entry.items
+        words = reading.words(tuning.get("limits"), "limits", problems)
+        limits = tuple(s.text for s in words if s.text != STABLE)
+        stable = _stable(tuning.get("stable"), problems)
+        if stable is None and any(word.text == STABLE for word in words):
+            stable = True
+        for word in words if stable is False else ():
+            if word.text == STABLE:
+                problems.add("stable-twice", "`stable` is under `limits:` and is off", word.place,
+                             hint="Remove one of them.")
+        task = TuningProblem(read_ranges(tuning.get("free"), "free", problems),
+                             reading.text(tuning.get("cost"), "cost", problems), limits, *(begin, end), reference,
+                             _over(tuning.get("over"), source, problems) or (Case("diagram", {}),), modes or {},
+                             _widths(tuning.get("uncertain"), problems), stable)
         procedures = _procedures(entry.items.get("by"), source, task, problems)
     tuned = (*task.free, COST, SIMULATIONS) if task is not None else ()
     for name in set(measures) & set(tuned):
@@ -254,24 +282,6 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
                  beside, _pictures(items.get("pictures"), axes, [*measures, *tuned], problems),
                  _calibration(items.get("calibrate"), beside, problems),
                  places={**places, "study": root.place, "calibrate": items.get("calibrate", root).place})
-
-
-def _task(entry: Mapping, source: Source, window: tuple[float, float | None], reference: dict[str, float | str],
-          modes: Dictionary[str, float | str], problems: Problems) -> TuningProblem:
-    items = entry.items
-    words = reading.words(items.get("limits"), "limits", problems)
-    limits = tuple(s.text for s in words if s.text != STABLE)
-    stable = _stable(items.get("stable"), problems)
-    if stable is None and any(word.text == STABLE for word in words):
-        stable = True
-    for word in words if stable is False else ():
-        if word.text == STABLE:
-            problems.add("stable-twice", "`stable` is under `limits:` and is off", word.place,
-                         hint="Remove one of them.")
-    return TuningProblem(read_ranges(items.get("free"), "free", problems),
-                         reading.text(items.get("cost"), "cost", problems), limits,
-                         *window, reference, _over(items.get("over"), source, problems) or (Case("diagram", {}),), modes,
-                         _widths(items.get("uncertain"), problems), stable)
 
 
 def _stable(node: Node | None, problems: Problems) -> bool | None:
@@ -420,26 +430,6 @@ def _calibration(node: Node | None, beside: Many[ReferenceValues], problems: Pro
 
 
 # -- measured quantities and pictures ----------------------------------------------------------------------------------
-def _measures(node: Node | None, problems: Problems) -> dict[str, Measure]:
-    entries = reading.mapping(node, "measure", problems,
-                              "Write one quantity a line: `WOB: {is: largest(bit.F - 30 kN), unit: kN}`.")
-    measures = {}
-    for name, item in (entries.items if entries else {}).items():
-        unit, formula = "", item
-        if isinstance(item, Mapping):
-            reading.known_keys(item, ("is", "unit"), f"'{name}'", problems, required=("is",))
-            unit = reading.text(item.items.get("unit"), "unit", problems)
-            formula = item.items.get("is", item)
-            if isinstance(unit_node := item.items.get("unit"), Scalar):
-                reading.unit_text(unit_node, problems)
-        if isinstance(formula, Scalar):
-            place = formula.place.moved(1 if formula.quoted else 0, len(formula.text))
-            measures[name] = Measure(name, formula.text, unit, place)
-        elif not isinstance(formula, Mapping):
-            problems.add("not-text", f"'{name}' is {formula.kind}; a formula is expected", formula.place)
-    return measures
-
-
 def _pictures(node: Node | None, axes: Many[Axis], quantities: Many[str], problems: Problems) -> tuple[Picture, ...]:
     entries = reading.mapping(node, "pictures", problems, "Write one picture a line: `wob: {signals: [WOB]}`.")
     pictures = []

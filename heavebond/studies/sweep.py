@@ -160,7 +160,7 @@ def study_text(sweep: Sweep, folder: Path) -> str:
     if sweep.worst and len(sweep.measures) != 1:
         raise UsageError([Problem("worst-many", "the worst is sought of one number", None, "Give --measure once.")])
     lines = [f"study: {_quoted(f'sweep of {sweep.name or sweep.model.stem}')}",
-             f"model: {_quoted(_model(sweep.model, folder))}"]
+             f"model: {_quoted(os.path.relpath(sweep.model.resolve(), folder.resolve()))}"]
     axes = [f"  {_quoted(over.path)}: {_axis(over)}" for over in sweep.overs if over not in sampled]
     if sampled and not sweep.worst:
         axes += ["  sample:", f"    sample: {_sample(sweep)}", "    over:", *_ranges(sampled, "      ")]
@@ -180,10 +180,6 @@ def study_text(sweep: Sweep, folder: Path) -> str:
 def _quoted(text: str) -> str:
     """A text as a YAML scalar, for any content."""
     return json.dumps(text, ensure_ascii=False)
-
-
-def _model(model: Path, folder: Path) -> str:
-    return os.path.relpath(model.resolve(), folder.resolve())
 
 
 def _axis(over: SweepAxis) -> str:

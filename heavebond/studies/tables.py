@@ -156,14 +156,10 @@ def mode_rows(result: StudyResult) -> Iterator[tuple[str, str, str, str]]:
 def stability_rows(result: StudyResult) -> Iterator[tuple[str, str, str]]:
     """Case, procedure and sentence on the stability of the tuned machine."""
     for outcome in result.outcomes:
-        for k, sentence in enumerate(stability_summary(outcome)):
+        sentences: list[str] = outcome.stability.get("summary", [])
+        sentences = sentences + [f"{name} ended at the {end} end of its range" for name, end in outcome.at_end.items()]
+        for k, sentence in enumerate(sentences):
             yield (result.case_of(outcome).name if not k else "", outcome.procedure if not k else "", sentence)
-
-
-def stability_summary(outcome: Outcome) -> list[str]:
-    """Stability with damping and loop, and the parameters at an end of their range."""
-    sentences: list[str] = outcome.stability.get("summary", [])
-    return sentences + [f"{name} ended at the {end} end of its range" for name, end in outcome.at_end.items()]
 
 
 def calibration_rows(result: StudyResult) -> Iterator[tuple[str, ...]]:
@@ -254,7 +250,16 @@ def write_files(result: StudyResult, folder: Path) -> list[Path]:
     files: dict[str, str] = {"table.csv": _csv([head, *rows]),
              "study.json": json.dumps(as_dict(result), indent=1, ensure_ascii=False) + "\n"}
     if any(outcome.signals for outcome in result.outcomes):
-        files["signals.csv"] = _csv(_signal_rows(result))
+        # case, procedure, time and signals, one row per time: cases may have different times
+        names = result.study.signals
+        units = next((o.signal_units for o in result.outcomes if o.signals), {})
+        signal_rows: list[Row] = [["case", "procedure", "time [s]",
+                                        *(f"{name} [{units.get(name, '1')}]" for name in names)]]
+        for outcome in result.outcomes:
+            case = result.case_of(outcome).name
+            for k, time in enumerate(outcome.time):
+                signal_rows.append([case, outcome.procedure, time, *(outcome.signals[name][k] for name in names)])
+        files["signals.csv"] = _csv(signal_rows)
     try:
         for name, content in files.items():
             write_text(folder / name, content)
@@ -330,18 +335,6 @@ def _csv(rows: Sequence[Sequence[Any]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([["" if cell is None else cell for cell in row] for row in rows])
     return text.getvalue()
-
-
-def _signal_rows(result: StudyResult) -> list[Row]:
-    """Case, procedure, time and signals, one row per time: cases may have different times."""
-    names = result.study.signals
-    units = next((o.signal_units for o in result.outcomes if o.signals), {})
-    rows: list[Row] = [["case", "procedure", "time [s]", *(f"{name} [{units.get(name, '1')}]" for name in names)]]
-    for outcome in result.outcomes:
-        case = result.case_of(outcome).name
-        for k, time in enumerate(outcome.time):
-            rows.append([case, outcome.procedure, time, *(outcome.signals[name][k] for name in names)])
-    return rows
 
 
 def as_dict(result: StudyResult) -> dict[str, Any]:

@@ -34,7 +34,7 @@ from heavebond.pictures.motion import animate
 from heavebond.studies.run_case import checked
 from heavebond.studies.study import study_from_source
 from heavebond.studio.animation import animation, modes
-from heavebond.studio.blocks import Block, is_block, read_block
+from heavebond.studio.blocks import is_block, read_block
 from heavebond.studio.contents import (
     Entry,
     contents,
@@ -86,7 +86,23 @@ def view(job: Job, opened: Sequence[str] = ()) -> Entry:
         source = parse(job.text, Path(job.path), job.name)
         parts = part_lines(source.root)
         if is_block(source):
-            entry |= block_entry(read_block(source), job.name, opened, problems)
+            # the inside of a block, in the form of a diagram; for a component without parts its symbol
+            block = read_block(source)
+            problems.found += block.problems.found
+            inside = block.component.composite
+            opened_blocks = [name for name in opened if name in block.expanded.blocks]
+            svg, drawn = draw_expanded(block.whole, block.network, open=opened_blocks) if inside else \
+                (symbol_picture(block.component), None)
+            leaf_entry = {"name": block.component.name,
+                          "ports": own_port_entries(block.component, block.network, block.expanded, drawn)
+                          if drawn is not None else []}
+            entry |= {**contents(block.expanded, block.network, None, job.name, drawn), "svg": svg, "opened": opened_blocks,
+                      "component": leaf_entry, "parameters": own_parameters(block.component), "settings": None,
+                      "runs": False,
+                      "files": [str(p) for p in block.model.library.files.values()
+                                if p.parent == block.model.path.parent and p != block.model.path],
+                      "grid": grid_of(drawn) if drawn is not None else None,
+                      "whole": all(_is_known(i, block.expanded) for i in block.model.body.instances.values())}
             return {**entry, "problems": [problem_entry(p, job.name, parts) for p in problems.found]}
         if "experiment" in source.root.items:
             entry["evidence"] = True
@@ -118,24 +134,6 @@ def view(job: Job, opened: Sequence[str] = ()) -> Entry:
     order = sorted(problems.found, key=lambda p: (p.place.file != job.name, p.place.line, p.place.column) if p.place else
                    (True, 0, 0))
     return {**entry, "problems": [problem_entry(p, job.name, parts) for p in order]}
-
-
-def block_entry(block: Block, text_name: str, opened: Sequence[str], problems: Problems) -> Entry:
-    """The inside of a block, in the form of a diagram; for a component without parts its symbol."""
-    problems.found += block.problems.found
-    inside = block.component.composite
-    opened_blocks = [name for name in opened if name in block.expanded.blocks]
-    svg, drawn = draw_expanded(block.whole, block.network, open=opened_blocks) if inside else \
-        (symbol_picture(block.component), None)
-    leaf_entry = {"name": block.component.name,
-                  "ports": own_port_entries(block.component, block.network, block.expanded, drawn)
-                  if drawn is not None else []}
-    return {**contents(block.expanded, block.network, None, text_name, drawn), "svg": svg, "opened": opened_blocks,
-            "component": leaf_entry,
-            "parameters": own_parameters(block.component), "settings": None, "runs": False,
-            "files": [str(p) for p in block.model.library.files.values() if p.parent == block.model.path.parent
-                      and p != block.model.path], "grid": grid_of(drawn) if drawn is not None else None,
-            "whole": all(_is_known(i, block.expanded) for i in block.model.body.instances.values())}
 
 
 def _is_known(instance: Instance, expanded: Expanded) -> bool:
@@ -199,7 +197,8 @@ class Bench:
         """A run as by `heavebond run`, with the values of the sliders as `--set`."""
         result = self._result(job)
         output_names = list(result.assembly.model.show) or result.assembly.state_names
-        figures = _figures(result, list(dict.fromkeys([*output_names, *names])))
+        figures = {name: {**numbers.as_dict(), "unit": result.unit(name)}
+                   for name, numbers in result.figures(list(dict.fromkeys([*output_names, *names]))).items()}
         entry: Entry = {
             "outputs": figures, "verdict": {"status": result.verdict.status, "text": result.verdict.text},
             "events": len(result.events), "until": float(result.time[-1]), "points": len(result.time),
@@ -278,11 +277,6 @@ def _units(units: dict[str, str]) -> Entry:
     """The units of signals, and the display units of the charts for values in base units, by the size of the values."""
     steps = {unit: readable_units(unit) for unit in units.values()}
     return {"units": units, "readable": {unit: display_steps for unit, display_steps in steps.items() if display_steps}}
-
-
-def _figures(result: Result, names: Sequence[str]) -> dict[str, Entry]:
-    """min, max, rms and last value, as `heavebond run` lists them."""
-    return {name: {**figures.as_dict(), "unit": result.unit(name)} for name, figures in result.figures(names).items()}
 
 
 def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:

@@ -71,15 +71,8 @@ def read_block(source: Source) -> Block:
         except ModelError as error:
             problems.extend(error)
     model = replace(around.model, body=component.body)
-    return Block(component, model, _inside(around, model), _inside_network(network), problems, around.leaves.get(NAME))
 
-
-def _cut(path: str) -> str:
-    return "" if path == NAME else path.removeprefix(f"{NAME}.")
-
-
-def _inside(around: Expanded, model: Model) -> Expanded:
-    """The parts inside the block, with paths relative to it."""
+    # the parts inside the block, with paths relative to it
     def bounds(given: dict[str, Bound]) -> dict[str, Bound]:
         return {name: replace(bound, scope=bound.scope.removeprefix(f"{NAME}.")) for name, bound in given.items()}
 
@@ -87,9 +80,13 @@ def _inside(around: Expanded, model: Model) -> Expanded:
               for path, leaf in around.leaves.items() if path != NAME}
     junctions = {_cut(path): replace(junction, path=_cut(path), ends=tuple(
         replace(end, leaf=_cut(end.leaf)) for end in junction.ends)) for path, junction in around.junctions.items()}
-    return Expanded(model, leaves, junctions, {}, {_cut(k): v for k, v in around.ports.items()},
-                    {_cut(k): v for k, v in around.signals.items()},
-                    sheets={_cut(k): v for k, v in around.sheets.items()})
+    inside = Expanded(model, leaves, junctions, {}, {_cut(k): v for k, v in around.ports.items()},
+                      {_cut(k): v for k, v in around.signals.items()}, sheets={_cut(k): v for k, v in around.sheets.items()})
+    return Block(component, model, inside, _inside_network(network), problems, around.leaves.get(NAME))
+
+
+def _cut(path: str) -> str:
+    return "" if path == NAME else path.removeprefix(f"{NAME}.")
 
 
 def _inside_network(network: Network) -> Network:

@@ -4,7 +4,6 @@ signals.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from heavebond.core.errors import Problem
@@ -32,7 +31,16 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
     ports = port_entries(expanded, network, drawn) if drawn is not None else {}
     joined = {end.name for junction in expanded.junctions.values() for end in junction.ends if end.sign > 0}
     names = _signals(assembly) if assembly is not None else {}
-    owned = _by_owner(names, [*expanded.leaves, *expanded.junctions])
+    # variables by the innermost part or node at the beginning of their path; a part and a node may have the same name
+    known, entries_by_owner = {*expanded.leaves, *expanded.junctions}, dict[str, list[Entry]]()
+    for variable, entry in names.items():
+        owner_path = variable.rpartition(".")[0]
+        while owner_path and owner_path not in known:
+            owner_path = owner_path.rpartition(".")[0]
+        entries_by_owner.setdefault(owner_path, []).append({"name": variable, **entry})
+    # inner variables of a part before the variables of its ports
+    owned = {owner_path: sorted(entries, key=lambda e: str(e["name"]).count("."))
+             for owner_path, entries in entries_by_owner.items()}
     free = set(assembly.parameter_names) if assembly is not None else set()
     given: dict[str, list[Entry]] = {}
     for path, bound, leaf in declared(expanded):
@@ -119,18 +127,6 @@ def _signals(assembly: Assembly) -> dict[str, dict[str, str]]:
     flat = assembly.flat
     entries = {name: {"unit": flat.unknowns[j].unit.text, "doc": flat.unknowns[j].doc} for name, j in flat.names.items()}
     return entries | {h.name: {"unit": h.unit.text, "doc": h.doc} for h in flat.held}
-
-
-def _by_owner(names: dict[str, dict[str, str]], owners: Iterable[str]) -> dict[str, list[Entry]]:
-    """Variables by the innermost part or node at the beginning of their path; a part and a node may have the same name."""
-    known, entries_by_owner = set(owners), dict[str, list[Entry]]()
-    for name, entry in names.items():
-        owner = name.rpartition(".")[0]
-        while owner and owner not in known:
-            owner = owner.rpartition(".")[0]
-        entries_by_owner.setdefault(owner, []).append({"name": name, **entry})
-    # inner variables of a part before the variables of its ports
-    return {owner: sorted(entries, key=lambda e: str(e["name"]).count(".")) for owner, entries in entries_by_owner.items()}
 
 
 def _inputs(leaf: Leaf, free: set[str]) -> list[Entry]:

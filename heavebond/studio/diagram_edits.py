@@ -265,17 +265,13 @@ def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
         text = without_node(read_diagram(text, job), name)
     after = tree(parse(text).root)
     assert isinstance(after, dict)
-    return {"text": text, "removed": _removed(before.said, after)}
-
-
-def _removed(before: dict[str, Tree], after: dict[str, Tree]) -> list[str]:
-    """Entries that were removed with parts and nodes: outputs, initial conditions, settings and shapes."""
+    # entries that were removed with parts and nodes: outputs, initial conditions, settings and shapes
     removed_entries = []
     for section, word in (("show", "output"), ("initial", "initial value"), ("set", "setting"), ("view", "shape")):
-        old, new = before.get(section), after.get(section)
+        old, new = before.said.get(section), after.get(section)
         remaining = new if isinstance(new, dict) else {}
         removed_entries += [f"{word} {name}" for name in old if name not in remaining] if isinstance(old, dict) else []
-    return removed_entries
+    return {"text": text, "removed": removed_entries}
 
 
 def _without_part(diagram: Diagram, name: str, job: Job) -> str:

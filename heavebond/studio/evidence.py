@@ -16,7 +16,7 @@ from heavebond.core.presentation import readable, readable_unit
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.places import nodes_of
 from heavebond.estimation.comparison import Channel, Comparison, assemble_for, compare
-from heavebond.estimation.experiment import Experiment, Record, experiment_from_source
+from heavebond.estimation.experiment import Experiment, experiment_from_source
 from heavebond.estimation.proposed_experiment import Chosen, Records, experiment_text, propose
 from heavebond.estimation.records import measure
 from heavebond.language.model import load
@@ -198,13 +198,9 @@ def written_experiment(path: str, name: str, title: str, model: str, files: Mapp
     text = experiment_text(title, Path(path), given)
     experiment = experiment_from_source(parse(text, Path(path), name))
     for record in experiment.records.values():
-        _readable(experiment, record)
+        try:
+            assemble_for(experiment, record)
+            measure(experiment, record)
+        except HeavebondError as error:
+            raise UsageError(list(error.problems)) from None
     return {"text": text}, None
-
-
-def _readable(experiment: Experiment, record: Record) -> None:
-    try:
-        assemble_for(experiment, record)
-        measure(experiment, record)
-    except HeavebondError as error:
-        raise UsageError(list(error.problems)) from None

@@ -188,7 +188,9 @@ class Folder:
         except OSError as error:
             raise unreadable(error, name) from None
         decoded_text(raw, name)  # raises the problem of a file that is too large or not UTF-8
-        return Document(name, path, _decoded(raw), version(raw), not name.startswith(BUNDLED) and os.access(path, os.W_OK))
+        raw = raw.removeprefix(BOM)
+        return Document(name, path, (raw.replace(b"\r\n", b"\n") if _with_cr(raw) else raw).decode("utf-8"), version(raw),
+                        not name.startswith(BUNDLED) and os.access(path, os.W_OK))
 
     def save(self, name: str, text: str, base: str) -> Document:
         """Replace the version `base` by a text, with the line ends of the file, or write a removed file again; UsageError
@@ -340,12 +342,6 @@ def _wait(until: float, path: Path) -> None:
 
 def _outside(name: str, kind: str) -> UsageError:
     return UsageError([Problem("file-outside", f"'{name[:100]}' is not a {kind} in the opened folder")])
-
-
-def _decoded(raw: bytes) -> str:
-    """Decode the text; CR LF becomes LF if every line ends with it."""
-    raw = raw.removeprefix(BOM)
-    return (raw.replace(b"\r\n", b"\n") if _with_cr(raw) else raw).decode("utf-8")
 
 
 def _encoded(data: bytes, before: bytes) -> bytes:

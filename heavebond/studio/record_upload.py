@@ -56,7 +56,8 @@ async def store(folder: Folder, beside: str, name: str, parts: AsyncIterator[byt
                                                   f"{RECORD_BYTES // 10**6} MB", None, "Cut it, or thin it out.")])
                     digest.update(part)
                     file.write(part)
-            same = next((p for p in _before(target, path) if _digest(folder, p) == digest.digest()), None)
+            candidates = [target, *(target.with_stem(f"{target.stem}_{k}") for k in range(2, 1000))]
+            same = next((p for p in candidates[:candidates.index(path)] if _digest(folder, p) == digest.digest()), None)
             if same is not None:
                 raise _Known(same)
     except _Known as known:
@@ -73,12 +74,6 @@ class _Known(Exception):
     def __init__(self, path: Path):
         super().__init__()
         self.path = path
-
-
-def _before(target: Path, path: Path) -> list[Path]:
-    """The files with the name of `target` and a smaller number than `path`."""
-    candidates = [target, *(target.with_stem(f"{target.stem}_{k}") for k in range(2, 1000))]
-    return candidates[:candidates.index(path)]
 
 
 def _digest(folder: Folder, path: Path) -> bytes:

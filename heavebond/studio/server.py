@@ -37,7 +37,15 @@ class Studio:
 
     def __init__(self, folder: Folder, first: str, port: int):
         self.folder, self.first, self.port, self.token = folder, first, port, new_token()
-        self.page = _page_files()
+        # the files of the page by their names, read once; no other files are served
+        contents, folders = {}, [("", resources.files("heavebond").joinpath("studio", "page"))]
+        for prefix, directory in folders:
+            for entry in directory.iterdir():
+                if entry.is_dir():
+                    folders.append((f"{prefix}{entry.name}/", entry))
+                elif Path(entry.name).suffix in KINDS:
+                    contents[prefix + entry.name] = entry.read_bytes()
+        self.page = contents
         self.tabs: set[Tab] = set()
         self.jobs, self.pool = LongJobs(), Pool()
 
@@ -117,18 +125,6 @@ class Studio:
         finally:
             self.tabs.discard(tab)
             tab.close()
-
-
-def _page_files() -> dict[str, bytes]:
-    """The files of the page by their names, read once; no other files are served."""
-    contents, folders = {}, [("", resources.files("heavebond").joinpath("studio", "page"))]
-    for prefix, folder in folders:
-        for entry in folder.iterdir():
-            if entry.is_dir():
-                folders.append((f"{prefix}{entry.name}/", entry))
-            elif Path(entry.name).suffix in KINDS:
-                contents[prefix + entry.name] = entry.read_bytes()
-    return contents
 
 
 def bind(port: int | None) -> socket.socket:

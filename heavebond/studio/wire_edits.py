@@ -23,7 +23,16 @@ def join_ports(diagram: Diagram, job: Job, action: Entry) -> Entry:
         name = node_name(diagram, (one, two))
         return {"text": with_entry(diagram.text, "nodes", name, [one, two]), "node": name}
     if first and second:
-        return {"text": _merged(diagram, first, second), "node": first}
+        # move the ports of the second node to the first, and replace the second's name in formulas
+        ends = diagram.section("nodes").get(second)
+        if "extends" in diagram.said or not isinstance(ends, list):
+            raise UsageError([Problem("edit-refused",
+                                      f"'{first}' and '{second}' are nodes of the diagram that this one extends", None,
+                                      "Join them there.")])
+        text = delete_entry(renamed_mentions(diagram.text, diagram.named(second), first, node=True), ("nodes", second))
+        for end in ends:
+            text = add_item(text, ("nodes", first), str(end))
+        return {"text": text, "node": first}
     node, port = (first, two) if first else (second, one)
     return {"text": _added(diagram, node, port), "node": node}
 
@@ -46,18 +55,6 @@ def node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
 def _added(diagram: Diagram, node: str, port: str) -> str:
     inherited = node not in diagram.section("nodes")
     return add_item(diagram.text, ("nodes", node), f"+{port}" if inherited or "extends" in diagram.said else port)
-
-
-def _merged(diagram: Diagram, first: str, second: str) -> str:
-    """Move the ports of the second node to the first, and replace the second's name in formulas."""
-    ends = diagram.section("nodes").get(second)
-    if "extends" in diagram.said or not isinstance(ends, list):
-        raise UsageError([Problem("edit-refused", f"'{first}' and '{second}' are nodes of the diagram that this one extends",
-                                  None, "Join them there.")])
-    text = delete_entry(renamed_mentions(diagram.text, diagram.named(second), first, node=True), ("nodes", second))
-    for end in ends:
-        text = add_item(text, ("nodes", first), str(end))
-    return text
 
 
 def leave_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
@@ -95,11 +92,7 @@ def why_not(diagram: Diagram, one: str, two: str) -> str:
         leaf = diagram.expanded.leaves.get(part)
         if leaf is not None and name in leaf.inputs:
             return f"'{port}' has a value in place, `{name}: {_value_text(leaf.inputs[name].value)}`; remove that first"
-    return _outputs_on_nodes(diagram, one, two)
-
-
-def _outputs_on_nodes(diagram: Diagram, one: str, two: str) -> str:
-    """Reason about a second output on a node that has one."""
+    # reason about a second output on a node that has one
     outputs = []
     for port in (one, two):
         wire = diagram.model.body.wires.get(diagram.node_of(port))

@@ -21,7 +21,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import NoReturn
 
 from heavebond.core.errors import suggest
 from heavebond.core.limits import BRACKETS, FORMULA, OPERATIONS, TERMS
@@ -210,9 +209,6 @@ class _Parser:
             token = self.take()
             with self._deeper():
                 return Not(self._negation(), token.column)
-        return self._comparison()
-
-    def _comparison(self) -> Expr:
         left = self.sum()
         if self.peek().text in COMPARISONS:
             token = self.take()
@@ -259,18 +255,15 @@ class _Parser:
             return inner
         if token.text == "[":
             with self._deeper():
-                return self._elements(token)
+                # parse the elements of a list, or the rows of a matrix, up to the closing bracket
+                items = [self.formula()]
+                while self.peek().text == ",":
+                    self.take()
+                    items.append(self.formula())
+                self.expect("]", "a `]` is missing", "Each `[` needs a `]`, as in `[a, b]` or `[[a, b], [c, d]]`.")
+                return Elements(tuple(items), token.column)
         self.position -= 1
         raise self.broken("a number or a name is missing", "Complete the formula, as in `2*a + b`.")
-
-    def _elements(self, token: Token) -> Elements:
-        """Parse the elements of a list, or the rows of a matrix, up to the closing bracket."""
-        items = [self.formula()]
-        while self.peek().text == ",":
-            self.take()
-            items.append(self.formula())
-        self.expect("]", "a `]` is missing", "Each `[` needs a `]`, as in `[a, b]` or `[[a, b], [c, d]]`.")
-        return Elements(tuple(items), token.column)
 
     def _number(self, token: Token) -> Number:
         value = float(token.text)
@@ -334,7 +327,20 @@ class _Parser:
         self.take()
         args = [self.formula()]
         if name == "sum" and self.peek().text == "for":
-            return self._sum_over(args[0], token)
+            self.take()
+            index = self.take()
+            if index.kind != "name":
+                self.position -= 1
+                raise self.broken("the name of the index is missing", SUM_FORM)
+            self.expect("in", "`in` is missing", SUM_FORM)
+            low = self.sum()
+            self.expect("..", "`..` is missing", SUM_FORM)
+            high = self.sum()
+            self.expect(")", "a `)` is missing behind sum(", SUM_FORM)
+            result = SumOver(args[0], index.text, low, high, token.column)
+            if _terms(result) > TERMS:
+                raise too_long(token.column)
+            return result
         usage = USAGE.get(name, f"{name}(a)")
         self._arguments(args, name, usage)
         needed = self.functions[name]
@@ -385,22 +391,6 @@ class _Parser:
                                     or f"Its outputs: {', '.join(outputs)}.")
         return FunctionCall(function, tuple(args), output.text, token.column)
 
-    def _sum_over(self, body: Expr, token: Token) -> SumOver:
-        self.take()
-        index = self.take()
-        if index.kind != "name":
-            self.position -= 1
-            raise self.broken("the name of the index is missing", SUM_FORM)
-        self.expect("in", "`in` is missing", SUM_FORM)
-        low = self.sum()
-        self.expect("..", "`..` is missing", SUM_FORM)
-        high = self.sum()
-        self.expect(")", "a `)` is missing behind sum(", SUM_FORM)
-        result = SumOver(body, index.text, low, high, token.column)
-        if _terms(result) > TERMS:
-            raise too_long(token.column)
-        return result
-
 
 def too_long(column: int) -> ExpressionProblem:
     """The problem of a sum with too many terms for the memory."""
@@ -446,7 +436,16 @@ def tokens(text: str, *, units: bool) -> Iterator[Token]:
         if found := _NUMBER.match(text, at):
             yield Token("number", found.group(), at)
             at = found.end()
-            _refuse_after_number(text, found.group(), at, units)
+            number = found.group()
+            after = text[at:at + 2]
+            if after[:1] == "," and whole(after[1:]) is not None and not (text.count("(", 0, at) > text.count(")", 0, at)):
+                raise ExpressionProblem("decimal-comma", f"a decimal comma in '{number}{after}'", at - len(number),
+                                        len(number) + 2, f"Write '{number}.{after[1:]}'.")
+            if glued := _NAME.match(text, at):
+                raise ExpressionProblem(
+                    "quantity-no-space", f"'{number}{glued.group()}' is neither a number nor a name", at - len(number),
+                    len(number) + len(glued.group()), f"A product is written `{number}*{glued.group()}`"
+                    + (f", a quantity `{number} {glued.group()}`." if units else "."))
             if not units and (name := _UNIT_AFTER.match(text, at)) and name.group(1) not in KEYWORDS:
                 raise ExpressionProblem(
                     "unit-in-equation", f"'{found.group()} {name.group(1)}': a component's equations hold no units",
@@ -464,7 +463,12 @@ def tokens(text: str, *, units: bool) -> Iterator[Token]:
             yield Token("operator", found.group(), at)
             at = found.end()
         else:
-            _refuse_sign(text, at)
+            sign = text[at]
+            if sign == "^":
+                raise ExpressionProblem("formula-power", "the power is not written `^`", at, 1, "Write `**`.")
+            what = {"'": "a quote (')", '"': 'a quote (")'}.get(sign, f"'{sign}'")
+            raise ExpressionProblem("sign-unknown", f"{what} has no meaning in a formula", at, 1,
+                                    "A formula holds numbers, names, + - * / ** and functions.")
     yield Token("end", "", len(text))
 
 
@@ -488,28 +492,3 @@ def _longest_unit(word: str, rest: str) -> str:
 def _without_last_factor(unit: str) -> str:
     cut = max(unit.rfind("/"), re.sub(r"\*\*", "  ", unit).rfind("*"))
     return unit[:cut] if cut > 0 else ""
-
-
-def _refuse_after_number(text: str, number: str, at: int, units: bool) -> None:
-    after = text[at:at + 2]
-    if after[:1] == "," and whole(after[1:]) is not None and not _in_call(text, at):
-        raise ExpressionProblem("decimal-comma", f"a decimal comma in '{number}{after}'", at - len(number),
-                                len(number) + 2, f"Write '{number}.{after[1:]}'.")
-    if glued := _NAME.match(text, at):
-        raise ExpressionProblem(
-            "quantity-no-space", f"'{number}{glued.group()}' is neither a number nor a name", at - len(number),
-            len(number) + len(glued.group()), f"A product is written `{number}*{glued.group()}`"
-            + (f", a quantity `{number} {glued.group()}`." if units else "."))
-
-
-def _refuse_sign(text: str, at: int) -> NoReturn:
-    sign = text[at]
-    if sign == "^":
-        raise ExpressionProblem("formula-power", "the power is not written `^`", at, 1, "Write `**`.")
-    what = {"'": "a quote (')", '"': 'a quote (")'}.get(sign, f"'{sign}'")
-    raise ExpressionProblem("sign-unknown", f"{what} has no meaning in a formula", at, 1,
-                            "A formula holds numbers, names, + - * / ** and functions.")
-
-
-def _in_call(text: str, at: int) -> bool:
-    return text.count("(", 0, at) > text.count(")", 0, at)

@@ -119,7 +119,20 @@ class Lengths:
         if isinstance(expr, SumOver):
             return self.of(expr.body)
         if isinstance(expr, Elements):
-            return self._elements(expr)
+            # the shape of a list of numbers, or of a matrix of rows of equal length
+            rows = [self.of(item) for item in expr.items]
+            for item, row in zip(expr.items, rows, strict=True):
+                if isinstance(row, tuple):
+                    raise ExpressionProblem("list-number",
+                                            f"a list has numbers or rows; this is {shape_text(row, self.exact)}",
+                                            _start(item), hint="A matrix has two indices at most.")
+                if (row is None) != (rows[0] is None) or (self.exact and row != rows[0]):
+                    first = "a number" if rows[0] is None else shape_text(rows[0], self.exact)
+                    raise ExpressionProblem("list-length", f"the first of a list is {first}, this is "
+                                            f"{'a number' if row is None else shape_text(row, self.exact)}", _start(item),
+                                            hint="Write numbers, `[a, b]`, or rows of one length, `[[a, b], [c, d]]`.")
+            first_row = rows[0]
+            return len(rows) if not isinstance(first_row, int) else (len(rows), first_row)
         if isinstance(expr, (Compare, Logic)):
             self.number(expr.left, "each side of a comparison")
             self.number(expr.right, "each side of a comparison")
@@ -136,7 +149,13 @@ class Lengths:
                 return left if left is not None else right
             return self._same(left, right, f"'{expr.op}' joins", expr.column)
         if expr.op == "*" and isinstance(left, tuple) and right is not None:
-            return self._product(left, right, expr.column)
+            # the shape of the product of a matrix with a vector or a matrix
+            inner = right if isinstance(right, int) else right[0]
+            if self.exact and left[1] != inner:
+                raise ExpressionProblem("list-length", f"a product of {shape_text(left)} and {shape_text(right)}",
+                                        expr.column, 1,
+                                        "The matrix on the left has as many columns as what it multiplies has rows.")
+            return left[0] if isinstance(right, int) else (left[0], right[1])
         if (right is not None and (left is not None or expr.op != "*")) or (left is not None and expr.op == "**"):
             if expr.op == "*" and isinstance(right, tuple):
                 raise ExpressionProblem("list-product", "a vector stands on the left of a matrix", expr.column, 1,
@@ -147,29 +166,6 @@ class Lengths:
                                     "Write `dot(a, b)` or `cross(a, b)`, or `each i in 1..n:` for an equation of every "
                                     "element.")
         return left if left is not None else right
-
-    def _elements(self, expr: Elements) -> Shape:
-        """The shape of a list of numbers, or of a matrix of rows of equal length."""
-        rows = [self.of(item) for item in expr.items]
-        for item, row in zip(expr.items, rows, strict=True):
-            if isinstance(row, tuple):
-                raise ExpressionProblem("list-number", f"a list has numbers or rows; this is {shape_text(row, self.exact)}",
-                                        _start(item), hint="A matrix has two indices at most.")
-            if (row is None) != (rows[0] is None) or (self.exact and row != rows[0]):
-                first = "a number" if rows[0] is None else shape_text(rows[0], self.exact)
-                raise ExpressionProblem("list-length", f"the first of a list is {first}, this is "
-                                        f"{'a number' if row is None else shape_text(row, self.exact)}", _start(item),
-                                        hint="Write numbers, `[a, b]`, or rows of one length, `[[a, b], [c, d]]`.")
-        first_row = rows[0]
-        return len(rows) if not isinstance(first_row, int) else (len(rows), first_row)
-
-    def _product(self, left: tuple[int, int], right: int | tuple[int, int], column: int) -> Shape:
-        """The shape of the product of a matrix with a vector or a matrix."""
-        inner = right if isinstance(right, int) else right[0]
-        if self.exact and left[1] != inner:
-            raise ExpressionProblem("list-length", f"a product of {shape_text(left)} and {shape_text(right)}", column, 1,
-                                    "The matrix on the left has as many columns as what it multiplies has rows.")
-        return left[0] if isinstance(right, int) else (left[0], right[1])
 
     def _call(self, expr: Call) -> Shape:
         lengths = [self.of(arg) for arg in expr.args]
@@ -187,7 +183,12 @@ class Lengths:
                                         _start(expr.args[0]), hint="Declare it with `count: [n, m]`.")
             return found[1], found[0]
         if name in SQUARE:
-            self._square(expr, lengths[0])
+            # check that an argument is a square matrix, or a list of the elements of a matrix row by row
+            shape = lengths[0]
+            if shape is None or (self.exact and isinstance(shape, tuple) and shape[0] != shape[1]):
+                raise ExpressionProblem("list-number", f"{expr.function} takes a square matrix; this is "
+                                        f"{shape_text(shape, self.exact)}", _start(expr.args[0]),
+                                        hint="Declare it with `count: [n, n]`.")
             return None
         if name in ("dot", "cross"):
             return self._vectors(expr, lengths)
@@ -227,13 +228,6 @@ class Lengths:
                 length = f"{expr.text} = {known}" if isinstance(expr, Name) else f"{known}"
                 raise ExpressionProblem("list-length", f"{what} has the length {length}; this is {shape_text(shape)}",
                                         column, hint="Lists of one length are needed; `x[1..3]` is a part of one.")
-
-    def _square(self, expr: Call, shape: Shape) -> None:
-        """Check that an argument is a square matrix, or a list of the elements of a matrix row by row."""
-        if shape is None or (self.exact and isinstance(shape, tuple) and shape[0] != shape[1]):
-            raise ExpressionProblem("list-number", f"{expr.function} takes a square matrix; this is "
-                                    f"{shape_text(shape, self.exact)}", _start(expr.args[0]),
-                                    hint="Declare it with `count: [n, n]`.")
 
     def _vectors(self, expr: Call, shapes: list[Shape]) -> Shape:
         """The shape of `dot` or `cross`."""

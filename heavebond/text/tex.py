@@ -96,7 +96,19 @@ class _Names:
         if isinstance(expr, Negative):
             return f"-{self.of(expr.operand, _PRODUCT)}", _SIGNED
         if isinstance(expr, Binary):
-            return self._binary(expr)
+            if expr.op in "+-":
+                right, binds = self._written(expr.right)
+                if binds == _SIGNED or (binds == _SUM and expr.op == "-"):
+                    right = rf"\left({right}\right)"
+                return f"{self.of(expr.left)} {expr.op} {right}", _SUM
+            if expr.op == "/":
+                return rf"\frac{{{self.of(expr.left)}}}{{{self.of(expr.right)}}}", _FRACTION
+            if expr.op == "*":
+                left, right = self.of(expr.left, _SIGNED), self.of(expr.right, _PRODUCT)
+                dot = r" \cdot " if right[0].isdigit() else r" \, "
+                return f"{left}{dot}{right}", _SIGNED if left.startswith("-") else _PRODUCT
+            exponent = self.of(expr.right) if not isinstance(expr.right, Binary) else self._flat(expr.right)
+            return f"{self.of(expr.left, _ATOM)}^{{{exponent}}}", _POWER
         if isinstance(expr, Call):
             return self._call(expr)
         if isinstance(expr, FunctionCall):
@@ -116,21 +128,6 @@ class _Names:
             return rf"{self.of(expr.low)} \ldots {self.of(expr.high)}", _SUM
         return rf"\sum_{{{expr.index}={self.of(expr.low)}}}^{{{self.of(expr.high)}}} {self.of(expr.body, _PRODUCT)}", _SUM
 
-    def _binary(self, expr: Binary) -> tuple[str, int]:
-        if expr.op in "+-":
-            right, binds = self._written(expr.right)
-            if binds == _SIGNED or (binds == _SUM and expr.op == "-"):
-                right = rf"\left({right}\right)"
-            return f"{self.of(expr.left)} {expr.op} {right}", _SUM
-        if expr.op == "/":
-            return rf"\frac{{{self.of(expr.left)}}}{{{self.of(expr.right)}}}", _FRACTION
-        if expr.op == "*":
-            left, right = self.of(expr.left, _SIGNED), self.of(expr.right, _PRODUCT)
-            dot = r" \cdot " if right[0].isdigit() else r" \, "
-            return f"{left}{dot}{right}", _SIGNED if left.startswith("-") else _PRODUCT
-        exponent = self.of(expr.right) if not isinstance(expr.right, Binary) else self._flat(expr.right)
-        return f"{self.of(expr.left, _ATOM)}^{{{exponent}}}", _POWER
-
     def _flat(self, expr: Binary) -> str:
         """Write an exponent on one line, a quotient with a slash."""
         if expr.op != "/":
@@ -140,7 +137,11 @@ class _Names:
     def _call(self, expr: Call) -> tuple[str, int]:
         args = [self.of(a) for a in expr.args]
         if expr.function == "der":
-            return self._rate(expr.args[0])
+            of = expr.args[0]
+            if not isinstance(of, Name) or (split := self._split(of)) is None:
+                return rf"\frac{{\mathrm{{d}}}}{{\mathrm{{d}}t}}\left({self.of(of)}\right)", _FRACTION
+            letter, index = split
+            return rf"\dot{{{letter}}}" + (f"_{{{index}}}" if index else ""), _ATOM
         if expr.function == "sqrt":
             return rf"\sqrt{{{args[0]}}}", _ATOM
         if expr.function == "abs":
@@ -165,12 +166,6 @@ class _Names:
             return rf"\sum_i {self._name(expr.args[0], '_i')}" if whole and isinstance(expr.args[0], Name) else \
                 rf"\sum \left({args[0]}\right)", _SUM
         return _WORDS[expr.function] + rf"\left({', '.join(args)}\right)", _POWER
-
-    def _rate(self, of: Expr) -> tuple[str, int]:
-        if not isinstance(of, Name) or (split := self._split(of)) is None:
-            return rf"\frac{{\mathrm{{d}}}}{{\mathrm{{d}}t}}\left({self.of(of)}\right)", _FRACTION
-        letter, index = split
-        return rf"\dot{{{letter}}}" + (f"_{{{index}}}" if index else ""), _ATOM
 
     def _name(self, name: Name, indexed: str = "") -> str:
         split = self._split(name)

@@ -259,12 +259,30 @@ class _Builder:
 
     def build(self) -> Node | None:
         try:
-            events = self._shallow_events()
+            # the events of PyYAML up to the limits of nesting and length (the scanner takes n**2 for n nested brackets)
+            events: list[yaml.Event] = []
+            depth = 0
+            for event in yaml.parse(self.text, Loader=self.loader):
+                depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+                if depth > NESTING:
+                    self.problems.add("too-deep", f"entries are nested more than {NESTING} deep",
+                                      self.place(event.start_mark), hint="Remove the brackets that are too many.")
+                    break
+                if len(events) > ENTRIES:
+                    self.problems.add("file-too-long", f"{self.name} has more than {ENTRIES} keys and values",
+                                      self.place(event.start_mark),
+                                      hint="Is this a record? Parts that repeat are written once, with `repeat`.")
+                    break
+                events.append(event)
         except yaml.MarkedYAMLError as error:
             self._syntax(error)
             return None
         except yaml.reader.ReaderError as error:
-            self._unprintable(int(error.position))
+            position = int(error.position)
+            line = self.text.count("\n", 0, position)
+            self.problems.add("not-text", f"{self.name} is not plain text: it holds a character (code "
+                              f"{ord(self.text[position])}) that no editor shows", Place(self.name, line + 1),
+                              hint="Give a YAML file, which is plain text; is this one of another program?")
             return None
         if self.problems.found:
             return None
@@ -280,30 +298,6 @@ class _Builder:
             return None
         self.events = iter(content)
         return self._node(next(self.events))
-
-    def _shallow_events(self) -> list[yaml.Event]:
-        """The events of PyYAML up to the limits of nesting and length (the scanner takes n**2 for n nested brackets)."""
-        events: list[yaml.Event] = []
-        depth = 0
-        for event in yaml.parse(self.text, Loader=self.loader):
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if depth > NESTING:
-                self.problems.add("too-deep", f"entries are nested more than {NESTING} deep",
-                                  self.place(event.start_mark), hint="Remove the brackets that are too many.")
-                break
-            if len(events) > ENTRIES:
-                self.problems.add("file-too-long", f"{self.name} has more than {ENTRIES} keys and values",
-                                  self.place(event.start_mark),
-                                  hint="Is this a record? Parts that repeat are written once, with `repeat`.")
-                break
-            events.append(event)
-        return events
-
-    def _unprintable(self, position: int) -> None:
-        line = self.text.count("\n", 0, position)
-        self.problems.add("not-text", f"{self.name} is not plain text: it holds a character (code "
-                          f"{ord(self.text[position])}) that no editor shows", Place(self.name, line + 1),
-                          hint="Give a YAML file, which is plain text; is this one of another program?")
 
     def _syntax(self, error: yaml.MarkedYAMLError) -> None:
         mark = error.problem_mark or error.context_mark
@@ -363,10 +357,32 @@ class _Builder:
             items = []
             while not isinstance(inner := next(self.events), yaml.SequenceEndEvent):
                 items.append(self._node(inner))
-            self._refuse_cut(items)
+            # report a formula in a list that is split at the comma between its arguments: `[max(a, b)]`
+            opened: list[Scalar] = []
+            for item in items:
+                opened = [*opened, item] if isinstance(item, Scalar) and not item.quoted else []
+                text = ", ".join(part.text for part in opened)
+                if text.count("(") <= text.count(")"):
+                    if len(opened) > 1:
+                        self.problems.add("formula-cut", f"the comma in '{text}' ends the value", opened[0].place,
+                                          hint=f'Put the formula in quotes: "{text}".')
+                    opened = []
             return Sequence(tuple(items), self.place(event.start_mark))
         if isinstance(event, yaml.ScalarEvent):
-            return self._scalar(event)
+            start, end = event.start_mark, event.end_mark
+            if event.style == '"' and (odd := _NO_TEXT.search(event.value)):
+                self.problems.add("not-text", f"the character with the code {ord(odd.group())} cannot be used in a text",
+                                  self.place(start, 2 + len(event.value)),
+                                  hint="Remove the escape sequence that stands for it.")
+            if event.style in ("|", ">"):
+                return self._block(event)
+            quoted = event.style in ("'", '"')
+            if start is None or end is None or end.line == start.line:
+                length = end.column - start.column if start and end else 1
+                return Scalar(event.value, self.place(start, length), quoted=quoted)
+            rows = self._rows(start.line, end.line + 1, start.column)
+            where = self._spread(self.place(start), event.value, rows, 1 if quoted else 0)
+            return Scalar(event.value, where, quoted=quoted)
         return Scalar("*", self.place(event.start_mark))  # an alias, for which an error is already reported
 
     def _refuse_hidden(self, event: yaml.Event) -> None:
@@ -410,18 +426,6 @@ class _Builder:
         self._refuse_bare(items, keys, bare)
         return Mapping(items, keys, self.place(event.start_mark), frozenset(bare))
 
-    def _refuse_cut(self, items: list[Node]) -> None:
-        """Report a formula in a list that is split at the comma between its arguments: `[max(a, b)]`."""
-        opened: list[Scalar] = []
-        for item in items:
-            opened = [*opened, item] if isinstance(item, Scalar) and not item.quoted else []
-            text = ", ".join(part.text for part in opened)
-            if text.count("(") <= text.count(")"):
-                if len(opened) > 1:
-                    self.problems.add("formula-cut", f"the comma in '{text}' ends the value", opened[0].place,
-                                      hint=f'Put the formula in quotes: "{text}".')
-                opened = []
-
     def _refuse_bare(self, items: dict[str, Node], keys: dict[str, Scalar], bare: list[str]) -> None:
         """Report keys without value; the usual cause is a comma in a value or a missing space after `:`."""
         order = list(keys)
@@ -456,21 +460,6 @@ class _Builder:
             else:
                 self.problems.add("key-without-value", f"'{name}' has no value", key.place,
                                   hint=f"Write `{name}: ...` with a value, or remove it.")
-
-    def _scalar(self, event: yaml.ScalarEvent) -> Scalar:
-        start, end = event.start_mark, event.end_mark
-        if event.style == '"' and (odd := _NO_TEXT.search(event.value)):
-            self.problems.add("not-text", f"the character with the code {ord(odd.group())} cannot be used in a text",
-                              self.place(start, 2 + len(event.value)), hint="Remove the escape sequence that stands for it.")
-        if event.style in ("|", ">"):
-            return self._block(event)
-        quoted = event.style in ("'", '"')
-        if start is None or end is None or end.line == start.line:
-            length = end.column - start.column if start and end else 1
-            return Scalar(event.value, self.place(start, length), quoted=quoted)
-        rows = self._rows(start.line, end.line + 1, start.column)
-        where = self._spread(self.place(start), event.value, rows, 1 if quoted else 0)
-        return Scalar(event.value, where, quoted=quoted)
 
     def _block(self, event: yaml.ScalarEvent) -> Scalar:
         start, end = event.start_mark, event.end_mark
