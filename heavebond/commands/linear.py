@@ -174,6 +174,7 @@ def _print_channels(channels: Sequence[StateSpace], span: Array, *, within: bool
     from heavebond.commands import terminal
     from heavebond.core.presentation import number
     from heavebond.core.units import read_unit
+    from heavebond.linear.linear_system import LINEAR_SYSTEM
     from heavebond.pictures.plot_linear import channel_name, ratio
 
     rows, entries = [], list[dict[str, object]]()
@@ -189,21 +190,16 @@ def _print_channels(channels: Sequence[StateSpace], span: Array, *, within: bool
             gain, at, words = abs(static), 0.0, "infinite (integrator)" if integrators else number(abs(static), 4)
         rows.append((channel_name(channel), ratio(channel), "infinite" if integrators else number(static, 4), words,
                      f"{number(at, 4)} Hz"))
+        # the zeros of a channel; None if it has too many states for a short computation
+        zeros = None
+        if len(channel.states) <= LINEAR_SYSTEM.zeros:
+            zeros = [] if channel.higher[1].any() else [[z.real, z.imag] for z in channel.zeros()]
         entries.append({"from": channel.inputs[0], "to": channel.outputs[0], "unit": base.units[2][0],
                         "static_gain": None if integrators else static * scale, "integrators": integrators,
                         "peak_gain": gain * scale if np.isfinite(gain) else None, "peak_frequency": at,
-                        "proper": channel.proper, "zeros": _zeros(channel)})
+                        "proper": channel.proper, "zeros": zeros})
     terminal.output().print(terminal.table("", ("channel", "unit", "DC gain", "largest gain", "at"), rows, text=2))
     return entries
-
-
-def _zeros(channel: StateSpace) -> list[list[float]] | None:
-    """The zeros of a channel; None if it has too many states for a short computation."""
-    from heavebond.linear.linear_system import LINEAR_SYSTEM
-
-    if len(channel.states) > LINEAR_SYSTEM.zeros:
-        return None
-    return [] if channel.higher[1].any() else [[z.real, z.imag] for z in channel.zeros()]
 
 
 # -- a loop ------------------------------------------------------------------------------------------------------------

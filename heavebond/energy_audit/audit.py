@@ -275,8 +275,8 @@ def with_blocks(found: EnergyAudit, blocks: Iterable[str]) -> EnergyAudit:
     closed = list(dict.fromkeys(blocks))
     for name in closed:
         if name not in known:
-            said = suggest(name, known) or (f"Blocks: {listing(known)}." if known else "This diagram has no blocks.")
-            raise UsageError([Problem("block-unknown", f"there is no block '{name}' to close", None, said)])
+            hint = suggest(name, known) or (f"Blocks: {listing(known)}." if known else "This diagram has no blocks.")
+            raise UsageError([Problem("block-unknown", f"there is no block '{name}' to close", None, hint)])
     groups: dict[str, list[EnergyLine]] = {}
     for line in found.lines:
         around = [name for name in closed if line.component.startswith(f"{name}.")]

@@ -72,10 +72,10 @@ def energy_flow(found: EnergyAudit) -> EnergyFlow:
         links.append(Link(*(ends if energy > 0 else ends[::-1]), abs(energy), domain))
     largest = max((link.energy for link in links), default=0.0)
     small = [link.energy for link in links if link.energy < LEAST * largest]
-    kept = _contracted([link for link in links if link.energy >= LEAST * largest and link.energy > 0])
-    keys = dict.fromkeys(key for link in kept for key in (link.source, link.target))
+    links_kept = _contracted([link for link in links if link.energy >= LEAST * largest and link.energy > 0])
+    keys = dict.fromkeys(key for link in links_kept for key in (link.source, link.target))
     boxes = {key: Box(key) if key.node else _box(key, lines[key.path]) for key in keys}
-    directed = _with_directions(kept)
+    directed = _with_directions(links_kept)
     return EnergyFlow(_ordered(_in_columns(boxes, directed), directed), directed, max(small, default=0.0))
 
 
@@ -92,16 +92,16 @@ def _node_of(flat: Flat, port: str) -> tuple[str, str]:
 
 def _contracted(links: Sequence[Link]) -> list[Link]:
     """Remove each node with one incoming or one outgoing link, and link its neighbours directly."""
-    found = list(links)
+    remaining = list(links)
     for node in dict.fromkeys(key for link in links for key in (link.source, link.target) if key.node):
-        inner, outer = [k for k in found if k.target == node], [k for k in found if k.source == node]
-        rest = [k for k in found if node not in (k.source, k.target)]
+        inner, outer = [k for k in remaining if k.target == node], [k for k in remaining if k.source == node]
+        other_links = [k for k in remaining if node not in (k.source, k.target)]
         if len(inner) == 1 and outer:
-            found = [*rest, *(replace(k, source=inner[0].source) for k in outer)]
+            remaining = [*other_links, *(replace(k, source=inner[0].source) for k in outer)]
         elif len(outer) == 1 and inner:
-            found = [*rest, *(replace(k, target=outer[0].target) for k in inner)]
+            remaining = [*other_links, *(replace(k, target=outer[0].target) for k in inner)]
     together: dict[tuple[BoxKey, BoxKey, str], float] = {}
-    for link in found:
+    for link in remaining:
         key = (link.source, link.target, link.domain)
         together[key] = together.get(key, 0.0) + link.energy
     return [Link(source, target, energy, domain) for (source, target, domain), energy in together.items()]
@@ -122,13 +122,13 @@ def _with_directions(links: Sequence[Link]) -> tuple[Link, ...]:
                 waiting += after.get(name, ())
         return False
 
-    found = []
+    directed = []
     for link in sorted(links, key=lambda link: -link.energy):
         back = reaches(link.target, link.source)
         if not back:
             after.setdefault(link.source, set()).add(link.target)
-        found.append(replace(link, back=back))
-    return tuple(found)
+        directed.append(replace(link, back=back))
+    return tuple(directed)
 
 
 def _in_columns(boxes: Mapping[BoxKey, Box], links: Sequence[Link]) -> dict[BoxKey, Box]:

@@ -157,14 +157,15 @@ def _steps(model: Model, whole: Result, component: str) -> list[Step]:
             or effect.start.keys() & effect.amplitude:  # the null value is a value of the simpler part, not 0
         return []
     units = flat.units
-    own = {f"{component}.{name}": f"0 {units[f'{component}.{name}'].text}" for name in effect.amplitude}
+    null_values = {f"{component}.{name}": f"0 {units[f'{component}.{name}'].text}" for name in effect.amplitude}
     # the parameters of other components that depend on the parameters of a component by a formula, with their values
-    given = [value for name, value in flat.constants.items() if name.startswith(component + ".") and value.is_symbolic()]
+    own_values = [value for name, value in flat.constants.items()
+                  if name.startswith(component + ".") and value.is_symbolic()]
     names = [name for name, value in flat.constants.items()
-             if not name.startswith(component + ".") and given and ca.depends_on(value, stack(given))]
+             if not name.startswith(component + ".") and own_values and ca.depends_on(value, stack(own_values))]
     values = np.array(ca.Function("held", [flat.p], [stack([flat.constants[name] for name in names])])(whole.p)).ravel()
     held = {name: flat.units[name].written(value) for name, value in zip(names, values.tolist(), strict=True)}
-    return [Step({**own, **held}), *([Step(held, (component,))] if component in model.body.instances else [])]
+    return [Step({**null_values, **held}), *([Step(held, (component,))] if component in model.body.instances else [])]
 
 
 def _moved(step: Step, model: Model, whole: Result, outputs: list[str]) -> tuple[dict[str, float], int, str]:
@@ -179,8 +180,8 @@ def _moved(step: Step, model: Model, whole: Result, outputs: list[str]) -> tuple
     def rms(values: Array) -> float:
         return float(np.sqrt(np.mean(values**2)))
 
-    found = {}
+    changes = {}
     for name, values in before.items():
         size = rms(values - values.mean()) or rms(values)
-        found[name] = rms(after[name] - values) / size if size else float(rms(after[name]) > 0)
-    return found, len(assembly.state_names), ""
+        changes[name] = rms(after[name] - values) / size if size else float(rms(after[name]) > 0)
+    return changes, len(assembly.state_names), ""

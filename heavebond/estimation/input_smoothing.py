@@ -25,7 +25,7 @@ from heavebond.core.presentation import number
 from heavebond.estimation.experiment import Experiment, Record
 from heavebond.language.definition import FileInput
 from heavebond.language.symbols import split
-from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.dae import Assembly
 from heavebond.numerics.inputs import input_samples
 from heavebond.records.noise import estimate_noise
 from heavebond.records.outliers import step_of
@@ -100,20 +100,18 @@ def proposed_smoothing(file_input: FileInput) -> Smoothing | None:
         return None
     highest = 0.5 / interval
     trials = [highest * 2.0 ** (-k / SMOOTHING.per_octave) for k in range(1, SMOOTHING.octaves * SMOOTHING.per_octave)]
-    errors = [_error(time, values, noise, bandwidth, highest) for bandwidth in trials]
+    # the estimated mean square error of the signal that is smoothed with a bandwidth
+    errors = []
+    for bandwidth in trials:
+        residual = values[:-1] - evaluate(smoothed_pieces(time, values, "spline", bandwidth), time[:-1])
+        frequencies = np.linspace(0, highest, 200)
+        gain = float(np.mean(1 / (1 + (frequencies / bandwidth) ** 4)))
+        errors.append(float(np.mean(residual**2)) - noise**2 + 2 * noise**2 * gain)
     best = min(SMOOTHING.wider * trials[int(np.argmin(errors))], highest / 2)
     smooth = smoothed_pieces(time, values, "spline", best)
     rate = float(np.sqrt(np.mean(evaluate(smooth, time[:-1], 1) ** 2)))
     share = math.sqrt(2) * noise / interval / rate if rate > 0 else math.inf
     return Smoothing(float(f"{best:.2g}"), noise, step, share) if share > SMOOTHING.visible else None
-
-
-def _error(time: Array, values: Array, noise: float, bandwidth: float, highest: float) -> float:
-    """The estimated mean square error of the signal that is smoothed with a bandwidth."""
-    residual = values[:-1] - evaluate(smoothed_pieces(time, values, "spline", bandwidth), time[:-1])
-    frequencies = np.linspace(0, highest, 200)
-    gain = float(np.mean(1 / (1 + (frequencies / bandwidth) ** 4)))
-    return float(np.mean(residual**2)) - noise**2 + 2 * noise**2 * gain
 
 
 def smoothing_notes(experiment: Experiment, record: Record, assembly: Assembly) -> list[str]:

@@ -51,7 +51,14 @@ def new(folder: str | Path, origin: str | None = None) -> StarterFolder:
         hint = f"Write for example `heavebond new {plain if plain[:1].isalpha() else 'rig'}`."
         raise UsageError([Problem("name-bad", f"'{name}' cannot name a diagram and its files: letters, digits and _", None,
                                   hint)])
-    machine = _machine(origin) if origin is not None else None
+    # the folder of a bundled machine
+    machine = None
+    if origin is not None:
+        machine = bundled("models") / origin
+        known = [p.name for p in sorted(bundled("models").iterdir()) if (p / f"{p.name}.yaml").is_file()]
+        if origin not in known:
+            raise UsageError([Problem("machine-unknown", f"there is no bundled machine '{origin}'", None,
+                                      suggest(origin, known) or f"Machines: {listing(known)}.")])
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError([Problem("folder-exists", f"'{folder}' exists already", None,
                                   "Take another name, or remove it first.")])
@@ -59,16 +66,6 @@ def new(folder: str | Path, origin: str | None = None) -> StarterFolder:
         raise UsageError([Problem("file-unwritable", f"there is no folder '{folder.parent}'", None, "Make it first.")])
     make_folder(folder)
     return _copied(machine, folder) if machine is not None else _made(folder, name)
-
-
-def _machine(origin: str) -> Path:
-    """The folder of a bundled machine."""
-    machine_folder = bundled("models") / origin
-    known = [p.name for p in sorted(bundled("models").iterdir()) if (p / f"{p.name}.yaml").is_file()]
-    if origin not in known:
-        raise UsageError([Problem("machine-unknown", f"there is no bundled machine '{origin}'", None,
-                                  suggest(origin, known) or f"Machines: {listing(known)}.")])
-    return machine_folder
 
 
 # -- a rig of one load -----------------------------------------------------------------------------------------------

@@ -119,10 +119,10 @@ def seems_in_another_unit(measured: Array, model: Array, unit: str, declared: Un
     factor, alike = _likeness(measured, model)
     if alike < UNIT_CHECKS.alike or max(factor, 1 / factor) < UNIT_CHECKS.unit_ratio:
         return None
-    given = read_unit(unit)
-    off = {text: abs(math.log(factor * candidate.scale / given.scale)) for text in USUAL if text != unit
+    stated_unit = read_unit(unit)
+    off = {text: abs(math.log(factor * candidate.scale / stated_unit.scale)) for text in USUAL if text != unit
            for candidate in [read_unit(text)]
-           if given.dimension == candidate.dimension and given.offset == candidate.offset == 0}
+           if stated_unit.dimension == candidate.dimension and stated_unit.offset == candidate.offset == 0}
     best = min(off, key=lambda text: off[text], default=unit)
     if best == unit or off[best] > math.log(UNIT_CHECKS.unit_left):
         return None

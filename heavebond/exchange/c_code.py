@@ -13,7 +13,7 @@ from heavebond.core.presentation import readable
 from heavebond.core.quoting import c_comment, c_string
 from heavebond.core.version import VERSION
 from heavebond.core.writable import write_text
-from heavebond.exchange.portable import Portable, Quantity, portable
+from heavebond.exchange.portable import Portable, portable
 from heavebond.language.model import Model
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import DELAY_ROWS
@@ -63,8 +63,26 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
         parts += [_source("run.c").replace("model_", f"{prefix}_"), _source("c_run.c").replace("model_", f"{prefix}_")]
     for function in functions:
         generator.add(function)
-    return "\n".join([_head(exported, prefix, stops, steps), "#include <stdio.h>", _used(generator.dump()),
-                      *_arrays(exported, prefix),
+
+    # add statements to generated functions that prevent warnings of unused arguments
+    def add(match: re.Match[str]) -> str:
+        names = [argument.split()[-1].strip("*") for argument in match[2].split(",")]
+        return match[1] + "".join(f" (void) {name};" for name in names if name in UNUSED)
+
+    used = re.sub(r"^((?:static|CASADI_SYMBOL_EXPORT) [^\n;{}()]*\(([^\n()]+)\) ?\{)$", add, generator.dump(),
+                  flags=re.MULTILINE)
+    # sizes, and values at the start; C does not permit arrays of length 0
+    sizes = {"x": exported.states, "z": exported.algebraic, "p": exported.parameters, "u": exported.inputs,
+             "y": exported.outputs}
+    lines = ["enum { " + ", ".join(f"{prefix}_n_{letter} = {len(found)}" for letter, found in sizes.items()) + " };"]
+    values = {f"{letter}_start": [q.start for q in sizes[letter]] for letter in "xzpu"}
+    values["u_start"] += [0.0] * (DELAY_ROWS * len(exported.delays))
+    values["x_nominal"] = [q.nominal for q in exported.states]
+    values["z_nominal"] = [q.nominal for q in exported.algebraic]
+    arrays = [*lines,
+              *(f"const double {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0.0]))}}};"
+                for name, numbers in values.items())]
+    return "\n".join([_head(exported, prefix, stops, steps), "#include <stdio.h>", used, *arrays,
                       *([*_event_arrays(exported, prefix), *_start_arrays(exported, prefix),
                          *_delay_arrays(exported, prefix)] if whole or steps else []),
                       *(_limit_arrays(exported, prefix) if whole or steps or exported.limited else []),
@@ -93,15 +111,6 @@ double MODEL_next_stop(double t, const double *p) {
 
 
 UNUSED = ("arg", "res", "iw", "w", "mem")  # arguments of every function that CasADi generates
-
-
-def _used(code: str) -> str:
-    """Add statements to generated functions that prevent warnings of unused arguments."""
-    def add(match: re.Match[str]) -> str:
-        names = [argument.split()[-1].strip("*") for argument in match[2].split(",")]
-        return match[1] + "".join(f" (void) {name};" for name in names if name in UNUSED)
-
-    return re.sub(r"^((?:static|CASADI_SYMBOL_EXPORT) [^\n;{}()]*\(([^\n()]+)\) ?\{)$", add, code, flags=re.MULTILINE)
 
 
 def _head(exported: Portable, prefix: str, stops: int, steps: bool) -> str:
@@ -142,28 +151,12 @@ def _head(exported: Portable, prefix: str, stops: int, steps: bool) -> str:
             ("p", "Parameters", exported.parameters),
             ("u", "Inputs", exported.inputs), ("y", "Outputs", exported.outputs)):
         if quantities:
-            parts += ["", title, *_listed(letter, quantities)]
+            rows = [(f"{letter}[{k}]", q.name, q.unit.text, f"{q.start:.9g}", q.doc) for k, q in enumerate(quantities)]
+            widths = [max(len(row[column]) for row in rows) for column in range(4)]
+            listed = ["  ".join(["", *(text.ljust(width) for text, width in zip(row, (*widths, 0), strict=True))]).rstrip()
+                      for row in rows]
+            parts += ["", title, *listed]
     return "/* " + "\n   ".join(c_comment(line) for line in parts).replace("\n   \n", "\n\n") + " */"
-
-
-def _listed(letter: str, quantities: Sequence[Quantity]) -> list[str]:
-    rows = [(f"{letter}[{k}]", q.name, q.unit.text, f"{q.start:.9g}", q.doc) for k, q in enumerate(quantities)]
-    widths = [max(len(row[column]) for row in rows) for column in range(4)]
-    return ["  ".join(["", *(text.ljust(width) for text, width in zip(row, (*widths, 0), strict=True))]).rstrip()
-            for row in rows]
-
-
-def _arrays(exported: Portable, prefix: str) -> list[str]:
-    """Sizes, and values at the start; C does not permit arrays of length 0."""
-    sizes = {"x": exported.states, "z": exported.algebraic, "p": exported.parameters, "u": exported.inputs,
-             "y": exported.outputs}
-    lines = ["enum { " + ", ".join(f"{prefix}_n_{letter} = {len(found)}" for letter, found in sizes.items()) + " };"]
-    values = {f"{letter}_start": [q.start for q in sizes[letter]] for letter in "xzpu"}
-    values["u_start"] += [0.0] * (DELAY_ROWS * len(exported.delays))
-    values["x_nominal"] = [q.nominal for q in exported.states]
-    values["z_nominal"] = [q.nominal for q in exported.algebraic]
-    return [*lines, *(f"const double {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0.0]))}}};"
-                      for name, numbers in values.items())]
 
 
 def _limit_arrays(exported: Portable, prefix: str) -> list[str]:

@@ -490,7 +490,18 @@ def _words(separation: Separation, frame: _Frame) -> tuple[str, ...]:
         lines = ["No input within the limits of the records would distinguish them with these channels: under the best, "
                  f"{described(separation)}, chi-square would differ by {number(best.smallest, 2)}, and "
                  f"{number(separation.needed, 2)} is needed."]
-        return (*lines, *_extra_words(separation))
+        extra = separation.extra
+        if extra is None:
+            extra_words = ("No further channel distinguishes them either.",)
+        else:
+            noun = quantity(extra.unit) or "variable"
+            noise = readable_difference(extra.noise, extra.unit, 2)
+            if _sure(extra.chi2, separation.needed) < SURE:
+                extra_words = (f"No further channel distinguishes them either; the best is the {noun} {extra.name}.",)
+            else:
+                extra_words = (f"With the {noun} {extra.name} measured as well, with a noise of {noise}, chi-square would "
+                               f"differ by {number(extra.chi2, 3)}.",)
+        return (*lines, *extra_words)
     pair = best.least
     lines = [f"To distinguish them, record {described(separation)}.",
              f"{pair.one} and {pair.other} then differ most in {pair.channel}, near {number(pair.at, 3)} s by "
@@ -515,15 +526,3 @@ def described(separation: Separation) -> str:
 
 def _chance(sure: float) -> str:
     return "in more than 99.9 of 100 cases" if sure > 0.999 else f"in {number(100 * sure, 3)} of 100 cases"
-
-
-def _extra_words(separation: Separation) -> tuple[str, ...]:
-    extra = separation.extra
-    if extra is None:
-        return ("No further channel distinguishes them either.",)
-    noun = quantity(extra.unit) or "variable"
-    noise = readable_difference(extra.noise, extra.unit, 2)
-    if _sure(extra.chi2, separation.needed) < SURE:
-        return (f"No further channel distinguishes them either; the best is the {noun} {extra.name}.",)
-    return (f"With the {noun} {extra.name} measured as well, with a noise of {noise}, chi-square would differ by "
-            f"{number(extra.chi2, 3)}.",)

@@ -458,11 +458,11 @@ def passing(made: Component, equations: Iterable[tuple[str, str]], nets: Nets) -
     """Give a component the equations of a submodel without parts, whose ports are connected to each other: signals are
     equal, and bonds have one effort and flows whose sum is 0. `equations` are the known equations between its signals."""
     made.equations = [(f.name(left), f.number(0) if right == "0" else f.name(right), "") for left, right in equations]
-    given = {left.name for left, *_ in made.equations}
+    set_names = {left.name for left, *_ in made.equations}
     for group in nets.groups():
         for own in zip(*(made.elements[e] for e in group if e in made.elements), strict=False):
             inputs, outputs, bonds = ([e for e in own if made.items[e].kind == kind] for kind in ("in", "out", "bond"))
-            made.equations += [(f.name(e), f.name(inputs[0]), "") for e in outputs if inputs and e not in given]
+            made.equations += [(f.name(e), f.name(inputs[0]), "") for e in outputs if inputs and e not in set_names]
             made.equations += [(f.name(f"{e}.e"), f.name(f"{bonds[0]}.e"), "") for e in bonds[1:]]
             if bonds:
                 made.equations.append((reduce(f.add, (f.name(f"{e}.f") for e in bonds)), f.number(0), ""))

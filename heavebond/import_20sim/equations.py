@@ -271,15 +271,7 @@ class Builder(Execution):
         if isinstance(statement, Assign):
             self._equation(statement, written)
         elif isinstance(statement, Do):
-            if statement.error:
-                raise Unreadable(statement.line, statement.error)
-            function, call = statement.call.name.lower(), statement.call
-            if function == "equal" and call.args and call.args[0].op == "call":
-                elements = collected(self.symbols, call.args[0])
-                for element in elements[1:]:
-                    self._pairs(elements[0][1], element[1])
-            elif function not in NO_EFFECT:
-                raise Unreadable(statement.line, f"`{statement.call.name}` is not translated")
+            self._do(statement)
         else:
             env: Env = dict(self.triggers)
             self._statement(statement, env)
@@ -300,6 +292,17 @@ class Builder(Execution):
                     f.number(0) in reduced[name].args[1:]:
                 self.said.setdefault(self.labels.get(name, name), []).append("0 where no branch assigns it")
         return reduced
+
+    def _do(self, statement: Do) -> None:
+        if statement.error:
+            raise Unreadable(statement.line, statement.error)
+        function, call = statement.call.name.lower(), statement.call
+        if function == "equal" and call.args and call.args[0].op == "call":
+            elements = collected(self.symbols, call.args[0])
+            for element in elements[1:]:
+                self._pairs(elements[0][1], element[1])
+        elif function not in NO_EFFECT:
+            raise Unreadable(statement.line, f"`{statement.call.name}` is not translated")
 
     def _pairs(self, left: Matrix, right: Matrix, comment: str = "") -> None:
         a = [e for row in left for e in row]

@@ -185,12 +185,12 @@ class Evaluator:
         choices = []
         for place in product_of(*positions):
             conditions = [c for _, c in place if c is not None]
-            own = whole
+            element_value = whole
             for index, (k, condition) in zip(known, place, strict=True):
                 if index is not None and index.op == "name" and condition is not None:
-                    own = renamed(own, index.name, f.number(k + 1.0))
+                    element_value = renamed(element_value, index.name, f.number(k + 1.0))
             element = rows[place[0][0]][place[1][0] if len(place) > 1 else 0]
-            choices.append((element, reduce(lambda a, b: Expr("and", (a, b)), conditions), own))
+            choices.append((element, reduce(lambda a, b: Expr("and", (a, b)), conditions), element_value))
         return choices
 
     def _ways(self, index: Expr, size: int) -> list[tuple[int, Expr | None]]:

@@ -11,7 +11,7 @@ from heavebond.import_20sim.component import Component
 from heavebond.import_20sim.evaluate import Evaluator, fold, spread
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.memory import Memory
-from heavebond.import_20sim.sidops_tree import Assign, Expr, For, If, Statement, While
+from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statement, While
 
 Env = dict[str, Expr]
 MOST_TURNS = 500
@@ -36,6 +36,9 @@ class Execution:
         self.targets: Env = {}  # assigned values, by text
         self.turns = 0
         self.said: dict[str, list[str]] = {}  # the comments at the statements that assign a quantity
+
+    def _do(self, statement: Do) -> None:
+        raise NotImplementedError
 
     def _run(self, statements: Iterable[Statement], env: Env) -> None:
         """Execute assignments in sequence with symbols; `env` holds the values."""
@@ -65,7 +68,7 @@ class Execution:
             elif isinstance(statement, While):
                 self._while(statement, env)
             else:
-                raise NotImplementedError
+                self._do(statement)
         finally:
             self.evaluate.values = outer
 

@@ -287,21 +287,23 @@ class _Writer:
         joined = {end for ends in block.nodes.values() if len(ends) > 1 for end in ends}
         shared = dict(self.set)
         plotted = {label.replace("\\", ".") for name in self.emx.plotted for label in labels(name)}
-        found: dict[str, tuple[Part, Match]] = {}
+        matches: dict[str, tuple[Part, Match]] = {}
         for part in block.parts.values():
-            made, own = part.what, f"{path}.{part.name}" if path else part.name
-            if not isinstance(made, Component):
+            component, full_name = part.what, f"{path}.{part.name}" if path else part.name
+            if not isinstance(component, Component):
                 continue
-            match = recognised(made, {n for n in made.items if f"{part.name}.{n}" in joined})
-            if match is None or any(f"{own}.{n}" in plotted and n not in match.ports for n in made.items) or any(
-                    f"{own}.{n}" in shared and made.items[n].unit != match.units[p] for p, n in match.parameters.items()):
+            match = recognised(component, {n for n in component.items if f"{part.name}.{n}" in joined})
+            if match is None or any(f"{full_name}.{n}" in plotted and n not in match.ports for n in component.items) or any(
+                    f"{full_name}.{n}" in shared and component.items[n].unit != match.units[p]
+                    for p, n in match.parameters.items()):
                 continue
-            found[part.name] = part, match
+            matches[part.name] = part, match
         for ends in block.nodes.values():  # a domain must be known at each node
             bonds = [end for end in ends if block.is_bond(end)]
-            if bonds and all(end.partition(".")[0] in found and found[end.partition(".")[0]][1].any_domain for end in bonds):
-                del found[bonds[0].partition(".")[0]]
-        for part, match in found.values():
+            if bonds and all(end.partition(".")[0] in matches and matches[end.partition(".")[0]][1].any_domain
+                             for end in bonds):
+                del matches[bonds[0].partition(".")[0]]
+        for part, match in matches.values():
             self.matches[id(part.what)] = match
             renamed = {f"{part.name}.{a}": f"{part.name}.{b}" for a, b in match.ports.items()}
             block.nodes = {name: [renamed.get(end, end) for end in ends if renamed.get(end) or end.partition(".")[0]
@@ -309,11 +311,11 @@ class _Writer:
             block.nodes = {name: ends for name, ends in block.nodes.items() if ends}
             block.equations = [(left, renamed.get(right, right)) for left, right in block.equations]
             part.inputs = {match.ports[name]: value for name, value in part.inputs.items()}
-            own = f"{path}.{part.name}" if path else part.name
-            back = {f"{own}.{n}": f"{own}.{p}" for p, n in match.parameters.items()}
-            back |= {f"{own}.{n}": f"{own}.{p}" for n, p in match.ports.items()}  # inputs from global quantities
+            full_name = f"{path}.{part.name}" if path else part.name
+            back = {f"{full_name}.{n}": f"{full_name}.{p}" for p, n in match.parameters.items()}
+            back |= {f"{full_name}.{n}": f"{full_name}.{p}" for n, p in match.ports.items()}  # inputs from global quantities
             self.set = [(back.get(name, name), value) for name, value in self.set
-                        if name in back or not name.startswith(f"{own}.")]
+                        if name in back or not name.startswith(f"{full_name}.")]
 
     def _given(self, block: Block) -> dict[int, list[tuple[str, str]]]:
         path = next((p for p, b in self.translator.blocks if b is block), "")
@@ -385,9 +387,9 @@ class _Writer:
     def _diagram(self) -> str:
         lines = [f"model: {self.result.name}", f"summary: {scalar(f'Imported from the 20-sim model {self.emx.path.name}.')}"]
         if self.globals:
-            said = {name: f"   # {remark(doc)}" for name, doc in self.docs.items() if doc}
-            lines += ["parameters:", *(f"  {identifier(n)}: {quantity(v, u)}{said.get(n, '')}"
-                                       for n, (v, u) in self.globals.items())]
+            comments = {name: f"   # {remark(doc)}" for name, doc in self.docs.items() if doc}
+            lines += ["parameters:",
+                      *(f"  {identifier(n)}: {quantity(v, u)}{comments.get(n, '')}" for n, (v, u) in self.globals.items())]
         lines += parts_text(self.top, self.names, self._given(self.top), *_origin(self.top))
         if self.set:
             lines += ["set:", *(f"  {path}: {scalar(value)}" for path, value in self.set)]

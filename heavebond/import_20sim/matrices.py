@@ -70,17 +70,16 @@ def _determinant(m: Matrix) -> Expr:
     return determinant
 
 
-def _cofactors(m: Matrix) -> Matrix:
-    """The transposed matrix of the cofactors: inverse times determinant."""
-    if len(m) == 1:
-        return [[f.number(1)]]
-    signed = [[_determinant(_minor(m, i, k)) for k in range(len(m))] for i in range(len(m))]
-    return [[signed[k][i] if (i + k) % 2 == 0 else f.negative(signed[k][i]) for k in range(len(m))] for i in range(len(m))]
-
-
 def _inverse(m: Matrix) -> Matrix:
     size = _determinant(m)
-    return [[Expr("/", (e, size)) for e in row] for row in _cofactors(m)]
+    # the transposed matrix of the cofactors: inverse times determinant
+    if len(m) == 1:
+        cofactors = [[f.number(1)]]
+    else:
+        signed = [[_determinant(_minor(m, i, k)) for k in range(len(m))] for i in range(len(m))]
+        cofactors = [[signed[k][i] if (i + k) % 2 == 0 else f.negative(signed[k][i]) for k in range(len(m))]
+                     for i in range(len(m))]
+    return [[Expr("/", (e, size)) for e in row] for row in cofactors]
 
 
 def _solved(a: Matrix, b: Matrix) -> Matrix:

@@ -218,15 +218,15 @@ def _matrix(law: Law, where: Point, chosen: Sequence[syntax.Equation] | None = N
 def _ports_only(matrix: Array, ports: int) -> Array:
     """The rows between the port quantities and 1 only, after elimination of the inner variables."""
     inner = matrix[:, ports:-1]
-    rest = np.delete(matrix, np.s_[ports:matrix.shape[1] - 1], axis=1)
+    inner_rows = np.delete(matrix, np.s_[ports:matrix.shape[1] - 1], axis=1)
     if inner.shape[1]:
         left, sizes, _ = np.linalg.svd(inner)
         rank = int((sizes > SAME * max(1.0, sizes.max(initial=0))).sum())
         if rank < inner.shape[1]:
             raise ValueError  # an undetermined inner variable
-        rest = left[:, rank:].conj().T @ rest
-    size = np.linalg.norm(rest, axis=1)
-    rows: Array = rest[size > SAME] / size[size > SAME][:, None]
+        inner_rows = left[:, rank:].conj().T @ inner_rows
+    size = np.linalg.norm(inner_rows, axis=1)
+    rows: Array = inner_rows[size > SAME] / size[size > SAME][:, None]
     return rows
 
 

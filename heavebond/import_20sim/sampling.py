@@ -129,36 +129,36 @@ class _Graph:
 
 def sampling(root: Submodel, sample_times: Mapping[str, float]) -> Sampling:
     """The discrete parts of a model, with the sample times in s of its discrete systems, each by the name of a quantity."""
-    graph, found = _Graph(root), Sampling()
+    graph, result = _Graph(root), Sampling()
     inputs = {leaf: graph.inputs(leaf) for leaf in graph.leaves}
-    found.discrete = {leaf for leaf, called in graph.calls.items() if called & DISCRETE and not graph.continuous(leaf)}
-    found.sampled = {leaf: sampled_names for leaf, called in graph.calls.items()
-                     if called & DISCRETE and graph.continuous(leaf) and (sampled_names := graph.sampled(leaf))}
+    result.discrete = {leaf for leaf, called in graph.calls.items() if called & DISCRETE and not graph.continuous(leaf)}
+    result.sampled = {leaf: sampled_names for leaf, called in graph.calls.items()
+                      if called & DISCRETE and graph.continuous(leaf) and (sampled_names := graph.sampled(leaf))}
     mixed: set[int] = set()  # algebraic, with discrete and continuous signals
 
     def discrete(source: End) -> bool:
         leaf, port = source
-        return (leaf in found.discrete or leaf in mixed or port in found.sampled.get(leaf, ())) and not graph.holds(source)
+        return (leaf in result.discrete or leaf in mixed or port in result.sampled.get(leaf, ())) and not graph.holds(source)
 
     plain = [leaf for leaf, called in graph.calls.items()
              if not graph.continuous(leaf) and not called & (DISCRETE | {"hold"})]
     size = -1
-    while size != len(found.discrete) + len(mixed):
-        size = len(found.discrete) + len(mixed)
+    while size != len(result.discrete) + len(mixed):
+        size = len(result.discrete) + len(mixed)
         for leaf in plain:
             source_kinds = [discrete(source) for sources in inputs[leaf].values() for source in sources]
             if source_kinds and all(source_kinds):
-                found.discrete.add(leaf)
+                result.discrete.add(leaf)
                 mixed.discard(leaf)
-            elif any(source_kinds) and leaf not in found.discrete and _ends_in(graph, inputs, leaf, found.discrete):
+            elif any(source_kinds) and leaf not in result.discrete and _ends_in(graph, inputs, leaf, result.discrete):
                 mixed.add(leaf)
     for leaf in graph.leaves:
-        if leaf not in found.discrete and leaf not in mixed and "hold" not in graph.calls[leaf]:
+        if leaf not in result.discrete and leaf not in mixed and "hold" not in graph.calls[leaf]:
             held = [name for name, sources in inputs[leaf].items() if any(discrete(s) for s in sources)]
             if held:
-                found.held[leaf] = held
-    found.times = _times(graph, inputs, found, sample_times)
-    return found
+                result.held[leaf] = held
+    result.times = _times(graph, inputs, result, sample_times)
+    return result
 
 
 def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], result: Sampling, stated: Mapping[str, float]

@@ -209,7 +209,18 @@ def _graph(reader: Reader, submodel: Submodel) -> None:
             reader.skip(";")
         elif reader.skip("connections"):
             while reader.now.kind in ("name", "string") and reader.now.word != "end":
-                submodel.connections.append(_connection(reader))
+                # `a -> b` for a signal, `a => b` for a bond; a bar marks the causal stroke of a bond
+                line, start = reader.now.line, _end(reader)
+                sign = reader.take().text.strip("|")
+                stop = _end(reader)
+                reader.to_semicolon()
+                if sign in ("->", "=>"):
+                    connection = Connection(start, stop, sign == "=>", line)
+                elif sign in ("<-", "<="):
+                    connection = Connection(stop, start, sign == "<=", line)
+                else:
+                    raise Unreadable(line, f"'{sign}' is not a connection")
+                submodel.connections.append(connection)
             reader.need("end")
             reader.skip(";")
         elif reader.now.word in ("figures", "variables", "parameters"):
@@ -225,16 +236,3 @@ def _end(reader: Reader) -> str:
     while reader.now.text == "\\" or (reader.now.kind in ("name", "string") and path.endswith("\\")):
         path += reader.take().text.strip("'")
     return path
-
-
-def _connection(reader: Reader) -> Connection:
-    """`a -> b` for a signal, `a => b` for a bond; a bar marks the causal stroke of a bond."""
-    line, start = reader.now.line, _end(reader)
-    sign = reader.take().text.strip("|")
-    stop = _end(reader)
-    reader.to_semicolon()
-    if sign in ("->", "=>"):
-        return Connection(start, stop, sign == "=>", line)
-    if sign in ("<-", "<="):
-        return Connection(stop, start, sign == "<=", line)
-    raise Unreadable(line, f"'{sign}' is not a connection")

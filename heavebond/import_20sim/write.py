@@ -9,6 +9,7 @@ from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.block import Block, Part
 from heavebond.import_20sim.choices import names
 from heavebond.import_20sim.component import Component, Event, Item
+from heavebond.import_20sim.sidops_tree import Expr
 
 WIDTH = 125  # characters of a line
 
@@ -90,8 +91,9 @@ def component_text(component: Component, name: str, defaults: bool = True) -> st
         for left, right, comment in component.equations:
             *before, beside = comment.split("\n")
             lines += [f"  # {remark(text)}" for text in before]
-            said = f"   # {remark(beside)}" if beside else ""
-            lines.append(f"  {f.text(left):<{width}} = {_side(right)}{said}")
+            comment_text = f"   # {remark(beside)}" if beside else ""
+            assert isinstance(right, Expr)
+            lines.append(f"  {f.text(left):<{width}} = {f.value_text(right)}{comment_text}")
     if component.events:
         lines.append("when:")
         for name_of, event in component.events.items():
@@ -115,13 +117,6 @@ def _event(name: str, event: Event) -> list[str]:
 def remark(text: str) -> str:
     """The text of a comment: printable, on one line."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
-
-
-def _side(expr: object) -> str:
-    from heavebond.import_20sim.sidops_tree import Expr
-
-    assert isinstance(expr, Expr)
-    return f.value_text(expr)
 
 
 def numbers(values: Iterable[float], unit: str = "") -> str:

@@ -56,14 +56,15 @@ def dry_frictions(assembly: Assembly) -> Frictions:
     index = {q.name: k for k, q in enumerate(flat.parameters)} | {h.name: h.index for h in flat.held}
     names, widths, set_to, fixed = [], [], [], []
     for path, leaf in flat.expanded.leaves.items():
-        own = [f"{path}.{q.name}" for q in leaf.component.parameters.values() if q.width and q.unit.dimension in SPEEDS]
+        own_widths = [f"{path}.{q.name}" for q in leaf.component.parameters.values()
+                      if q.width and q.unit.dimension in SPEEDS]
         instead = {f"{path}.{name}": value for name, value in leaf.component.sliding.items()}
-        if not own and not instead:
+        if not own_widths and not instead:
             continue
         names.append(path)
-        widths.append(tuple(index[name] for name in own if name in index))
+        widths.append(tuple(index[name] for name in own_widths if name in index))
         set_to += [(index[name], value) for name, value in instead.items() if name in index]
-        if any(name not in index for name in (*own, *instead)):
+        if any(name not in index for name in (*own_widths, *instead)):
             fixed.append(path)
     return Frictions(tuple(names), tuple(widths), tuple(set_to), tuple(fixed))
 

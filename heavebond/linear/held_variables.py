@@ -505,8 +505,8 @@ class HeldStructure:
     def _recursion(self) -> tuple[ca.Function, list[tuple[int, int]]]:
         """The derivatives of new values by the held variables, and the event and the held variable of each row."""
         position = {index: k for k, index in enumerate(self._held_index)}
-        kept = [row for row, (_, reset) in enumerate(self.updates) if reset.held is not None]
-        rows, values = [self.updates[row] for row in kept], stack([self.values[row] for row in kept])
+        kept_rows = [row for row, (_, reset) in enumerate(self.updates) if reset.held is not None]
+        rows, values = [self.updates[row] for row in kept_rows], stack([self.values[row] for row in kept_rows])
         held = stack([self.assembly.arguments[3][index] for index in self._held_index])
         return (ca.Function("recursion", list(self.assembly.arguments), [ca.densify(ca.jacobian(values, held))]),
                 [(i, position[reset.held]) for i, reset in rows if reset.held is not None])

@@ -173,8 +173,8 @@ class Linearisation:
 
         f, g, _ = self._sides
         function = ca.Function("jacobian", list(self.assembly.arguments), [jacobian(stack([f, g]), stack([*self._inner]))])
-        found, = Buffered(function, sparse=True)(*point.values()).values()
-        return csc_array(found)
+        values, = Buffered(function, sparse=True)(*point.values()).values()
+        return csc_array(values)
 
     @cached_property
     def _held(self) -> HeldStructure | None:

@@ -123,22 +123,13 @@ class OperatingPoints:
         if not self.steady:
             u = np.append(u, delayed)
             return self._events.after(start_point(start(assembly, self.begin, u, self.equations), u))
-        return self._steady_point(assembly, np.append(_held_still(u), delayed))
-
-    def _with_constant_delays(self, point: Point) -> Point:
-        """A point of a run with its inputs expanded about its time, and delayed variables as they are there."""
-        flat, rows = self.assembly.flat, measured_rows(self.assembly.flat)
-        u, p = _begun_at(point.u[:rows], point.t), point.p
-        if flat.delays:
-            value = self.assembly.once("delayed values", lambda: ca.Function("delayed", list(self.assembly.arguments), [
-                self.assembly.express(stack(d.symbols[0] for d in flat.delays))]))
-            p = p.copy()
-            p[[d.index for d in flat.delays]] = np.array(value(*point.values())).ravel()
-        return replace(point, p=p, u=np.append(u, np.zeros(len(point.u) - rows)))
-
-    def _steady_point(self, assembly: Assembly, u: Array) -> Point:
-        """The steady state after the events at its instant; without these if they do not come to rest. Samples in a loop are
-        at rest if they set their variables to the present values."""
+        # the inputs at their value, without derivatives
+        if len(u):
+            value = np.zeros((len(u) // 4, 4))
+            value[:, 0] = u[1:].reshape(-1, 4)[:, 0]
+            u = np.concatenate([u[:1], value.ravel()])
+        # the steady state after the events at its instant; without these if they do not come to rest
+        u = np.append(u, delayed)
         first = point = _still(assembly, self.equations, start_point(start(assembly, self.begin, u, self.equations), u))
         held = [h.index for h in assembly.flat.held]
         updates = assembly.once("linearisation", lambda: Linearisation(assembly)).updates(first) if held else None
@@ -155,6 +146,17 @@ class OperatingPoints:
             point = _still(assembly, self.equations,
                            start_point(start(replace(assembly, p=p), self.begin, u, self.equations), u))
         return first
+
+    def _with_constant_delays(self, point: Point) -> Point:
+        """A point of a run with its inputs expanded about its time, and delayed variables as they are there."""
+        flat, rows = self.assembly.flat, measured_rows(self.assembly.flat)
+        u, p = _begun_at(point.u[:rows], point.t), point.p
+        if flat.delays:
+            value = self.assembly.once("delayed values", lambda: ca.Function("delayed", list(self.assembly.arguments), [
+                self.assembly.express(stack(d.symbols[0] for d in flat.delays))]))
+            p = p.copy()
+            p[[d.index for d in flat.delays]] = np.array(value(*point.values())).ravel()
+        return replace(point, p=p, u=np.append(u, np.zeros(len(point.u) - rows)))
 
 
 def stuck(assembly: Assembly, point: Point) -> list[str]:
@@ -203,15 +205,6 @@ def _begun_at(u: Array, t: float) -> Array:
     s, old = t - u[0], u[1:].reshape(-1, 4)
     new = np.column_stack([sum(math.comb(k, j) * s ** (k - j) * old[:, k] for k in range(j, 4)) for j in range(4)])
     return np.concatenate([[t], new.ravel()])
-
-
-def _held_still(u: Array) -> Array:
-    """The inputs at their value, without derivatives."""
-    if not len(u):
-        return u
-    value = np.zeros((len(u) // 4, 4))
-    value[:, 0] = u[1:].reshape(-1, 4)[:, 0]
-    return np.concatenate([u[:1], value.ravel()])
 
 
 def _still(assembly: Assembly, equations: StartEquations, point: Point) -> Point:

@@ -167,7 +167,18 @@ def stability(a: Array, sizes: Array, states: Sequence[str], rigid: Sequence[boo
             taking = _largest(np.abs(null * scale[:, None]) / np.abs(null * scale[:, None]).max(axis=0), names)
             eigenvalue = Eigenvalue(0j, 0.0, taking, body or all(motion[states.index(n)] for n in taking), zeros)
             free.setdefault((eigenvalue.rigid, frozenset(n.rpartition(".")[0] for n in taking)), []).append(eigenvalue)
-        eigenvalues_of += _regular(regular, matrix, names, zeros)
+        # the eigenvalues of the regular part of a block, with the participating states and the bounds of their rounding
+        if len(regular):
+            values, right = np.linalg.eig(regular if not zeros else matrix)
+            left = np.linalg.pinv(right).conj().T
+            exact = np.linalg.eigvals(regular).astype(complex) if zeros else values.astype(complex)
+            columns = _matched(exact, values.astype(complex)) if zeros else np.arange(len(values))
+            accuracy = _accuracy(right, left, matrix)
+            for value, k in zip(exact.tolist(), columns.tolist(), strict=True):
+                if value.imag < 0:
+                    continue
+                shares = np.abs(left[:, k] * right[:, k])
+                eigenvalues_of.append(Eigenvalue(complex(value), float(accuracy[k]), _largest(shares[:, None], names)))
     if period is not None:
         eigenvalues_of = [_continued(e, period) for e in eigenvalues_of]
     return Stability((*(_joined(links) for links in free.values()), *sorted(eigenvalues_of, key=lambda e: abs(e.value))))
@@ -288,24 +299,6 @@ def _without_zeros(a: Array, least: float) -> tuple[Array, Array, int]:
     """A regular matrix with the other eigenvalues of A, its null vectors (n, k) and how often 0 is an eigenvalue."""
     stairs = zero_staircase(a, least)
     return stairs.regular, stairs.turn[:, :sum(stairs.steps[:1])], len(stairs.nilpotent)
-
-
-def _regular(regular: Array, whole: Array, names: Sequence[str], zeros: int) -> list[Eigenvalue]:
-    """The eigenvalues of the regular part of a block, with the participating states and the bounds of their rounding."""
-    if not len(regular):
-        return []
-    values, right = np.linalg.eig(regular if not zeros else whole)
-    left = np.linalg.pinv(right).conj().T
-    exact = np.linalg.eigvals(regular).astype(complex) if zeros else values.astype(complex)
-    columns = _matched(exact, values.astype(complex)) if zeros else np.arange(len(values))
-    accuracy = _accuracy(right, left, whole)
-    eigenvalues_of_block = []
-    for value, k in zip(exact.tolist(), columns.tolist(), strict=True):
-        if value.imag < 0:
-            continue
-        shares = np.abs(left[:, k] * right[:, k])
-        eigenvalues_of_block.append(Eigenvalue(complex(value), float(accuracy[k]), _largest(shares[:, None], names)))
-    return eigenvalues_of_block
 
 
 def _matched(wanted: Complex, computed: Complex) -> NDArray[np.int64]:

@@ -378,9 +378,9 @@ def words_of(suspect: PlaceEstimate) -> str:
     first = f"{place.words[:1].upper()}{place.words[1:]} a {quantity} is missing (rms {size}); "
     if curve is None or curve.r2 < INPUT_ESTIMATION.explains:
         best = f" (at best {curve.variable.phrase}, R2 {max(curve.r2, 0):.2f})" if curve is not None else ""
-        rest = "it is hardly larger than its uncertainty." if suspect.rms < 2 * suspect.deviation else \
-            "that means memory (hysteresis), several variables at once, or the wrong place."
-        return first + f"no single variable explains it{best}: {rest}"
+        reason = "it is hardly larger than its uncertainty." if suspect.rms < 2 * suspect.deviation \
+            else "that means memory (hysteresis), several variables at once, or the wrong place."
+        return first + f"no single variable explains it{best}: {reason}"
     shape = shape_words(curve)
     looks = (LOOKS if place.nodes[0].mechanical else FLOWS).get((curve.variable.kind, curve.shape), "")
     if curve.times or curve.second is not None:

@@ -122,7 +122,15 @@ class Adjoint:
         arguments = [*assembly.arguments, evaluator.factors.symbols]
         self._by_z = ca.Function("by_z", arguments, [ca.jacobian(side, z) for side in sides])
         self._rates = ca.Function("rates", arguments, [evaluator.quadratures])
-        self._ends = self._end_function() if any(f.kind == "final" for f in evaluator.functionals) else None
+        # gradients of a sum of the last values, by x, z and p, and of the loops
+        self._ends: ca.Function | None = None
+        if any(f.kind == "final" for f in evaluator.functionals):
+            t, x, z, p, u, rate = assembly.arguments
+            weights = ca.SX.sym("w", len(self.evaluator.functionals))
+            value = ca.dot(weights, stack([f.signal for f in self.evaluator.functionals]))
+            self._ends = ca.Function("ends", [t, x, z, p, u, rate, weights],
+                                     [*(ca.densify(ca.gradient(value, a)) for a in (x, z, p)),
+                                      *(ca.densify(ca.jacobian(assembly.alg, a)) for a in (x, z, p))])
 
     def costs(self, run: Result, references: Array) -> list[tuple[float, Array]]:
         """Each cost of a run of the simulator and its gradient (m,).
@@ -316,17 +324,6 @@ class Adjoint:
         pull = ca.SX.sym("l", len(self._kept), number)
         transposed = ca.Function("hoist", [p, pull], [ca.jtimes(kept_values, p, pull, True)])
         return _BuiltIntegrator(hoisted[constant], room, integrator, transposed)
-
-    # -- costs of the last values ----------------------------------------------------------------------------------
-    def _end_function(self) -> ca.Function:
-        """Gradients of a sum of the last values, by x, z and p, and of the loops."""
-        assembly = self.simulator.assembly
-        t, x, z, p, u, rate = assembly.arguments
-        weights = ca.SX.sym("w", len(self.evaluator.functionals))
-        value = ca.dot(weights, stack([f.signal for f in self.evaluator.functionals]))
-        return ca.Function("ends", [t, x, z, p, u, rate, weights], [
-            *(ca.densify(ca.gradient(value, a)) for a in (x, z, p)),
-            *(ca.densify(ca.jacobian(assembly.alg, a)) for a in (x, z, p))])
 
     def _end(self, run: Result, slope: CostSlopes) -> _Ends:
         if self._ends is None:

@@ -224,20 +224,20 @@ def _functional_sensitivities(assembly: Assembly, functionals: list[Functional])
 
 def _signal_sensitivities(function: ca.Function, run: Result, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Signals (n, N) at chosen times of a run, and their change (m, n, N) along its sensitivities."""
-    given = [c[:, chosen] for c in columns(run)]
+    arguments = [c[:, chosen] for c in columns(run)]
     number, n = int(np.count_nonzero(chosen)), function.size1_out(0)
     names = () if run.along is None else run.along.names
     if not number:
         return np.zeros((n, 0)), np.zeros((len(names), n, 0))
     still = [np.zeros((len(a), number)) for a in (run.x, run.z, run.p)]
-    signals = evaluated(run.assembly, function, [*given, *still])[0]
+    signals = evaluated(run.assembly, function, [*arguments, *still])[0]
     if run.along is None:
         return signals, np.zeros((0, n, number))
     directions = zip(run.along.x, run.along.z, run.along.p, run.along.held, strict=True)
-    return signals, np.array([
-        evaluated(run.assembly, function, [*given, *(direction[:, chosen]
-                                                     for direction in (x, z, with_held(run, p, held)))])[1]
-        for x, z, p, held in directions]).reshape(len(names), n, number)
+    return signals, np.array([evaluated(run.assembly, function,
+                                        [*arguments,
+                                         *(direction[:, chosen] for direction in (x, z, with_held(run, p, held)))])[1]
+                              for x, z, p, held in directions]).reshape(len(names), n, number)
 
 
 def _until(gate: ca.SX, scaled: ca.SX) -> ca.SX:

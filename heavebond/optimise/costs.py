@@ -170,7 +170,14 @@ class _Reader:
             signal = self.assembly.express(resolver.evaluate(argument, extra=values))
             unit = ONE if expr.function in CONDITIONS else unit
             unit = times(unit, SECOND) if expr.function == "integral" else unit
-            exponent = self._exponent(expr) if expr.function == CYCLES else 1.0
+            exponent = 1.0
+            if expr.function == CYCLES:
+                value = constant(expr.args[1])
+                if value is None or not 1 <= value <= 20:
+                    raise ExpressionProblem("exponent-wrong", f"{expr.function}(e, m) needs a plain number m from 1 to 20",
+                                            expr.column, len(expr.function),
+                                            "Write the exponent of the S-N curve, e.g. `equivalent_range(WOB, 4)`.")
+                exponent = value
             return self._symbol(Functional(expr.function, signal, unit, exponent=exponent), reference)
         # other expressions are formulas whose functionals are replaced by new names
         stood: dict[str, tuple[ca.SX, Dimension]] = {}
@@ -179,14 +186,6 @@ class _Reader:
         inner = {name: symbol for name, (symbol, _) in stood.items()}
         return (resolver.evaluate(plain, extra=inner),
                 resolver.dimension(plain, extra={n: d for n, (_, d) in stood.items()}) or ONE)
-
-    def _exponent(self, expr: Call) -> float:
-        value = constant(expr.args[1])
-        if value is None or not 1 <= value <= 20:
-            raise ExpressionProblem("exponent-wrong", f"{expr.function}(e, m) needs a plain number m from 1 to 20",
-                                    expr.column, len(expr.function),
-                                    "Write the exponent of the S-N curve, e.g. `equivalent_range(WOB, 4)`.")
-        return value
 
     def _modal(self, expr: Call, reference: bool) -> tuple[ca.SX, Dimension]:
         selector = expr.args[0]

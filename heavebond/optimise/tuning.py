@@ -142,7 +142,16 @@ def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
     except HeavebondError:
         return Stability("", None, held=held)
     if worst is None:
-        return replace(_of_runs(problem, values), held=held)
+        # stability by the largest Floquet multiplier of the runs of all cases; undecided if a run is not periodic
+        multipliers = {case.case.name: largest_multiplier(case.plain.assembly.with_parameters(dict(values)),
+                                                          float(problem.times[-1]))
+                       for case in problem.cases}
+        known = {name: size for name, size in multipliers.items() if size is not None}
+        if len(known) < len(multipliers):
+            return Stability("", None, held=held)
+        largest = max(known, key=lambda name: known[name])
+        stable = None if abs(known[largest] - 1) <= FLOQUET.decided else known[largest] < 1
+        return Stability("periodic run", stable, case=largest, multiplier=known[largest], held=held)
     case, machine, rest_point = worst
 
     def score(name: str, factor: float) -> float:
@@ -155,19 +164,6 @@ def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:
     boundary = {name: (crossing(partial(score, name), False), crossing(partial(score, name), True))
                 for name in values if values[name]}
     return replace(describe(machine, rest_point, case.name, list(values), values, boundary), held=held)
-
-
-def _of_runs(problem: Objective, values: Mapping[str, float]) -> Stability:
-    """Stability by the largest Floquet multiplier of the runs of all cases; undecided if a run is not periodic."""
-    multipliers = {case.case.name: largest_multiplier(case.plain.assembly.with_parameters(dict(values)),
-                                                      float(problem.times[-1]))
-                   for case in problem.cases}
-    known = {name: size for name, size in multipliers.items() if size is not None}
-    if len(known) < len(multipliers):
-        return Stability("", None)
-    case = max(known, key=lambda name: known[name])
-    stable = None if abs(known[case] - 1) <= FLOQUET.decided else known[case] < 1
-    return Stability("periodic run", stable, case=case, multiplier=known[case])
 
 
 def ends(problem: Objective, values: Mapping[str, float], swept: Mapping[str, Sequence[float]]) -> dict[str, str]:

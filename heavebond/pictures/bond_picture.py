@@ -53,14 +53,16 @@ def draw_bond_graph(model: Model) -> str:
         lines += _vertex(vertex, at[key], boxes[key])
         if vertex.label and vertex.letter != WORD:
             # box for the name of a letter: the place around it that covers least
-            own = boxes[key]
+            letter_box = boxes[key]
             wide, high = text_width(vertex.label, LABEL) / 2, LABEL.size + 3
-            x, y = (own.left + own.right) / 2, (own.top + own.bottom) / 2
-            tried = [Box(u - wide, v - high / 2, u + wide, v + high / 2) for u, v in (
-                (x, own.bottom + 8), (x, own.top - 8), (own.right + wide + 4, y), (own.left - wide - 4, y),
-                (own.right + wide, own.bottom + 5), (own.left - wide, own.bottom + 5),
-                (own.right + wide, own.top - 5), (own.left - wide, own.top - 5))]
-            covered = [3 * sum(box.meets(neighbour) for neighbour in covered_boxes if neighbour is not own)
+            x, y = (letter_box.left + letter_box.right) / 2, (letter_box.top + letter_box.bottom) / 2
+            tried = [Box(u - wide, v - high / 2, u + wide, v + high / 2)
+                     for u, v in ((x, letter_box.bottom + 8), (x, letter_box.top - 8), (letter_box.right + wide + 4, y),
+                                  (letter_box.left - wide - 4, y), (letter_box.right + wide, letter_box.bottom + 5),
+                                  (letter_box.left - wide, letter_box.bottom + 5),
+                                  (letter_box.right + wide, letter_box.top - 5),
+                                  (letter_box.left - wide, letter_box.top - 5))]
+            covered = [3 * sum(box.meets(neighbour) for neighbour in covered_boxes if neighbour is not letter_box)
                        + sum(_through(box, *bond) for bond in ends) for box in tried]
             box = tried[covered.index(min(covered))]
             covered_boxes.append(box)

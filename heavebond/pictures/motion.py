@@ -233,9 +233,9 @@ def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: l
                    for name, shape in model.view.items())
     shown_series = {}
     for name, values in result.signals(chosen).items():
-        given = result.unit(name)
-        unit = readable_unit(given, float(np.max(np.abs(values), initial=0.0)))
-        shown_series[name] = (unit, np.interp(time, result.time, converted(values, given, unit)))
+        unit_text = result.unit(name)
+        unit = readable_unit(unit_text, float(np.max(np.abs(values), initial=0.0)))
+        shown_series[name] = (unit, np.interp(time, result.time, converted(values, unit_text, unit)))
     return Motion(model.name, model.summary, time, shapes, edges, shown_series)
 
 

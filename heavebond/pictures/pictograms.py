@@ -201,11 +201,23 @@ def box(name: str, kind: str, sides: Mapping[str, Sequence[str]], states: Sequen
                            ("rx", "3"), ("fill", "#ffffff")))]
     for side, ports in sides.items():
         along, edge = (half_y, half_x) if side in ("left", "right") else (half_x, half_y)
-        for port, offset in zip(ports, _spread(len(ports), along), strict=True):
+        # `count` places on the grid, evenly over an edge from -half to half; a single one in the middle
+        count = len(ports)
+        pitch = max(2 * GRID, 2 * along // max(count, 1) // (2 * GRID) * 2 * GRID)
+        if count % 2 == 0:
+            spread = [(2 * k - count + 1) * pitch // 2 for k in range(count)]
+        else:
+            spread = [(k - count // 2) * pitch for k in range(count)]
+        for port, offset in zip(ports, spread, strict=True):
             out = SIDES[side]
             x, y = (out[0] * edge, offset) if out[0] else (offset, out[1] * edge)
             anchors.append(Anchor(port, x, y, side))
-            marks.append(_port_label(port, x, y, side))
+            dx, dy, align = {"left": (4, 3, "start"), "right": (-4, 3, "end"), "top": (0, 10, "middle"),
+                             "bottom": (0, -4, "middle")}[side]
+            port_label = Mark("text",
+                              (("x", str(x + dx)), ("y", str(y + dy)), ("font-size", str(PORT.size)), ("text-anchor", align),
+                               ("data-style", "quiet")), _shown(port))
+            marks.append(port_label)
     base = -height / 2
     for line in words:
         base += line.height
@@ -215,23 +227,8 @@ def box(name: str, kind: str, sides: Mapping[str, Sequence[str]], states: Sequen
     return Shape(-half_x, -half_y, half_x, half_y, tuple(anchors), tuple(marks))
 
 
-def _spread(count: int, half: int) -> list[int]:
-    """`count` places on the grid, evenly over an edge from -half to half; a single one in the middle."""
-    pitch = max(2 * GRID, 2 * half // max(count, 1) // (2 * GRID) * 2 * GRID)
-    if count % 2 == 0:
-        return [(2 * k - count + 1) * pitch // 2 for k in range(count)]
-    return [(k - count // 2) * pitch for k in range(count)]
-
-
 def _shown(port: str) -> str:
     return port.removeprefix(":")
-
-
-def _port_label(port: str, x: int, y: int, side: str) -> Mark:
-    dx, dy, align = {"left": (4, 3, "start"), "right": (-4, 3, "end"), "top": (0, 10, "middle"),
-                     "bottom": (0, -4, "middle")}[side]
-    return Mark("text", (("x", str(x + dx)), ("y", str(y + dy)), ("font-size", str(PORT.size)), ("text-anchor", align),
-                         ("data-style", "quiet")), _shown(port))
 
 
 ROW, INDENT, HEAD, LANE = 12, 8, 3, 8  # px: a line of text, its indent, half the head of an arrow, between two lines

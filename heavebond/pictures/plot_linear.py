@@ -48,11 +48,11 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     units = {ratio(c) for c in channels}
     for k, channel in enumerate(channels):
-        found = channel.response(2j * np.pi * frequencies)[:, 0, 0]
+        response = channel.response(2j * np.pi * frequencies)[:, 0, 0]
         label = channel_name(channel) + (f" [{ratio(channel)}]" if len(units) > 1 else "")
         style = {"color": COLOURS[k % len(COLOURS)], "linewidth": 1.4, "linestyle": DASHES[k // len(COLOURS) % len(DASHES)]}
-        upper.loglog(frequencies, np.abs(found), label=label, **style)
-        lower.semilogx(frequencies, _phase(channel, frequencies, found), **style)
+        upper.loglog(frequencies, np.abs(response), label=label, **style)
+        lower.semilogx(frequencies, _phase(channel, frequencies, response), **style)
     upper.set_ylabel(f"magnitude [{units.pop()}]" if len(units) == 1 else "magnitude")
     decibels = upper.twinx()
     decibels.set_ylim(*(20 * np.log10(upper.get_ylim())))
@@ -125,14 +125,14 @@ def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: s
 def _smooth(channel: StateSpace, frequencies: Array) -> NDArray[np.complex128]:
     """The response at the frequencies, and between those where it would show corners."""
     f = np.asarray(frequencies, dtype=float)
-    found = channel.response(2j * np.pi * f)[:, 0, 0]
+    response = channel.response(2j * np.pi * f)[:, 0, 0]
     for _ in range(HALVINGS):
-        far = np.flatnonzero(np.abs(np.diff(found)) > CORNER * np.abs(found).max())
+        far = np.flatnonzero(np.abs(np.diff(response)) > CORNER * np.abs(response).max())
         if not len(far):
             break
         f = np.insert(f, far + 1, np.sqrt(f[far] * f[far + 1]))
-        found = channel.response(2j * np.pi * f)[:, 0, 0]
-    return np.asarray(found)
+        response = channel.response(2j * np.pi * f)[:, 0, 0]
+    return np.asarray(response)
 
 
 def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.complex128]], *, title: str = "",

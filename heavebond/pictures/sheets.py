@@ -72,7 +72,12 @@ def opened_blocks(expanded: Expanded, wanted: Iterable[str], every: bool, marked
     open_blocks = set(blocks) if every else set()
     for name in wanted:
         if name not in blocks:
-            raise UsageError([_no_block(expanded, name, blocks)])
+            leaf = expanded.leaves.get(name)
+            message = f"there is no block '{name}' to open" if leaf is None else \
+                f"'{name}' ({leaf.component.name}) is not made of other components; there is nothing to open"
+            hint = suggest(name, blocks) if leaf is None else ""
+            raise UsageError([Problem("open-unknown", message, None, hint or (
+                f"Blocks: {listing(blocks)}." if blocks else "This diagram has no blocks."))])
         open_blocks |= {name, *_around(name)}
     for name in marked:
         open_blocks |= {path for path in _around(name.removeprefix(NODE)) if path in blocks}
@@ -100,14 +105,6 @@ def _marked_place(expanded: Expanded, name: str) -> str:
                                   suggest(name, [*known, *expanded.junctions]) or
                                   f"Components: {listing(expanded.leaves)}. Nodes: {listing(expanded.junctions)}.")])
     return name
-
-
-def _no_block(expanded: Expanded, name: str, blocks: list[str]) -> Problem:
-    leaf = expanded.leaves.get(name)
-    message = f"there is no block '{name}' to open" if leaf is None else \
-        f"'{name}' ({leaf.component.name}) is not made of other components; there is nothing to open"
-    return Problem("open-unknown", message, None, (suggest(name, blocks) if leaf is None else "") or (
-        f"Blocks: {listing(blocks)}." if blocks else "This diagram has no blocks."))
 
 
 def _around(path: str) -> list[str]:

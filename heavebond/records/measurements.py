@@ -113,7 +113,13 @@ def read_table(path: Path | str, *, place: Place | None = None, beside: str | No
     if suffix in PARQUET_SUFFIXES:
         return _read_parquet(path)
     if suffix in MATLAB_SUFFIXES:
-        return _read_matlab(path, place, beside)
+        vectors = read_matlab(path, place).beside(beside)
+        if not vectors.columns:
+            notes = [f"{name} {why}" for name, (why, _) in list(vectors.aside.items())[:SHOWN]]
+            hint = next((hint for _, hint in vectors.aside.values()), "Save the time and the channels as vectors.")
+            raise DataError([Problem("record-empty", f"'{path.name}' has no vector of numbers", place, hint, tuple(notes))])
+        n = len(next(iter(vectors.columns.values())))
+        return Table(path, (*vectors.columns, *vectors.aside), np.arange(1, n + 1), vectors.columns, aside=vectors.aside)
     raise UsageError([Problem(
         "record-suffix", f"'{path.name}' is not a supported format of records", place,
         "Export it as CSV (comma, semicolon or tab).",
@@ -345,13 +351,3 @@ def _nanoseconds(values: pd.Series[pd.Timestamp]) -> Rows:
     if getattr(values.dt, "tz", None) is not None:
         values = values.dt.tz_convert(None)
     return np.asarray(values.to_numpy().astype(f"{values.dtype.kind}8[ns]").astype(np.int64))
-
-
-def _read_matlab(path: Path, place: Place | None, beside: str | None) -> Table:
-    vectors = read_matlab(path, place).beside(beside)
-    if not vectors.columns:
-        notes = [f"{name} {why}" for name, (why, _) in list(vectors.aside.items())[:SHOWN]]
-        hint = next((hint for _, hint in vectors.aside.values()), "Save the time and the channels as vectors.")
-        raise DataError([Problem("record-empty", f"'{path.name}' has no vector of numbers", place, hint, tuple(notes))])
-    n = len(next(iter(vectors.columns.values())))
-    return Table(path, (*vectors.columns, *vectors.aside), np.arange(1, n + 1), vectors.columns, aside=vectors.aside)

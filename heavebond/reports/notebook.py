@@ -56,10 +56,10 @@ def model_html(model: Model) -> Html | None:
     except HeavebondError:
         return None
     rows = [(name, kind, text) for name, kind, text in _settings(model)]
-    made = element("details", element("summary", count(len(rows), "parameter")),
-                   table(("parameter", "component", "value"), rows))
-    return element("div", _heading(model.name, model.summary),
-                   _picture(drawing.encode("utf-8"), "svg+xml", model.name), *([made] if rows else []))
+    details = element("details", element("summary", count(len(rows), "parameter")),
+                      table(("parameter", "component", "value"), rows))
+    return element("div", _heading(model.name, model.summary), _picture(drawing.encode("utf-8"), "svg+xml", model.name),
+                   *([details] if rows else []))
 
 
 def result_html(result: Result) -> Html:
@@ -71,13 +71,13 @@ def result_html(result: Result) -> Html:
     values, figures = result.signals(names), result.figures(names)
     head = ("output" if result.assembly.model.show else "state", "unit", "start", "minimum", "maximum", "end")
     rows = [_course(name, result.unit(name), float(values[name][0]), figures[name]) for name in names]
-    made = table(head, rows, numbers=range(2, 6))
+    signal_table = table(head, rows, numbers=range(2, 6))
     span = f"{number(float(result.time[0]))} to {number(float(result.time[-1]))} s, {count(len(result.time), 'point')}"
     few = names and len({result.unit(name) for name in names}) <= MOST_AXES
     points = len(names) * len(drawn_run(result, names).time) if few else 0
     picture = [_figure(plot_signals(result, names), points, "signals over time")] if few else []
-    return element("div", _heading(result.assembly.model.name, span), element("p", f"Verdict: {result.verdict}"), made,
-                   *_more(shown), *picture)
+    return element("div", _heading(result.assembly.model.name, span), element("p", f"Verdict: {result.verdict}"),
+                   signal_table, *_more(shown), *picture)
 
 
 def saved_run_html(run: SavedRun) -> Html:
@@ -130,11 +130,11 @@ def diagnosis_html(diagnosis: Diagnosis) -> Html:
 # -- rows ----------------------------------------------------------------------------------------------------------
 def _settings(model: Model) -> Iterable[tuple[str, str, str]]:
     """Name, component and value of each parameter that the diagram sets, as written."""
-    own = {f"{name}.{key}": (instance.kind, value) for name, instance in model.body.instances.items()
-           for key, value in instance.settings.items()}
-    found = {**{name: ("", value) for name, value in model.parameters.items()}, **own}
-    found |= {path: (found.get(path, ("", None))[0], setting.value) for path, setting in model.settings.items()}
-    for name, (kind, value) in found.items():
+    instance_settings = {f"{name}.{key}": (instance.kind, value) for name, instance in model.body.instances.items()
+                         for key, value in instance.settings.items()}
+    settings = {**{name: ("", value) for name, value in model.parameters.items()}, **instance_settings}
+    settings |= {path: (settings.get(path, ("", None))[0], setting.value) for path, setting in model.settings.items()}
+    for name, (kind, value) in settings.items():
         yield name, kind, _value_text(value) if isinstance(value, Value) else "from a file"
 
 
@@ -151,8 +151,8 @@ def _course(name: str, unit: str, start: float, figures: SignalFigures) -> tuple
     finite = [start, figures.least, figures.most, figures.final]
     largest = max(map(abs, finite))
     shown = readable_unit(unit, largest)
-    given, target = read_unit(unit), read_unit(shown)
-    return name, unit_label(shown), *(number(target.from_si(given.to_si(v if abs(v) > ROUNDING * largest else 0.0)), 5)
+    source, target = read_unit(unit), read_unit(shown)
+    return name, unit_label(shown), *(number(target.from_si(source.to_si(v if abs(v) > ROUNDING * largest else 0.0)), 5)
                                       for v in finite)
 
 

@@ -63,9 +63,9 @@ def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: 
     steps.
     """
     shown = shown_rungs(diagnosis.ladder)
-    found = [s for s in _sections(diagnosis, shown, where, written) if s[2]]
-    contents = element("nav", *(element("a", title, href=f"#{name}") for name, title, _ in found), aria_label="contents")
-    parts = [element("section", element("h2", title, id=name), inside) for name, title, inside in found]
+    sections = [s for s in _sections(diagnosis, shown, where, written) if s[2]]
+    contents = element("nav", *(element("a", title, href=f"#{name}") for name, title, _ in sections), aria_label="contents")
+    parts = [element("section", element("h2", title, id=name), inside) for name, title, inside in sections]
     title = f"Diagnosis of {diagnosis.experiment.name}"
     model = diagnosis.experiment.model
     summary = f": {model.summary}" if model.summary else ""
@@ -101,7 +101,7 @@ def _verdict(diagnosis: Diagnosis) -> Html:
     kind, mood = KINDS[diagnosis.verdict]
     if diagnosis.verdict == "undetermined" and diagnosis.partial:
         kind = "The search was ended early"
-    first, *rest = diagnosis.tree.words
+    first, *more_words = diagnosis.tree.words
     # the levels of the answer, system, place, kind, class and law, as nested lists with their probabilities
     tree = diagnosis.tree
 
@@ -114,7 +114,8 @@ def _verdict(diagnosis: Diagnosis) -> Html:
     parts = [joined([*([element("p", f"{k}. {effect.name}", class_="small")] if several else []), listed(effect.root)])
              for k, effect in enumerate(tree.effects, 1)]
     box = element("section", element("p", kind, class_="kind"), element("p", first, class_="said"),
-                  *(element("p", line) for line in rest), element("div", *parts, class_="levels") if parts else Html(""),
+                  *(element("p", line) for line in more_words),
+                  element("div", *parts, class_="levels") if parts else Html(""),
                   *(element("p", line) for line in diagnosis.words), class_=f"verdict {mood}", aria_label="verdict")
     return joined([box, _figures(diagnosis)]) if diagnosis.ladder else box
 
@@ -224,8 +225,8 @@ def _diagram(finding: AddedEffect) -> str:
     """The text of a diagram that adds a finding to the previous diagram."""
     values = {p.name: read_unit(readable_unit(p.unit, p.value)).written(p.value) for p in finding.parameters}
     candidate, path = finding.candidate, finding.fit.experiment.model.path
-    said = f"with {candidate.kind} {candidate.place}"
-    return candidate.change.with_values(values).diagram(path.stem + "_2", said, path.name)
+    label = f"with {candidate.kind} {candidate.place}"
+    return candidate.change.with_values(values).diagram(path.stem + "_2", label, path.name)
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------

@@ -161,7 +161,12 @@ class Frame:
         for v in ticks(*self.x, 5):
             x = float(self.px(np.array(v)))
             parts += [line(x, self.top, x, base, GRID), text(x, base + 15, _short(v), anchor="middle", size=11)]
-        for v in self._levels():
+        if not self.logarithmic:
+            levels = ticks(*self.y, 5)
+        else:
+            low, high = (math.log10(v) for v in self.y)
+            levels = [10.0 ** k for k in range(math.ceil(low - 1e-9), math.floor(high + 1e-9) + 1)]
+        for v in levels:
             y = float(self.py(np.array(v)))
             parts += [line(self.left, y, self.width - self.right, y, GRID),
                       text(self.left - 6, y + 4, _short(v), anchor="end", size=11)]
@@ -170,12 +175,6 @@ class Frame:
                 text(self.left, 15, title, fill=INK, size=12.5, bold=True),
                 text((self.left + right) / 2, self.height - 7, across, anchor="middle"),
                 text(13, (self.top + base) / 2, up, anchor="middle", turned=True)]
-
-    def _levels(self) -> list[float]:
-        if not self.logarithmic:
-            return ticks(*self.y, 5)
-        low, high = (math.log10(v) for v in self.y)
-        return [10.0 ** k for k in range(math.ceil(low - 1e-9), math.floor(high + 1e-9) + 1)]
 
 
 def over(clouds: Sequence[Cloud], lines: Sequence[Line], *, title: str, across: str, up: str, label: str,
@@ -200,10 +199,10 @@ def _hash(label: str, *arrays: Array) -> int:
     """A hash of a picture that is the same on every machine."""
     import hashlib
 
-    found = hashlib.sha256(label.encode("utf-8", "replace"))
+    digest = hashlib.sha256(label.encode("utf-8", "replace"))
     for array in arrays:
-        found.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
-    return int.from_bytes(found.digest()[:6], "big")
+        digest.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
+    return int.from_bytes(digest.digest()[:6], "big")
 
 
 def steps(series: Sequence[tuple[str, Array, Array]], *, title: str, across: str, up: str, label: str) -> Html:
@@ -226,14 +225,14 @@ def steps(series: Sequence[tuple[str, Array, Array]], *, title: str, across: str
 
 def swatch(*parts: tuple[str, str, str]) -> Html:
     """A legend: (kind, colour, words); kinds are dot, line, dash, area and mark (upright)."""
-    made = []
+    items = []
     for kind, colour, words in parts:
         mark = {"dot": element("circle", cx="11", cy="7", r="3.5", fill=colour),
                 "area": element("rect", x="1", y="2", width="20", height="10", fill=colour),
                 "mark": line(11, 0, 11, 14, colour, 2)}.get(kind) or \
             line(1, 7, 21, 7, colour, 2.2, "5 2.5" if kind == "dash" else None)
-        made.append(element("span", element("svg", mark, width="22", height="14", aria_hidden="true"), f" {words}"))
-    return element("span", *made, class_="swatches")
+        items.append(element("span", element("svg", mark, width="22", height="14", aria_hidden="true"), f" {words}"))
+    return element("span", *items, class_="swatches")
 
 
 def _short(value: float) -> str:

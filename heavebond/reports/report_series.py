@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from heavebond.core.presentation import number, readable_difference, readable_unit, unit_label
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.state import LadderEntry
-from heavebond.estimation.comparison import Channel, RecordComparison
+from heavebond.estimation.comparison import RecordComparison
 from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element, joined
 from heavebond.records.measurements import gaps
@@ -38,11 +38,11 @@ class ModelStyle:
 def shown_rungs(ladder: Sequence[LadderEntry]) -> list[ModelStyle]:
     """Assign styles to the models; only the fitted diagram without effects and the last model are visible initially."""
     before = 1 if len(ladder) > 2 else 0
-    found = []
+    rungs = []
     for k, rung in enumerate(ladder):
         style = LAST if k == len(ladder) - 1 else BEFORE if k == before else 1 + k % 2
-        found.append(ModelStyle(rung.name, style, k in (before, len(ladder) - 1), rung))
-    return found
+        rungs.append(ModelStyle(rung.name, style, k in (before, len(ladder) - 1), rung))
+    return rungs
 
 
 def packed(ladder: Sequence[ModelStyle]) -> list[dict[str, object]]:
@@ -68,21 +68,19 @@ def _chart(identity: str, record: RecordComparison, name: str, ladder: Sequence[
     source, target = read_unit(channel.unit), read_unit(unit)
     scale, offset = source.scale / target.scale, (source.offset - target.offset) / target.scale
     models = [s.rung.comparison.records[record.name].channels[name].model for s in ladder]
-    kept = thinned(channel.measured, [models[0], models[-1]], channel.outlier, most)
+    samples = thinned(channel.measured, [models[0], models[-1]], channel.outlier, most)
     values = channel.measured * scale
     size = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)) or 1.0
     quantum = float(10.0 ** math.floor(math.log10(max(channel.noise * scale / QUANTA, 1e-9 * size))))
-    position = np.searchsorted(kept, gaps(channel.time), side="right") - 1
+    position = np.searchsorted(samples, gaps(channel.time), side="right") - 1
     step = float(np.median(np.diff(channel.time))) if len(channel.time) > 1 else 1.0
-    return {
-        "id": identity, "channel": name, "unit": unit_label(unit), "band": BAND * channel.noise * scale,
-        "label": f"{name} over time in record {record.name}: record and models, and below what the models miss",
-        "time": pack(channel.time[kept], 10.0 ** math.floor(math.log10(step / 50))),
-        "measured": pack(channel.measured[kept] * scale + offset, quantum),
-        "models": [{"label": s.label, "style": s.style, "values": pack(m[kept] * scale + offset, quantum)}
-                   for s, m in zip(ladder, models, strict=True)],
-        "breaks": sorted({int(k) for k in position if k >= 0}), "held": held_out(record, name),
-        "outliers": np.flatnonzero(channel.outlier[kept]).tolist()}
+    return {"id": identity, "channel": name, "unit": unit_label(unit), "band": BAND * channel.noise * scale,
+            "label": f"{name} over time in record {record.name}: record and models, and below what the models miss",
+            "time": pack(channel.time[samples], 10.0 ** math.floor(math.log10(step / 50))),
+            "measured": pack(channel.measured[samples] * scale + offset, quantum),
+            "models": [{"label": s.label, "style": s.style, "values": pack(m[samples] * scale + offset, quantum)}
+                       for s, m in zip(ladder, models, strict=True)], "breaks": sorted({int(k) for k in position if k >= 0}),
+            "held": held_out(record, name), "outliers": np.flatnonzero(channel.outlier[samples]).tolist()}
 
 
 def held_out(record: RecordComparison, name: str) -> list[list[float]]:
@@ -106,11 +104,11 @@ def thinned(measured: Array, models: Sequence[Array], always: NDArray[np.bool_],
         return np.arange(n)
     courses = [measured, *(measured - model for model in models)]
     edges = np.linspace(0, n, max(2, most // (2 * len(courses))) + 1).astype(int)
-    kept = {0, n - 1, *np.flatnonzero(always).tolist()}
+    indices = {0, n - 1, *np.flatnonzero(always).tolist()}
     for course in courses:
         for a, b in pairwise(edges):
-            kept |= {a + int(np.argmin(course[a:b])), a + int(np.argmax(course[a:b]))}
-    return np.array(sorted(kept))
+            indices |= {a + int(np.argmin(course[a:b])), a + int(np.argmax(course[a:b]))}
+    return np.array(sorted(indices))
 
 
 def pack(values: Array, quantum: float) -> dict[str, object]:
@@ -126,8 +124,20 @@ def record_section(index: int, record: RecordComparison, ladder: Sequence[ModelS
     """The section of a record: buttons, and empty charts that the script fills."""
     use = "fitted" if record.use == "fit" else "held out of the fit"
     more = "; the shaded stretches were held out" if record.validate is not None else ""
-    charts = [_figure(k, [s.rung.comparison.records[record.name].channels[name] for s in ladder])
-              for k, name in enumerate(record.channels)]
+    # the figure of a channel with its errors for each model, in the order of the models
+    charts = []
+    for k, name in enumerate(record.channels):
+        channels = [s.rung.comparison.records[record.name].channels[name] for s in ladder]
+        last = channels[-1]
+        errors = " → ".join(readable_difference(c.error, c.unit, 3) for c in channels)
+        chi2 = " → ".join(number(c.chi2, 3) for c in channels)
+        figure_text = element("span", element("b", last.name),
+                              f"  rms error {errors}, chi-square per sample {chi2}, fit "
+                              f"{number(last.fit, 4)} %, {len(last.time)} samples")
+        charts.append(element("figure", element("figcaption", figure_text, element("output")),
+                              element("div",
+                                      element("p", "The curves are drawn by the script of this page.",
+                                              class_="unless quiet small"), class_="canvas"), data_chart=k))
     notes = [element("p", note, class_="small quiet") for note in record.notes]
     moves = [("in", "+", "zoom in"), ("out", "−", "zoom out"), ("back", "◂", "earlier"), ("on", "▸", "later"),
              ("whole", "whole record", "show the whole record")]
@@ -140,18 +150,6 @@ def record_section(index: int, record: RecordComparison, ladder: Sequence[ModelS
                            *(element("button", face, type="button", data_do=what, aria_label=words, title=words)
                              for what, face, words in moves), class_="toolbar", role="toolbar",
                            aria_label="models and stretch of time"), *charts, *notes, data_record=index)
-
-
-def _figure(index: int, channels: Sequence[Channel]) -> Html:
-    """The figure of a channel with its errors for each model, in the order of the models."""
-    last = channels[-1]
-    errors = " → ".join(readable_difference(c.error, c.unit, 3) for c in channels)
-    chi2 = " → ".join(number(c.chi2, 3) for c in channels)
-    said = element("span", element("b", last.name), f"  rms error {errors}, chi-square per sample {chi2}, fit "
-                   f"{number(last.fit, 4)} %, {len(last.time)} samples")
-    return element("figure", element("figcaption", said, element("output")),
-                   element("div", element("p", "The curves are drawn by the script of this page.",
-                                          class_="unless quiet small"), class_="canvas"), data_chart=index)
 
 
 def key() -> Html:

@@ -13,7 +13,7 @@ from heavebond.core.presentation import count, in_unit, number, readable, readab
 from heavebond.core.units import Unit, read_unit
 from heavebond.diagnosis.answer.ranking import BY_KEY, JUDGEMENTS, Column, Entry, entries, shown_in
 from heavebond.diagnosis.diagnose import Diagnosis
-from heavebond.diagnosis.evidence.residual_tests import LEVELS, ResidualTests
+from heavebond.diagnosis.evidence.residual_tests import LEVELS
 from heavebond.diagnosis.search.step import Stage
 from heavebond.diagnosis.state import parameter_description
 from heavebond.estimation.fitting import Fit, Fitted
@@ -40,8 +40,8 @@ def words_of_chance(p: float) -> str:
     """A p value in words."""
     if math.isnan(p):
         return "not tested"
-    said = "never" if p < 1e-4 else "hardly" if p < 0.01 else "it may well be"
-    return f"{said} ({chance(p)})"
+    frequency = "never" if p < 1e-4 else "hardly" if p < 0.01 else "it may well be"
+    return f"{frequency} ({chance(p)})"
 
 
 def chance(p: float) -> str:
@@ -91,11 +91,11 @@ def _others(left: Sequence[Entry]) -> Html:
     """The candidates that were not fitted, by reason."""
     parts = []
     for reason, words in JUDGEMENTS.items():
-        found = [e for e in left if e.judgement == reason and reason != "same_direction"]
-        if found:
+        entries = [e for e in left if e.judgement == reason and reason != "same_direction"]
+        if entries:
             columns = [BY_KEY[key] for key in ("class", "effect", "place", "score")]
-            rows = [[column.text(e) for column in columns] for e in found]
-            parts.append(_folded(f"{count(len(found), 'candidate')}: {words}",
+            rows = [[column.text(e) for column in columns] for e in entries]
+            parts.append(_folded(f"{count(len(entries), 'candidate')}: {words}",
                                  table([c.title for c in columns], rows, numbers=(3,))))
     return joined(parts)
 
@@ -115,9 +115,9 @@ def parameters(fit: Fit, base: Fit | None) -> Html:
                        parameter_description(fit, p.name)) for p in fit.parameters]
     head = ["parameter", "data sheet", *(["fitted alone", "fitted with it"] if alone else ["fitted"]), "95 % interval",
             "range", "in its range"]
-    made = table(head, rows, numbers=(1, 2, 3) if alone else (1, 2), wide=True)
+    fitted_table = table(head, rows, numbers=(1, 2, 3) if alone else (1, 2), wide=True)
     words = fit.identifiability.words or ("The records determine all of them.",)
-    return joined([made, element("ul", *(element("li", w) for w in words))])
+    return joined([fitted_table, element("ul", *(element("li", w) for w in words))])
 
 
 def _parameter(p: Fitted, alone: Fitted | None, both: bool, description: str) -> list[str]:
@@ -176,15 +176,12 @@ def tests(steps: Sequence[Stage], names: Sequence[str]) -> Html:
     for step, name in zip(steps, names, strict=True):
         for test, question in TESTS.items():
             p, level = getattr(step.left, test), LEVELS[test]
-            rows.append([name if test == "score" else "", question, _answer(test, p, level, step.left),
-                         words_of_chance(p), number(level, 2)])
+            if test == "size" and p == 1.0:
+                answer = element("span", "not asked: the noise is estimated", class_="quiet")
+            else:
+                answer = element("span", "yes", class_="tag bad") if p < level else element("span", "no", class_="tag good")
+            rows.append([name if test == "score" else "", question, answer, words_of_chance(p), number(level, 2)])
     return table(("residual of", "question", "answer", "by chance?", "limit"), rows)
-
-
-def _answer(test: str, p: float, level: float, left: ResidualTests) -> Html:
-    if test == "size" and p == 1.0:
-        return element("span", "not asked: the noise is estimated", class_="quiet")
-    return element("span", "yes", class_="tag bad") if p < level else element("span", "no", class_="tag good")
 
 
 def noise(diagnosis: Diagnosis) -> Html:
@@ -210,10 +207,10 @@ def tried(diagnosis: Diagnosis) -> Html:
     rows = []
     for k, step in enumerate(diagnosis.steps, 1):
         labels = {s.candidate.label for s in step.scores}
-        found = step.chosen.candidate.label if step.chosen is not None else "nothing that is statistically justified"
+        chosen = step.chosen.candidate.label if step.chosen is not None else "nothing that is statistically justified"
         rows.append([f"step {k}", str(len(labels)), str(len(step.trials)), str(len(step.unseen)), str(step.samples),
                      str(step.samples_held_out), f"{step.seconds:.0f} s",
-                     found + (" (ended early)" if step.partial else "")])
+                     chosen + (" (ended early)" if step.partial else "")])
     head = ("", "candidates", "refitted", "not seen", "samples fitted", "held out", "took", "found")
     return table(head, rows, numbers=(1, 2, 3, 4, 5, 6))
 
@@ -238,9 +235,12 @@ def separating(found: Separation) -> Html:
     kinds = ["line" if dash is None else "dash" for dash in DASHES]
     legend = swatch(*((kinds[k], COLOURS[k], name) for k, name in enumerate(found.alternatives[:len(COLOURS)])))
     figures = [figure for name, channel in found.channels.items() for figure in _channel(found, name, channel)]
+    rows = [(p.one, p.other, p.channel, f"{number(p.at, 3)} s", number(p.size, 3), number(p.chi2, 4),
+             f"{100 * p.sure:.4g} %") for p in found.best.pairs]
+    head = ("one", "other", "differ most in", "near", "by noise levels", "χ² of the wrong one higher by", "decides in")
+    pairs = table(head, rows, numbers=(3, 4, 5, 6), caption="What the proposed record would decide")
     parts += [element("figure", _input(found, found.best)), element("p", legend, class_="small"),
-              element("div", *(element("figure", figure) for figure in figures), class_="panels"), _pairs(found.best),
-              _tried(found)]
+              element("div", *(element("figure", figure) for figure in figures), class_="panels"), pairs, _tried(found)]
     return joined(parts)
 
 
@@ -268,13 +268,6 @@ def _channel(found: Separation, name: str, channel: Predicted) -> list[Html]:
     return [over([], [Line(_thin(found.time), _thin(course), COLOURS[k % len(COLOURS)], 1.4, DASHES[k % len(DASHES)])
                       for k, course in enumerate(courses)], title=title, across="time [s]", up=up, size=SIZE,
                  label=f"{title}, under each alternative") for courses, title, up in pictures]
-
-
-def _pairs(best: SimulatedInput) -> Html:
-    rows = [(p.one, p.other, p.channel, f"{number(p.at, 3)} s", number(p.size, 3), number(p.chi2, 4),
-             f"{100 * p.sure:.4g} %") for p in best.pairs]
-    head = ("one", "other", "differ most in", "near", "by noise levels", "χ² of the wrong one higher by", "decides in")
-    return table(head, rows, numbers=(3, 4, 5, 6), caption="What the proposed record would decide")
 
 
 def _tried(found: Separation) -> Html:

@@ -26,7 +26,11 @@ def failing(found: Localization, finding: AddedEffect | None) -> Html:
     The law of a finding is drawn over the estimated input at its place.
     """
     parts = [element("p", line) for line in summary(found)]
-    parts += [element("div", *figures, class_="panels") for figures in (_over_time(found), _over_states(found)) if figures]
+    best: dict[str, State] = {}
+    for state in found.states:
+        best.setdefault(state.channel, state)
+    over_states = [element("figure", _state(found, state)) for state in best.values()]
+    parts += [element("div", *figures, class_="panels") for figures in (_over_time(found), over_states) if figures]
     parts += [element("p", line) for line in found.words]
     for suspect in _chosen(found, finding):
         parts.append(_place(suspect, finding))
@@ -49,26 +53,20 @@ def _chosen(found: Localization, finding: AddedEffect | None) -> list[PlaceEstim
 
 # -- when and in what state --------------------------------------------------------------------------------------------
 def _over_time(found: Localization) -> list[Html]:
-    made = []
+    figures = []
     for record in dict.fromkeys(s.record for s in found.stretches):
         parts = [s for s in found.stretches if s.record == record]
         edges = np.array([*(s.begin for s in parts), parts[-1].end])
         series = [(name, edges, np.array([s.chi2[name] for s in parts])) for name in parts[0].chi2]
-        made.append(element("figure", steps(series, title=f"record {record}", across="time [s]", up="reduced χ²",
-                                            label=f"Misfit over time in record {record}; 1 = noise level")))
-    return made
-
-
-def _over_states(found: Localization) -> list[Html]:
-    best: dict[str, State] = {}
-    for state in found.states:
-        best.setdefault(state.channel, state)
-    return [element("figure", _state(found, state)) for state in best.values()]
+        figures.append(element("figure",
+                               steps(series, title=f"record {record}", across="time [s]", up="reduced χ²",
+                                     label=f"Misfit over time in record {record}; 1 = noise level")))
+    return figures
 
 
 def _state(found: Localization, state: State) -> Html:
-    own = read_unit(found.experiment.outputs[state.channel].shown.unit)
-    error, per_y = _shown(own.text, state.y)
+    output_unit = read_unit(found.experiment.outputs[state.channel].shown.unit)
+    error, per_y = _shown(output_unit.text, state.y)
     across, per_x = _shown(state.unit, state.x)
     x, y = state.x * per_x, state.y * per_y
     zero = Line(np.array([x.min(), x.max()]), np.zeros(2), "#7d8894", 1.0)
@@ -89,7 +87,12 @@ def _shown(unit: str, values: Array) -> tuple[str, float]:
 def _place(suspect: PlaceEstimate, finding: AddedEffect | None) -> Html:
     unit, per = _shown(suspect.place.unit.text, np.concatenate([i.value for i in suspect.implied.values()]))
     up = f"{noun(suspect)} [{unit_label(unit)}]"
-    panels = [_panel(suspect, name, finding, up, per) for name in _variables(suspect)]
+    # the explanatory variables of the estimated input, the best first
+    variables: list[str] = []
+    if suspect.curve is not None:
+        best = suspect.curve.variable.formula
+        variables = [best, *(n for n in suspect.curve.scores if n != best)][:PANELS]
+    panels = [_panel(suspect, name, finding, up, per) for name in variables]
     drawn = any(law for _, law in panels)
     marks = [("dot", BLUE, "what acts, while the variable rises"), ("dot", ORANGE, "while it falls"),
              ("dash", CURVE, "a curve through it")]
@@ -105,14 +108,6 @@ def _place(suspect: PlaceEstimate, finding: AddedEffect | None) -> Html:
                    element("div", *courses, class_="panels")])
 
 
-def _variables(suspect: PlaceEstimate) -> list[str]:
-    """The explanatory variables of the estimated input, the best first."""
-    if suspect.curve is None:
-        return []
-    best = suspect.curve.variable.formula
-    return [best, *(n for n in suspect.curve.scores if n != best)][:PANELS]
-
-
 def _panel(suspect: PlaceEstimate, name: str, finding: AddedEffect | None, up: str, per: float) -> tuple[Html, bool]:
     """A scatter plot of the estimated input over one variable, and True if it contains the law of the finding."""
     curve = suspect.curve
@@ -123,14 +118,14 @@ def _panel(suspect: PlaceEstimate, name: str, finding: AddedEffect | None, up: s
     unit, across = _shown(curve.units.get(name, ""), x)
     clouds = [Cloud(x[mask] * across, y[mask], colour) for mask, colour in ((up_, BLUE), (~up_, ORANGE)) if mask.any()]
     lines = []
-    own = name == curve.variable.formula
-    if own and not curve.times:
+    is_variable = name == curve.variable.formula
+    if is_variable and not curve.times:
         branches = [branch for branch in (curve.y, curve.y_down) if branch.size]
         lines = [Line(curve.x * across, branch * per, CURVE, 2.2, "6 3") for branch in branches]
-    law = _law(finding, suspect, name) if finding is not None and own else None
+    law = _law(finding, suspect, name) if finding is not None and is_variable else None
     if law is not None:
         lines.append(Line(law.x * across, law.y * per, LAW, 1.1, None, law.ends, 0.55))
-    r2 = max(curve.scores.get(name, 0.0), curve.r2 if own else -1.0)
+    r2 = max(curve.scores.get(name, 0.0), curve.r2 if is_variable else -1.0)
     drawn = over(clouds, lines, title=f"R² {max(r2, 0.0):.2f}", up=up,
                  across=f"{name} [{unit_label(unit)}]" if unit else name, limits=y,
                  label=f"What acts {suspect.place.words} over {name}")
@@ -144,12 +139,12 @@ def _law(finding: AddedEffect, suspect: PlaceEstimate, name: str) -> Line | None
     """
     xs, ys, ends = [], [], []
     for record in finding.rung.comparison.records.values():
-        made = _through(finding, suspect, record.result, name)
-        if made is None:
+        law = _through(finding, suspect, record.result, name)
+        if law is None:
             return None
-        thin = slice(None, None, max(1, len(made[0]) // (2 * MOST_POINTS)))
-        xs.append(made[0][thin])
-        ys.append(made[1][thin])
+        thin = slice(None, None, max(1, len(law[0]) // (2 * MOST_POINTS)))
+        xs.append(law[0][thin])
+        ys.append(law[1][thin])
         ends.append(sum(map(len, xs)) - 1)
     return Line(np.concatenate(xs), np.concatenate(ys), LAW, ends=tuple(ends))
 
@@ -196,12 +191,12 @@ def learnt(finding: AddedEffect) -> Html:
     names = f"{path}.{variables[0]}", f"{path}.{out} - {path}.{into}" if out and into else f"{path}.{variables[-1]}"
     x, y = (np.concatenate([run.si[name] for run in runs]) for name in names)
     order = np.argsort(x)
-    kept = order[np.unique(np.linspace(0, len(order) - 1, 400).astype(int))]
+    drawn_points = order[np.unique(np.linspace(0, len(order) - 1, 400).astype(int))]
     units = [runs[0].si.unit(name) for name in names]
     (across, per_x), (up, per_y) = _shown(units[0], x), _shown(units[1], y)
     axes = [name.replace(f"{finding.candidate.name}.", "") for name in names]  # the heading names the component
-    drawn = over([], [Line(x[kept] * per_x, y[kept] * per_y, LAW)], title="identified curve", size=(518.0, 300.0),
-                 across=f"{axes[0]} [{unit_label(across)}]", up=f"{axes[1]} [{unit_label(up)}]",
+    drawn = over([], [Line(x[drawn_points] * per_x, y[drawn_points] * per_y, LAW)], title="identified curve",
+                 size=(518.0, 300.0), across=f"{axes[0]} [{unit_label(across)}]", up=f"{axes[1]} [{unit_label(up)}]",
                  label=f"The identified curve of {names[1]} over {names[0]}")
     return element("figure", drawn, element("figcaption", "The identified curve, as far as the records went: "
                                             f"{finding.candidate.description} {finding.candidate.place}."))

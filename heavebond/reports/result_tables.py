@@ -166,18 +166,18 @@ def own_words(found: Fit) -> list[str]:
     fitted = [f"the first {number(own.seconds, 3)} s of {record}" for record, own in found.held_out.items()
               if {*own.values} - {*own.instants}]
     failed = [record for record, own in found.held_out.items() if not own.values]
-    said = []
+    sentences = []
     if fitted:
-        said.append(f"{names} (each: record): on held-out records fitted too, to {listing(fitted, 4)}, with all other "
-                    "values given; the held-out errors contain these samples.")
+        sentences.append(f"{names} (each: record): on held-out records fitted too, to {listing(fitted, 4)}, with all other "
+                         "values given; the held-out errors contain these samples.")
     if instants:
-        said.append(f"{listing(instants, 4)} (each: record): on held-out records sought on the whole record, with all other "
-                    "values given; one value of each held-out record is fitted to it.")
+        sentences.append(f"{listing(instants, 4)} (each: record): on held-out records sought on the whole record, with all "
+                         "other values given; one value of each held-out record is fitted to it.")
     if failed:
         names = listing([name for name, free in found.experiment.free.items() if free.each], 4)
-        said.append(f"{names} (each: record): could not be fitted on {listing(failed, 4)}, where the model cannot be "
-                    "simulated; the values of the diagram are used there.")
-    return said
+        sentences.append(f"{names} (each: record): could not be fitted on {listing(failed, 4)}, where the model cannot be "
+                         "simulated; the values of the diagram are used there.")
+    return sentences
 
 
 # -- localize ------------------------------------------------------------------------------------------------------------

@@ -100,9 +100,18 @@ class Summary:
     def text(self, width: int = 100) -> str:
         """The summary as lines of about `width` characters; each section begins with a line that is not indented."""
         rows = [(c.domain, f"{listing(c.nodes, MOST_OF_A_CIRCUIT)}: {_tie(c)}") for c in self.circuits]
+        if not self.states:
+            states = ["States", "  none"]
+        else:
+            states = ["States, and the equation in which the rate of each stands",
+                      *columns([(s.name, s.unit, s.why) for s in self.states], width)]
+            if self.charts:
+                states += ["", "Dynamic state selection: states that may be exchanged during the run", *columns([
+                    (listing(c.states, 6), f"to {listing(c.others, 6)}", "; ".join(c.equations[:3]))
+                    for c in self.charts], width)]
         return "\n".join([*self._diagram(width), "",
                           *(["Circuits, and what grounds each", *columns(rows, width), ""] if rows else []),
-                          *self._equations(width), "", *self._states(width),
+                          *self._equations(width), "", *states,
                           *(["", *self._start(width)] if self.start or self.solved else [])])
 
     def _diagram(self, width: int) -> list[str]:
@@ -142,17 +151,6 @@ class Summary:
         if self.differentiated:
             lines += ["", "Differentiated", *columns([
                 (d.component, TIMES.get(d.times, f"{d.times} times"), d.equation) for d in self.differentiated], width)]
-        return lines
-
-    def _states(self, width: int) -> list[str]:
-        if not self.states:
-            return ["States", "  none"]
-        lines = ["States, and the equation in which the rate of each stands",
-                 *columns([(s.name, s.unit, s.why) for s in self.states], width)]
-        if self.charts:
-            lines += ["", "Dynamic state selection: states that may be exchanged during the run", *columns([
-                (listing(c.states, 6), f"to {listing(c.others, 6)}", "; ".join(c.equations[:3]))
-                for c in self.charts], width)]
         return lines
 
     def _start(self, width: int) -> list[str]:
@@ -225,7 +223,7 @@ def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
     charts, flat = StateChoices(assembly), assembly.flat
     if not charts.needed:
         return ()
-    found = []
+    chart_list = []
     for part in charts.home.parts[::-1]:  # positions before their rates
         # a part contains the highest derivatives; states are one order lower
         states, others = ([assembly.reduced.name((j, order - 1)) for j, order in part.columns if
@@ -233,8 +231,8 @@ def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
         moving = [flat.equations[i] for i in part.rows if any((i, j) in charts.home.moving for j, _ in part.columns)]
         # omit derivatives that have another name
         named = [name for name in others if not name.startswith("der(")] or others
-        found.append(OpenChoice(tuple(states), tuple(named), tuple(f"{e.owner}: {_one_space(e.text)}" for e in moving)))
-    return tuple(found)
+        chart_list.append(OpenChoice(tuple(states), tuple(named), tuple(f"{e.owner}: {_one_space(e.text)}" for e in moving)))
+    return tuple(chart_list)
 
 
 def _tie(circuit: Circuit) -> str:
@@ -246,11 +244,11 @@ def _tie(circuit: Circuit) -> str:
 
 
 def _by_kind(assembly: Assembly, *, composite: bool) -> dict[str, tuple[str, ...]]:
-    found: dict[str, tuple[str, ...]] = {}
+    paths_by_kind: dict[str, tuple[str, ...]] = {}
     for path, leaf in assembly.flat.expanded.leaves.items():
         if leaf.component.composite == composite:
-            found[leaf.component.name] = (*found.get(leaf.component.name, ()), path)
-    return found
+            paths_by_kind[leaf.component.name] = (*paths_by_kind.get(leaf.component.name, ()), path)
+    return paths_by_kind
 
 
 def _medium(assembly: Assembly, medium: Medium) -> str:
@@ -313,9 +311,9 @@ def _why(assembly: Assembly, state: Column) -> str:
     n = len(flat.unknowns)
 
     def holding(level: int) -> list[FlatEquation]:
-        found = [flat.equations[i] for i, row in enumerate(flat.entries) if any(c == level * n + j for c, _ in row)]
+        equations = [flat.equations[i] for i, row in enumerate(flat.entries) if any(c == level * n + j for c, _ in row)]
         # the definition `v = der(x)` of a node is the least informative: prefer any other equation with the rate
-        return sorted(found, key=lambda e: e.role is EquationRole.RATE)
+        return sorted(equations, key=lambda e: e.role is EquationRole.RATE)
 
     using, before = holding(order + 1), holding(order)
     if using:

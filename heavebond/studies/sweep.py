@@ -163,7 +163,24 @@ def study_text(sweep: Sweep, folder: Path) -> str:
              f"model: {_quoted(os.path.relpath(sweep.model.resolve(), folder.resolve()))}"]
     axes = [f"  {_quoted(over.path)}: {_axis(over)}" for over in sweep.overs if over not in sampled]
     if sampled and not sweep.worst:
-        axes += ["  sample:", f"    sample: {_sample(sweep)}", "    over:", *_ranges(sampled, "      ")]
+        kind, _, number = (part.strip() for part in sweep.sample.partition(":"))
+        if kind in NAMED and not number:
+            sample = kind
+        else:
+            points = whole(number)
+            if kind not in DRAWN or points is None:
+                suggestion_text = f"{kind}:64" if kind in DRAWN else ""
+                raise UsageError([Problem("sample-unknown", f"--sample {sweep.sample}: this is not a sampling method", None,
+                                          f"Write --sample {suggestion_text}." if suggestion_text
+                                          else suggest(kind, KINDS)
+                                          or f"Write {listing([f'{k}:64' for k in DRAWN] + list(NAMED), 9)}.")])
+            if kind in BALANCED and points & (points - 1):
+                raise UsageError([Problem("sample-unbalanced", f"--sample {sweep.sample}: {number} is not a power of two",
+                                          None,
+                                          f"Write --sample {kind}:{1 << points.bit_length() - 1} or "
+                                          f"{kind}:{1 << points.bit_length()}.")])
+            sample = f"{{{kind}: {number}, seed: {sweep.seed}}}"
+        axes += ["  sample:", f"    sample: {sample}", "    over:", *_ranges(sampled, "      ")]
     lines += ["cases:", *axes] if axes else []
     begin, end = sweep.window
     window = ", ".join(f"{key}: {_quoted(value)}" for key, value in (("from", begin), ("to", end)) if value)
@@ -191,23 +208,6 @@ def _axis(over: SweepAxis) -> str:
 
 def _ranges(overs: Sequence[SweepAxis], indent: str) -> list[str]:
     return [f"{indent}{_quoted(over.path)}: {_quoted(over.range)}" for over in overs]
-
-
-def _sample(sweep: Sweep) -> str:
-    kind, _, number = (part.strip() for part in sweep.sample.partition(":"))
-    if kind in NAMED and not number:
-        return kind
-    points = whole(number)
-    if kind not in DRAWN or points is None:
-        suggestion_text = f"{kind}:64" if kind in DRAWN else ""
-        raise UsageError([Problem("sample-unknown", f"--sample {sweep.sample}: this is not a sampling method", None,
-                                  f"Write --sample {suggestion_text}." if suggestion_text else suggest(kind, KINDS) or
-                                  f"Write {listing([f'{k}:64' for k in DRAWN] + list(NAMED), 9)}.")])
-    if kind in BALANCED and points & (points - 1):
-        raise UsageError([Problem("sample-unbalanced", f"--sample {sweep.sample}: {number} is not a power of two", None,
-                                  f"Write --sample {kind}:{1 << points.bit_length() - 1} or "
-                                  f"{kind}:{1 << points.bit_length()}.")])
-    return f"{{{kind}: {number}, seed: {sweep.seed}}}"
 
 
 def _pictures(sweep: Sweep) -> list[str]:

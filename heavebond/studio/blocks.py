@@ -82,17 +82,14 @@ def read_block(source: Source) -> Block:
         replace(end, leaf=_cut(end.leaf)) for end in junction.ends)) for path, junction in around.junctions.items()}
     inside = Expanded(model, leaves, junctions, {}, {_cut(k): v for k, v in around.ports.items()},
                       {_cut(k): v for k, v in around.signals.items()}, sheets={_cut(k): v for k, v in around.sheets.items()})
-    return Block(component, model, inside, _inside_network(network), problems, around.leaves.get(NAME))
+    inside_network = replace(network, group_of_port={_cut(k): v for k, v in network.group_of_port.items()},
+                             group_of_node={_cut(k): v for k, v in network.group_of_node.items()},
+                             domains={_cut(k): v for k, v in network.domains.items()})
+    return Block(component, model, inside, inside_network, problems, around.leaves.get(NAME))
 
 
 def _cut(path: str) -> str:
     return "" if path == NAME else path.removeprefix(f"{NAME}.")
-
-
-def _inside_network(network: Network) -> Network:
-    return replace(network, group_of_port={_cut(k): v for k, v in network.group_of_port.items()},
-                   group_of_node={_cut(k): v for k, v in network.group_of_node.items()},
-                   domains={_cut(k): v for k, v in network.domains.items()})
 
 
 def unrunnable(name: str) -> Problem:

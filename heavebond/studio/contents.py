@@ -13,7 +13,6 @@ from heavebond.equations.connect import Network
 from heavebond.equations.expanded import Bound, Expanded, Leaf
 from heavebond.equations.parameters import declared
 from heavebond.language.definition import Component, FileInput, Parameter, SignalPort, Value
-from heavebond.language.model import Model
 from heavebond.text.expression import Number
 from heavebond.text.yaml_source import Mapping, Node, Sequence
 
@@ -42,18 +41,16 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
     owned = {owner_path: sorted(entries, key=lambda e: str(e["name"]).count("."))
              for owner_path, entries in entries_by_owner.items()}
     free = set(assembly.parameter_names) if assembly is not None else set()
-    given: dict[str, list[Entry]] = {}
+    parameters_by_owner: dict[str, list[Entry]] = {}
     for path, bound, leaf in declared(expanded):
         owner = leaf.path if leaf is not None else ""
         name = path.removeprefix(f"{owner}.") if owner else path
         parameter = leaf.component.parameters[name] if leaf is not None else None
-        given.setdefault(owner, []).append(_parameter(path, name, bound, parameter, path in free))
+        parameters_by_owner.setdefault(owner, []).append(_parameter(path, name, bound, parameter, path in free))
     parts = {path: {"kind": leaf.component.name, "summary": leaf.component.summary, "block": leaf.component.composite,
-                    "path": str(leaf.component.path),
-                    "line": leaf.place.line if leaf.place.file == text_name else None,
-                    "parameters": [*given.get(path, ()), *_inputs(leaf, free), *_missing(leaf, joined)],
-                    "signals": owned.get(path, []), "ports": ports.get(path, [])}
-             for path, leaf in expanded.leaves.items()}
+                    "path": str(leaf.component.path), "line": leaf.place.line if leaf.place.file == text_name else None,
+                    "parameters": [*parameters_by_owner.get(path, ()), *_inputs(leaf, free), *_missing(leaf, joined)],
+                    "signals": owned.get(path, []), "ports": ports.get(path, [])} for path, leaf in expanded.leaves.items()}
     nodes = {path: {"domain": _domain(network, path), "line": j.place.line if j.place.file == text_name else None,
                     "ends": [f"{end.leaf}.{end.port}" for end in j.ends if end.sign > 0],
                     "signals": owned.get(path, [])} for path, j in expanded.junctions.items()}
@@ -61,16 +58,14 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
     output_entries = [{"name": name, "unit": output.unit, "doc": output.text} for name, output in model.show.items()]
     if not output_entries and assembly is not None:
         output_entries = [{"name": name, **names[name]} for name in assembly.state_names if name in names]
+    # begin and end of a run: duration, output interval, kind of start, and the required values at the start
+    run_settings = {"until": model.until.text if model.until else "", "every": model.every.text if model.every else "",
+                    "start": model.initial.mode or "",
+                    "initial": {name: f"{'~ ' if c.guess else ''}{c.value.text}"
+                                for name, c in model.initial.conditions.items()}}
     return {"name": model.name, "summary": model.summary, "parts": parts, "nodes": nodes,
-            "parameters": given.get("", []), "outputs": output_entries, "named": bool(model.show),
-            "moves": bool(model.view), "settings": _run_settings(model)}
-
-
-def _run_settings(model: Model) -> Entry:
-    """Begin and end of a run: duration, output interval, kind of start, and the required values at the start."""
-    return {"until": model.until.text if model.until else "", "every": model.every.text if model.every else "",
-            "start": model.initial.mode or "",
-            "initial": {name: f"{'~ ' if c.guess else ''}{c.value.text}" for name, c in model.initial.conditions.items()}}
+            "parameters": parameters_by_owner.get("", []), "outputs": output_entries, "named": bool(model.show),
+            "moves": bool(model.view), "settings": run_settings}
 
 
 def port_entries(expanded: Expanded, network: Network, drawn: Drawn) -> dict[str, list[Entry]]:

@@ -347,18 +347,6 @@ class Named:
         return True
 
 
-def _formula(path: tuple[Key, ...], raw: str) -> bool:
-    """True if names in a scalar are names of the diagram."""
-    section = path[0]
-    if path[-1] == ":":
-        return section in ("nodes", "set", "initial", "show") and len(path) == 3
-    if path[-1] in WORDS.get(str(section), ()):
-        return False
-    if section in ("parameters", "components", "set", "simulate"):
-        return re.sub(r"^[|>][^\n]*\n", "", raw).lstrip().lstrip("'\"").startswith("=")  # also a formula in a block of text
-    return section in ("nodes", "initial", "show", "view", "equations", "stores", "dissipates", "requires")
-
-
 def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:
     """Rename all mentions of the part, or of the `node`; keys that declare it stay."""
     pattern = named.pattern()
@@ -368,7 +356,18 @@ def renamed_mentions(text: str, named: Named, new: str, *, node: bool) -> str:
             return new
         if path[0] == "clocks" and path[2:3] == ("parts",) and not node:
             return re.sub(rf"(?<![\w.]){re.escape(named.name)}(?!\w)", new, raw)
-        if not _formula(path, raw):
+        # true if names in a scalar are names of the diagram
+        section = path[0]
+        if path[-1] == ":":
+            formula = section in ("nodes", "set", "initial", "show") and len(path) == 3
+        elif path[-1] in WORDS.get(str(section), ()):
+            formula = False
+        elif section in ("parameters", "components", "set", "simulate"):
+            # also a formula in a block of text
+            formula = re.sub(r"^[|>][^\n]*\n", "", raw).lstrip().lstrip("'\"").startswith("=")
+        else:
+            formula = section in ("nodes", "initial", "show", "view", "equations", "stores", "dissipates", "requires")
+        if not formula:
             return raw
         wires = path[0] == "nodes"
         if wires and node and path[-1] != ":":

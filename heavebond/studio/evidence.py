@@ -89,8 +89,20 @@ class Evidence:
                                for c in part.channels.values()]}
                  for name, r in comparison.records.items() for part in (r, r.validate) if part is not None]
         verdicts = {r.name: r.result.verdict.text for r in comparison.records.values() if r.result.verdict.status != "clean"}
+        # variables over which a residual can be drawn: velocity, position or pressure of each node, and their differences
+        # across parts
+        flat = next(iter(comparison.records.values())).result.assembly.flat
+        nodes = nodes_of(flat)
+        members = {path: [m for m in (*node.domain.across, node.domain.position) if m and f"{path}.{m}" in flat.names]
+                   for path, node in nodes.items()}
+        docs = {f"{path}.{m}": flat.unknowns[flat.names[f"{path}.{m}"]].doc for path in nodes for m in members[path]}
+        owners = {path: {port.rpartition(".")[0] for port in node.ports} for path, node in nodes.items()}
+        pairs = [(a, b) for a, b in combinations(nodes, 2) if owners[a] & owners[b] and nodes[a].domain is nodes[b].domain]
+        docs |= {f"{b}.{m} - {a}.{m}": f"{docs[f'{a}.{m}']} between" for a, b in pairs for m in members[a]
+                 if m in members[b]}
+        variables = [{"name": name, "doc": doc} for name, doc in docs.items()]
         return {"records": comparison.as_dict(), "items": item_entries(comparison_items(comparison)), "parts": parts,
-                "advice": list(comparison.advice), "verdicts": verdicts, "variables": _variables(comparison)}, None
+                "advice": list(comparison.advice), "verdicts": verdicts, "variables": variables}, None
 
     def channel(self, job: Job, record: str, name: str) -> tuple[Entry, Array]:
         """Times in s, measured values, model and residual (measured - model) of a channel in a readable unit, and the use
@@ -152,21 +164,6 @@ def _unit_of(assembly: Assembly, signal: str) -> str:
     except ExpressionProblem as problem:
         raise UsageError([Problem("signal-unknown", f"'{signal}': {problem.message}", None,
                                   suggest(signal, assembly.flat.names) or problem.hint)]) from None
-
-
-def _variables(comparison: Comparison) -> list[Entry]:
-    """Variables over which a residual can be drawn: velocity, position or pressure of each node, and their differences
-    across parts.
-    """
-    flat = next(iter(comparison.records.values())).result.assembly.flat
-    nodes = nodes_of(flat)
-    members = {path: [m for m in (*node.domain.across, node.domain.position) if m and f"{path}.{m}" in flat.names]
-               for path, node in nodes.items()}
-    docs = {f"{path}.{m}": flat.unknowns[flat.names[f"{path}.{m}"]].doc for path in nodes for m in members[path]}
-    owners = {path: {port.rpartition(".")[0] for port in node.ports} for path, node in nodes.items()}
-    pairs = [(a, b) for a, b in combinations(nodes, 2) if owners[a] & owners[b] and nodes[a].domain is nodes[b].domain]
-    docs |= {f"{b}.{m} - {a}.{m}": f"{docs[f'{a}.{m}']} between" for a, b in pairs for m in members[a] if m in members[b]}
-    return [{"name": name, "doc": doc} for name, doc in docs.items()]
 
 
 # -- records that become an experiment -----------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from heavebond.diagnosis.state import AddedEffect
 from heavebond.estimation.experiment import Experiment, load_experiment
 from heavebond.estimation.fitting import Fit, fit, fitted_diagram
 from heavebond.language.edits import extended_from, quoted, write
-from heavebond.localise.misfit import Localization, PlaceEstimate, localize, noun
+from heavebond.localise.misfit import PlaceEstimate, localize, noun
 from heavebond.reports.result_tables import Item, Line, attempt_items, diagnosis_items, fit_items
 from heavebond.reports.result_tables import localization_items as places_items
 from heavebond.studio.contents import Entry
@@ -70,13 +70,10 @@ def _write_fit(fit_result: Fit, path: Path, folder: Path) -> list[Path]:
     experiment = _free_path(folder / f"{path.stem}_fitted.yaml")
     diagram = _free_path(folder / f"{fit_result.experiment.model.path.stem}_fitted.yaml", experiment)
     write(diagram, fitted_diagram(fit_result, diagram))
-    write(experiment, _experiment_on(f"{fit_result.experiment.name}, fitted", experiment, path, diagram))
+    name = f"{fit_result.experiment.name}, fitted"
+    write(experiment, f"experiment: {quoted(name)}\nextends: {quoted(extended_from(experiment, path))}\n"
+                      f"model: {quoted(extended_from(experiment, diagram))}\n")
     return [diagram, experiment]
-
-
-def _experiment_on(name: str, path: Path, before: Path, diagram: Path) -> str:
-    return (f"experiment: {quoted(name)}\nextends: {quoted(extended_from(path, before))}\n"
-            f"model: {quoted(extended_from(path, diagram))}\n")
 
 
 def _free_path(path: Path, *others: Path) -> Path:
@@ -91,11 +88,18 @@ def localized(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     localization = localize(load_experiment(path), progress=job.progress)
     arrays: Arrays = {}
     places = [_place(k, suspect, arrays) for k, suspect in enumerate(localization.suspects)]
-    return _result("where", places_items(localization), localization.as_dict(), False, places=places,
-                   states=_states(localization, arrays),
+    # the variables on which the error of a channel depends, with the curve of the error over each
+    states = []
+    for k, state in enumerate(localization.states):
+        display_unit = readable_unit(state.unit, float(np.max(np.abs(state.x)))) if state.unit else ""
+        per = read_unit(state.unit).scale / read_unit(display_unit).scale if state.unit else 1.0
+        arrays[f"state/{k}"] = np.vstack([state.x * per, state.y])
+        states.append({"key": f"state/{k}", "channel": state.channel, "variable": state.variable,
+                       "unit": display_unit, "r2": state.r2,
+                       "of": localization.experiment.outputs[state.channel].shown.unit})
+    return _result("where", places_items(localization), localization.as_dict(), False, places=places, states=states,
                    sections=[{"record": s.record, "from": s.begin, "to": s.end, "chi2": s.chi2}
-                             for s in localization.stretches]), \
-        arrays, None
+                             for s in localization.stretches]), arrays, None
 
 
 def _place(k: int, suspect: PlaceEstimate, arrays: Arrays) -> Entry:
@@ -134,36 +138,23 @@ def _over(name: str, suspect: PlaceEstimate, formula: str, scale: float, arrays:
             "curve": best and not curve.times, "loop": bool(curve.y_down.size)}
 
 
-def _states(localization: Localization, arrays: Arrays) -> list[Entry]:
-    """The variables on which the error of a channel depends, with the curve of the error over each."""
-    state_entries = []
-    for k, state in enumerate(localization.states):
-        display_unit = readable_unit(state.unit, float(np.max(np.abs(state.x)))) if state.unit else ""
-        per = read_unit(state.unit).scale / read_unit(display_unit).scale if state.unit else 1.0
-        arrays[f"state/{k}"] = np.vstack([state.x * per, state.y])
-        state_entries.append({"key": f"state/{k}", "channel": state.channel, "variable": state.variable,
-                              "unit": display_unit,
-                              "r2": state.r2, "of": localization.experiment.outputs[state.channel].shown.unit})
-    return state_entries
-
-
 # -- diagnose and try ----------------------------------------------------------------------------------------------------
 def diagnosed(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond diagnose`; the diagrams and experiments of the selected effects can be written."""
     experiment = load_experiment(path)
-    found = diagnose(experiment, steps=int(options.get("steps", 5)), seconds=float(options.get("seconds", 600)),
-                     classes=[str(c) for c in options.get("classes", ())], progress=job.progress,
-                     growing=lambda rungs: job.tell("ladder", rungs))
-    adds = [{"label": f"{f.candidate.kind} {f.candidate.place}", "count": k} for k, f in enumerate(found.added, 1)]
-    chosen = {f.candidate.label for f in found.added}
+    diagnosis = diagnose(experiment, steps=int(options.get("steps", 5)), seconds=float(options.get("seconds", 600)),
+                         classes=[str(c) for c in options.get("classes", ())], progress=job.progress,
+                         growing=lambda rungs: job.tell("ladder", rungs))
+    adds = [{"label": f"{f.candidate.kind} {f.candidate.place}", "count": k} for k, f in enumerate(diagnosis.added, 1)]
+    chosen = {f.candidate.label for f in diagnosis.added}
     alternatives = [{"label": f"{e['effect']} {e.candidate.place}", "kind": e.candidate.kind, "component": e["effect"],
-                     "where": list(e.candidate.where), "chi2": e["chi2_held_out"]}
-                    for step in found.steps[:1] for e in entries(step)
-                    if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
-    return _result("diagnose", diagnosis_items(found), found.as_dict(), found.partial, adds=adds, others=alternatives,
-                   ladder=[rung_entry(r.as_dict()) for r in found.ladder], verdict=found.verdict), {}, \
-        lambda asked: [_write_report(found, _folder(path, options))] if asked.get("report") else \
-        _write_added(experiment, found.added[:int(asked.get("count", len(found.added)))], _folder(path, options))
+                     "where": list(e.candidate.where), "chi2": e["chi2_held_out"]} for step in diagnosis.steps[:1]
+                    for e in entries(step) if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
+    return _result("diagnose", diagnosis_items(diagnosis), diagnosis.as_dict(), diagnosis.partial, adds=adds,
+                   others=alternatives, ladder=[rung_entry(r.as_dict()) for r in diagnosis.ladder],
+                   verdict=diagnosis.verdict), {}, lambda asked: [_write_report(diagnosis, _folder(path, options))] \
+        if asked.get("report") else _write_added(experiment, diagnosis.added[:int(asked.get("count", len(diagnosis.added)))],
+                                                 _folder(path, options))
 
 
 def _write_report(diagnosis: Diagnosis, folder: Path) -> Path:
@@ -178,11 +169,12 @@ def _write_report(diagnosis: Diagnosis, folder: Path) -> Path:
 def tried(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     """As `heavebond try`: add one effect by hand."""
     experiment = load_experiment(path)
-    found = attempt(experiment, str(options["component"]), [str(p) for p in options.get("where", ())], progress=job.progress)
-    label = f"{found.finding.candidate.kind} {found.finding.candidate.place}"
-    return _result("try", attempt_items(found), found.as_dict(), False, adds=[{"label": label, "count": 1}],
-                   ladder=[rung_entry(r.as_dict()) for r in found.ladder]), {}, \
-        lambda asked: [] if asked.get("lost") else _write_added(experiment, [found.finding], _folder(path, options))
+    attempted = attempt(experiment, str(options["component"]), [str(p) for p in options.get("where", ())],
+                        progress=job.progress)
+    label = f"{attempted.finding.candidate.kind} {attempted.finding.candidate.place}"
+    return _result("try", attempt_items(attempted), attempted.as_dict(), False, adds=[{"label": label, "count": 1}],
+                   ladder=[rung_entry(r.as_dict()) for r in attempted.ladder]), {}, lambda asked: [] if asked.get("lost") \
+        else _write_added(experiment, [attempted.finding], _folder(path, options))
 
 
 def rung_entry(rung: Mapping[str, object]) -> Entry:

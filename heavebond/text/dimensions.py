@@ -67,21 +67,21 @@ def dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
     if isinstance(expr, SumOver):
         return number_dimension(expr.body, lambda name: ONE if name.text == expr.index else lookup(name))
     if isinstance(expr, Elements):
-        found, first = ANY, expr.items[0]
+        common, first = ANY, expr.items[0]
         for item in expr.items:
-            found = _same((first, found), (item, number_dimension(item, lookup)), "the list", _start(item))
-        return found
+            common = _same((first, common), (item, number_dimension(item, lookup)), "the list", _start(item))
+        return common
     assert not isinstance(expr, Slice)  # a slice occurs only as an index of a name
     return _truth(expr, lookup)
 
 
 def number_dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
     """The dimension of a numeric expression; raises ExpressionProblem for a comparison."""
-    found = dimension(expr, lookup)
-    if found == TRUTH:
+    result = dimension(expr, lookup)
+    if result == TRUTH:
         raise ExpressionProblem("units-truth", "a comparison is no number", _start(expr),
                                 hint="Write `if_else(a > b, x, y)`.")
-    return found
+    return result
 
 
 def counted(expr: Expr, counts: Callable[[Name], str]) -> str:
@@ -174,17 +174,20 @@ def _function_call(expr: FunctionCall, lookup: Lookup) -> Dimension | None:
     """
     units: dict[str, Dimension] = {}
     for arg, wanted in zip(expr.args, expr.function.inputs.values(), strict=True):
-        found = number_dimension(arg, lookup)
+        argument_dimension = number_dimension(arg, lookup)
         known, unsolved = _put_in(wanted.unit.dimension, units)
-        if found is ANY:
+        if argument_dimension is ANY:
             continue
         if len(unsolved) == 1:
             (base, power), = unsolved
-            units[base] = times(ONE, times(found, known, -1), 1 / power)
-        elif not unsolved and found != known:
-            raise ExpressionProblem("units-argument", f"argument {wanted.name} of {expr.function.name} must be "
-                                    f"{_in(known)}; this is {_in(found)}", _start(arg), hint=f"{wanted.name} is "
-                                    f"{wanted.doc or f'an input of {expr.function.name}'}" + _factor(known, found))
+            units[base] = times(ONE, times(argument_dimension, known, -1), 1 / power)
+        elif not unsolved and argument_dimension != known:
+            raise ExpressionProblem("units-argument",
+                                    f"argument {wanted.name} of {expr.function.name} must be "
+                                    f"{_in(known)}; this is {_in(argument_dimension)}", _start(arg),
+                                    hint=f"{wanted.name} is "
+                                    f"{wanted.doc or f'an input of {expr.function.name}'}" + _factor(known,
+                                                                                                     argument_dimension))
     known, unsolved = _put_in(expr.function.outputs[expr.output].unit.dimension, units)
     return ANY if unsolved else known
 
@@ -224,12 +227,12 @@ def _same(left: tuple[Expr, Dimension | None], right: tuple[Expr, Dimension | No
 
 
 def _need(wanted: Dimension, expr: Expr, lookup: Lookup, what: str) -> None:
-    found = dimension(expr, lookup)
-    if found is not ANY and found != wanted:
+    actual = dimension(expr, lookup)
+    if actual is not ANY and actual != wanted:
         hint = "Write a comparison, as in `a > b`." if wanted == TRUTH else "Write a comparison where one is needed." \
-            if found == TRUTH else f"Divide it by a quantity in {dimension_text(found)}."
-        raise ExpressionProblem("units-argument", f"{what} must be {_in(wanted)}; this is {_in(found)}",
-                                _start(expr), hint=hint)
+            if actual == TRUTH else f"Divide it by a quantity in {dimension_text(actual)}."
+        raise ExpressionProblem("units-argument", f"{what} must be {_in(wanted)}; this is {_in(actual)}", _start(expr),
+                                hint=hint)
 
 
 def _text(found: Dimension | None) -> str:

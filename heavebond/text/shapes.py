@@ -69,8 +69,8 @@ def indexed(shape: Shape, name: Name, size: Callable[[Slice], int]) -> Shape:
                                 f"{'two indices are' if isinstance(shape, tuple) else 'one index is'} needed", name.column,
                                 name.length, "Write `K[i, j]`, `K[i, 1..m]` for a row, or `K[1..n, j]` for a column."
                                 if isinstance(shape, tuple) else "Write for example `x[1]`.")
-    kept = [size(part) for part in listed if isinstance(part, Slice)]
-    return None if not kept else kept[0] if len(kept) == 1 else (kept[0], kept[1])
+    slice_sizes = [size(part) for part in listed if isinstance(part, Slice)]
+    return None if not slice_sizes else slice_sizes[0] if len(slice_sizes) == 1 else (slice_sizes[0], slice_sizes[1])
 
 
 class Lengths:
@@ -237,8 +237,8 @@ class Lengths:
                 raise ExpressionProblem("list-number", f"{name} takes two lists{' of 3' if name == 'cross' else ''}; "
                                         f"this is {shape_text(shape, self.exact)}", _start(arg),
                                         hint="Declare it with `count: 3`." if name == "cross" else ELEMENTS)
-        found = self._same(shapes[0], shapes[1], f"{name} joins", expr.column)
-        return found if name == "cross" else None
+        common = self._same(shapes[0], shapes[1], f"{name} joins", expr.column)
+        return common if name == "cross" else None
 
     def _same(self, left: Shape, right: Shape, what: str, column: int) -> Shape:
         if left == right:
@@ -278,8 +278,8 @@ def gives_lists(expr: Expr) -> bool:
 
 def declared(quantity: Quantity, sizes: Mapping[str, int]) -> Shape:
     """The declared shape of a quantity of a function; an unknown length is taken as 1."""
-    found = [whole_number(size, sizes) or 1 for size in quantity.sizes]
-    return None if not found else found[0] if len(found) == 1 else (found[0], found[1])
+    sizes_found = [whole_number(size, sizes) or 1 for size in quantity.sizes]
+    return None if not sizes_found else sizes_found[0] if len(sizes_found) == 1 else (sizes_found[0], sizes_found[1])
 
 
 def check_steps(function: Function, sizes: Mapping[str, int], column: int, *, exact: bool) -> dict[str, Shape]:
@@ -298,14 +298,16 @@ def check_steps(function: Function, sizes: Mapping[str, int], column: int, *, ex
 
     for step in function.steps:
         try:
-            shapes[step.name] = found = Lengths(length, exact=exact).of(step.expr)
+            shapes[step.name] = step_shape = Lengths(length, exact=exact).of(step.expr)
         except ExpressionProblem as problem:
             raise ExpressionProblem(problem.code, f"in {function.name}, `{step.text.strip()}`: {problem.message}", column,
                                     len(function.name), problem.hint) from None
         output = function.outputs.get(step.name)
-        wanted = declared(output, sizes) if output is not None else found
-        if output is not None and (found != wanted if exact else type(found) is not type(wanted)):
-            raise ExpressionProblem("list-number", f"in {function.name}, the output {output.name} is declared as "
-                                    f"{shape_text(wanted, exact)}; `{step.text.strip()}` gives {shape_text(found, exact)}",
+        wanted = declared(output, sizes) if output is not None else step_shape
+        if output is not None and (step_shape != wanted if exact else type(step_shape) is not type(wanted)):
+            raise ExpressionProblem("list-number",
+                                    f"in {function.name}, the output {output.name} is declared as "
+                                    f"{shape_text(wanted, exact)}; `{step.text.strip()}` gives "
+                                    f"{shape_text(step_shape, exact)}",
                                     column, len(function.name), "Declare its length, `count: n`." if wanted is None else "")
     return shapes

@@ -213,12 +213,12 @@ class Function:
 
     def needed(self, output: str) -> tuple[Step, ...]:
         """The steps on which an output depends, in the order of the file."""
-        wanted, found = {output}, list[Step]()
+        wanted, steps = {output}, list[Step]()
         for step in reversed(self.steps):
             if step.name in wanted:
-                found.append(step)
+                steps.append(step)
                 wanted |= {name.base for name in names(step.expr)}
-        return tuple(reversed(found))
+        return tuple(reversed(steps))
 
 
 def functions_in(expr: Expr) -> Iterator[Function]:

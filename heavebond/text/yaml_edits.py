@@ -31,15 +31,15 @@ def set_entry(text: str, keys: Several[Key], value: Tree, *, after: str = "") ->
     """
     wanted = _with(tree(parse(text).root), keys, value, after)
     at, depth = _deepest(spans(text), keys)
-    rest = keys[depth:]
-    if not rest:
+    remaining_keys = keys[depth:]
+    if not remaining_keys:
         blank = " " if text[at.begin - 1:at.begin] == ":" else ""
         end = at.end
         while text[at.begin:at.begin + 1] in ("|", ">") and text[end - 1] == "\n":  # ends after its last line
             end -= 1
         changed = text[:at.begin] + blank + flow(value) + text[end:]
     else:
-        changed = _inserted(text, at, [str(key) for key in rest], value, after)
+        changed = _inserted(text, at, [str(key) for key in remaining_keys], value, after)
     return _checked(changed, wanted, keys)
 
 
@@ -100,20 +100,20 @@ def replace_scalars(text: str, change: Callable[[tuple[Key, ...], str], str]) ->
 
     The path of a key ends with `":"`. The changed text is not checked; the caller must return valid YAML.
     """
-    found: list[tuple[int, int, str]] = []
+    replacements: list[tuple[int, int, str]] = []
 
     def visit(at: Span, path: tuple[Key, ...]) -> None:
         for name, key in at.keys.items():
-            found.append((key.begin, key.end, change((*path, name, ":"), text[key.begin:key.end])))
+            replacements.append((key.begin, key.end, change((*path, name, ":"), text[key.begin:key.end])))
             visit(at.entries[name], (*path, name))
         for k, item in enumerate(at.items):
             visit(item, (*path, k))
         if not at.mapping and not at.items and at.end > at.begin and text[at.begin] not in "[{":
-            found.append((at.begin, at.end, change(path, text[at.begin:at.end])))
+            replacements.append((at.begin, at.end, change(path, text[at.begin:at.end])))
 
     visit(spans(text), ())
     pieces, last = [], 0
-    for begin, end, fresh in sorted(found):
+    for begin, end, fresh in sorted(replacements):
         pieces += [text[last:begin], fresh]
         last = end
     return "".join([*pieces, text[last:]])
@@ -127,26 +127,26 @@ def tree(node: Node) -> Tree:
 
 
 # -- trees -----------------------------------------------------------------------------------------------------------------
-def _at(found: Tree, keys: Several[Key]) -> Tree | None:
+def _at(node: Tree, keys: Several[Key]) -> Tree | None:
     """The value at a path, or None if the path does not exist."""
     for key in keys:
-        inner = found.get(str(key)) if isinstance(found, dict) else \
-            found[key] if isinstance(found, list) and isinstance(key, int) and 0 <= key < len(found) else None
+        inner = node.get(str(key)) if isinstance(node, dict) else \
+            node[key] if isinstance(node, list) and isinstance(key, int) and 0 <= key < len(node) else None
         if inner is None:
             return None
-        found = inner
-    return found
+        node = inner
+    return node
 
 
 def _with(before: Tree, keys: Several[Key], value: Tree, after: str = "") -> Tree:
     if not keys:
         return value
-    key, rest = keys[0], keys[1:]
+    key, inner_keys = keys[0], keys[1:]
     if isinstance(before, list) and isinstance(key, int) and 0 <= key < len(before):
-        return [_with(item, rest, value, after) if k == key else item for k, item in enumerate(before)]
+        return [_with(item, inner_keys, value, after) if k == key else item for k, item in enumerate(before)]
     if not isinstance(before, dict) or not isinstance(key, str):
         raise _refused(keys)
-    inner = _with(before.get(key, {} if rest else ""), rest, value, after)
+    inner = _with(before.get(key, {} if inner_keys else ""), inner_keys, value, after)
     if key not in before and after in before:
         order = list(before)
         k = order.index(after) + 1
@@ -155,11 +155,13 @@ def _with(before: Tree, keys: Several[Key], value: Tree, after: str = "") -> Tre
 
 
 def _without(before: Tree, keys: Several[Key]) -> Tree:
-    key, rest = keys[0], keys[1:]
+    key, inner_keys = keys[0], keys[1:]
     if isinstance(before, dict):
-        return {k: _without(v, rest) if rest and k == key else v for k, v in before.items() if rest or k != key}
+        return {k: _without(v, inner_keys) if inner_keys and k == key else v for k, v in before.items()
+                if inner_keys or k != key}
     assert isinstance(before, list)
-    return [_without(v, rest) if rest and k == key else v for k, v in enumerate(before) if rest or k != key]
+    return [_without(v, inner_keys) if inner_keys and k == key else v for k, v in enumerate(before)
+            if inner_keys or k != key]
 
 
 def _emptied(before: Tree, keys: Several[Key]) -> Several[Key]:
@@ -241,8 +243,8 @@ def _without_lines(text: str, begin: int, end: int) -> str:
     while end > begin and text[end - 1] == "\n":
         end -= 1
     start, stop = text.rfind("\n", 0, begin) + 1, _line_end(text, end)
-    rest = text[stop + 1:]
-    return text[:start] + rest if rest or not start or stop < len(text) else text[:start - 1]
+    following = text[stop + 1:]
+    return text[:start] + following if following or not start or stop < len(text) else text[:start - 1]
 
 
 def _without_flow(text: str, places: Several[tuple[int, int]], k: int) -> str:
@@ -260,9 +262,9 @@ def _without_flow(text: str, places: Several[tuple[int, int]], k: int) -> str:
         if k:
             comma = _comma(text, places[k - 1][1])
             between = text[comma + 1:begin]
-            kept = between.rstrip(" ") if between.strip() else ""
-            begin, text = comma + len(kept), text[:comma] + kept + text[begin:]
-            end -= len(between) - len(kept) + 1
+            separator = between.rstrip(" ") if between.strip() else ""
+            begin, text = comma + len(separator), text[:comma] + separator + text[begin:]
+            end -= len(between) - len(separator) + 1
         changed = text[:begin] + text[end:]
     start = changed.rfind("\n", 0, begin) + 1
     stop = _line_end(changed, begin)
@@ -292,8 +294,8 @@ def flow(value: Tree) -> str:
     if _WORDS.fullmatch(value):
         return value
     try:
-        said = tree(parse(f"c: {value}\na: {{b: {value}}}\nd: [{value}]").root)
-        if said == {"c": value, "a": {"b": value}, "d": [value]} and "\n" not in value:
+        sample = tree(parse(f"c: {value}\na: {{b: {value}}}\nd: [{value}]").root)
+        if sample == {"c": value, "a": {"b": value}, "d": [value]} and "\n" not in value:
             return value
     except HeavebondError:
         pass

@@ -115,21 +115,20 @@ def decoded_text(raw: bytes, name: str) -> str:
     try:
         return raw.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
-        raise ModelError([_not_utf8(raw, name, error.start)]) from None
-
-
-def _not_utf8(raw: bytes, name: str, position: int) -> Problem:
-    """The problem of the invalid byte at `position`; its line is shown with `?` for invalid bytes if the file is a text."""
-    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return Problem("not-text", f"{name} is UTF-16 text", None, "Save the file again with the encoding UTF-8.")
-    if b"\0" in raw:
-        return Problem("not-text", f"{name} is not plain text", None,
-                       "Give a YAML file; is this one of another program?")
-    line = raw.count(b"\n", 0, position)
-    text = raw.splitlines()[line].decode("ascii", errors="replace").replace("\ufffd", "?")
-    column = position - (raw.rfind(b"\n", 0, position) + 1)
-    return Problem("not-text", f"{name} is not UTF-8 text", Place(name, line + 1, column + 1, text),
-                   "Save the file again with the encoding UTF-8.")
+        # the problem of the invalid byte at `position`; its line is shown with `?` for invalid bytes if the file is a text
+        position = error.start
+        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            not_utf8 = Problem("not-text", f"{name} is UTF-16 text", None, "Save the file again with the encoding UTF-8.")
+        elif b"\0" in raw:
+            not_utf8 = Problem("not-text", f"{name} is not plain text", None,
+                               "Give a YAML file; is this one of another program?")
+        else:
+            line = raw.count(b"\n", 0, position)
+            text = raw.splitlines()[line].decode("ascii", errors="replace").replace("\ufffd", "?")
+            column = position - (raw.rfind(b"\n", 0, position) + 1)
+            not_utf8 = Problem("not-text", f"{name} is not UTF-8 text", Place(name, line + 1, column + 1, text),
+                               "Save the file again with the encoding UTF-8.")
+        raise ModelError([not_utf8]) from None
 
 
 def read(path: Path, name: str | None = None, *, bundled: bool = False) -> Source:
@@ -220,14 +219,14 @@ def _span(event: yaml.Event, events: Iterator[yaml.Event]) -> Span:
         return Span(begin, end)
     entries, keys, items, last = {}, {}, [], end
     while not isinstance(inner := next(events), yaml.CollectionEndEvent):
-        found = _span(inner, events)
+        value_span = _span(inner, events)
         if isinstance(event, yaml.MappingStartEvent):
             assert isinstance(inner, yaml.ScalarEvent)
-            keys[inner.value], found = found, _span(next(events), events)
-            entries[inner.value] = found
+            keys[inner.value], value_span = value_span, _span(next(events), events)
+            entries[inner.value] = value_span
         else:
-            items.append(found)
-        last = found.end
+            items.append(value_span)
+        last = value_span.end
     flow, mapping = bool(event.flow_style), isinstance(event, yaml.MappingStartEvent)
     return Span(begin, _index(inner.end_mark) if flow else last, mapping, flow, entries, keys, tuple(items))
 
@@ -301,34 +300,36 @@ class _Builder:
 
     def _syntax(self, error: yaml.MarkedYAMLError) -> None:
         mark = error.problem_mark or error.context_mark
-        said = " ".join(part for part in (error.context, error.problem) if part)
+        explanation = " ".join(part for part in (error.context, error.problem) if part)
         where = self.place(mark)
         if "\t" in where.text[:where.column]:
             tab = Place(where.file, where.line, where.text.index("\t") + 1, where.text)
             self.problems.add("tab", "a tab stands in the indentation", tab,
                               hint="Put spaces in its place; YAML is indented with spaces.")
             return
-        if "mapping values are not allowed here" in said and (bare := self._without_colon(where)):
+        if "mapping values are not allowed here" in explanation and (bare := self._without_colon(where)):
             word = bare.text.split()[0]
             self.problems.add("not-yaml", f"a `:` is missing behind '{word}'", bare,
                               hint=f"Write `{word}: {bare.text.strip()[len(word):].strip()}`.")
             return
-        if "while parsing a flow" in said and (bracketed := self._bracketed(where)) is not None:
+        if "while parsing a flow" in explanation and (bracketed := self._bracketed(where)) is not None:
             self.problems.add("not-yaml", "a text that holds a bracket must stand in quotes here", where,
                               hint=f'Write "{bracketed}".')
             return
-        if "block mapping" in said and "found '-'" in said and (entry := where.text.strip().removeprefix("-").strip()):
+        if "block mapping" in explanation and "found '-'" in explanation \
+            and (entry := where.text.strip().removeprefix("-").strip()):
             self.problems.add("not-yaml", "this line begins with a hyphen, the entries above do not", where,
                               hint=f"Remove the hyphen: `{entry}`. Only the entries of a list begin with one.")
             return
         for words, message, hint, opened in SYNTAX:
-            if words in said:
+            if words in explanation:
                 place = self.place(error.context_mark) if opened and error.context_mark else where
                 sign = where.text[where.column - 1:where.column]
                 notes = [f"noticed in line {where.line}"] if place.line != where.line else []
                 self.problems.add("not-yaml", message.replace("SIGN", sign), place, hint=hint, notes=notes)
                 return
-        self.problems.add("not-yaml", f"this is not YAML: {said}", where, hint="A value that holds `: `, `#`, `,`, "
+        self.problems.add("not-yaml", f"this is not YAML: {explanation}", where,
+                          hint="A value that holds `: `, `#`, `,`, "
                           "brackets or begins with a special sign is put in quotes.")
 
     def _bracketed(self, where: Place) -> str | None:
@@ -485,9 +486,9 @@ class _Builder:
         continued, at = [], 0
         for row in rows:
             inner = row.text[row.column - 1:].strip().strip("'\"")
-            found = value.find(inner, at) if inner else -1
-            if found > 0:
-                continued.append((found + quote, row))
-            at = max(at, found + len(inner))
+            position = value.find(inner, at) if inner else -1
+            if position > 0:
+                continued.append((position + quote, row))
+            at = max(at, position + len(inner))
         first = rows[0] if rows else place
         return Place(first.file, first.line, first.column, first.text, first.length, tuple(continued))
