@@ -188,9 +188,9 @@ class Folder:
         except OSError as error:
             raise unreadable(error, name) from None
         decoded_text(raw, name)  # raises the problem of a file that is too large or not UTF-8
-        raw = raw.removeprefix(BOM)
-        return Document(name, path, (raw.replace(b"\r\n", b"\n") if _with_cr(raw) else raw).decode("utf-8"), version(raw),
-                        not name.startswith(BUNDLED) and os.access(path, os.W_OK))
+        content = raw.removeprefix(BOM)
+        text = (content.replace(b"\r\n", b"\n") if _with_cr(content) else content).decode("utf-8")
+        return Document(name, path, text, version(raw), not name.startswith(BUNDLED) and os.access(path, os.W_OK))
 
     def save(self, name: str, text: str, base: str) -> Document:
         """Replace the version `base` by a text, with the line ends of the file, or write a removed file again; UsageError
