@@ -21,7 +21,7 @@ from heavebond.core.errors import HeavebondError, listing
 from heavebond.core.presentation import brief, number
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
-from heavebond.energy_audit.audit import EnergyAudit, EnergyLine
+from heavebond.energy_audit.audit import EnergyAudit
 from heavebond.energy_audit.audit import energy as audit
 from heavebond.language.edits import Change, extended_from
 from heavebond.language.model import Model, ModelOrFile, extended, loaded
