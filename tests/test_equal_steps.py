@@ -154,6 +154,22 @@ def test_new_proposes_a_fixed_rate(named: Path) -> None:
     assert hb.compare("new.yaml").records["r"].channels["lag.y"].error < LINEAR
 
 
+def test_new_lists_columns_that_it_does_not_recognise(folder: Path) -> None:
+    """Neither the names nor the units say what they are: the text is written, with the columns as comments."""
+    answer = new("r.csv", "--every", "20 ms")
+    assert answer.exit_code == 0, answer.output
+    text = (folder / "new.yaml").read_text()
+    assert "#   VARIABLE: {column: u, unit: UNIT}\n#   VARIABLE: {column: y, unit: UNIT}\n" in text and "lag.y [1]" in text
+    assert "give under `inputs:` the column of a measured input (lag.u)" in answer.stdout
+
+
+def test_new_states_where_times_do_not_increase(folder: Path) -> None:
+    rows = [f"{int(k * 0.02)},{k}" for k in range(100)]
+    (folder / "r.csv").write_text("Time [s],y\n" + "\n".join(rows) + "\n")
+    answer = new("r.csv")
+    assert "r.csv:3: the time 0 in 'Time [s]'" in answer.stderr and "[record-time-repeated]" in answer.stderr
+
+
 def test_a_gap_at_a_fixed_rate_cuts_the_proposed_record(named: Path) -> None:
     lines = (named / "r.csv").read_text().split("\n")
     lines[12:22] = ["," + line.split(",")[1] for line in lines[12:22]]

@@ -31,7 +31,7 @@ from heavebond.language.definition import Value
 from heavebond.language.edits import block, extended_from, quoted
 from heavebond.language.model import Model
 from heavebond.numerics.dae import Array, Assembly, assemble
-from heavebond.records.measurements import BRIDGED, Table, gaps, increases, read_table, timed
+from heavebond.records.measurements import BRIDGED, Table, check_time, gaps, increases, read_table, timed
 from heavebond.records.time_axis import FIXED_RATE, TimeAxis
 from heavebond.text.expression import Number
 
@@ -344,6 +344,8 @@ def proposed_text(path: Path, model: Model, files: Sequence[Path], every: str = 
     assembly = assemble(model.with_parameters(dict.fromkeys(open_inputs, 0.0)))
     tables = {file: read_table(file) for file in files}
     proposal = propose(tables[files[0]], assembly, open_inputs, every)
+    if not every:
+        _check_rounded_times(tables[files[0]], proposal)
     chosen = [Chosen(c.name, c.role, c.unit, c.target, c.interpolation or "linear") for c in proposal.columns if c.role]
     uses = {file: "validate" if k else "fit" for k, file in enumerate(files)}
     parts = {file: part for file, table in tables.items() if (part := _without_gaps(table, chosen, steps)) is not None}
@@ -356,6 +358,16 @@ def proposed_text(path: Path, model: Model, files: Sequence[Path], every: str = 
     if able:
         text += "\n".join(["# free:      # remove the # of uncertain parameters, and give their ranges", *able]) + "\n"
     return text, proposal
+
+
+def _check_rounded_times(table: Table, proposal: Proposal) -> None:
+    """Raise DataError with the rows if a column is called a time and never decreases, but repeats values, so that it is not
+    the proposed one."""
+    if any(c.role == "time" and _words(c.name) & TIMES for c in proposal.columns):
+        return
+    for name, values in table.columns.items():
+        if _words(name) & TIMES and np.all(np.diff(values) >= 0) and values[-1] > values[0]:
+            check_time(table, name)
 
 
 @dataclass(frozen=True)
@@ -418,9 +430,13 @@ def _without_gaps(table: Table, chosen: Sequence[Chosen], steps: TimeAxis | None
 
 def _unrecognised(proposal: Proposal) -> list[str]:
     """A line for each unrecognised column with the unit of some outputs, with the first of these that no other column has
-    and the others after it."""
+    and the others after it; and for columns without a unit, with some variables of the diagram."""
     taken = {c.target for c in proposal.columns}
-    lines = []
+    unknown = [c for c in proposal.columns if not c.role and not c.unit_known]
+    lines = [f"#   VARIABLE: {{column: {quoted(c.name)}, unit: UNIT}}" for c in unknown]
+    if unknown:
+        variables = [f"{name} [{text}]" for name, (text, _) in proposal.outputs.items() if name.count(".") <= 1]
+        lines.append(f"#   # VARIABLE is for example {listing(variables, 8)}")
     for column in proposal.columns:
         if column.role or not column.unit_known:
             continue
