@@ -48,6 +48,7 @@ class Diagram:
         self._sections: dict[str, Node] = {}
         self._keys: dict[str, Scalar] = {}
         self._definitions: dict[str, Mapping] = {}
+        self._known: Library | None = None  # for units of numbers; read again for a component that it does not have
         for key, value in (("model", name), ("summary", summary), ("extends", extends)):
             if value:
                 self._put(key, node_of(value, key, call), call)
@@ -193,11 +194,12 @@ class Diagram:
                                       "Give one of them another name.")])
         root = node_of({"component": name, **content}, name, call)
         assert isinstance(root, Mapping)
-        self._definitions[name] = root
+        self._definitions[name], self._known = root, None
         try:
             self._library().checked(name)
         except HeavebondError:
             del self._definitions[name]
+            self._known = None
             raise
         return self
 
@@ -308,8 +310,10 @@ class Diagram:
 
     def _unit(self, kind: str, name: str) -> str:
         """The base unit of a parameter or a signal input; empty without one, or for an unknown component."""
+        if self._known is None or kind not in self._known.files:
+            self._known = self._library()
         try:
-            component = self._library().component(kind)
+            component = self._known.component(kind)
         except HeavebondError:
             return ""
         declared = component.parameters.get(name) or component.signals.get(name)

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -35,16 +36,17 @@ class PythonCall:
         """The place of a text: in the call, as the value of `key`, as a string or as a keyword; else the value of `key` that
         is next before the call in the file; else the first line of the call. Without the source text (interactive input)
         `written` is shown."""
-        body = re.escape(text)
+        inside = [(self.line + k, line) for k, line in enumerate(self.lines) if text and text in line]
+        earlier = range(min(self.line, len(self.whole)), 0, -1) if key and text and not inside else ()
+        before = [(k, self.whole[k - 1]) for k in earlier if text in self.whole[k - 1]]
+        body = re.escape(text) if inside or before else ""
         entry = rf"\b{re.escape(key)}[\"']?\s*[:=]\s*[\"']?(?P<text>{body})" if key else ""
         string, keyword = rf"(?<=[\"'])(?P<text>{body})(?=[\"'])", rf"\b(?P<text>{body})\b(?=\s*=)"
-        for pattern in filter(None, (entry, string, keyword, rf"(?<![\w.])(?P<text>{body})(?![\w.])", rf"(?P<text>{body})")):
-            for k, line in enumerate(self.lines):
-                if text and (match := re.search(pattern, line)):
-                    return Place(self.file, self.line + k, match.start("text") + 1, line, len(text))
-        for k in range(min(self.line, len(self.whole)), 0, -1):
-            if text and entry and (match := re.search(entry, self.whole[k - 1])):
-                return Place(self.file, k, match.start("text") + 1, self.whole[k - 1], len(text))
+        other = (string, keyword, rf"(?<![\w.])(?P<text>{body})(?![\w.])", rf"(?P<text>{body})") if inside else ()
+        for pattern in filter(None, (entry, *other)):
+            for number, line in inside or before:
+                if match := re.search(pattern, line):
+                    return Place(self.file, number, match.start("text") + 1, line, len(text))
         first = self.lines[0] if self.lines else written
         return Place(self.file, self.line, len(first) - len(first.lstrip()) + 1, first, len(first.strip()))
 
@@ -56,8 +58,8 @@ def calling_place() -> PythonCall:
         frame = frame.f_back
     if frame is None:
         return PythonCall("python", 1, ())
-    code, positions = frame.f_code, list(frame.f_code.co_positions())
-    first, last, _, _ = positions[frame.f_lasti // 2]
+    code = frame.f_code
+    first, last, _, _ = next(islice(code.co_positions(), frame.f_lasti // 2, None))
     first, last = first or frame.f_lineno, last or frame.f_lineno
     whole = tuple(line.rstrip("\n") for line in linecache.getlines(code.co_filename, frame.f_globals))
     name = code.co_filename
