@@ -115,3 +115,23 @@ def test_a_signal_over_another(tab: browser.Tab, server: Server) -> None:
     tab.wait(BLUE)  # the line is drawn
     _shot(tab, "over")
     assert tab.complaints == []
+
+
+def test_signals_are_searched_over_the_whole_machine(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server)
+    tab.wait("!!document.querySelector('#find-signal')")
+    tab.run("document.querySelector('#find-signal').focus(), 1")
+    tab.write("damper N")
+    found = tab.run("[...document.querySelectorAll('[id^=\"f-\"]')].map(box => box.id)")
+    assert "f-damper.F" in found and all("damper" in name for name in found)
+    assert " of " in tab.run("document.querySelector('#panel').innerText")
+    tab.run("document.getElementById('f-damper.F').click(), 1")
+    _run(tab)
+    tab.wait("studio.runs.plotted.includes('damper.F') && studio.runs.live.series.has('damper.F')")
+    assert tab.run("document.querySelector('#find-signal').value") == "damper N"
+    assert tab.run("document.getElementById('f-damper.F').checked")
+    _shot(tab, "search")
+    tab.run("document.querySelector('#find-signal').value = 'nowhere', "
+            "document.querySelector('#find-signal').dispatchEvent(new Event('input')), 1")
+    assert tab.run("document.querySelectorAll('[id^=\"f-\"]').length") == 0
+    assert tab.complaints == []

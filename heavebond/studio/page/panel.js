@@ -3,7 +3,7 @@
 import { askName, byId, el, number, unitLabel } from "./dom.js";
 import { isUnconnected, problemList } from "./results.js";
 
-const TICKS = 1000;
+const TICKS = 1000, LISTED = 40; // steps of a slider; signals of a search that are listed
 
 /** A path that may go on in the next line behind each dot. @param {string} path */
 const breakable = (path) => path.split(/(?<=\.)/).flatMap((piece, k) => k ? [el("wbr"), piece] : [piece]);
@@ -15,6 +15,7 @@ export class Panel {
     this.place = byId("panel");
     /** @type {Map<string, [number, number]>} */
     this.ranges = new Map(); // of sliders that a user gave other ends
+    this.sought = ""; // words of the search for signals
   }
 
   show() {
@@ -36,7 +37,7 @@ export class Panel {
       el("h3", {}, "More"), el("p", {}, "The inside of a component. Changes act wherever a diagram uses it, once the file is saved.")];
     return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.changed(), ...this.studio.evidence.summary(), ...this.parameters(view.parameters), ...this.settings(view),
       ...this.signals(view.named ? "Outputs" : "States", view.outputs, view.named), view.outputs.length || this.studio.evidence.active ? null : el("p", {}, "The diagram names no outputs yet."),
-      el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
+      ...this.search(view), el("h3", {}, "More"), el("p", {}, "Click a part or a wire of the drawing, or go there by Tab and press Enter: its parameters and signals appear here.")].filter(Boolean);
   }
 
   /** @param {string} path @param {any} part @param {any} view */
@@ -213,9 +214,31 @@ export class Panel {
   /** @param {string} title @param {any[]} signals @param {boolean} [outputs] whether they stand under show: */
   signals(title, signals, outputs = false) {
     if (!signals.length || this.studio.evidence.active) return [];
-    return [el("h3", {}, `${title} to plot`), el("ul", { class: "signals" }, ...signals.map((s) => el("li", {}, el("label", { title: s.name },
-      el("input", { type: "checkbox", id: `y-${s.name}`, checked: this.studio.runs.plotted.includes(s.name),
+    return [el("h3", {}, `${title} to plot`), el("ul", { class: "signals" }, ...signals.map((s) => el("li", {}, this.tick(s, "y"), this.studio.picked || outputs ? this.more(s, outputs) : null)))];
+  }
+
+  /** A signal with its unit, to be plotted. @param {any} s @param {string} list */
+  tick(s, list) {
+    return el("label", { title: s.name },
+      el("input", { type: "checkbox", id: `${list}-${s.name}`, checked: this.studio.runs.plotted.includes(s.name),
         onchange: (/** @type {any} */ event) => this.studio.runs.plot(s.name, event.target.checked) }),
-      el("span", {}, el("span", { class: "mono" }, s.name), s.unit && s.unit !== "1" ? ` [${unitLabel(s.unit)}]` : "", " ", el("span", { class: "doc" }, s.doc))), this.studio.picked || outputs ? this.more(s, outputs) : null)))];
+      el("span", {}, el("span", { class: "mono" }, s.name), s.unit && s.unit !== "1" ? ` [${unitLabel(s.unit)}]` : "", " ", el("span", { class: "doc" }, s.doc)));
+  }
+
+  /** All signals of the machine by words of their names, units and descriptions. @param {any} view */
+  search(view) {
+    const all = [...new Map([...Object.values(view.parts), ...Object.values(view.nodes)].flatMap((of) => of.signals).map((s) => [s.name, s])).values()];
+    if (!all.length || this.studio.evidence.active) return [];
+    const list = el("ul", { class: "signals" }), count = el("p", { role: "status" });
+    const show = () => {
+      const words = this.sought.toLowerCase().split(/\s+/).filter(Boolean);
+      const found = words.length ? all.filter((s) => words.every((word) => `${s.name} ${s.unit} ${s.doc}`.toLowerCase().includes(word))) : [];
+      count.textContent = words.length ? `${found.length} of ${all.length} signals${found.length > LISTED ? `, the first ${LISTED} are listed` : ""}` : `${all.length} signals`;
+      list.replaceChildren(...found.slice(0, LISTED).map((s) => el("li", {}, this.tick(s, "f"))));
+    };
+    const input = el("input", { id: "find-signal", type: "search", value: this.sought, placeholder: "part, variable, unit or word", spellcheck: "false", autocomplete: "off",
+      oninput: (/** @type {any} */ e) => { this.sought = e.target.value; show(); } });
+    show();
+    return [el("h3", {}, el("label", { for: "find-signal" }, "All signals")), input, count, list];
   }
 }
