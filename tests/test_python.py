@@ -159,6 +159,17 @@ def test_values_of_a_signal() -> None:
     assert repr(error).startswith("<Signal 'error' in mm: 11 values from 0 to 1 s, -19.8 to 20>")
 
 
+def test_values_of_a_signal_are_set() -> None:
+    run = hb.simulate(hb.loads(TRAP))
+    error, x = run["error"], run["cart.x"]
+    x[0], error[0], error[1:3] = 0.5, "3 cm", x[0:2]
+    assert x.magnitude[0] == 0.5 and error.magnitude[:3].tolist() == pytest.approx([30.0, 500.0, 1000 * x.magnitude[1]])
+    with pytest.raises(hb.UsageError, match="signal-unit"):
+        error[0] = 0.5
+    assert run["cart.x"].magnitude[0] == pytest.approx(0.02)  # the run is as it was
+    assert str(round(error.max(), 1)) == "500.0 mm" and int(error[0]) == 30 and [float(v) for v in error[:1]] == [30.0]
+
+
 def test_temperatures_are_differences_in_kelvin() -> None:
     warm = hb.Signal([20.0, 30.0], "degC", "warm")
     assert (warm - hb.Signal([10.0, 10.0], "degC")).unit == "K" and (warm - "15 degC").tolist() == pytest.approx([5, 15])

@@ -118,7 +118,7 @@ def test_a_signal_over_another(tab: browser.Tab, server: Server) -> None:
 
 
 def test_signals_are_searched_over_the_whole_machine(tab: browser.Tab, server: Server) -> None:
-    _open(tab, server)
+    _open(tab, server, "searched.yaml")  # a name of its own: the layout of each is kept
     tab.wait("!!document.querySelector('#find-signal')")
     tab.run("document.querySelector('#find-signal').focus(), 1")
     tab.write("damper N")

@@ -77,8 +77,18 @@ class Signal(NDArrayOperatorsMixin):
     def __iter__(self) -> Iterator[Any]:
         return (self._like(value) for value in self.magnitude)
 
+    def __setitem__(self, key: Any, value: Any) -> None:
+        """Set values; a signal, a text or a quantity is converted, a plain number is in SI as in a sum."""
+        self.magnitude[key] = self._same(value)
+
     def __float__(self) -> float:
         return float(self.magnitude)
+
+    def __int__(self) -> int:
+        return int(self.magnitude)
+
+    def __round__(self, digits: int | None = None) -> Any:
+        return self._like(np.round(self.magnitude, digits or 0))
 
     def __bool__(self) -> bool:
         return bool(self.magnitude)
