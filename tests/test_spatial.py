@@ -33,6 +33,18 @@ def test_accelerations_of_a_random_tree_by_pinocchio(seed: int) -> None:
     assert found == pytest.approx(expected, abs=1e-9*np.abs(expected).max())
 
 
+@pytest.mark.parametrize(("n", "seed"), [(30, 1), (50, 3)])
+def test_accelerations_of_a_large_tree_by_pinocchio(n: int, seed: int) -> None:
+    """Explicit, also where two unknowns have a common divisor only; rounding adds up over the bodies of a chain."""
+    pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
+    bodies = random_tree(n, seed)
+    run = hb.simulate(hb.loads(diagram(bodies, 1e-5)))
+    assert run.assembly.reduced.z.numel() == 0
+    expected = Pinocchio(bodies).accelerations(np.array([b.q for b in bodies]), np.array([b.v for b in bodies]))
+    found = np.array([run[f"a_{k}"][0] for k in range(n)])
+    assert found == pytest.approx(expected, abs=1e-9*np.abs(expected).max())
+
+
 @pytest.mark.parametrize("seed", TREES)
 def test_accelerations_of_an_aligned_chain_by_pinocchio(seed: int) -> None:
     """Where axes are parallel a divisor of the elimination that is not an inertia may vanish."""

@@ -65,7 +65,7 @@ def eliminate(coefficients: Mapping[tuple[int, int], Coefficient], constants: Ma
     waiting = [(len(entries), row) for row, entries in system.rows.items()]
     heapify(waiting)
     solutions: list[Solution] = []
-    while waiting:
+    while waiting or (waiting := [(len(system.rows[row]), row) for row in system.combine()]):
         number, row = heappop(waiting)
         if row not in system.rows or len(system.rows[row]) != number:
             continue  # an older entry
@@ -90,6 +90,7 @@ class _System:
             self.rows[row][column] = coefficient
             self.rows_of[column][row] = None
         self.constants, self.symbols, self.sizes = dict(constants), symbols, sizes
+        self.combined: set[tuple[int, int]] = set()
 
     def pivot(self, row: int) -> int | None:
         """The unknown in the fewest rows whose coefficient may be divided by; numbers before expressions."""
@@ -119,6 +120,55 @@ class _System:
                 self._subtract(target, other, share*entry.expression, values*entry.values)
             self.constants[target] = self.constants[target] - share*constant
         return Solution(row, column, divisor.expression, -total/divisor.expression), changed
+
+    def combine(self) -> tuple[int, ...]:
+        """Two of the rows without a divisor, combined so that the determinant of two unknowns in them is the coefficient of
+        each (Cramer's rule), if it may be divided by; empty if there are none. J. R. Bunch, L. Kaufman, Mathematics of
+        Computation 31 (1977) 163-179, doi:10.2307/2005787: pivots of order two."""
+        for first, entries in self.rows.items():
+            for c in entries:
+                for second in self.rows_of[c]:
+                    for d in entries:
+                        if second <= first or d == c or d not in self.rows[second] or (first, second) in self.combined:
+                            continue
+                        a, b = entries[c], entries[d]
+                        e, f = self.rows[second][c], self.rows[second][d]
+                        values = a.values*f.values - b.values*e.values
+                        size = np.abs(a.values*f.values) + np.abs(b.values*e.values)
+                        if np.all(np.abs(values) > LEAST*size) and (np.all(values > 0) or np.all(values < 0)):
+                            self.combined.add((first, second))
+                            self._cramer(first, second, c, d, Coefficient(
+                                a.expression*f.expression - b.expression*e.expression, values))
+                            return first, second
+        return ()
+
+    def _cramer(self, first: int, second: int, c: int, d: int, determinant: Coefficient) -> None:
+        one, two = self.rows[first], self.rows[second]
+        weights = {first: (two[d], one[d], c), second: (one[c], two[c], d)}
+        constants = {first: self.constants[first], second: self.constants[second]}
+        for row, (own, other, kept) in weights.items():
+            mine, others = (one, two) if row == first else (two, one)
+            combined: dict[int, Coefficient] = {kept: determinant}
+            for column in dict.fromkeys((*mine, *others)):
+                if column in (c, d):
+                    continue
+                terms = [(factor, entries[column], sign) for factor, entries, sign in ((own, mine, 1), (other, others, -1))
+                         if column in entries]
+                values = sum((sign*factor.values*entry.values for factor, entry, sign in terms),
+                             np.zeros_like(determinant.values))
+                size = sum((np.abs(factor.values*entry.values) for factor, entry, _ in terms), np.zeros_like(values))
+                if np.all(np.abs(values) <= CANCELLED*size):
+                    continue
+                expression = sum((sign*factor.expression*entry.expression for factor, entry, sign in terms), ca.SX(0))
+                combined[column] = Coefficient(expression, values)
+            partner = second if row == first else first
+            self.constants[row] = own.expression*constants[row] - other.expression*constants[partner]
+            self.rows[row] = combined
+        for row in (first, second):
+            for column in {*one, *two}:
+                self.rows_of[column].pop(row, None)
+            for column in self.rows[row]:
+                self.rows_of[column][row] = None
 
     def _subtract(self, row: int, column: int, expression: ca.SX, values: Array) -> None:
         old = self.rows[row].get(column)
