@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping as Dictionary
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from filecmp import cmp
 from pathlib import Path
@@ -270,7 +269,14 @@ def experiment_from_source(source: Source, chain: tuple[Path, ...] = ()) -> Expe
     problems = Problems()
     reading.known_keys(root, EXPERIMENT_KEYS, "an experiment", problems)
     base = _base(source, chain, problems)
-    model = _model(source, base, problems)
+    node = source.root.items.get("model")
+    if node is None:
+        if base is None:
+            raise ModelError([Problem("key-missing", "an experiment needs the entry 'model'", source.root.place,
+                                      "Add `model: diagram.yaml`.")])
+        model = base.model
+    else:
+        model = load_beside(source, node, problems)
     problems.raise_as(ModelError)
     with calling(model.library.functions):
         experiment = _Reader(source, problems, model).changed(base)
@@ -291,16 +297,6 @@ def _base(source: Source, chain: tuple[Path, ...], problems: Problems) -> Experi
         raise ModelError([Problem("file-missing", f"there is no file {target.name}", node.place,
                                   suggest(target.name, near) or beside_hint(source.path, near))])
     return _load(target, (*chain, source.path.resolve()))
-
-
-def _model(source: Source, base: Experiment | None, problems: Problems) -> Model:
-    node = source.root.items.get("model")
-    if node is None:
-        if base is None:
-            raise ModelError([Problem("key-missing", "an experiment needs the entry 'model'", source.root.place,
-                                      "Add `model: diagram.yaml`.")])
-        return base.model
-    return load_beside(source, node, problems)
 
 
 @dataclass
@@ -330,7 +326,16 @@ class _Reader:
             for unknown in [n for n in record.origins if n not in experiment.outputs]:
                 problems.add("output-unknown", f"record '{record.name}' names the output '{unknown}', which is not there",
                              record.place, hint=suggest(unknown, experiment.outputs) or "Write it under `outputs:`.")
-        _check_apart(list(experiment.records.values()), problems)
+        # check that a validation record is not also fitted under another name
+        records = list(experiment.records.values())
+        for checking in (r for r in records if r.use != "fit"):
+            for fitted in (r for r in records if r.use == "fit" and r.origins == checking.origins):
+                if _together(fitted, checking) and _same_file(fitted.file, checking.file):
+                    problems.add("records-same",
+                                 f"record '{checking.name}' validates the fit, but its data are fitted as "
+                                 f"'{fitted.name}'", checking.place,
+                                 hint="Give another record, or another part of the file by "
+                                 f"`from:` and `to:`; or leave '{checking.name}' out: then the last third is held out.")
         return experiment
 
     def _entries(self, node: Node | None, subject: str) -> list[tuple[str, Scalar, Node]]:
@@ -401,7 +406,20 @@ class _Reader:
         outputs = {}
         for name, key, item in self._entries(node, "outputs"):
             if name in before and isinstance(item, Mapping) and "column" not in item.items:
-                outputs[name] = self._amended(before[name], item)
+                # an inherited output with another formula, a delay, or dropped outliers
+                output = before[name]
+                reading.known_keys(item, ("is", "shift", "outliers"), f"output '{output.shown.name}'", self.problems)
+                formula = item.items.get("is")
+                if isinstance(formula, Scalar):
+                    tree = reading.parsed(parse_formula, formula.text.lstrip("= "), formula.place, self.problems)
+                    output = output if tree is None else replace(output, shown=replace(
+                        output.shown, expr=tree, text=formula.text.lstrip("= "), place=formula.place))
+                if "shift" in item.items:
+                    output = replace(output, shift=self._time(item.items["shift"], "shift") or 0.0)
+                if "outliers" in item.items:
+                    choice = reading.choice(item.items["outliers"], "outliers", ("drop", "keep"), self.problems)
+                    output = replace(output, drop_outliers=choice == "drop")
+                outputs[name] = output
                 continue
             shown_output = shown_as(name, item, key, self.problems,
                                     extra=("column", "noise", "file", "time", "shift", "outliers"))
@@ -434,21 +452,6 @@ class _Reader:
         member = name.text.rpartition(".")[2]
         temperatures = (d.members[m] for d in self.model.library.domains.values() for m in d.across if m == member)
         return 1.0 if any(m.unit.dimension == KELVIN for m in temperatures) else None
-
-    def _amended(self, output: Output, item: Mapping) -> Output:
-        """An inherited output with another formula, a delay, or dropped outliers."""
-        reading.known_keys(item, ("is", "shift", "outliers"), f"output '{output.shown.name}'", self.problems)
-        formula = item.items.get("is")
-        if isinstance(formula, Scalar):
-            tree = reading.parsed(parse_formula, formula.text.lstrip("= "), formula.place, self.problems)
-            output = output if tree is None else replace(output, shown=replace(
-                output.shown, expr=tree, text=formula.text.lstrip("= "), place=formula.place))
-        if "shift" in item.items:
-            output = replace(output, shift=self._time(item.items["shift"], "shift") or 0.0)
-        if "outliers" in item.items:
-            choice = reading.choice(item.items["outliers"], "outliers", ("drop", "keep"), self.problems)
-            output = replace(output, drop_outliers=choice == "drop")
-        return output
 
     def _origins(self, node: Node | None) -> dict[str, Origin]:
         origins = {}
@@ -510,16 +513,6 @@ class _Reader:
             except UnitProblem as problem:
                 self.problems.add(problem.code, f"{name}: {problem.message}", item.place, hint=problem.hint)
         return free
-
-
-def _check_apart(records: Sequence[Record], problems: Problems) -> None:
-    """Check that a validation record is not also fitted under another name."""
-    for checking in (r for r in records if r.use != "fit"):
-        for fitted in (r for r in records if r.use == "fit" and r.origins == checking.origins):
-            if _together(fitted, checking) and _same_file(fitted.file, checking.file):
-                problems.add("records-same", f"record '{checking.name}' validates the fit, but its data are fitted as "
-                             f"'{fitted.name}'", checking.place, hint="Give another record, or another part of the file by "
-                             f"`from:` and `to:`; or leave '{checking.name}' out: then the last third is held out.")
 
 
 def _together(one: Record, other: Record) -> bool:

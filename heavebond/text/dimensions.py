@@ -59,7 +59,27 @@ def dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
     if isinstance(expr, Negative):
         return number_dimension(expr.operand, lookup)
     if isinstance(expr, Binary):
-        return _binary(expr, lookup)
+        if expr.op == "**":
+            base = number_dimension(expr.left, lookup)
+            exponent = constant(expr.right)
+            if exponent is None:
+                _need(ONE, expr.right, lookup, "an exponent")
+                if base not in (ONE, ANY):
+                    raise ExpressionProblem("units-power", f"a base {_in(base)} needs a plain number as exponent",
+                                            expr.column, 2, "Divide the base by a reference value, as in (p/p_0)**n.")
+                return base
+            if base in (ONE, ANY):
+                return base
+            if not abs(exponent) <= LARGEST_EXPONENT:  # true for NaN too
+                raise ExpressionProblem("units-power", f"an exponent of {exponent:g} gives no unit", _start(expr.right), 1,
+                                        f"Use an exponent up to {LARGEST_EXPONENT}.")
+            return times(ONE, base, Fraction(exponent).limit_denominator(1000))
+        left, right = number_dimension(expr.left, lookup), number_dimension(expr.right, lookup)
+        if expr.op in "+-":
+            return _same((expr.left, left), (expr.right, right), f"'{expr.op}'", expr.column)
+        if left is ANY or right is ANY:
+            return ANY
+        return times(left, right, 1 if expr.op == "*" else -1)
     if isinstance(expr, Call):
         return _call(expr, lookup)
     if isinstance(expr, FunctionCall):
@@ -99,34 +119,6 @@ def counted(expr: Expr, counts: Callable[[Name], str]) -> str:
     if isinstance(expr, Binary) and expr.op in "+-":
         return counted(expr.left, counts) or counted(expr.right, counts)
     return ""
-
-
-def _binary(expr: Binary, lookup: Lookup) -> Dimension | None:
-    if expr.op == "**":
-        return _power(expr, lookup)
-    left, right = number_dimension(expr.left, lookup), number_dimension(expr.right, lookup)
-    if expr.op in "+-":
-        return _same((expr.left, left), (expr.right, right), f"'{expr.op}'", expr.column)
-    if left is ANY or right is ANY:
-        return ANY
-    return times(left, right, 1 if expr.op == "*" else -1)
-
-
-def _power(expr: Binary, lookup: Lookup) -> Dimension | None:
-    base = number_dimension(expr.left, lookup)
-    exponent = constant(expr.right)
-    if exponent is None:
-        _need(ONE, expr.right, lookup, "an exponent")
-        if base not in (ONE, ANY):
-            raise ExpressionProblem("units-power", f"a base {_in(base)} needs a plain number as exponent",
-                                    expr.column, 2, "Divide the base by a reference value, as in (p/p_0)**n.")
-        return base
-    if base in (ONE, ANY):
-        return base
-    if not abs(exponent) <= LARGEST_EXPONENT:  # true for NaN too
-        raise ExpressionProblem("units-power", f"an exponent of {exponent:g} gives no unit", _start(expr.right), 1,
-                                f"Use an exponent up to {LARGEST_EXPONENT}.")
-    return times(ONE, base, Fraction(exponent).limit_denominator(1000))
 
 
 def _call(expr: Call, lookup: Lookup) -> Dimension | None:
@@ -285,7 +277,19 @@ def origins(expr: Expr, lookup: Callable[[Name], float | None]) -> float | None:
         inner = origins(expr.operand, lookup)
         return None if inner is None else -inner
     if isinstance(expr, Binary):
-        return _binary_origins(expr, lookup)
+        left, right = origins(expr.left, lookup), origins(expr.right, lookup)
+        if expr.op in "+-":
+            # a number in K that is added to a temperature or a difference is an interval
+            left, right = (0.0 if w is None and other is not None and _in_kelvin(e) else w
+                           for e, w, other in ((expr.left, left, right), (expr.right, right, left)))
+            return None if left is None or right is None else left + right if expr.op == "+" else left - right
+        if left == 0 and right == 0:
+            return 0.0
+        factor = constant(expr.right) if right == 0 else None
+        if expr.op in "*/" and left is not None and factor:
+            return left * factor if expr.op == "*" else left / factor
+        factor = constant(expr.left) if left == 0 else None
+        return right * factor if expr.op == "*" and right is not None and factor is not None else None
     weights = [origins(child, lookup) for child in children(expr)]
     if isinstance(expr, Call):
         if expr.function in ("der", "sign", *_WIDTHS):
@@ -305,22 +309,6 @@ def origins(expr: Expr, lookup: Callable[[Name], float | None]) -> float | None:
 
 _SAME_ORIGIN = {"min", "max", "if_else", "abs", "smooth_abs", "mean", "rms", "peak", "final", "highest", "lowest", "largest",
                 "ref", "last"}
-
-
-def _binary_origins(expr: Binary, lookup: Callable[[Name], float | None]) -> float | None:
-    left, right = origins(expr.left, lookup), origins(expr.right, lookup)
-    if expr.op in "+-":
-        # a number in K that is added to a temperature or a difference is an interval
-        left, right = (0.0 if w is None and other is not None and _in_kelvin(e) else w
-                       for e, w, other in ((expr.left, left, right), (expr.right, right, left)))
-        return None if left is None or right is None else left + right if expr.op == "+" else left - right
-    if left == 0 and right == 0:
-        return 0.0
-    factor = constant(expr.right) if right == 0 else None
-    if expr.op in "*/" and left is not None and factor:
-        return left * factor if expr.op == "*" else left / factor
-    factor = constant(expr.left) if left == 0 else None
-    return right * factor if expr.op == "*" and right is not None and factor is not None else None
 
 
 def as_interval(expr: Expr) -> Expr:
