@@ -37,11 +37,10 @@ def assembled(n: int) -> tuple[float, Assembly]:
 
 
 def right_hand_side(assembly: Assembly) -> ca.Function:
-    """x' as a function of x, at the parameters of the diagram."""
+    """x' and the residuals of algebraic unknowns as a function of x, at the parameters of the diagram."""
     t, x, z, p, u, rate = assembly.arguments
-    assert not z.numel(), "the tree is not explicit"
-    values = [ca.DM(0), x, ca.DM(0, 1), ca.DM(assembly.p), ca.DM.zeros(u.numel()), 1]
-    whole = ca.Function("whole", [t, x, z, p, u, rate], [assembly.ode])
+    values = [ca.DM(0), x, ca.DM.zeros(z.numel()), ca.DM(assembly.p), ca.DM.zeros(u.numel()), 1]
+    whole = ca.Function("whole", [t, x, z, p, u, rate], [ca.vertcat(assembly.ode, assembly.alg)])
     return ca.Function("rates", [x], [ca.densify(whole(*values))])
 
 
@@ -58,7 +57,8 @@ def seconds(function: ca.Function, x: np.ndarray, calls: int) -> float:
 
 
 def growth() -> None:
-    print(f"{'bodies':>7} {'assembly':>10} {'exponent':>9} {'evaluation':>12} {'exponent':>9} {'operations':>11}")
+    print(f"{'bodies':>7} {'assembly':>10} {'exponent':>9} {'evaluation':>12} {'exponent':>9} "
+          f"{'operations':>11} {'algebraic':>10}")
     before: tuple[int, float, float] | None = None
     assembled(4)
     for n in NUMBERS:
@@ -67,7 +67,8 @@ def growth() -> None:
         each = seconds(rates, np.asarray(start(assembly).x, float), max(1, 20000 // n))
         exponents = ["", ""] if before is None else [f"{np.log(new/old)/np.log(n/before[0]):.2f}" for new, old in (
             (took, before[1]), (each, before[2]))]
-        print(f"{n:>7} {took:>8.2f} s {exponents[0]:>9} {each*1e6:>9.1f} us {exponents[1]:>9} {rates.n_instructions():>11}",
+        print(f"{n:>7} {took:>8.2f} s {exponents[0]:>9} {each*1e6:>9.1f} us {exponents[1]:>9} {rates.n_instructions():>11} "
+              f"{assembly.reduced.z.numel():>10}",
               flush=True)
         before = (n, took, each)
 
