@@ -184,9 +184,9 @@ def test_a_diagnosis_leads_with_a_channel_of_another_sign(tmp_path: Path) -> Non
         run = hb.simulate(moving, 10, every=0.02)
         columns = np.column_stack([run.time, 30 * np.sin(2 * np.pi * run.time / period), -1e3 * run["load.x"]])
         np.savetxt(tmp_path / f"{name}.csv", columns, delimiter=",", header="t,u,x", comments="")
-    first, then = wrong_channels(hb.compare(tmp_path / "rig_record.yaml"))
+    first, of_input, then = wrong_channels(hb.compare(tmp_path / "rig_record.yaml"))
     assert first.startswith("one, two: load.x moves against the model") and "write `is: -(load.x)`" in first
-    assert then.startswith("If so, correct it")
+    assert "factor: -1" in of_input and then.startswith("If so, correct it")
 
 
 def test_a_value_that_acts_as_another_and_was_not_fitted_is_told_without_a_number() -> None:

@@ -21,6 +21,7 @@ from heavebond.language.symbols import nonsmooth, stepwise
 from heavebond.text.expression import (
     Binary,
     Call,
+    Elements,
     Expr,
     FunctionCall,
     Name,
@@ -248,6 +249,10 @@ def _form(expr: Expr, names: dict[str, str]) -> str:
         return f"-{_form(expr.operand, names)}"
     if isinstance(expr, FunctionCall):
         return "law"
+    if isinstance(expr, Elements) and all(isinstance(item, Name) for item in expr.items):  # a vector under one name
+        return names.setdefault(repr([item.text for item in expr.items]), f"x{len(names)}")
+    if isinstance(expr, Elements):
+        return f"[{','.join(_form(item, names) for item in expr.items)}]"
     return f"{expr.function}({','.join(_form(a, names) for a in expr.args)})" if isinstance(expr, Call) else repr(expr)
 
 

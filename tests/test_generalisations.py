@@ -236,7 +236,8 @@ NOT_A_GENERALISATION = {
         "~LuGreFriction < ~Hysteresis; ~StribeckFriction < ~DirectionalFriction; *DamperWithPlay < RotationalDamper; "
         "SpringDamperWithPlay < *Damper; *WithPlay < Contact; *WithPlay < ShockAbsorber; SlackWire < *; WormGear < *; "
         "PowerScrew < *; Conduction < *; NaturalConvection < HeatRadiation; TransmissionLine < *; Lookup < MonotoneLookup; "
-        "MonotoneLookup < Lookup; StepLookup < Lookup; StepLookup < MonotoneLookup",
+        "MonotoneLookup < Lookup; StepLookup < Lookup; StepLookup < MonotoneLookup; ScrewJoint < SpatialRevoluteJoint; "
+        "SpatialBody < SpatialPointMass",
     "it sticks by events: the same law in the limit of its transition, with the same parameters":
         "~DryFriction < *; LockingClutch < Clutch",
     "a whole number makes the difference":

@@ -90,7 +90,7 @@ def test_two_pendulums() -> None:
 def test_triple_pendulum() -> None:
     found = run("triple_pendulum")
     for ends in (("x_1", "y_1", "0*x_1", "0*y_1"), ("x_2", "y_2", "x_1", "y_1"), ("x_3", "y_3", "x_2", "y_2")):
-        x, y, u, v = (found["0*chain.x_1" if e.startswith("0") else f"chain.{e}"] for e in ends)
+        x, y, u, v = (np.asarray(found["0*chain.x_1" if e.startswith("0") else f"chain.{e}"]) for e in ends)
         assert np.abs(np.hypot(x - u, y - v) - 0.5).max() < 1e-8
     assert changes(found) > 2
     audit(model("triple_pendulum")).raise_if_open(SMALL)

@@ -38,7 +38,9 @@ def test_every_source_and_sensor_is_on_the_page_with_each_of_its_readings() -> N
 
 @pytest.mark.parametrize(("component", "value", "line"), ROWS)
 def test_a_row_quotes_the_line_of_the_component_that_fixes_the_sign(component: str, value: str, line: str) -> None:
-    assert line in {" ".join(e.text.split()) for e in library().component(component).equations}
+    of = library().component(component)
+    relations = {f.text for frame in of.frames for f in (frame.turn, frame.shift) if f is not None}
+    assert line in {" ".join(e.text.split()) for e in of.equations} | relations
     assert re.search(rf"\b{value}\b", line)
 
 
@@ -61,6 +63,8 @@ READINGS = {
         "g_rotor.y": 10/5, "g_disc.y": 10/5, "apart.y": 2*10/5*1, "n_servo.y": 2, "n_bench.y": 2},
     "measured_plane": {"gauge.x": 1.001, "gauge.y": 1.5, "string.y": np.hypot(1.001, 1.5), "gyro.v_x": 2.0, "gyro.v_y": 3.0,
                        "foot.x": 2.0, "cell.F_y": 98.1, "cell.M": 98.1*0.5},
+    "measured_space": {"gauge.x": 1.001, "string.y": 1.001, "imu.v[1]": 2.0, "imu.b[1]": 2.0, "imu.b[3]": 9.81,
+                       "cell.F[3]": 98.1, "cell.M[2]": -98.1*0.5},
     "measured_hydraulics": {
         "meter.y": 20/6e4, "gauge.y": 100e5, "drop.y": 100e5, "m_supply.y": 20/6e4, "m_droop.y": 20/6e4,
         "m_servo.y": 20/6e4, "m_tank.y": 80/6e4, "pump.a.q": -20/6e4, "supply.a.q": -20/6e4, "tank.a.q": 80/6e4},

@@ -211,7 +211,8 @@ class Signal(NDArrayOperatorsMixin):
             common = first.si if first._offset and ufunc in (np.add, np.subtract) else first
             return [common._same(one) for one in inputs], None if ufunc in COMPARISONS else common.unit
         if method == "__call__" and (dimension := _dimension_of(ufunc, inputs)) is not None:
-            return [_in_si(one) for one in inputs], dimension_text(dimension)
+            whole = all(exponent.denominator == 1 for _, exponent in dimension)  # a unit has no roots of base units
+            return [_in_si(one) for one in inputs], dimension_text(dimension) if whole else None
         return [one._numbers(ufunc.__name__) if isinstance(one, Signal) else _in_si(one) for one in inputs], None
 
     def _same(self, other: Any) -> Any:

@@ -8,8 +8,7 @@ from heavebond.core.units import read_unit
 
 STEPS = "\0steps"  # the column of a table to which times of equal steps are written; no column of a file has this name
 
-FIXED_RATE = "If the rows have a fixed rate and no times, give the time between two rows: `time: {every: 10 ms}` in an " \
-    "experiment, `--every '10 ms'` with `heavebond new`."
+FIXED_RATE = "Rows of a fixed rate without times: `time: {every: 10 ms}`, or `heavebond new --every '10 ms'`."
 
 
 @dataclass(frozen=True)

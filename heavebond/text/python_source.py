@@ -63,7 +63,7 @@ def calling_place() -> PythonCall:
     first, last = first or frame.f_lineno, last or frame.f_lineno
     whole = tuple(line.rstrip("\n") for line in linecache.getlines(code.co_filename, frame.f_globals))
     name = code.co_filename
-    cell = re.search(r"ipykernel_\d+[\\/]\d+\.py$|^<ipython-input", name) is not None
+    cell = re.search(r"ipykernel_[0-9]+[\\/][0-9]+\.py$|^<ipython-input", name) is not None
     return PythonCall("notebook cell" if cell else name if name.startswith("<") else short_path(Path(name)), first,
                       whole[first - 1:last], whole)
 
