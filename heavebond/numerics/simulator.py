@@ -308,7 +308,9 @@ class Simulator:
             if self.assembly.sizes != self._base_sizes and parameters != self._sized_for:
                 self._take_sizes(self._base_sizes)  # sizes that fit one run are not those of another
             self._sized_for = parameters
-            return self._result(*self._started(parameters), began, lambda: self._started(parameters))
+            result = self._result(*self._started(parameters), began, lambda: self._started(parameters))
+        check()  # a signal within the last evaluation
+        return result
 
     looks_between = True  # whether motions between the points of a run are looked for
     begun: Start | None = None  # where the last run began
