@@ -81,3 +81,16 @@ nodes: {e: [e.y, h.u], h: [h.y, k.u], u: [k.y, g.u], y: [g.y, e.u_2]}
 show: {y: {is: g.y, unit: 1}}
 simulate: {until: 200 s, every: 50 ms}
 """
+
+CART = """
+model: cart
+components:
+  wall:   {is: Fixed}
+  spring: {is: Spring, c: 1 kN/m}
+  damper: {is: Damper, d: 20 N*s/m}
+  cart:   {is: Mass, m: 10 kg}
+nodes: {wall: [wall.a, spring.a, damper.a], load: [spring.b, damper.b, cart.a]}
+initial: {load.x: 20 mm, load.v: 0 m/s}
+show: {place: {is: load.x, unit: mm}}
+simulate: {until: 1 s, every: 0.1 s}
+"""

@@ -4,28 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from examples import Array, Case, check, without_example
+from examples import LAW, RUN, SWING, Array, Case, by_cosines, check, swing, without_example
 from library_check import agree, checks, part, run
 from scipy.optimize import brentq
-from scipy.special import ellipj, ellipk
 
 G = 9.81
 PHI = np.array([0.3, -1.2, 2.5])
-LAW = "the law at a prescribed motion; nothing is integrated"
-RUN = "closed form; 1e-6 for the integration"
-SWING = "closed form; 2e-5 for the integration, which adds up over the swings"
-
-
-def swing(t: Array, start: float, rate: float) -> Array:
-    """The angle of a pendulum let go at `start` from hanging, sin(theta/2) = k sn(K - rate t, k) with k = sin(start/2)."""
-    k = np.sin(start/2)
-    return 2*np.arcsin(k*ellipj(ellipk(k**2) - rate*t, k**2)[0])
-
-
-def by_cosines(t: Array) -> Array:
-    """The angle between two sides of 1 m and 0.6 m, opposite to which a strut changes its length."""
-    s = 1 + 0.4*np.sin(np.pi/2*t)
-    return np.arccos((1 + 0.6**2 - s**2)/(2*0.6))
 
 
 def pitch(theta: Array) -> tuple[Array, Array, Array]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagrams import CART
 
 import heavebond as hb
 
@@ -221,20 +222,6 @@ def test_tables_carry_units(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_dataset_carries_units() -> None:
     data = hb.simulate(hb.loads(TRAP)).to_xarray(["error"])
     assert data["error"].attrs["units"] == "mm" and data["time"].attrs["units"] == "s" and data["error"].dims == ("time",)
-
-
-CART = """
-model: cart
-components:
-  wall:   {is: Fixed}
-  spring: {is: Spring, c: 1 kN/m}
-  damper: {is: Damper, d: 20 N*s/m}
-  cart:   {is: Mass, m: 10 kg}
-nodes: {wall: [wall.a, spring.a, damper.a], load: [spring.b, damper.b, cart.a]}
-initial: {load.x: 20 mm, load.v: 0 m/s}
-show: {place: {is: load.x, unit: mm}}
-simulate: {until: 1 s, every: 0.1 s}
-"""
 
 
 @pytest.mark.parametrize(("call", "code", "named"), [

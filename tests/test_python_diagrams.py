@@ -11,24 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from collected import for_each
+from diagrams import CART
 
 import heavebond as hb
 from heavebond.language.library import bundled
 from heavebond.text.python_source import plain, yaml_text
 from heavebond.text.yaml_source import parse, read
 
-CART = """
-model: cart
-components:
-  wall:   {is: Fixed}
-  spring: {is: Spring, c: 1 kN/m}
-  damper: {is: Damper, d: 20 N*s/m}
-  cart:   {is: Mass, m: 10 kg}
-nodes: {wall: [wall.a, spring.a, damper.a], load: [spring.b, damper.b, cart.a]}
-initial: {load.x: 20 mm, load.v: 0 m/s}
-show: {place: {is: load.x, unit: mm}}
-simulate: {until: 1 s, every: 0.1 s}
-"""
 SNUBBER = {
     "summary": "Force that grows with the third power of the speed.",
     "ports": {"a": "translational", "b": "translational"},

@@ -104,7 +104,7 @@ class Diagram:
         A port that is on a node already brings its node with it; nodes that are joined become one. `node` names the node;
         without it a new node has the name of its first port, with `_` for the point: `spring_b`. Its variables are
         available as `spring_b.x` and as those of each port (`spring.b.x`). Returns the diagram. Raises ModelError if two
-        nodes with names of their own would be joined, UsageError without ports.
+        named nodes would be joined, UsageError without ports.
         """
         call = calling_place()
         for port in (*ports, node):

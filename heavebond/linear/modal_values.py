@@ -156,7 +156,7 @@ class ModalEnergies:
         s = mode.value
         energy = {name: abs(p.imag) / s.imag if mode.swings else abs(p / s) for name, p in power.items()
                   if name in self.stores}
-        # where positions move without a store, what is left of forces that cancel is no energy
+        # if positions move without a store, the sum of cancelling forces is a rounding error, not an energy
         if sum(energy.values()) <= ROUNDING * size / abs(s):
             return ModalShares(left_out=self.left_out)
         lost = {name: p.real - s.real * energy.get(name, 0.0) for name, p in power.items()} if mode.swings else {}

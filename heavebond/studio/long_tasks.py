@@ -144,7 +144,7 @@ def diagnosed(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     experiment = load_experiment(path)
     diagnosis = diagnose(experiment, steps=int(options.get("steps", 5)), seconds=float(options.get("seconds", 600)),
                          classes=[str(c) for c in options.get("classes", ())], progress=job.progress,
-                         growing=lambda rungs: job.tell("ladder", rungs))
+                         growing=lambda models: job.tell("ladder", models))
     adds = [{"label": f"{f.candidate.kind} {f.candidate.place}", "count": k} for k, f in enumerate(diagnosis.added, 1)]
     chosen = {f.candidate.label for f in diagnosis.added}
     alternatives = [{"label": f"{e['effect']} {e.candidate.place}", "kind": e.candidate.kind, "component": e["effect"],

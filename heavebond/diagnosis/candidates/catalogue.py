@@ -20,7 +20,7 @@ import casadi as ca
 from heavebond.core.errors import listing
 from heavebond.core.units import Dimension, Unit, dimension_text, is_generic, read_unit, solved
 from heavebond.equations.connect import Group, Network, connect
-from heavebond.equations.expanded import Bound, Expanded, Leaf
+from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.parameters import formula_order
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment, Prior
@@ -604,7 +604,8 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
             bound = leaf.inputs.get(signal.name)
             if signal.direction != "in" or (wire is None and bound is None):
                 continue
-            if wire is None and bound is not None and _is_constant(bound) and not is_offset_or_gain(component):
+            constant = bound is not None and isinstance(bound.value, Value) and not any(names(bound.value.expr))
+            if wire is None and constant and not is_offset_or_gain(component):
                 site.excluded[f"{component.name} before {path}"] = "this input is constant"
                 continue
             block = leaf.path.rpartition(".")[0]
@@ -620,10 +621,6 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
             change = replace(change, initial=_at_rest(site, component, name))
             yield Candidate(name, component.name, effect.kind, effect.description, f"before {path}", (leaf.path,), change,
                             numbers, "input", _full(component, name), path)
-
-
-def _is_constant(bound: Bound) -> bool:
-    return isinstance(bound.value, Value) and not any(True for _ in names(bound.value.expr))
 
 
 def is_offset_or_gain(component: Component) -> bool:
