@@ -101,7 +101,7 @@ def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: s
             axes.annotate("", (response[k + 1].real, response[k + 1].imag), (response[k].real, response[k].imag),
                           arrowprops={"arrowstyle": "-|>", "color": colour})
             sizes = np.abs(response)
-            # at an undamped resonance the curve is infinite: the limits of the plane are those of the other points
+            # at an undamped resonance the curve is infinite: the plane then shows some times the median distance
             reach = max(reach, REACH * float(np.median(sizes)) if len(channel.unbounded()) else float(sizes.max()))
         if margins is not None:
             turn = np.linspace(0, 2 * np.pi, 200)
