@@ -9,20 +9,18 @@ subtracted.
 from __future__ import annotations
 
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 import heavebond as hb
+from benchmarks.random_trees import Pinocchio, aligned_tree, diagram, random_tree
 from heavebond.numerics.dae import Assembly
 from heavebond.numerics.initialise import start
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from random_trees import diagram, random_tree
 
 NUMBERS = (12, 25, 50, 100, 200)
 CALLS = 2000
@@ -41,7 +39,8 @@ def right_hand_side(assembly: Assembly) -> ca.Function:
     t, x, z, p, u, rate = assembly.arguments
     values = [ca.DM(0), x, ca.DM.zeros(z.numel()), ca.DM(assembly.p), ca.DM.zeros(u.numel()), 1]
     whole = ca.Function("whole", [t, x, z, p, u, rate], [ca.vertcat(assembly.ode, assembly.alg)])
-    return ca.Function("rates", [x], [ca.densify(whole(*values))])
+    rates: Any = whole(*values)
+    return ca.Function("rates", [x], [ca.densify(rates)])
 
 
 def seconds(function: ca.Function, x: np.ndarray, calls: int) -> float:
@@ -75,17 +74,16 @@ def growth() -> None:
 
 def arm() -> None:
     """The right-hand side of six hinges beside the articulated-body algorithm of Pinocchio for the same tree."""
-    from random_trees import Pinocchio, aligned_tree
-
     bodies = aligned_tree(6, 1)
     assembly = hb.assemble(hb.loads(diagram(bodies)))
     x = np.asarray(start(assembly).x, float) + 0.1
     with tempfile.TemporaryDirectory() as folder:
         ours = seconds(compiled(right_hand_side(assembly), Path(folder)), x, CALLS)
-    tree = Pinocchio(bodies)
+    tree: Any = Pinocchio(bodies)
     q, v = np.full(6, 0.1), np.full(6, 0.1)
     times = []
-    for work in (lambda: tree.pin.aba(tree.model, tree.data, q, v, v), lambda: tree.pin.neutral):
+    works: tuple[Any, Any] = (lambda: tree.pin.aba(tree.model, tree.data, q, v, v), lambda: tree.pin.neutral)
+    for work in works:
         begin = time.process_time()
         for _ in range(20000):
             work()

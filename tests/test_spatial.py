@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from random_trees import Pinocchio, aligned_tree, diagram, mujoco_accelerations, random_tree
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
 import heavebond as hb
+from benchmarks.random_trees import Pinocchio, aligned_tree, diagram, mujoco_accelerations, random_tree
 from heavebond.core.errors import ModelError
 from heavebond.language.library import library
 from heavebond.language.power_law import wrong_rates
