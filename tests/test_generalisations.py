@@ -237,9 +237,11 @@ NOT_A_GENERALISATION = {
         "SpringDamperWithPlay < *Damper; *WithPlay < Contact; *WithPlay < ShockAbsorber; SlackWire < *; WormGear < *; "
         "PowerScrew < *; Conduction < *; NaturalConvection < HeatRadiation; TransmissionLine < *; Lookup < MonotoneLookup; "
         "MonotoneLookup < Lookup; StepLookup < Lookup; StepLookup < MonotoneLookup; ScrewJoint < SpatialRevoluteJoint; "
-        "SpatialBody < SpatialPointMass",
+        "SpatialBody < SpatialPointMass; ElasticGap < *; ElasticBacklash < *; "
+        "*SpringDamper* < Elastic*",
     "it sticks by events: the same law in the limit of its transition, with the same parameters":
-        "~DryFriction < *; LockingClutch < Clutch",
+        "~DryFriction < *; LockingClutch < Clutch; LockingOneWayClutch < Clutch; LockingBrake < PressedFriction; "
+        "LockingClutch < LockingOneWayClutch",
     "a whole number makes the difference":
         "PistonPump < HydraulicPump; TelescopicCylinder < PlungerCylinder",
     "a signal of a controller or a source is known":

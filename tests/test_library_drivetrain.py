@@ -35,6 +35,13 @@ def magic(slip: Array, load: float, mu: float) -> Array:
     return np.asarray(load*mu*np.sin(1.9*np.arctan(y - 0.97*(y - np.arctan(y)))))
 
 
+def housing(t: Array) -> Array:
+    """Angle of the housing: the torque at it is -a - b = (i - 1) M on an inertia, which the wheel changes by the ratio.
+
+    With a.w = h + i (b - h) and the motor without inertia: 10 b' = 5 M, 0.4 h' = -4 M - c h."""
+    return np.asarray(-40/20e3*(1 - np.cos(np.sqrt(20e3/0.4)*t)))
+
+
 LIFTING, WINDING = friction_angle(0.12, 15), friction_angle(0.08, 20)
 HELIX, GAMMA = np.arctan(6/(PI*27)), np.radians(4)
 SETTLED = "textbook; the elastic flank settles with its time constant of 1 ms"
@@ -57,6 +64,14 @@ CASES = [
     # half a swing at 10 rad/s, then free with twice the speed of the drive
     Case("one_way_clutch", "wheel.w", lambda t: np.where(t < PI/10, 2 - 2*np.cos(10*t), 4), RUN),
     Case("locking_clutch", "wheel.w", lambda t: np.minimum(2*t, 10), RUN),
+    # 2 m/s**2 from 0.1 s on; then 15 N hold against the push
+    Case("locking_brake", "sledge.v", lambda t: np.clip(1 - 2*(t - 0.1), 0, 1), RUN),
+    Case("locking_brake", "part.F", lambda t: np.where(t < 0.1, 0, np.where(t < 0.6, 20, np.where(t < 0.8, 0, 15))), RUN),
+    # the brake torque of 4 N*m and the load of 1 N*m slow 2 kg*m**2 down to the drive, which then holds the load
+    Case("locking_one_way_clutch", "wheel.w", lambda t: np.maximum(7 - 2.5*t, 2), RUN),
+    Case("locking_one_way_clutch", "part.M", lambda t: np.where(t < 2, 4, -1), RUN),
+    # the support turns back by the torque -(1 - 5) 10 N*m, as a spring and an inertia do: 1 - cos
+    Case("gear_with_housing", "housing.phi", housing, RUN, 1e-4),
     Case("winch_drum", "part.r", lambda t: 0.21 + 0.866*0.02*(1 + np.tanh((t - 5)/0.25))/2, RUN),
     # the change of the layer is odd about its middle: nine turns are five of one radius and four of the next
     Case("winch_drum", "rope.x", lambda t: 2*PI*(5*0.21 + 4*(0.21 + 0.866*0.02)) + 0*t, RUN, begin=9),
@@ -69,6 +84,44 @@ CASES = [
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.example}-{case.signal}")
 def test_the_example_shows_the_law(case: Case) -> None:
     check(case)
+
+
+@checks("GearWithHousing")
+def test_a_gear_with_a_housing_conserves_power_and_torque() -> None:
+    found = part("GearWithHousing", i=-3)({"a.tau": 7.0, "b.w": 4 + SPEEDS, "h.w": 4})
+    agree(found["a.w"], 4 - 3*SPEEDS)
+    agree(found["b.tau"], 21)
+    agree(found["h.tau"], -28)
+    agree(found["a.tau"]*found["a.w"] + found["b.tau"]*found["b.w"] + found["h.tau"]*found["h.w"], 0, size=100.0)
+
+
+@checks("LockingBrake", "LockingOneWayClutch")
+def test_sliding_brakes_and_overrun_clutches_have_the_torque_of_their_pressure() -> None:
+    for u, force in ((-5.0, 0.0), (0.0, 0.0), (8.0, 2.4)):
+        for mode in (-1.0, 1.0):
+            found = part("LockingBrake", mu=0.3)({"u": u, "a.v": 1, "b.v": 1 + mode*np.array([0.1, 3]), "mode": mode,
+                                                   "limit": 0, "der(v)": 0})
+            agree([found["b.f"], -found["a.f"]], mode*force)
+    for u, torque in ((-1.0, 0.0), (0.25, 3.0), (4.0, 12.0)):
+        found = part("LockingOneWayClutch", M_max="12 N*m")({"u": u, "a.w": 1, "b.w": 1 + np.array([0.1, 3]), "mode": 1,
+                                                                 "limit": 0, "der(w)": 0})
+        agree([found["b.tau"], -found["a.tau"]], torque)
+
+
+def test_a_freewheel_without_engagement_takes_a_wheel_along_and_lets_it_overrun() -> None:
+    """A drive that swings: the wheel has the speed of the drive as it rises, and keeps its top."""
+    found = run("""
+model: freewheel
+components:
+  drive: {is: SpeedSource, u: "=3 rad/s*sin(2*pi*time/4 s)"}
+  part:  {is: LockingOneWayClutch, M_max: 8 N*m, u: 0}
+  wheel: {is: Inertia, J: 2 kg*m**2}
+nodes: {drive: [drive.a, part.a], wheel: [part.b, wheel.a]}
+initial: {wheel.w: 0 rad/s}
+simulate: {until: 4 s, every: 10 ms}
+""")
+    # 1e-5: while locked, the shafts creep by 1e-12 of the torque, and the instant of release is found to 1e-6
+    agree(found["wheel.w"], np.where(found.time < 1, 3*np.sin(PI/2*found.time), 3), 1e-5, size=3.0)
 
 
 @checks("Differential")

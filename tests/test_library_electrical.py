@@ -56,6 +56,17 @@ simulate: {{until: {float(flux(np.array(10.0)))/12} s, every: 1e-5 s}}
     assert audit.closes() and audit.stored == pytest.approx(wanted, rel=1e-6)
 
 
+@checks("ResistorWithHeatPort")
+def test_a_resistor_with_a_heat_port_heats_by_its_loss_and_changes_its_resistance() -> None:
+    law = part("ResistorWithHeatPort", R_0="4 ohm", alpha="0.0039 1/K", T_0="20 degC")
+    for temperature in (253.15, 293.15, 400.0):
+        found = law({"a.v": 10 + V, "b.v": 10, "h.T": temperature})
+        resistance = 4*(1 + 0.0039*(temperature - 293.15))
+        agree(found["a.i"], V/resistance)
+        agree(found["b.i"], -V/resistance)
+        agree(found["h.Q"], -V**2/resistance)
+
+
 @checks("Conductance", "BrushContact")
 def test_leakage_and_brushes() -> None:
     found = part("Conductance", G="2 mA/V")({"a.v": 10 + V, "b.v": 10})

@@ -87,6 +87,13 @@ LAWS: dict[str, tuple[tuple[str, dict[str, float]], tuple[str, dict[str, float]]
         ("RotationalEndStop", {"c": 4e4, "d": 300.0, "phi_min": -0.1, "phi_max": 0.1, "e_t": NARROW}),
         lambda s, v: np.where(s > 0.1, np.maximum(4e4*(s - 0.1) + 300*v, 0),
                               np.where(s < -0.1, np.minimum(4e4*(s + 0.1) + 300*v, 0), 0.0))),
+    "end stops with limited damping": (
+        ("ElasticGap", {"c": 4e4, "d": 300.0, "l0": -0.1}), None,
+        lambda s, v: np.where(s < -0.1, 4e4*(s + 0.1) + np.clip(300*v, 4e4*(s + 0.1), -4e4*(s + 0.1)), 0.0)),
+    "backlash with limited damping": (
+        ("ElasticBacklash", {"c": 4e4, "d": 300.0, "gap": 0.1}), None,
+        lambda s, v: np.sign(s)*np.clip(4e4*np.maximum(np.abs(s) - 0.1, 0) + np.sign(s)*300*v, 0,
+                                        8e4*np.maximum(np.abs(s) - 0.1, 0))),
     "curve over speed": (
         ("ForceCurveOfSpeed", {"v_max": 0.5, **{f"F_{k + 1}": h for k, h in enumerate(HEIGHTS)}}),
         ("TorqueCurveOfSpeed", {"w_max": 0.5, **{f"M_{k + 1}": h for k, h in enumerate(HEIGHTS)}}),
@@ -224,6 +231,20 @@ def test_sliding_follows_the_stribeck_curve() -> None:
             v = mode*np.array([1e-6, 0.1, 2.0])
             rate = {f"der({'w' if 'Rot' in component else 'v'})": 0.0}
             agree(between(component, 0.0, v, given, mode=mode, **rate), mode*(50 + 30*np.exp(-(v/0.2)**2)) + 7*v)
+
+
+@checks("DryFriction", "RotationalDryFriction")
+def test_an_exponential_stribeck_curve_stops_a_body_at_the_time_of_its_integral() -> None:
+    """m v' = -(F_c + F_1 exp(-v/v_s)): from v_0 the body stops at m v_s/F_c ln((F_c exp(v_0/v_s) + F_1)/(F_c + F_1))."""
+    m, coulomb, extra, scale, first = 2.0, 8.0, 4.0, 0.5, 1.5
+    stop = m*scale/coulomb*np.log((coulomb*np.exp(first/scale) + extra)/(coulomb + extra))
+    for words in SLIDING:
+        law = f"{words['c']}: {coulomb} {words['N']}, {words['s']}: {coulomb + extra} {words['N']}, " \
+            f"{words['v']}_s: {scale} {words['unit']}, n: 1"
+        text = SLED.format(**words, push=0, start=first).replace(f"{words['c']}: 8 {words['N']}, {words['s']}: 10 "
+                                                                f"{words['N']}", law)
+        assert [time for time, name in run(text).events if name == "dry.stick"] == pytest.approx([stop], rel=1e-6)
+    agree(1.0, 1.0)
 
 
 SLED = """\

@@ -434,7 +434,10 @@ class Simulator:
             assert found.between is not None
             with self._turn:
                 times, trace, settle = with_hidden(found.between())
-            return taken(trace, times, np.arange(len(times))), settle
+            # the run begins with the values after the events at its start
+            begin = int(np.searchsorted(times, times[0], side="right")) - 1
+            points = np.arange(begin, len(times))
+            return taken(trace, times[points], points), None if settle is None else lambda at: settle(at + begin)
 
         result = replace(result, between=dense)
         check_limits(result)
