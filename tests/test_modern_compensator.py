@@ -103,3 +103,15 @@ def test_closed_valves_hold_the_crown_block_to_the_platform() -> None:
     assert abs(late(run, "WOB") - 30).max() == pytest.approx(111, rel=0.02)
     assert abs(late(run, "crown")).max() / 1e3 == pytest.approx(0.504, rel=0.02)
     assert (late(run, "WOB") <= 0).mean() == pytest.approx(0.43, abs=0.01)
+
+
+@pytest.mark.long
+def test_a_bit_whose_string_is_not_fed_drills_off_exponentially() -> None:
+    """dN/dt = -c k N with the stiffness c of wires, string and formation in series, after the rotation has begun (within
+    2 s, as if at once 1 s later). 2 %: the crown block moves by up to a millimetre, the bit by 100 mm."""
+    model = hb.load("cmc_ahc/force_control").with_parameters({"wave.a": "0 m", "feed": 0, "rop": "20 m/h"})
+    run = hb.simulate(model, "60 s")
+    wob, series, rate = run.display["WOB"], 1/(1/4000 + 1/298 + 1/1000), 20/3600/30     # kN, kN/m, m/(s kN)
+    for t in (40.0, 60.0):
+        assert float(np.interp(t, run.time, wob)) == pytest.approx(30*np.exp(-series*rate*(t - 21)), rel=0.02)
+    assert run.display["drilled"][-1] == pytest.approx((30 - wob[-1])/series, rel=0.02)

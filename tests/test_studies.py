@@ -343,6 +343,73 @@ def test_conditions_are_timed_and_counted() -> None:
     assert sampled_value("times", time, 1 - holds, np.zeros((0, 401)))[0] == 2
 
 
+YEAR = """study: a year of floors
+model: isolator.yaml
+cases:
+  damper: {light: {}, heavy: {damper.d: 2 kN*s/m}}
+  a: [5 mm, 10 mm]
+  f: [1 Hz, 2 Hz, 6 Hz]
+  start: {sample: seeds, over: {seed: 1 .. 2}}
+measure:
+  motion: {is: largest(motion) + (seed - 1)*3 mm, unit: mm}
+occurrence:
+  of: [f, a]
+  share: {1 Hz: [30, 30], 2 Hz: {5 mm: 15}, 6 Hz: [20, -]}
+  required: {motion: <= 12 mm}
+"""
+
+
+def test_means_and_availability_are_weighted_by_the_scatter_diagram(folder: Path) -> None:
+    Path("isolator.yaml").write_text(ISOLATOR.replace("a: 10 mm", "a: 10 mm, seed: 1"), encoding="utf-8")
+    result = hb.study(_study(YEAR), processes=1)
+    shares = {("1 Hz", "5 mm"): 30, ("1 Hz", "10 mm"): 30, ("2 Hz", "5 mm"): 15, ("6 Hz", "5 mm"): 20}
+    assert result.complete
+    assert len(result.outcomes) == 2 * 2 * len(shares), "combinations that never occur are not simulated"
+    for means in result.occurrence_means():
+        values = {cell: [result.value(o, "motion") for o in result.outcomes
+                         if {means.others, *cell} <= {level.name for level in result.case_of(o).levels}] for cell in shares}
+        assert means.means["motion"] == pytest.approx(sum(w*sum(values[c])/2 for c, w in shares.items())/95)
+        assert means.available == pytest.approx(sum(w*sum(v <= 12 for v in values[c])/2 for c, w in shares.items())/95)
+        assert 0 < means.available < 1
+        assert means.fulfilled == {"motion <= 12 mm": means.available}
+        assert means.failed == 0
+
+
+def test_a_combination_without_a_result_is_not_available(folder: Path) -> None:
+    text = YEAR.replace("  start: {sample: seeds, over: {seed: 1 .. 2}}\n", "").replace(" + (seed - 1)*3 mm", "")
+    result = hb.study(_study(text.replace("<= 12 mm", "< 1 m")), processes=1)
+    failed = replace(result.outcomes[0], values={}, problem="broken")
+    light, heavy = replace(result, outcomes=(failed, *result.outcomes[1:])).occurrence_means()
+    assert (light.failed, light.available) == (pytest.approx(30/95), pytest.approx(65/95))
+    assert (heavy.failed, heavy.available) == (0, 1)
+    assert math.isfinite(light.means["motion"])
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("<= 12 mm", "<= 12 s", """study.yaml:13: motion is in mm; its limit is in s [unit-wrong]
+   13 |   required: {motion: <= 12 s}
+      |                      ^^^^^^^
+  Write the limit in mm or in a multiple of it."""),
+    ("<= 12 mm", "12 mm", """study.yaml:13: motion: this is not a comparison with a limit [requirement-wrong]
+   13 |   required: {motion: 12 mm}
+      |                      ^^^^^
+  Write a comparison with a quantity: `WOB deviation: <= 2 kN`."""),
+    ("[f, a]", "[f, start]", """study.yaml:11: 'start' is not an axis of `cases:` with fixed levels [occurrence-axis]
+   11 |   of: [f, start]
+      |           ^^^^^
+  Axes: damper, a, f."""),
+    ("[20, -]", "[20, -3]", """study.yaml:12: share: a share is a number of at least 0 without a unit [occurrence-share]
+   12 |   share: {1 Hz: [30, 30], 2 Hz: {5 mm: 15}, 6 Hz: [20, -3]}
+      |                                                        ^^
+  Write for example `12`, `3 %`, or `-` for a combination that never occurs.""")])
+def test_wrong_scatter_diagrams_are_refused(folder: Path, old: str, new: str, message: str) -> None:
+    Path("isolator.yaml").write_text(ISOLATOR.replace("a: 10 mm", "a: 10 mm, seed: 1"), encoding="utf-8")
+    assert old in YEAR
+    with pytest.raises(hb.ModelError) as caught:
+        hb.study(_study(YEAR.replace(old, new, 1)), processes=1)
+    assert str(caught.value) == message
+
+
 # -- wrong files -------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("old", "new", "message"), [
     ("cases:\n", "free: {spring.c: 1 .. 2 kN/m}\ncases:\n", """study.yaml:3: 'free' belongs under `tune:` [key-strayed]

@@ -166,6 +166,9 @@ def study() -> Schema:
         "measure": _each({"anyOf": [TEXT, _object({"is": {}, "unit": UNIT}, ["is"])]}, "measured numbers of each case"),
         "compare_with": _said("published numbers for comparison", {"type": "object"}), "calibrate": _object(
             {"free": ranges, "targets": {}, "to": {}}, ["free", "targets"]),
+        "occurrence": _object({"of": WORDS, "share": _said("a number for each combination of their levels", {}),
+                               "required": _each(TEXT, "comparisons of measured numbers: `<= 2 kN`")}, ["of", "share"],
+                              "how often the levels of axes occur together"),
         "pictures": _each(_object({"title": TEXT, **dict.fromkeys(PICTURES, WORDS), "from": TIME, "to": TIME})),
         "notes": _said("text for readers", {})}, ["study", "model"])
 

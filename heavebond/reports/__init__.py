@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from heavebond.records.spectra import SignalAnalysis
     from heavebond.reports.text_page import TextPage
     from heavebond.studies.campaign import StudyResult
-    from heavebond.studies.uncertainty import Spread
+    from heavebond.studies.uncertainty import OccurrenceMeans, Spread
 
 
 @provides("Model._repr_html_")
@@ -152,6 +152,13 @@ def _study_spreads(found: StudyResult) -> list[Spread]:
     from heavebond.studies.uncertainty import spreads
 
     return list(spreads(found))
+
+
+@provides("StudyResult.occurrence_means")
+def _study_occurrence(found: StudyResult) -> list[OccurrenceMeans]:
+    from heavebond.studies.uncertainty import occurrence_means
+
+    return occurrence_means(found)
 
 
 @provides("StudyResult.to_xarray")

@@ -25,6 +25,7 @@ from heavebond.studies.tables import (
     index_rows,
     mean_rows,
     mode_rows,
+    occurrence_rows,
     residual_rows,
     shown,
     slope_rows,
@@ -74,6 +75,10 @@ def study_items(result: StudyResult) -> list[Item]:
             texts -= len([k for k in range(texts) if k not in filled])
             items.append(ResultTable(title, tuple(columns[k] for k in filled),
                                      [tuple(row[k] for k in filled) for row in entries], texts))
+    titles, weighted = occurrence_rows(result)
+    if weighted:
+        items.append(ResultTable("by the scatter diagram: share of the time, and means", tuple(titles),
+                                 [tuple(row) for row in weighted], 1))
     modes = list(mode_rows(result)) if result.study.sample is None else []  # the modes of a sample are in study.json
     if modes:
         items.append(ResultTable("oscillatory modes", ("case", "frequency", "damping", "components"), modes, 4))

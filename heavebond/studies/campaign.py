@@ -89,6 +89,12 @@ class StudyResult(facade.Displayed):
         found: list[Any] = facade.call("StudyResult.spreads", self)
         return found
 
+    def occurrence_means(self) -> list[Any]:
+        """The availability and the mean of each number by the scatter diagram of the study, for each combination of
+        levels of the other axes: `available`, `fulfilled`, `means` and `failed`. UsageError without `occurrence:`."""
+        found: list[Any] = facade.call("StudyResult.occurrence_means", self)
+        return found
+
     def plot(self) -> list[Figure]:
         """The pictures of the study as matplotlib figures."""
         figures: list[Figure] = facade.call("StudyResult.plot", self)
@@ -135,7 +141,7 @@ def study(study: Study | str | Path, *, folder: Path | None = None, processes: i
     study = study if isinstance(study, Study) else load_study(study)
     units = checked(study)
     say = progress or (lambda text: None)
-    jobs = len(study.cases) * max(1, len(study.procedures))
+    jobs = len(study.jobs)
     outcomes: dict[int, Outcome] = {}
     calibrated: Calibrated | None = None
     with ExitStack() as stack:
@@ -168,7 +174,7 @@ def _calibrated(study: Study, folder: Path | None, fresh: bool, executor: Execut
 def _outcomes(study: Study, store: CaseStore | None, fresh: bool, executor: Executor | None, number: int, say: Progress
               ) -> Iterator[tuple[int, Outcome]]:
     """The number and outcome of each job: first the stored ones, then the others in the order of completion."""
-    jobs = [(k, procedure) for k in range(len(study.cases)) for procedure in study.procedures or (None,)]
+    jobs = study.jobs
     names = [f"{k:04}_{procedure.name}" if procedure is not None else f"{k:04}" for k, procedure in jobs]
     completed = 0
     remaining = []

@@ -64,9 +64,15 @@ def read_beside(node: Node | None, axes: Sequence[Axis], quantities: Sequence[st
                              entries.keys[name].place if entries else entry.place,
                              hint=suggest(name, quantities) or f"Known: {listing(quantities)}.")
                 continue
-            numbers[name] = dict(_spread(entry, name, dict(enumerate(axes)), {}, problems, len(axes)))
+            numbers[name] = dict(read_cases(entry, name, axes, problems))
         source_list.append(ReferenceValues(source, numbers))
     return tuple(source_list)
+
+
+def read_cases(node: Node, name: str, axes: Sequence[Axis], problems: Problems
+               ) -> Iterator[tuple[tuple[int, ...], Published]]:
+    """Each index of a combination of levels of the axes with its number, as they are written for quantity `name`."""
+    return _spread(node, name, dict(enumerate(axes)), {}, problems, len(axes))
 
 
 def _spread(node: Node, name: str, left: dict[int, Axis], chosen: dict[int, int], problems: Problems, number: int

@@ -32,6 +32,7 @@ from heavebond.optimise.costs import FUNCTIONALS, Cost, read_cost, read_limit
 from heavebond.optimise.objective import Objective, check_free, check_smooth
 from heavebond.optimise.tuning import Tuned, sweep_in_turn, tune
 from heavebond.studies.axes import StudyCase, case_at, changed
+from heavebond.studies.occurrence import check_units
 from heavebond.studies.shared_runs import measured_together, run_times
 from heavebond.studies.study import COST, SIMULATIONS, Calibration, PackedCase, Procedure, Study
 from heavebond.text.expression import ExpressionProblem, names
@@ -249,6 +250,9 @@ def checked(study: Study) -> dict[str, Unit]:
                 problems.add("unit-wrong", f"the range of {name} is in {axis.sampling.over[name].unit.text}; "
                              f"{parameter_units[name].text} is needed", axis.place)
         units = _units(study, assembly, problems)
+        problems.raise_as(ModelError)
+    if study.occurrence is not None:
+        check_units(study.occurrence, units, problems)
         problems.raise_as(ModelError)
     if study.calibration is not None:
         with relocated(study.places["calibrate"], problems):

@@ -26,13 +26,14 @@ from heavebond.numerics.output_times import begin_of
 from heavebond.optimise.objective import Case, TuningProblem
 from heavebond.optimise.search import METHODS
 from heavebond.studies.axes import Axis, StudyCase, case_at, indices, read_axes, read_numbers
+from heavebond.studies.occurrence import Occurrence, read_occurrence
 from heavebond.studies.published import ReferenceValues, read_beside
 from heavebond.studies.sampling import read_ranges
 from heavebond.text.expression import constant
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
 
 STUDY_KEYS = ("study", "summary", "model", "cases", "evaluate", "reference", "modes", "tune", "measure", "compare_with",
-              "calibrate", "pictures", "notes")
+              "occurrence", "calibrate", "pictures", "notes")
 TUNE_KEYS = ("free", "cost", "limits", "stable", "over", "uncertain", "by")
 ASKED = {"on": True, "off": False}
 GRADIENT_KEYS = ("explore", "starts", "method")
@@ -114,6 +115,7 @@ class Study:
     beside: tuple[ReferenceValues, ...] = ()
     pictures: tuple[Picture, ...] = ()
     calibration: Calibration | None = None
+    occurrence: Occurrence | None = None
     calibrated: Dictionary[str, tuple[float, float]] = field(default_factory=dict)
     places: Dictionary[str, Place] = field(default_factory=dict)
     first: int = 0
@@ -131,6 +133,13 @@ class Study:
     def cases(self) -> tuple[StudyCase, ...]:
         """All cases in order; the last axis varies fastest."""
         return tuple(case_at(self.axes, self.model, index) for index in indices(self.axes))
+
+    @property
+    def jobs(self) -> list[tuple[int, Procedure | None]]:
+        """The number of each case and the procedure of each run; combinations that never occur are left out."""
+        numbers = (k for k, index in enumerate(indices(self.axes))
+                   if self.occurrence is None or self.occurrence.share(index) > 0)
+        return [(k, procedure) for k in numbers for procedure in self.procedures or (None,)]
 
     def case(self, number: int) -> StudyCase:
         """The case of that number in `cases`."""
@@ -281,6 +290,7 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
                  source.path, model, axes, begin, end, reference, modes, task, procedures, measures,
                  beside, _pictures(items.get("pictures"), axes, [*measures, *tuned], problems),
                  _calibration(items.get("calibrate"), beside, problems),
+                 read_occurrence(items.get("occurrence"), axes, [*measures, *tuned], problems),
                  places={**places, "study": root.place, "calibrate": items.get("calibrate", root).place})
 
 

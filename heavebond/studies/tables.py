@@ -22,7 +22,7 @@ from heavebond.records.signal_array import xarray_module
 from heavebond.studies.campaign import StudyResult
 from heavebond.studies.run_case import Outcome
 from heavebond.studies.study import SIMULATIONS
-from heavebond.studies.uncertainty import Spread, groups, indices, quantities, slopes, spreads
+from heavebond.studies.uncertainty import Spread, groups, indices, occurrence_means, quantities, slopes, spreads
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -224,6 +224,22 @@ def _with_interval(spread: Spread | None) -> str:
     return f"{spread.mean:.{places}f} ± {half:.{places}f}"
 
 
+def occurrence_rows(result: StudyResult) -> tuple[list[str], list[list[str]]]:
+    """Head and rows of the availability, of each required comparison and of the mean of each quantity, weighted by the
+    scatter diagram; a column for each combination of levels of the other axes. Empty without `occurrence:`."""
+    if result.study.occurrence is None or not result.outcomes:
+        return [], []
+    columns = occurrence_means(result)
+    rows = [[f"{text} [%]", *(number(100 * c.fulfilled[text], 4) for c in columns)] for text in columns[0].fulfilled]
+    if len(rows) > 1:
+        rows.append(["all of these [%]", *(number(100 * c.available, 4) for c in columns)])
+    if any(c.failed for c in columns):
+        rows.append(["without a result [%]", *(number(100 * c.failed, 4) for c in columns)])
+    rows += [[f"mean {_titled(result, name)}", *(_number(name, c.means[name]) for c in columns)]
+             for name in quantities(result)]
+    return ["", *(c.others for c in columns)], rows
+
+
 def index_rows(result: StudyResult) -> list[tuple[str, ...]]:
     """Quantity, other levels, parameter, Sobol indices of first and total order with their 95 % intervals."""
     return [(sobol.quantity if k == 0 else "", sobol.others if k == 0 else "", name,
@@ -344,6 +360,7 @@ def as_dict(result: StudyResult) -> dict[str, Any]:
             "axes": [axis.name for axis in result.study.axes],
             "spreads": [asdict(s) for s in spreads(result)], "indices": [asdict(i) for i in indices(result)],
             "slopes": [asdict(s) for s in slopes(result)],
+            "occurrence": [asdict(m) for m in occurrence_means(result)] if result.study.occurrence is not None else [],
             "calibrated": result.calibrated.as_dict() if result.calibrated is not None else None,
             "rows": [dict(zip(head, row, strict=True)) for row in rows],
             "cases": [{"case": result.case_of(o).name, "procedure": o.procedure, "values": dict(o.values),

@@ -1,4 +1,4 @@
-"""Uncertainty and sensitivity analysis of a sample: statistics, Sobol indices, derivatives at one point.
+"""Statistics of a sample and over a scatter diagram, and sensitivity analysis: Sobol indices, derivatives at one point.
 
 With y = f(x) and independent x, the index of first order is S_i = Var(E(y | x_i))/Var(y), the index of total order 1 -
 Var(E(y | all but x_i))/Var(y): the share of x_i alone, and with all interactions. Both are estimated by
@@ -10,14 +10,16 @@ standard deviations.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from heavebond.core.errors import Problem, UsageError
 from heavebond.numerics.dae import Array
 from heavebond.studies.campaign import StudyResult
+from heavebond.studies.occurrence import Occurrence, Requirement
 from heavebond.studies.run_case import Outcome
 from heavebond.studies.sampling import AS_GIVEN, DRAWN, SEEDS, Sampling, distribution
 from heavebond.studies.study import SIMULATIONS
@@ -46,6 +48,19 @@ class Spread:
     most: float
     number: int
     failed: int
+
+
+@dataclass(frozen=True)
+class OccurrenceMeans:
+    """Results at levels `others` of the other axes: the availability; the share of the time in which each required
+    comparison holds; the mean of each quantity in its display unit, over the cases that have it (NaN without one); the
+    share of the time of the cases without a result, which count as not available."""
+
+    others: str
+    available: float
+    fulfilled: Mapping[str, float]
+    means: Mapping[str, float]
+    failed: float
 
 
 @dataclass(frozen=True)
@@ -233,3 +248,48 @@ def _at(result: StudyResult) -> int:
     axis = result.study.sample
     assert axis is not None
     return result.study.axes.index(axis)
+
+
+# -- scatter diagrams --------------------------------------------------------------------------------------------------
+def occurrence_means(result: StudyResult) -> list[OccurrenceMeans]:
+    """Availability and means for each combination of levels of the other axes and each procedure, in order. UsageError
+    if the study has no `occurrence:`."""
+    study = result.study
+    occurrence = study.occurrence
+    if occurrence is None:
+        raise UsageError([Problem("occurrence-missing", f"the study '{study.name}' has no scatter diagram", None,
+                                  "Add `occurrence:` with `of:` and `share:`.")])
+    groups: dict[tuple[str, str], dict[tuple[int, ...], list[Outcome]]] = {}
+    for outcome in result.outcomes:
+        case = result.case_of(outcome)
+        others = ", ".join(level.name if axis.unit is None else f"{axis.name} {level.name}"
+                           for k, (axis, level) in enumerate(zip(study.axes, case.levels, strict=True))
+                           if k not in occurrence.axes and axis.sampling is None)
+        cell = tuple(case.index[k] for k in occurrence.axes)
+        groups.setdefault((others, outcome.procedure), {}).setdefault(cell, []).append(outcome)
+    several = len(study.procedures) > 1
+    return [_means(result, occurrence, ", ".join(filter(None, (others, procedure if several else ""))), cells)
+            for (others, procedure), cells in groups.items()]
+
+
+def _means(result: StudyResult, occurrence: Occurrence, others: str, cells: Mapping[tuple[int, ...], list[Outcome]]
+           ) -> OccurrenceMeans:
+    shares = np.array([occurrence.shares[cell] for cell in cells])
+
+    def mean(numbers: Iterator[float]) -> float:
+        values = np.array(list(numbers))
+        known = np.isfinite(values)
+        return float(shares[known] @ values[known] / shares[known].sum()) if shares[known].sum() > 0 else math.nan
+
+    def share_where(wanted: Sequence[Requirement]) -> float:
+        return mean(sum(all(r.holds(o.values.get(r.quantity, math.nan)) for r in wanted) and not o.problem
+                            for o in outcomes) / len(outcomes) for outcomes in cells.values())
+
+    def mean_of(quantity: str) -> float:
+        known = ([v for o in outcomes if math.isfinite(v := result.value(o, quantity))] for outcomes in cells.values())
+        return mean(sum(values) / len(values) if values else math.nan for values in known)
+
+    return OccurrenceMeans(others, share_where(occurrence.required),
+                           {r.text: share_where([r]) for r in occurrence.required},
+                           {name: mean_of(name) for name in result.units},
+                           mean(sum(bool(o.problem) for o in outcomes) / len(outcomes) for outcomes in cells.values()))
