@@ -52,6 +52,10 @@ if TYPE_CHECKING:
     from heavebond.linear.modes import Modes, modes
     from heavebond.linear.root_locus import root_locus
     from heavebond.localise.misfit import Localization, localize
+    from heavebond.monitoring.estimates import StateEstimate
+    from heavebond.monitoring.kalman_filter import Estimator
+    from heavebond.monitoring.monitor import Monitoring, monitor
+    from heavebond.monitoring.moving_horizon import moving_horizon
     from heavebond.numerics.dae import Assembly, assemble
     from heavebond.numerics.result import Result
     from heavebond.numerics.simulation import simulate
@@ -95,6 +99,10 @@ _EXPORTS = {
     "language.diagram": ("Diagram",),
     "language.model": ("load", "loads", "Model"),
     "laws.find": ("find_laws", "FoundLaw", "Laws"),
+    "monitoring.estimates": ("StateEstimate",),
+    "monitoring.kalman_filter": ("Estimator",),
+    "monitoring.monitor": ("monitor", "Monitoring"),
+    "monitoring.moving_horizon": ("moving_horizon",),
     "numerics.dae": ("assemble", "Assembly"),
     "numerics.result": ("Result",),
     "numerics.simulation": ("simulate",),
@@ -120,14 +128,15 @@ _EXPORTS = {
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
-    "Assembly", "Comparison", "DataError", "Diagnosis", "Diagram", "EnergyAudit", "Experiment", "Fit", "FoundLaw",
-    "HeavebondError", "ImportedModel", "Laws", "Localization", "Model", "ModelError", "Modes", "ModesAtStart",
-    "Motion", "Picture", "Rankings", "Result", "RunWarning", "SavedRun", "Signal", "SignalAnalysis",
-    "SimulationError", "Simulator", "StartError", "StateSpace", "Study", "StudyResult", "TextPage", "Tuned",
-    "TuningProblem", "UsageError", "animate", "assemble", "attempt", "candidates", "check", "compare", "diagnose",
-    "draw", "energy", "errors", "export", "find_laws", "fit", "import_model", "library", "load", "load_experiment",
-    "load_study", "loads", "localize", "loop_crossings", "loop_margins", "modes", "new", "read_run", "root_locus",
-    "sensitivity", "signal", "simplify", "simulate", "state_space", "study", "sweep", "tune", "tuning_task",
+    "Assembly", "Comparison", "DataError", "Diagnosis", "Diagram", "EnergyAudit", "Estimator", "Experiment", "Fit",
+    "FoundLaw", "HeavebondError", "ImportedModel", "Laws", "Localization", "Model", "ModelError", "Modes",
+    "ModesAtStart", "Monitoring", "Motion", "Picture", "Rankings", "Result", "RunWarning", "SavedRun", "Signal",
+    "SignalAnalysis", "SimulationError", "Simulator", "StartError", "StateEstimate", "StateSpace", "Study",
+    "StudyResult", "TextPage", "Tuned", "TuningProblem", "UsageError", "animate", "assemble", "attempt", "candidates",
+    "check", "compare", "diagnose", "draw", "energy", "errors", "export", "find_laws", "fit", "import_model",
+    "library", "load", "load_experiment", "load_study", "loads", "localize", "loop_crossings", "loop_margins", "modes",
+    "monitor", "moving_horizon", "new", "read_run", "root_locus", "sensitivity", "signal", "simplify", "simulate",
+    "state_space", "study", "sweep", "tune", "tuning_task",
 ]
 
 
@@ -138,6 +147,7 @@ _ELSEWHERE = {
     "localise": "localize", "where": "localize", "audit": "energy", "run_study": "study", "ladder": "errors",
     "try": "attempt", "import": "import_model", "eigenvalues": "modes", "influence": "sensitivity",
     "spectrum": "signal", "plot": "draw", "margins": "loop_margins",
+    "kalman_filter": "Estimator", "estimate_states": "Estimator", "mhe": "moving_horizon", "watch": "monitor",
 }
 
 
