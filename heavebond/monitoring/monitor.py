@@ -208,8 +208,8 @@ def monitor(experiment: ExperimentOrFile, folder: str | Path, *, walks: Mapping[
     `record` is the record of the experiment with the settings of the monitored machine (by default the first). `rate` is the
     probability of a false alarm in a record of a sound machine (0.01, or "1 %"). With `estimates` the estimated states of
     all records are kept in `Monitoring.estimates`. `processes` work in parallel, or the workers of an `executor` (a
-    `Cluster`). Ctrl-C returns the records finished so far. Raises UsageError for a folder without records; a record that
-    cannot be used is reported in the table.
+    `Cluster`). `progress` is called with the number of finished records. Ctrl-C returns these. Raises UsageError for a
+    folder without records; a record that cannot be used is reported in the table.
     """
     experiment = with_noise(load_experiment(experiment))
     alarm_rate = si_value(rate, "1", "rate")

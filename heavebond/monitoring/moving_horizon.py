@@ -33,7 +33,9 @@ ITERATIONS = 300  # most iterations of IPOPT
 
 def moving_horizon(estimator: Estimator, record: Record | None = None, *, horizon: float | str | None = None
                    ) -> StateEstimate:
-    """Estimate the states and parameters of a record over windows of a length `horizon` (s, or text with a unit; by default
+    """Estimate the states and parameters of a record by the machine of an `estimator`.
+
+    The record is estimated over windows of a length `horizon` (s, or text with a unit; by default
     the whole record).
 
     Windows follow each other at half of their length; the estimate of a sample is from the first window that contains it.
