@@ -26,6 +26,7 @@ import pandas as pd
 import heavebond as hb
 from benchmarks.diagnosis import keeping
 from benchmarks.diagnosis.making import FINE, generator
+from benchmarks.diagnosis.measured import count_processor_time
 from benchmarks.diagnosis.rigs import Signal, steps
 from heavebond.estimation.residuals import Run
 from heavebond.numerics.dae import Array
@@ -70,14 +71,15 @@ def stairs(low: float, high: float, hold: tuple[float, float], rise: float, star
 # -- beds ------------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Input:
-    """A measured input: unit, excitation, standard deviation of its noise and step of its quantisation, in its unit, and
-    whether the experiment states their sum."""
+    """A measured input: unit, excitation, standard deviation of its noise and step of its quantisation, in its unit, whether
+    the experiment states their sum, and its interpolation."""
 
     unit: str
     signal: Excitation
     noise: float = 0.0
     step: float = 0.0
     stated: bool = False
+    interpolation: str = "spline"
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,8 @@ class Bed:
         lines += ["time: {column: time, unit: s}", "inputs:"]
         for name, given in self.inputs.items():
             noise = f", noise: {rms(given):.4g} {given.unit}" if given.stated else ""
-            lines.append(f"  {name}: {{column: {name}, unit: {given.unit}, interpolation: spline{noise}}}")
+            lines.append(f"  {name}: {{column: {name}, unit: {given.unit}, "
+                         f"interpolation: {given.interpolation}{noise}}}")
         lines.append("outputs:")
         for name, channel in self.channels.items():
             formula = channel.formula
@@ -317,9 +320,12 @@ def main(beds: Mapping[str, Bed], study: str, description: str | None) -> None:
     parser = argparse.ArgumentParser(description=(description or "").partition("\n")[0])
     parser.add_argument("names", nargs="*", choices=[*beds, []], metavar="NAME", help=", ".join(beds))
     parser.add_argument("--seconds", type=float, default=SECONDS, help="time limit of each diagnosis")
+    parser.add_argument("--processor", action="store_true", help="`--seconds` are processor time")
     parser.add_argument("--results", default=study, help="results are appended to this file, without .jsonl")
     parser.add_argument("--write", type=Path, metavar="DIR", help="write the files of each bed to DIR/NAME; no diagnosis")
     options = parser.parse_args()
+    if options.processor:
+        count_processor_time()
     for name in options.names or [name for name in beds if options.write or name not in keeping.read(options.results)]:
         if options.write:
             print(write(beds[name], options.write / name))
