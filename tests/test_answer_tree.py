@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from heavebond.diagnosis.answer import ranking
+from heavebond.diagnosis.answer import ranking, tree
 from heavebond.diagnosis.answer.physics import physics
 from heavebond.diagnosis.answer.ranking import conclusion
 from heavebond.diagnosis.answer.sentences import _fall, _other_place, _undetermined
@@ -154,7 +154,20 @@ def test_the_unknown_input_says_where_a_law_outside_the_catalogue_acts() -> None
     assert "exerts a force that depends on the displacement between crown and seabed" in effect.statement
     outside = CALIBRATION.outside * exp(CALIBRATION.excess * (1 - 1e-6))
     share = (1 - CALIBRATION.lapse) * outside / (1 + outside)
-    assert effect.path[1].probability == pytest.approx(0.9 * share, rel=1e-6)
+    assert effect.path[1].probability == pytest.approx(0.9 * 0.9 * share, rel=1e-6)  # explained, predicted
+
+
+def test_an_unknown_input_keeps_what_its_variable_predicts_and_shares_it_with_the_inputs_before_its_node() -> None:
+    """The vessel moves the platform by an input, which may be wrong as well; the force at the crown follows no variable."""
+    command = next(c for c in FOUND.values() if c.attaches == "input")
+    platform, crown = _suspect(("platform",), 0.0, "across", explained=0.8), _suspect(("crown",), 0.0, "across")
+    crown.curve = None
+    located: Any = SimpleNamespace(missing=True, suspects=[platform, crown])
+    at_platform, before_vessel, at_crown = tree._localized(_step([FRICTION, command]), located, 1.0, 16.0)
+    # half of the likelihood; explained; predicted; shared by node and input
+    assert at_platform.probability == pytest.approx(0.5 * 0.9 * 0.9 / 2) == before_vessel.probability
+    assert before_vessel.names[:2] == ("machine", "before vessel.u") and at_platform.names[1] == "between platform"
+    assert at_crown.probability == 0.0
 
 
 def _fitted(name: str, unit: str, value: float, low: float, high: float, range_: tuple[float, float] = (0.0, 1e9)) -> Fitted:

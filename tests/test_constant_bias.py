@@ -16,6 +16,7 @@ from heavebond.cli import main
 from heavebond.core.units import read_unit
 from heavebond.diagnosis.answer.sentences import _revalued, _share, wrong_channels, wrong_starts
 from heavebond.diagnosis.search.refit import Refit
+from heavebond.diagnosis.state import AddedEffect
 from heavebond.estimation.constant_bias import Bias, common_bias, mean_residual
 
 MODEL = """
@@ -187,6 +188,30 @@ def test_a_diagnosis_leads_with_a_channel_of_another_sign(tmp_path: Path) -> Non
     first, of_input, then = wrong_channels(hb.compare(tmp_path / "rig_record.yaml"))
     assert first.startswith("one, two: load.x moves against the model") and "write `is: -(load.x)`" in first
     assert "factor: -1" in of_input and then.startswith("If so, correct it")
+
+
+def test_a_gain_below_zero_is_reported_as_a_wrong_sign(tmp_path: Path) -> None:
+    """A sensor gain absorbs the wrong sign of an input, so that no channel moves against the final model."""
+    (tmp_path / "rig.yaml").write_text(MODEL)
+    (tmp_path / "rig_record.yaml").write_text(EXPERIMENT)
+    for name, period in (("one", 1.9), ("two", 1.4)):
+        moving = hb.load(tmp_path / "rig.yaml").with_parameters({"foot.u": f"=30 mm*sin(2*pi*time/({period} s))"})
+        run = hb.simulate(moving, 10, every=0.02)
+        columns = np.column_stack([run.time, 30 * np.sin(2 * np.pi * run.time / period), 1e3 * run["load.x"]])
+        np.savetxt(tmp_path / f"{name}.csv", columns, delimiter=",", header="t,u,x", comments="")
+    compared = hb.compare(tmp_path / "rig_record.yaml")
+
+    def words(where: str, signal: str, error: float) -> list[str]:
+        candidate = SimpleNamespace(kind="sensor gain", where=(where,), signal=signal, place=f"before {signal or where}")
+        effect = SimpleNamespace(candidate=candidate, parameters=[SimpleNamespace(value=error)])
+        return wrong_channels(compared, [cast(AddedEffect, effect)])
+
+    first, then = words("foot", "foot.u", -1.98)
+    assert first == "The fitted gain before foot.u is -0.98: the signal seems to have the opposite sign. To turn it, write " \
+        "`factor: -1` at foot.u."
+    assert then.startswith("If so, correct it")
+    assert "write `is: -(load.x)` at load.x" in words("load.x", "", -2.1)[0]
+    assert words("foot", "foot.u", -0.9) == []
 
 
 def test_a_value_that_acts_as_another_and_was_not_fitted_is_told_without_a_number() -> None:

@@ -13,7 +13,7 @@ from benchmarks.diagnosis import beyond, integrating, several
 from benchmarks.diagnosis.beds import Bed, Effect, judged, level, misfits, write
 
 BEDS = {**several.BEDS, **beyond.BEDS, **integrating.BEDS}
-QUICK = {"feed_line", "vessels", "board", "clamp", "tank_chain"}  # one process takes about a second for each; the others up to four
+QUICK = {"feed_line", "vessels", "board", "clamp", "tank_chain"}  # about a second each; the others up to four
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else [pytest.mark.slow]) for n in BEDS])

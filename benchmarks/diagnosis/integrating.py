@@ -65,7 +65,8 @@ oil.d: 0.8 N*m*s/rad +- 30 %
 table.J: 0.2 kg*m**2 +- 10 %
 """, (
         Effect("Backlash of 15 mrad on each side between gear and shaft.",
-               "backlash: gear output | backlash: shaft | backlash: shaft table | backlash: shaft output | backlash: gear rotor",
+               "backlash: gear output | backlash: shaft | backlash: shaft table | backlash: shaft output "
+               "| backlash: gear rotor",
                """
 components: {play: {is: GearBacklash, gap: 15 mrad, c: 1e4 N*m/rad, d: 2 N*m*s/rad}}
 nodes: {output: [-shaft.a, +play.a], coupling: [shaft.a, play.b]}

@@ -46,6 +46,7 @@ from heavebond.diagnosis.answer.tree import Tree, answer_tree
 from heavebond.diagnosis.answer.variations import variation_words
 from heavebond.diagnosis.answer.verdict import sheet_p_value
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy, Remainder
+from heavebond.diagnosis.evidence.horizons import horizon_words
 from heavebond.diagnosis.evidence.probability import (
     Event,
     Evidence,
@@ -258,13 +259,13 @@ def _answer(state: State, task: Task) -> Diagnosis:
              *wrong_starts(said, models[-1].comparison), *so_far(steps, state.untried),
              *left_out_words(steps), *search_limits(task.classes, cut(state.searched, state.experiment),
                             state.confirming is not None and state.confirming.shorter),
-             *state.differences)
+             *horizon_words(state.experiment), *state.differences)
     answer = Diagnosis(state.given, said, words, models, findings, state.doubtful, steps, state.shape, state.base, noise,
                        budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
                        evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy,
                                 next(iter(state.reviews), None)), bool(task.classes), state.reviews,
                        state.localization)
-    return replace(answer, words=(*wrong_channels(models[-1].comparison), *answer.words))
+    return replace(answer, words=(*wrong_channels(models[-1].comparison, state.added, state.given), *answer.words))
 
 
 def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:

@@ -28,6 +28,7 @@ from heavebond.diagnosis.evidence.flexible_laws import (
     judged,
     remainder,
 )
+from heavebond.diagnosis.evidence.horizons import with_horizons
 from heavebond.diagnosis.evidence.record_differences import RecordDifference, record_differences
 from heavebond.diagnosis.search.record_starts import own_starts, started_entry
 from heavebond.diagnosis.search.refit import Refit, begun
@@ -212,10 +213,29 @@ def fit_parameters(state: State, task: Task) -> Iterator[State]:
                   ended=("fit_parameters",) if by_user else ())
 
 
+def shorten_horizon(state: State, task: Task) -> Iterator[State]:
+    """Compare the model within segments of the records, if it integrates errors that are most of the misfit; fit the free
+    parameters again there."""
+    began = task.budget.spent
+    last = state.base.after if state.base is not None else state.models[-1].comparison
+    if all(r.chi2 <= DECISION.near for r in last.records.values()):
+        return
+    task.say("examining the drift of the model")
+    cut = with_horizons(state.experiment, state.base.values if state.base is not None else {})
+    if not cut.horizons:
+        return
+    base = fit(cut, progress=lambda text: task.say(f"fitting the free parameters to segments: {text}"), partial=True,
+               seconds=min(FITTING * task.budget.seconds, task.budget.left()),
+               before=Comparison(cut, state.models[0].comparison.records)) if cut.free else None
+    models = first_entries(cut, base, None if base is not None else Comparison(cut, last.records))
+    by_user = base is not None and was_ended(base) and task.budget.spent - began < FITTING * task.budget.seconds
+    yield replace(state, experiment=cut, base=base, models=tuple(models), ended=("shorten_horizon",) if by_user else ())
+
+
 def fit_record_starts(state: State, task: Task) -> Iterator[State]:
     """Fit initial values of each record if the records and the model begin at different values."""
     seconds = min(FITTING * task.budget.seconds, task.budget.left())
-    started = own_starts(state.given, state.models[-1], seconds, task.say)
+    started = own_starts(state.experiment, state.models[-1], seconds, task.say)
     if started is not None:
         yield replace(state, experiment=started.experiment, base=started, models=(*state.models, started_entry(started)))
 
@@ -364,7 +384,7 @@ def compare_held_out_records(state: State, task: Task) -> Iterator[State]:
     held-out ones."""
     if state.steps and not state.findings and not state.untried and not state.steps[0].left.significant \
             and state.table[-1].chi2_held_out > DECISION.near:
-        found = record_differences(at_fit(state.given, state.base))
+        found = record_differences(at_fit(replace(state.given, horizons=state.experiment.horizons), state.base))
         state = replace(state, differences=tuple(difference.words for difference in found))
         yield state
         if len({difference.candidate.label for difference in found}) == 1:
@@ -389,11 +409,11 @@ def decide(state: State, task: Task) -> Iterator[State]:
         yield replace(state, separation=apart)
 
 
-PHASES: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts, search, confirm, try_fixed_values,
-                             fit_flexible_laws, explain_remainder, localise_misfit, compare_held_out_records,
-                             decide)
+PHASES: tuple[Phase, ...] = (simulate_records, fit_parameters, shorten_horizon, fit_record_starts, search, confirm,
+                             try_fixed_values, fit_flexible_laws, explain_remainder, localise_misfit,
+                             compare_held_out_records, decide)
 CLOSING: tuple[Phase, ...] = (confirm, decide)
-FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts)
+FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, shorten_horizon, fit_record_starts)
 
 
 def _with_difference(state: State, task: Task, difference: RecordDifference) -> State:

@@ -12,10 +12,11 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.core.presentation import readable_difference
 from heavebond.core.progress import Progress
 from heavebond.core.reporting import place, reporting
+from heavebond.core.units import read_unit
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.search.refit import Refit
 from heavebond.estimation.comparison import Channel, Comparison, RecordComparison, compare
-from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
+from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment, without_carried
 from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.estimation.residuals import AT_END
 from heavebond.language.definition import Component, Typical
@@ -131,7 +132,9 @@ def ladder_entry(name: str, comparison: Comparison) -> LadderEntry:
     """Create an entry of the table of models from the comparison with all records."""
     fitted = [p for p in comparison.parts if p.use == "fit"]
     checked = [p for p in comparison.parts if p.use != "fit"]
-    return LadderEntry(name, _error(fitted), _error(checked), _chi2(fitted), _chi2(checked), comparison)
+    chi2_fit, chi2_held_out = (total / count if count else math.nan for part in (fitted, checked)
+                               for total, count in [chi2_sum(comparison.experiment, part)])
+    return LadderEntry(name, _error(fitted), _error(checked), chi2_fit, chi2_held_out, comparison)
 
 
 def channel_errors(rung: LadderEntry) -> list[ChannelError]:
@@ -202,11 +205,24 @@ def _error(parts: Sequence[RecordComparison]) -> float:
     return math.sqrt(np.mean(found)) if found else math.nan
 
 
-def _chi2(parts: Sequence[RecordComparison]) -> float:
-    """Chi-square per sample of all samples together."""
-    counts = [int(c.counts.sum()) for p in parts for c in p.channels.values()]
-    values = [c.chi2 for p in parts for c in p.channels.values()]
-    return float(np.average(values, weights=counts)) if values else math.nan
+def chi2_sum(experiment: Experiment, parts: Sequence[RecordComparison]) -> tuple[float, int]:
+    """Chi-square of all samples of these parts of records, and their number. Errors that the machine carries from one
+    segment of a record to the next do not count (see `Horizon`)."""
+    total, count = 0.0, 0
+    for part in parts:
+        channels = part.channels.values()
+        count += sum(int(c.counts.sum()) for c in channels)
+        horizon = experiment.horizons.get(part.name.removesuffix(", held out"))
+        if horizon is None:
+            total += sum(float(c.chi2 * c.counts.sum()) for c in channels if c.counts.any())
+            continue
+        number = {name: k for k, name in enumerate(experiment.outputs)}
+        r = np.concatenate([((c.model - c.measured) / c.noise)[c.counts] for c in channels])
+        channel = np.concatenate([np.full(int(c.counts.sum()), number[c.name]) for c in channels])
+        time = np.concatenate([c.time[c.counts] - experiment.outputs[c.name].shift for c in channels])
+        noise = np.concatenate([np.full(int(c.counts.sum()), c.noise * read_unit(c.unit).scale) for c in channels])
+        total += float(np.sum(without_carried(horizon.carried(channel, time, noise), r)**2))
+    return total, count
 
 
 @reporting

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping as Dictionary
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from filecmp import cmp
 from pathlib import Path
@@ -132,12 +133,50 @@ class InputNoise:
         return np.array([np.interp(time, self.time, errors[k]) for errors in self.errors])
 
 
+@dataclass(frozen=True, eq=False)
+class Horizon:
+    """The segments of a record within which a model is compared, and the errors that it carries from one to the next.
+
+    A machine that integrates keeps an error of its state. `responses` (channels, N, d) are the changes of the channels (SI)
+    by d such errors of the state at the beginning of each segment, at the times (N,); `segment` (N,) is the number of the
+    segment. The part of a residual along these responses is no evidence. It is removed, as d free initial values in each
+    segment would do (see `diagnosis.evidence.horizons`).
+    """
+
+    time: NDArray[np.float64]
+    segment: NDArray[np.int64]
+    responses: NDArray[np.float64]
+
+    def carried(self, channel: NDArray[np.int64], time: NDArray[np.float64], noise: NDArray[np.float64]
+                ) -> list[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        """The samples (k,) of each segment and an orthonormal basis (k, d) of the carried errors, in units of the noise, for
+        residuals (n,) of these channels at these times (n,)."""
+        place = np.clip(np.searchsorted(self.time, time - 1e-9 * (self.time[-1] - self.time[0])), 0, len(self.time) - 1)
+        parts = []
+        for number in np.unique(self.segment[place]):
+            samples = np.flatnonzero(self.segment[place] == number)
+            columns = self.responses[channel[samples], place[samples]] / noise[samples, None]
+            basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+            parts.append((samples, basis[:, sizes > 1e-9 * max(float(sizes.max(initial=0.0)), 1e-300)]))
+        return parts
+
+
+def without_carried(parts: Sequence[tuple[NDArray[np.int64], NDArray[np.float64]]], rows: NDArray[np.float64]
+                    ) -> NDArray[np.float64]:
+    """Residuals, or rows of their derivatives (..., n), without the errors that `Horizon.carried` gives."""
+    found = rows.copy()
+    for samples, basis in parts:
+        found[..., samples] -= (found[..., samples] @ basis) @ basis.T
+    return found
+
+
 @dataclass(frozen=True)
 class Experiment:
     """A diagram with its records: the columns that are inputs and outputs, and the free parameters with their ranges.
 
     `estimated_noise` is the noise of channels without a given one, over all records (see `estimation.channel_noise`),
-    `input_noise` the effect of the noise of its inputs on the channels of each record (see `estimation.input_noise`)."""
+    `input_noise` the effect of the noise of its inputs on the channels of each record (see `estimation.input_noise`),
+    `horizons` the segments within which a model is compared, for records over which it integrates errors."""
 
     name: str
     path: Path
@@ -150,6 +189,7 @@ class Experiment:
     files: tuple[Path, ...] = ()
     estimated_noise: Dictionary[str, NoiseEstimate] = field(default_factory=dict, repr=False, compare=False)
     input_noise: Dictionary[str, InputNoise] = field(default_factory=dict, repr=False, compare=False)
+    horizons: Dictionary[str, Horizon] = field(default_factory=dict, repr=False, compare=False)
 
     def __repr__(self) -> str:
         return brief(self, self.name, f"model {self.model.name}, {count(len(self.records), 'record')}",

@@ -20,7 +20,7 @@ from heavebond.core.errors import ModelError, Problem, SimulationError, StartErr
 from heavebond.core.progress import Progress
 from heavebond.core.units import read_unit
 from heavebond.estimation.comparison import TOLERANCES, assemble_for
-from heavebond.estimation.experiment import Experiment, Free, Record
+from heavebond.estimation.experiment import Experiment, Free, Record, without_carried
 from heavebond.estimation.records import Measured, measure
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.quick_simulation import FitSimulator, Unexplained
@@ -116,6 +116,11 @@ class Run:
         self.scale = np.array([u.scale for u in units])
         self.measured, self.counts, self.checking = self.found.on_grid()
         self.noise = self.found.deviations
+        self.horizon = experiment.horizons.get(record.name)
+        same = like is not None and like.horizon is self.horizon and len(like.found.grid) == len(self.found.grid)
+        self._carried: dict[bytes, list[tuple[NDArray[np.int64], Array]]] = {}
+        if like is not None and same:
+            self._carried = like._carried
         self._beginnings: dict[float, Run] = {} if like is None else like._beginnings
         self.simulator: Simulator = self._simulator(kind, tolerances, None if like is None else like.simulator)
 
@@ -153,7 +158,7 @@ class Run:
         return self._wrong(values, self.counts if self.record.use != "fit" else self.checking)
 
     def _wrong(self, values: Mapping[str, float], which: NDArray[np.bool_], most: float = np.inf) -> tuple[Array, Array]:
-        total = 0.0
+        total, horizon = 0.0, self.horizon
 
         def watch(seen: int, signals: Array) -> None:
             nonlocal total
@@ -166,17 +171,31 @@ class Run:
                 raise Exceeded
 
         if isinstance(self.simulator, Unexplained):
-            signals, sensitivities = self.simulator.measured(values, watch if np.isfinite(most) else None)
+            signals, sensitivities = self.simulator.measured(
+                values, watch if np.isfinite(most) and horizon is None else None)
         else:
             result = self.simulator.run(values)
             signals = self.probe.values(result)
             sensitivities = self.probe.sensitivities(result) if self.names else np.zeros((0, *signals.shape))
-        wrong = (signals - self.measured)[which] / self._noise(which)
-        return wrong, sensitivities[:, which] / self._noise(which) if self.names else np.zeros((0, len(wrong)))
+        noise = self.noise[which]
+        wrong = (signals - self.measured)[which] / noise
+        slopes = sensitivities[:, which] / noise if self.names else np.zeros((0, len(wrong)))
+        if horizon is not None:
+            wrong, slopes = self.without_carried(wrong, which), self.without_carried(slopes, which)
+            if float(wrong @ wrong) > most:
+                raise Exceeded
+        return wrong, slopes
 
-    def _noise(self, selected: NDArray[np.bool_]) -> Array:
-        """The noise of each of these samples (n,)."""
-        return self.noise[selected]
+    def without_carried(self, rows: Array, which: NDArray[np.bool_]) -> Array:
+        """Rows (..., n) over these samples without the errors that the machine carries from segment to segment (see
+        `Horizon`); unchanged for a record without segments."""
+        if self.horizon is None:
+            return rows
+        key = which.tobytes()
+        if key not in self._carried:
+            channel, place = np.nonzero(which)
+            self._carried[key] = self.horizon.carried(channel, self.found.grid[place], self.noise[which])
+        return without_carried(self._carried[key], rows)
 
     @cached_property
     def broken(self) -> Array:

@@ -26,10 +26,12 @@ from heavebond.diagnosis.search.refit import Refit
 from heavebond.diagnosis.search.step import Stage
 from heavebond.diagnosis.state import AddedEffect, LadderEntry, channel_errors, typical_values
 from heavebond.estimation.comparison import Comparison
+from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.fitting import Fit
 
 FILTERED = 5.0  # largest ratio of a residual to the estimated noise that filtered noise may explain
 LESS = 0.7  # ratio of a residual to the estimated noise below which the estimate is too large
+GAIN = "sensor gain"  # class of a factor of a channel or an input
 MENTIONED = 3  # largest number of candidates that are mentioned as not excluded
 
 
@@ -454,14 +456,24 @@ def wrong_starts(said: str, last: Comparison) -> list[str]:
     return found
 
 
-def wrong_channels(last: Comparison) -> list[str]:
+def wrong_channels(last: Comparison, added: Sequence[AddedEffect] = (), experiment: Experiment | None = None) -> list[str]:
     """Sentences on channels whose unit, sign or zero seems to differ from the experiment file, according to the final
-    model."""
+    model, and on fitted gains of channels and inputs of the given `experiment` that are below zero: their sign is wrong."""
     told: dict[str, list[str]] = {}
     for name, record in last.records.items():
         for slip in record.slips:
             told.setdefault(slip, []).append(name)
     found = [f"{listing(records)}: {slip}." for slip, records in told.items()]
+    for effect in added:
+        errors = [p.value for p in effect.parameters] if effect.candidate.kind == GAIN else []
+        if not any(1 + error < 0 for error in errors):
+            continue
+        name, given = effect.candidate.signal or effect.candidate.where[0], experiment or last.experiment
+        inputs = {**given.inputs, **{n: file_input for r in given.records.values() for n, file_input in r.inputs.items()}}
+        remedy = f"write `is: -({given.outputs[name].shown.text})` at {name}" if name in given.outputs else \
+            f"write `factor: {number(-inputs[name].factor)}` at {name}" if name in inputs else "turn it in the diagram"
+        found.append(f"The fitted gain {effect.candidate.place} is {number(1 + errors[0], 3)}: the signal seems to have the "
+                     f"opposite sign. To turn it, {remedy}.")
     return [*found, "If so, correct it and diagnose again: the answer holds for its present value."] if found else []
 
 

@@ -358,8 +358,11 @@ def _of_their_class(outside: Sequence[Leaf], effects: Sequence[Leaf]) -> list[Le
 def _localized(step: Stage, localization: Localization, mass: float, temperature: float) -> list[Leaf]:
     """Distribute the probability of a law outside the catalogue by the localisation.
 
-    The weights are the tempered likelihoods of the groups of places that the records cannot distinguish. The share of the
-    misfit that no place explains remains for "another".
+    The weights are the tempered likelihoods of the groups of places that the records cannot distinguish. An unknown input
+    at a node may act through a source on it: the inputs before this source share the probability of the node. An input that
+    follows no variable of the machine on held-out data is no law at its place. So each place keeps the share of the misfit
+    that it explains, times the share of its input that its best variable predicts on held-out data. The rest remains for
+    "another".
     """
     likelihood = {s.place.name: math.exp(-s.behind / temperature) for s in localization.suspects}
     groups = {frozenset((s.place.name, *s.alike)): likelihood[s.place.name] for s in localization.suspects}
@@ -368,9 +371,24 @@ def _localized(step: Stage, localization: Localization, mass: float, temperature
     for s in localization.suspects:
         group = next(g for g in groups if s.place.name in g)
         share = groups[group] / sum(groups.values()) / sum(o.place.name in group for o in localization.suspects)
-        keys, names = _input_levels(step, s)
-        found.append(Leaf(keys, names, mass * explained * share))
+        predicted = min(1.0, max(0.0, s.curve.r2)) if s.curve is not None else 0.0
+        levels_ = [_input_levels(step, s), *_upstream_levels(step, s)]
+        found += [Leaf(keys, names, mass * explained * predicted * share / len(levels_)) for keys, names in levels_]
     return found
+
+
+def _upstream_levels(step: Stage, suspect: PlaceEstimate) -> list[tuple[tuple[object, ...], tuple[str, ...]]]:
+    """Keys and names of the signal inputs through which an unknown input at a node may act: those of the sources on its
+    nodes, and others with the same influence on the records (before a gain, for example)."""
+    nodes = {node.name for node in suspect.place.nodes}
+    known = {score.candidate.label: score.candidate for score in step.scores}
+    on_nodes = {label: c for label, c in known.items() if c.attaches == "input"
+                and nodes & {*step.places.parts.get(c.where[0], {}).values()}}
+    alike = {other: known[other] for label in on_nodes for other in step.twins.get(label, ())
+             if other in known and known[other].attaches == "input"}
+    words = kind_words("transport", None, False)
+    return list({(place := step.places.place(c)): ((MACHINE, place, "transport", OUTSIDE), (MACHINE, c.place, words, NO_LAW))
+                 for c in {**on_nodes, **alike}.values()}.values())
 
 
 def _input_levels(step: Stage, suspect: PlaceEstimate) -> tuple[tuple[object, ...], tuple[str, ...]]:

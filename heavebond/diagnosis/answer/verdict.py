@@ -19,7 +19,7 @@ from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy
 from heavebond.diagnosis.evidence.residual_tests import is_noise
 from heavebond.diagnosis.search.step import EARNED, Stage
-from heavebond.diagnosis.state import AddedEffect, LadderEntry
+from heavebond.diagnosis.state import AddedEffect, LadderEntry, chi2_sum
 from heavebond.estimation.fitting import Fit
 
 CHANCE = 0.005  # p value below which the fitted parameters are significantly better than the data sheet
@@ -127,6 +127,5 @@ def sheet_p_value(base: Fit | None) -> float:
 
     if base is None:
         return 1.0
-    before = sum(float(c.chi2 * c.counts.sum()) for r in base.before.records.values() if r.use == "fit"
-                 for c in r.channels.values())
+    before, _ = chi2_sum(base.before.experiment, [r for r in base.before.records.values() if r.use == "fit"])
     return float(chdtrc(len(base.parameters), max(0.0, before - base.chi2 * base.samples)))

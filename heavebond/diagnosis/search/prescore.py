@@ -203,7 +203,7 @@ def _adjoint(base: Base, run: Run, vectors: Array, folder: Path) -> Adjoint:
     model = sourced.about({n: v for n, v in values.items() if n in sourced.assembly.parameter_values}, known)
     weighted = np.zeros((len(vectors), *run.counts.shape))
     # the linear model divides each channel by one constant noise
-    weighted[:, run.counts] = vectors * (sourced.noise[:, None] / run.noise)[run.counts]
+    weighted[:, run.counts] = run.without_carried(vectors, run.counts) * (sourced.noise[:, None] / run.noise)[run.counts]
     gradients = backward(model, weighted)
     local = dict(zip((s.name for s in sourced.locals), model.local.T, strict=True))
     flat = sourced.assembly.flat

@@ -1,0 +1,143 @@
+"""Segments of records on which a machine that integrates its inputs is compared.
+
+A cart, a drive or a tank without outlet adds up every small force or flow that the model lacks. Over a long record the
+simulated position leaves the measured one, and each law with a restoring force reduces this drift, whether the machine has
+it or not. The drift is therefore no evidence. With the linear system along the run of the fitted base model,
+
+    dx_(i+1) = phi_i dx_i,      dy_i = C_i dx_i,
+
+a direction of dx(0) is carried if its influence on the channels does not decay: the last third of the record has at least
+the share `CARRIED` of its energy. The record is cut into segments. The part of each residual along the carried directions at
+the beginning of each segment is removed, with the same part of all derivatives. This equals multiple shooting with free
+initial values of these directions in each segment (H. G. Bock, K. J. Plitt, 1984, doi:10.1016/S1474-6670(17)61205-9),
+eliminated to first order (variable projection: G. Golub, V. Pereyra, 1973, doi:10.1137/0710036).
+
+A segment is as long as the motion: `PERIODS` correlation times of the rate of the channels that carry the error. The
+records are cut only if the carried errors are at least the share `DRIFT` of the misfit of the fitted base model.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from heavebond.core.errors import HeavebondError
+from heavebond.core.presentation import number
+from heavebond.estimation.experiment import Experiment, Horizon, Record, without_carried
+from heavebond.estimation.records import correlation_time
+from heavebond.localise.ltv_model import LtvModel, SourcedRecord, known_of
+from heavebond.numerics.dae import Array
+
+# CARRIED: a constant has 1/3, an error that decays with 1.6 record lengths 0.2. PERIODS: a sine has a correlation time of a
+# fifth of its period. SEGMENTS: fewer distinguish hardly more than the whole record. SAMPLES: of each channel in a segment,
+# for each carried direction. DRIFT: more than half of the misfit. SEEN: the influence of a direction over the largest.
+CARRIED, PERIODS, SEGMENTS, SAMPLES, DRIFT, SEEN = 0.2, 5.0, 3, 20, 0.5, 1e-6
+
+
+@dataclass(frozen=True)
+class _Along:
+    """The linear system of a record, the noise (m,) of its channels and their measured values (N, m) over it. `response`
+    (N, m, n) of the channels to each state at the beginning, `carried` (n, d) the carried directions there."""
+
+    record: Record
+    model: LtvModel
+    noise: Array
+    measured: Array
+    response: Array
+    carried: Array
+
+
+def with_horizons(experiment: Experiment, values: Mapping[str, float]) -> Experiment:
+    """The experiment with segments for its records, if the errors that the machine carries along are most of the misfit at
+    these values (SI) of the free parameters; otherwise the experiment itself."""
+    along = {}
+    for record in experiment.records.values():
+        with suppress(HeavebondError, np.linalg.LinAlgError):
+            along[record.name] = _along(experiment, record, values)
+    fitted = [a for a in along.values() if a.record.use == "fit"]
+    if len(along) < len(experiment.records) or not any(a.carried.shape[1] for a in fitted):
+        return experiment
+    length = max(_length(a) for a in fitted)
+    horizons = {name: horizon for name, a in along.items() if (horizon := _horizon(a, length)) is not None}
+    if any(a.record.name not in horizons for a in fitted):
+        return experiment
+    total, left = np.sum([_energies(a, horizons[a.record.name]) for a in fitted], axis=0)
+    return replace(experiment, horizons=horizons) if total - left >= DRIFT * total else experiment
+
+
+def horizon_words(experiment: Experiment) -> list[str]:
+    """Sentence on the segments on which the model was compared."""
+    lengths = [(h.time[-1] - h.time[0]) / (h.segment[-1] + 1) for h in experiment.horizons.values()]
+    return ["This machine integrates its inputs, and most of the misfit is an error that adds up along the records. The "
+            f"models were therefore compared within segments of {number(min(lengths), 2)} s, each with its own start; "
+            "chi-square holds for these. The errors in % are those of uninterrupted simulations."] if lengths else []
+
+
+def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) -> _Along:
+    with tempfile.TemporaryDirectory() as folder:
+        sourced = SourcedRecord(experiment, record, Path(folder), lambda flat: {})
+        at = {name: value for name, value in values.items() if name in sourced.assembly.parameter_values}
+        start = {**sourced.assembly.parameter_values, **at}
+        model = sourced.about(at, [known_of(free, start[name]) for name, free in experiment.free.items()])
+    n = model.phi.shape[1]
+    x, response = np.eye(n), np.empty((*model.c.shape[:2], n))
+    for i in range(len(model.time)):
+        response[i] = model.c[i, :, :n] @ x
+        x = model.phi[i, :, :n] @ x if i < len(model.phi) else x
+    flat = np.nan_to_num(response.reshape(-1, n), posinf=1e150, neginf=-1e150)
+    size = np.sqrt(np.maximum((flat**2).sum(axis=0), 1e-300))
+    basis, sizes, directions = np.linalg.svd(flat / size, full_matrices=False)
+    seen = sizes > SEEN * sizes[0]
+    last = basis[2 * len(flat) // 3:, seen]
+    _, shares, within = np.linalg.svd(last, full_matrices=False)
+    kept = within[shares**2 >= CARRIED].T
+    carried = (directions[seen].T / sizes[seen]) @ kept / size[:, None]
+    return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, carried)
+
+
+def _length(along: _Along) -> float:
+    """The length (s) of the segments that a record asks for."""
+    model, d = along.model, along.carried.shape[1]
+    if not d:
+        return 0.0
+    responses = along.response @ along.carried
+    sizes = np.sqrt((responses**2).mean(axis=(0, 2)))
+    times = []
+    for k in np.flatnonzero(sizes > 0.01 * sizes.max()):  # channels that carry the error
+        used = model.used[:, k]
+        time, course = model.time[used], along.measured[used, k] - model.error[used, k]  # the simulated channel
+        times.append(float(correlation_time(time, np.gradient(course, time))))
+    least = SAMPLES * float(np.median(np.diff(model.time)))
+    return max(PERIODS * max(times), d * least)
+
+
+def _horizon(along: _Along, length: float) -> Horizon | None:
+    """The segments of a record; None if it is too short, or carries no error."""
+    model, d = along.model, along.carried.shape[1]
+    span = float(model.time[-1] - model.time[0])
+    count = int(span / length) if length > 0 else 0
+    if not d or count < SEGMENTS:
+        return None
+    segment = np.minimum(((model.time - model.time[0]) * count / span).astype(np.int64), count - 1)
+    n = model.phi.shape[1]
+    responses, directions = np.empty((*model.c.shape[:2], d)), along.carried
+    x = directions
+    for i in range(len(model.time)):
+        if i and segment[i] != segment[i - 1]:
+            x = np.linalg.qr(x)[0]
+        responses[i] = model.c[i, :, :n] @ x
+        x = model.phi[i, :, :n] @ x if i < len(model.phi) else x
+    return Horizon(model.time, segment, np.ascontiguousarray((responses * along.noise[:, None]).transpose(1, 0, 2)))
+
+
+def _energies(along: _Along, horizon: Horizon) -> tuple[float, float]:
+    """Sum of squares of the fitted residuals of a record, with and without the carried errors."""
+    place, channel = np.nonzero(along.model.used)
+    r = along.model.error[place, channel]
+    parts = horizon.carried(channel, along.model.time[place], along.noise[channel])
+    return float(r @ r), float(np.sum(without_carried(parts, r)**2))

@@ -1,0 +1,96 @@
+"""Segments of records on which a machine that integrates its inputs is compared."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import heavebond as hb
+from heavebond.diagnosis.evidence.horizons import horizon_words, with_horizons
+from heavebond.diagnosis.state import ladder_entry
+from heavebond.estimation.channel_noise import with_noise
+from heavebond.estimation.comparison import Comparison, compare
+from heavebond.estimation.experiment import Experiment, Horizon, without_carried
+from heavebond.estimation.residuals import Exceeded, Run
+
+PERIOD, NOISE = 40.0, 1e-3
+TANK = """
+model: vessel
+components:
+  pump: {is: FlowSource, u: 0 L/min}
+  tank: {is: OpenTank, A: 0.1 m**2}
+  OUTLET
+nodes: {inlet: [pump.a, tank.a], bottom: [tank.b, outlet.a] END}
+initial: {tank.h: 1 m}
+"""
+CLOSED = TANK.replace("OUTLET", "outlet: {is: Cap}").replace(" END", "")
+OPEN = TANK.replace("OUTLET", "outlet: {is: LaminarLeakage, C: 2e-6 m**3/(s*Pa)}\n  pit: {is: Tank}").replace(
+    " END", ", pit: [outlet.b, pit.a]")  # an error decays in A/(C rho g) = 5 s
+EXPERIMENT = """
+experiment: vessel
+model: vessel.yaml
+records: {one: {file: one.csv, use: fit}, two: {file: two.csv, use: validate}}
+time: {column: t, unit: s}
+inputs: {pump.u: {column: q, unit: L/min, interpolation: spline}}
+outputs: {level: {is: tank.h, column: h, unit: m, noise: 1 mm}}
+"""
+
+
+def written(folder: Path, model: str, flow: float) -> Experiment:
+    """A tank that a pump fills and empties in periods, of which the diagram lacks a constant flow (L/min)."""
+    (folder / "vessel.yaml").write_text(model)
+    (folder / "vessel_records.yaml").write_text(EXPERIMENT)
+    t = np.arange(401.0)
+    for name, seed in (("one", 1), ("two", 2)):
+        q = 30 * np.sin(2 * np.pi * t / PERIOD)
+        h = 1 + np.concatenate([[0.0], np.cumsum((q[1:] + q[:-1]) / 2)]) / 6e4 / 0.1
+        h += flow * t / 6e4 / 0.1 + NOISE * np.random.default_rng(seed).standard_normal(len(t))
+        np.savetxt(folder / f"{name}.csv", np.column_stack([t, q, h]), delimiter=",", header="t,q,h", comments="")
+    return with_noise(hb.load_experiment(folder / "vessel_records.yaml"))
+
+
+def test_an_error_that_is_constant_within_each_segment_is_no_evidence() -> None:
+    horizon = Horizon(np.arange(12) / 10, np.repeat([0, 1, 2], 4), np.ones((1, 12, 1)))
+    r = np.random.default_rng(0).standard_normal((2, 11))
+    place = np.delete(np.arange(12), 5)  # one sample is missing
+    found = without_carried(horizon.carried(np.zeros(11, int), horizon.time[place], np.full(11, 0.1)), r)
+    for segment in range(3):
+        inside = horizon.segment[place] == segment
+        expected = r[:, inside] - r[:, inside].mean(axis=1, keepdims=True)
+        assert found[:, inside] == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_level_of_a_closed_tank_is_compared_within_segments_of_about_a_period(tmp_path: Path) -> None:
+    """A lost flow of 1 % of the pump adds up to 20 mm. An error of the level stays: the residual of a segment is the plain
+    one less its mean."""
+    plain = written(tmp_path, CLOSED, 0.3)
+    cut = with_horizons(plain, {})
+    horizon = cut.horizons["one"]
+    count = int(horizon.segment[-1]) + 1
+    # the correlation time of a sine is the arc cosine of 1/e over 2 pi: 0.19 periods
+    assert 400 / count == pytest.approx(5 * 0.19 * PERIOD, rel=0.15)
+    assert np.ptp(horizon.responses[0, horizon.segment == 3, 0]) < 1e-6 * np.abs(horizon.responses).max()
+    record = plain.records["one"]
+    before, after = (Run(e, record, []).residuals({})[0] for e in (plain, cut))
+    segment = horizon.segment[:len(before)]
+    means = np.array([before[segment == k].mean() for k in range(count)])
+    assert after == pytest.approx(before - means[segment], abs=1e-6)
+    with pytest.raises(Exceeded):
+        Run(cut, record, []).residuals({}, float(after @ after) / 2)
+    compared = compare(cut)
+    assert ladder_entry("", compared).chi2_fit == pytest.approx(float(after @ after) / len(after), rel=1e-3)
+    assert ladder_entry("", Comparison(plain, compared.records)).chi2_fit == pytest.approx(
+        float(before @ before) / len(before), rel=1e-3)
+    assert "within segments of" in horizon_words(cut)[0] and not horizon_words(plain)
+
+
+def test_records_of_a_machine_that_forgets_its_state_are_compared_whole(tmp_path: Path) -> None:
+    plain = written(tmp_path, OPEN, 0.3)
+    assert with_horizons(plain, {}) is plain
+
+
+def test_records_without_drift_are_compared_whole(tmp_path: Path) -> None:
+    plain = written(tmp_path, CLOSED, 0.0)
+    assert with_horizons(plain, {}) is plain
