@@ -1,8 +1,10 @@
 """Six machines that integrate their input and are recorded without a controller. See `benchmarks.diagnosis.beds`.
 
 A small constant force that the diagram lacks adds up over such a record, and the simulated position leaves the measured one.
-The declared effect of each machine is dominant over short times; the clutter (a slope, an offset of a supply, the cables of
-a motor) dominates the drift. An effect with a restoring force would reduce the drift, and is not there.
+The declared effect of each machine shows over short times; the clutter (a slope, an offset of a supply, the cables of a
+motor) contributes to the drift, and dominates it in some. It is a constant force or flow: an answer that names it as well is
+not wrong, although `judged` counts it as an extra name. An effect with a restoring force would reduce the drift, and is
+not there.
 """
 
 from __future__ import annotations

@@ -74,8 +74,8 @@ def horizon_words(experiment: Experiment) -> list[str]:
     """Sentence on the segments on which the model was compared."""
     lengths = [(h.time[-1] - h.time[0]) / (h.segment[-1] + 1) for h in experiment.horizons.values()]
     return ["This machine integrates its inputs, and most of the misfit is an error that adds up along the records. The "
-            f"models were therefore compared within segments of {number(min(lengths), 2)} s, each with its own start; "
-            "chi-square holds for these. The errors in % are those of uninterrupted simulations."] if lengths else []
+            f"models were therefore compared within segments of {number(min(lengths), 2)} s, each with a separate start. "
+            "Chi-square refers to the segments, the errors in % to uninterrupted simulations."] if lengths else []
 
 
 def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) -> _Along:
@@ -113,7 +113,7 @@ def _length(along: _Along) -> float:
         time, course = model.time[used], along.measured[used, k] - model.error[used, k]  # the simulated channel
         times.append(float(correlation_time(time, np.gradient(course, time))))
     least = SAMPLES * float(np.median(np.diff(model.time)))
-    return max(PERIODS * max(times), d * least)
+    return float(max(PERIODS * max(times), d * least))
 
 
 def _horizon(along: _Along, length: float) -> Horizon | None:
