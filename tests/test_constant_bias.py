@@ -207,8 +207,8 @@ def test_a_gain_below_zero_is_reported_as_a_wrong_sign(tmp_path: Path) -> None:
         return wrong_channels(compared, [cast(AddedEffect, effect)])
 
     first, then = words("foot", "foot.u", -1.98)
-    assert first == "The fitted gain before foot.u is -0.98: the signal seems to have the opposite sign. To turn it, write " \
-        "`factor: -1` at foot.u."
+    assert first == ("The fitted gain before foot.u is -0.98: the signal seems to have the opposite sign. To turn it, "
+                     "write `factor: -1` at foot.u.")
     assert then.startswith("If so, correct it")
     assert "write `is: -(load.x)` at load.x" in words("load.x", "", -2.1)[0]
     assert words("foot", "foot.u", -0.9) == []
