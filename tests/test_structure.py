@@ -12,7 +12,9 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
+import heavebond as hb
 from heavebond.equations.index_reduction import collapse, pantelides
+from heavebond.equations.lost_rank import losses
 from heavebond.equations.matching import (
     Block,
     block_lower_triangular,
@@ -627,3 +629,25 @@ def test_fifty_thousand_rows_take_seconds(shape):
         rows = [[i, i + 1] for i in range(n - 1)] + [[0]]
         assert maximum_matching(rows, n, [*range(n - 1), -1]) == [*range(1, n), 0]
     assert time.process_time() - begin < 20
+
+
+def test_a_rate_that_is_zero_up_to_rounding_does_not_lose_its_equation() -> None:
+    """The usual size of a rate of pressure is declared by no domain and follows from its value. A value of 1.5e-9 Pa/s
+    beside terms of 1e7 Pa is rounding; with it as the size, the rate had vanished from its own equation."""
+    assembly = hb.assemble(hb.loads("""model: rate
+components:
+  line:  {is: PressureSource, p_0: 170 bar}
+  tank:  {is: Tank}
+  gauge: {is: PressureDropSensor}
+  rate:  {is: FilteredDerivative, T_f: 0.5 s, u: =gauge.y}
+  loss:  {is: Gain, k: 1, u: =rate.y*abs(rate.y)*1e-10 s**2/Pa**2}
+nodes:
+  line: [line.a, gauge.a]
+  tank: [tank.a, gauge.b]
+simulate: {until: 1 s, every: 10 ms}
+"""))
+    flat = assembly.flat
+    rate = next(symbol for symbol, unknown in zip(flat.levels[0], flat.unknowns, strict=True) if unknown.name == "rate.y")
+    for value in (0.0, 1.5e-9, 1e6):
+        point = assembly.point(0.0, np.array([170e5 - 0.5*value]), np.zeros(0), assembly.p, np.zeros(0))
+        assert losses(assembly.reduced.system, {**point, rate.element_hash(): value}) == []

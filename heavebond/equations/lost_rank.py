@@ -144,7 +144,7 @@ class _Matrix:
         for k, (j, order) in enumerate(self.system.columns):
             if flat.unknowns[j].unit.dimension not in known:
                 value = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0)
-                beside = self._beside(k, sizes) if value < SMALL else 0.0
+                beside = self._beside(k, sizes)
                 sizes[k] = (beside if value < SMALL * beside else value) or sizes[k]
         self.sizes = sizes
         raw = np.array(system.values(at)).ravel()
