@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from heavebond.numerics.simulator import Simulator
     from heavebond.optimise.influence import Rankings, sensitivity
     from heavebond.optimise.objective import TuningProblem, tuning_task
+    from heavebond.optimise.optimal import Optimal, OptimalProblem, optimal, optimal_task
     from heavebond.optimise.tuning import Tuned, tune
     from heavebond.pictures.motion import Motion, animate
     from heavebond.pictures.picture import Picture, draw
@@ -124,19 +125,21 @@ _EXPORTS = {
     "energy_audit.audit": ("energy", "EnergyAudit"),
     "studies.study": ("load_study", "Study"),
     "optimise.objective": ("TuningProblem", "tuning_task"),
+    "optimise.optimal": ("optimal", "optimal_task", "Optimal", "OptimalProblem"),
     "optimise.tuning": ("tune", "Tuned"),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 __all__ = [
     "Assembly", "Comparison", "DataError", "Diagnosis", "Diagram", "EnergyAudit", "Estimator", "Experiment", "Fit",
     "FoundLaw", "HeavebondError", "ImportedModel", "Laws", "Localization", "Model", "ModelError", "Modes",
-    "ModesAtStart", "Monitoring", "Motion", "Picture", "Rankings", "Result", "RunWarning", "SavedRun", "Signal",
-    "SignalAnalysis", "SimulationError", "Simulator", "StartError", "StateEstimate", "StateSpace", "Study",
-    "StudyResult", "TextPage", "Tuned", "TuningProblem", "UsageError", "animate", "assemble", "attempt", "candidates",
-    "check", "compare", "diagnose", "draw", "energy", "errors", "export", "find_laws", "fit", "import_model",
-    "library", "load", "load_experiment", "load_study", "loads", "localize", "loop_crossings", "loop_margins", "modes",
-    "monitor", "moving_horizon", "new", "read_run", "root_locus", "sensitivity", "signal", "simplify", "simulate",
-    "state_space", "study", "sweep", "tune", "tuning_task",
+    "ModesAtStart", "Monitoring", "Motion", "Optimal", "OptimalProblem", "Picture", "Rankings", "Result",
+    "RunWarning", "SavedRun", "Signal", "SignalAnalysis", "SimulationError", "Simulator", "StartError",
+    "StateEstimate", "StateSpace", "Study", "StudyResult", "TextPage", "Tuned", "TuningProblem", "UsageError",
+    "animate", "assemble", "attempt", "candidates", "check", "compare", "diagnose", "draw", "energy", "errors",
+    "export", "find_laws", "fit", "import_model", "library", "load", "load_experiment", "load_study", "loads",
+    "localize", "loop_crossings", "loop_margins", "modes", "monitor", "moving_horizon", "new", "optimal",
+    "optimal_task", "read_run", "root_locus", "sensitivity", "signal", "simplify", "simulate", "state_space",
+    "study", "sweep", "tune", "tuning_task",
 ]
 
 

@@ -264,8 +264,22 @@ def reliability(folder: Path) -> Path:
     return plot.save(diagram(rows, left_out(rows)), path) if rows else path
 
 
+def shortest_motion(folder: Path) -> Path:
+    """The shortest motion of the axis on the page on optimal motion."""
+    page = (Path(__file__).parent.parent / "optimal_motion.md").read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as place:
+        for name, text in re.findall(r"<!-- file: (\w+\.yaml) -->\n```yaml\n(.*?)```", page, re.DOTALL):
+            (Path(place) / name).write_text(text, encoding="utf-8")
+        study = load_study(Path(place) / "shortest.yaml")
+        assert study.optimal is not None
+        best = hb.optimal(study.model, study.optimal)
+    runs = {"run": best.run.saved(["load", "twist", "force"]), "collocation": best.trajectory}
+    return plot.save(plot.plot_runs(runs, ["load", "twist", "force"], title=study.name), folder / "shortest_motion.png")
+
+
 DRAWN = (
     weight_on_bit,
+    shortest_motion,
     friction,
     choked,
     implied_friction,

@@ -20,6 +20,8 @@ from heavebond.language.sections import SOLVERS, STARTS
 from heavebond.language.view import COLOURS, PAIRS, WIDE
 from heavebond.language.view import KINDS as SHAPES
 from heavebond.language.when import KINDS
+from heavebond.optimise.optimal import INTERPOLATIONS as INPUT_INTERPOLATIONS
+from heavebond.optimise.optimal import STARTS as OPTIMAL_STARTS
 from heavebond.studies.sampling import DRAWN, NAMED
 from heavebond.studies.study import PICTURES
 
@@ -163,6 +165,12 @@ def study() -> Schema:
         "cases": _each(cases, "varied parameters: `f: [1 Hz, 2 Hz]`, or named sets of values"), "evaluate": window,
         "reference": _said("values of the reference run", values),
         "modes": _said("values for the computation of modes", values), "tune": tune,
+        "optimal": _object({
+            "free": ranges, "cost": _said("what is minimised", {"type": "string"}), "limits": WORDS,
+            "start": {"enum": list(OPTIMAL_STARTS)}, "at_end": _said("values of signals at the end", values),
+            "duration": _said("a range of the duration", {"type": "string"}), "intervals": WHOLE,
+            "interpolation": {"enum": list(INPUT_INTERPOLATIONS)}}, ["free", "cost"],
+            "the best functions of time for signals"),
         "measure": _each({"anyOf": [TEXT, _object({"is": {}, "unit": UNIT}, ["is"])]}, "measured numbers of each case"),
         "compare_with": _said("published numbers for comparison", {"type": "object"}), "calibrate": _object(
             {"free": ranges, "targets": {}, "to": {}}, ["free", "targets"]),

@@ -82,6 +82,36 @@ def disturbed(flat: Flat, names: Iterable[str]) -> Flat:
     return replace(flat, residual_column=stack(residuals), inputs=tuple(inputs), options=None)
 
 
+def freed(flat: Flat, names: Iterable[str], interpolation: str) -> Flat:
+    """The flat model in which the law of each named signal is replaced by an input of that name, the last of its inputs.
+    UsageError for a name that is not a signal with a law of its own."""
+    problems, residuals, inputs = Problems(), list(flat.residuals), list(flat.inputs)
+    signals = {n: k for n, k in flat.names.items() if flat.unknowns[k].role == "signal"}
+    for name in names:
+        if name not in signals:
+            problems.add("input-unknown", f"'{name}' is not a signal of this diagram", hint=suggest(name, signals) or
+                         f"Signals: {listing(list(signals) or ['none'], 12)}.")
+            continue
+        unknown = signals[name]
+        aliases = {n for n, k in flat.names.items() if k == unknown}
+        rows = [k for k, e in enumerate(flat.equations)
+                if e.role in (EquationRole.GIVEN, EquationRole.MEASURED) and e.subject in aliases]
+        if not rows:  # the law of a component: its equation with the signal on the left side
+            ports = [n for n in aliases if n in flat.expanded.signals and flat.expanded.signals[n].direction == "out"]
+            rows = [k for k, e in enumerate(flat.equations) for owner, _, port in (n.rpartition(".") for n in ports)
+                    if e.owner == owner and e.text.partition("=")[0].strip() == port]
+        if len(rows) != 1:
+            problems.add("signal-not-free", f"'{name}' does not have one equation of its own, which a free input could "
+                         "replace", hint="Put a Gain of 1 into that wire, and name its output.")
+            continue
+        unit, symbols = flat.unknowns[unknown].unit, ca.vertcat(*(ca.SX.sym("d" * k + name) for k in range(4)))
+        inputs.append(KnownInput(name, FileInput(Path(), name, unit.text, interpolation, flat.equations[rows[0]].place),
+                                 unit, symbols))
+        residuals[rows[0]] = flat.levels[0][unknown] - symbols[0]
+    problems.raise_as(UsageError)
+    return replace(flat, residual_column=stack(residuals), inputs=tuple(inputs), options=None)
+
+
 def quiet(flat: Flat, added: int, begin: float, end: float) -> Pieced:
     """The measured inputs of a disturbed model on [begin, end]: those of its records, and the last `added` ones at zero."""
     records = pieced(replace(flat, inputs=flat.inputs[:len(flat.inputs) - added]), begin, end)

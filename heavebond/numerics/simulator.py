@@ -331,8 +331,8 @@ class Simulator:
         return assembly, first, tangent(self.start_equations, first, u, self.along) if self.sensitivities else None
 
     def run_from(self, x: Array, parameters: Mapping[str, float | str] | None = None) -> Result:
-        """One run from given states x (n_x,) in SI instead of the diagram's start; after the parameters, the
-        sensitivities are with respect to these states (needs `free_start`)."""
+        """One run from given states x (n_x,) in SI instead of the diagram's start; with `free_start` the sensitivities after
+        those by the parameters are with respect to these states."""
         assembly = self.assembly.with_parameters(parameters) if parameters else self.assembly
         if assembly.flat.delays or not all(event.by_clock for event in assembly.flat.events):
             reason, unknown = ("delayed variables", "their history") if assembly.flat.delays else \
@@ -343,6 +343,8 @@ class Simulator:
             assembly = replace(assembly, p=held)
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         steps = np.pad(self.tolerances.along * np.eye(n_x), ((0, 0), (len(self.parameters), 0)))  # of scaled states
+        if not self.sensitivities:
+            steps = np.zeros((n_x, 0))
         assert steps.shape == (n_x, len(self.sensitivities))
         x0 = np.concatenate([x / assembly.x_nominal, steps.T.ravel()])
         x0 = np.append(x0, np.zeros(self.integrator.size1_in("x0") - len(x0)))
@@ -351,7 +353,7 @@ class Simulator:
         first = Start(float(self.time[0]), x, z0[:n_z] * assembly.z_nominal, assembly.p, (), (), 0)
         start_tangent = Tangent(steps * assembly.x_nominal[:, None],
                                 z0[n_z:].reshape(len(self.sensitivities), n_z).T * assembly.z_nominal[:, None], self.along)
-        return self._result(assembly, first, start_tangent, clock.perf_counter())
+        return self._result(assembly, first, start_tangent if self.sensitivities else None, clock.perf_counter())
 
     def _result(self, assembly: Assembly, first: Start, start_tangent: Tangent | None, began: float,
                 again: Callable[[], tuple[Assembly, Start, Tangent | None]] | None = None) -> Result:

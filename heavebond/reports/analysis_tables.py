@@ -1,16 +1,25 @@
-"""Results of `modes`, `sensitivity`, `energy` and `signal` as tables and lines, for the terminal and for notebooks."""
+"""Results of `modes`, `sensitivity`, `energy`, `signal` and `optimal` as tables and lines, for terminal and notebooks."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
+
 from heavebond.core.presentation import count, number, readable
+from heavebond.core.units import read_unit
 from heavebond.energy_audit.audit import EnergyAudit, table
 from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
 from heavebond.linear.linearisation import Mode
 from heavebond.linear.modes import Modes
 from heavebond.linear.sampled import sampled_words
+from heavebond.numerics.dae import Assembly
+from heavebond.optimise.costs import read_cost
 from heavebond.optimise.influence import Ranking, Rankings
+from heavebond.optimise.optimal import Optimal, cost_values
 from heavebond.records.spectra import SignalAnalysis
 from heavebond.reports.result_tables import Item, Line, ResultTable
+from heavebond.reports.study_tables import limit_words
 
 LEAST = 0.05  # smaller shares are not listed
 MOST = 4
@@ -112,3 +121,59 @@ def signal_items(one: SignalAnalysis) -> list[Item]:
     shown = [(words, number(float(str(values[key])), 4), of) for key, words, of in rows if values.get(key) is not None]
     title = f"{one.course.name}, {one.course.time[0]:g} to {one.course.time[-1]:g} s"
     return [ResultTable(title, ("", "value", "unit"), shown), *([Line(one.course.note)] if one.course.note else [])]
+
+
+# -- optimal inputs ------------------------------------------------------------------------------------------------------
+Measures = Mapping[str, tuple[str, str]]  # formulas and units by name
+
+
+def optimal_items(title: str, results: Mapping[str, tuple[Assembly, Optimal]], measures: Measures) -> list[Item]:
+    """Cost and measured numbers of the diagram and of its optimal input, by case; the limits, and the verdict."""
+    rows, lines = list[tuple[str, ...]](), list[Item]()
+    for case, (own, result) in results.items():
+        numbers = {"cost": (result.before, result.cost, result.cost_unit),
+                   **({"duration": (float("nan"), result.duration, "s")} if result.task.duration is not None else {}),
+                   **_measured(own, result, measures)}
+        rows += [(case, name, _number(before, unit), _number(after, unit))
+                 for name, (before, after, unit) in numbers.items()]
+        subject = f"{case}: " if case else ""
+        lines += [Line(subject + limit_words(text, value)) for text, value in result.limits.items()]
+        how = f"{count(result.intervals, 'interval')}, {count(result.iterations, 'iteration')}"
+        worst = max(result.differences.values(), default=0.0)
+        lines.append(Line(f"{subject}verified by a run: its outputs differ from the collocation by {100 * worst:.2g} "
+                          f"% of their ranges, root mean square ({how})") if result.verified else
+                     Line(f"{subject}NOT VERIFIED: {'; '.join(result.doubts)} ({how})", warning=True))
+    table = ResultTable(title, ("case", "", "diagram", "optimal"), rows, 2)
+    if not any(row[0] for row in rows):
+        table = ResultTable(title, ("", "diagram", "optimal"), [row[1:] for row in rows])
+    return [table, *lines]
+
+
+def _number(value: float, unit: str) -> str:
+    return readable(value, unit, 4) if value == value else ""
+
+
+def _measured(own: Assembly, result: Optimal, measures: Measures) -> dict[str, tuple[float, float, str]]:
+    """Measured numbers of the diagram's own run and of the run with the optimal input, in their units."""
+    begin, numbers = float(result.inputs.time[0]), {}
+    for name, (text, unit) in measures.items():
+        values = []
+        for assembly, run in ((own, result.diagram_run), (result.run.assembly, result.run)):
+            cost = read_cost(assembly, text)
+            values.append(cost_values(assembly, run, [cost], [np.zeros(len(cost.functionals))], begin)[0])
+        shown = unit or cost.unit
+        before, after = (float(read_unit(shown).from_si(value)) for value in values)
+        numbers[name] = (before, after, shown)
+    return numbers
+
+
+def optimal_figures(title: str, results: Mapping[str, tuple[Assembly, Optimal]], measures: Measures) -> dict[str, object]:
+    """The results as a dictionary for JSON."""
+    return {"name": title, "cases": {case: {
+        "cost": result.cost, "collocated": result.collocated, "before": result.before, "unit": result.cost_unit,
+        "duration": result.duration, "limits": dict(result.limits), "verified": result.verified,
+        "doubts": list(result.doubts), "differences": dict(result.differences), "intervals": result.intervals,
+        "iterations": result.iterations, "error": result.error, "solver": result.message,
+        "measures": {name: {"diagram": before, "optimal": after, "unit": unit}
+                     for name, (before, after, unit) in _measured(own, result, measures).items()}}
+        for case, (own, result) in results.items()}}

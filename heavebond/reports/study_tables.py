@@ -114,9 +114,7 @@ def tuning_items(name: str, assembly: Assembly | None, result: Tuned, robust: Ro
         _table(name, assembly, result.task, result),
         Line(f"cost {result.cost:.5g} ({before}), {result.runs} runs that cost {result.simulations:.0f} simulations: "
              f"{result.message}")]
-    items += [Line(f"limit {text}: " + (f"exceeded by {100 * value:.3g} %" if value > 1e-4 else
-                                        f"kept, {100 * -value:.3g} % to spare" if value < -1e-3 else "just kept"))
-              for text, value in result.limits.items() if text != STABLE]
+    items += [Line(limit_words(text, value)) for text, value in result.limits.items() if text != STABLE]
     if len(result.cost_of_cases) > 1:
         items.append(ResultTable("", ("case", "cost"), [(c, f"{cost:.5g}") for c, cost in result.cost_of_cases.items()]))
     stability = stability_words(result.stability, asked=result.task.stable is not False)
@@ -127,6 +125,12 @@ def tuning_items(name: str, assembly: Assembly | None, result: Tuned, robust: Ro
         best = min(cost for cost in swept[1].ravel().tolist() if math.isfinite(cost))
         items.append(Line(f"best of the sweep of {swept[1].size} runs: {best:.5g}"))
     return items
+
+
+def limit_words(text: str, value: float) -> str:
+    """`limit peak(x) < 1 m: kept, 12 % to spare`, from the excess over its right side."""
+    return f"limit {text}: " + (f"exceeded by {100 * value:.3g} %" if value > EXCEEDED else
+                                f"kept, {100 * -value:.3g} % to spare" if value < -1e-3 else "just kept")
 
 
 def tuning_figures(name: str, result: Tuned, robust: Robustness | None) -> dict[str, object]:

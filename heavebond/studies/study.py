@@ -24,6 +24,7 @@ from heavebond.language.sections import read_settings
 from heavebond.linear.rest_stability import STABLE
 from heavebond.numerics.output_times import begin_of
 from heavebond.optimise.objective import Case, TuningProblem
+from heavebond.optimise.optimal import INTERPOLATIONS, STARTS, OptimalProblem
 from heavebond.optimise.search import METHODS
 from heavebond.studies.axes import Axis, StudyCase, case_at, indices, read_axes, read_numbers
 from heavebond.studies.occurrence import Occurrence, read_occurrence
@@ -32,9 +33,10 @@ from heavebond.studies.sampling import read_ranges
 from heavebond.text.expression import constant
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source, read
 
-STUDY_KEYS = ("study", "summary", "model", "cases", "evaluate", "reference", "modes", "tune", "measure", "compare_with",
-              "occurrence", "calibrate", "pictures", "notes")
+STUDY_KEYS = ("study", "summary", "model", "cases", "evaluate", "reference", "modes", "tune", "optimal", "measure",
+              "compare_with", "occurrence", "calibrate", "pictures", "notes")
 TUNE_KEYS = ("free", "cost", "limits", "stable", "over", "uncertain", "by")
+OPTIMAL_KEYS = ("free", "cost", "limits", "start", "at_end", "duration", "intervals", "interpolation")
 ASKED = {"on": True, "off": False}
 GRADIENT_KEYS = ("explore", "starts", "method")
 PICTURES = ("signals", "curves", "map", "histogram", "tornado", "indices")
@@ -96,7 +98,8 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Study:
-    """Content of a study file. `task` is the tuning of each case, by each of the procedures; None without tuning.
+    """Content of a study file. `task` is the tuning of each case, by each of the procedures, `optimal` the optimal input
+    that is sought in each case; None without them.
     `calibrated` are parameters that are set in addition (SI: before, after), in the cases in which they have the value
     before. `first` is the number of its first case, if others were removed (`PackedCase`), of `in_all` cases."""
 
@@ -118,6 +121,7 @@ class Study:
     occurrence: Occurrence | None = None
     calibrated: Dictionary[str, tuple[float, float]] = field(default_factory=dict)
     places: Dictionary[str, Place] = field(default_factory=dict)
+    optimal: OptimalProblem | None = None
     first: int = 0
     in_all: int = 0
 
@@ -232,9 +236,9 @@ def _known_keys(root: Mapping, problems: Problems) -> None:
     if strayed:
         return
     reading.known_keys(root, STUDY_KEYS, "a study", problems, required=("model",))
-    if not {"tune", "measure", "pictures", "modes"} & set(root.items):
+    if not {"tune", "optimal", "measure", "pictures", "modes"} & set(root.items):
         problems.add("study-empty", "this study asks for nothing", root.place,
-                     hint="Add `measure:`, `tune:`, `pictures:` or `modes:`.")
+                     hint="Add `measure:`, `tune:`, `optimal:`, `pictures:` or `modes:`.")
 
 
 def _study(source: Source, model: Model, problems: Problems) -> Study:
@@ -291,7 +295,29 @@ def _study(source: Source, model: Model, problems: Problems) -> Study:
                  beside, _pictures(items.get("pictures"), axes, [*measures, *tuned], problems),
                  _calibration(items.get("calibrate"), beside, problems),
                  read_occurrence(items.get("occurrence"), axes, [*measures, *tuned], problems),
+                 optimal=_optimal(items.get("optimal"), (begin, end), reference, problems),
                  places={**places, "study": root.place, "calibrate": items.get("calibrate", root).place})
+
+
+def _optimal(node: Node | None, horizon: tuple[float, float | None], reference: Dictionary[str, float | str],
+             problems: Problems) -> OptimalProblem | None:
+    """The problem under `optimal:`; its horizon is the time under `evaluate:`."""
+    entry = reading.mapping(node, "optimal", problems)
+    if entry is None:
+        return None
+    reading.known_keys(entry, OPTIMAL_KEYS, "optimal", problems, required=("free", "cost"))
+    items, default = entry.items, OptimalProblem({}, "")
+    at_end = reading.mapping(items.get("at_end"), "at_end", problems)
+    duration = read_ranges(Mapping({"duration": items["duration"]}, {"duration": entry.keys["duration"]}, entry.place),
+                           "optimal", problems).get("duration") if "duration" in items else None
+    return OptimalProblem(
+        read_ranges(items.get("free"), "free", problems), reading.text(items.get("cost"), "cost", problems),
+        tuple(s.text for s in reading.words(items.get("limits"), "limits", problems)), *horizon, duration,
+        reading.choice(items.get("start"), "start", STARTS, problems) or default.start,
+        {name: reading.text(item, name, problems) for name, item in (at_end.items if at_end else {}).items()},
+        _count(items.get("intervals"), "intervals", 2, problems) or default.intervals,
+        reading.choice(items.get("interpolation"), "interpolation", INTERPOLATIONS, problems) or default.interpolation,
+        reference)
 
 
 def _stable(node: Node | None, problems: Problems) -> bool | None:

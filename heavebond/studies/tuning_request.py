@@ -42,12 +42,13 @@ def tuning_request(name: str, cost: str | None, limits: Sequence[str], evaluate:
     if reference:
         task = replace(task, reference=dict(reference))
     if evaluate is not None:
-        begin, end = _seconds(evaluate)
+        begin, end = horizon(evaluate)
         task = replace(task, begin=begin, end=end)
     return TuningRequest(name, model, task)
 
 
-def _seconds(text: str) -> tuple[float, float]:
+def horizon(text: str) -> tuple[float, float]:
+    """The times in s of `72 .. 96 s`, the value of --evaluate."""
     try:
         time_range = parse_range(text)
         if time_range.unit.dimension != unit("s").dimension:
