@@ -18,6 +18,8 @@ from heavebond.core.units import Range
 from heavebond.core.writable import write_text
 from heavebond.language.library import bundled
 from heavebond.language.model import Model, extended
+from heavebond.text.yaml_edits import set_entry
+from heavebond.text.yaml_source import Mapping as Entries
 from heavebond.text.yaml_source import parse
 
 _PLAIN = re.compile(r"[-+]?[\w.](?:[\w.+\-*/ ]*[\w)])?")
@@ -130,6 +132,28 @@ def extended_from(path: Path, model: Path) -> str:
     if model.resolve().is_relative_to(inside) and not path.resolve().is_relative_to(inside):
         return model.resolve().relative_to(inside).as_posix()
     return Path(os.path.relpath(model.resolve(), path.resolve().parent)).as_posix()
+
+
+def with_values(text: str, values: Mapping[str, str]) -> str:
+    """Set values of parameters by their paths; see `set_entry`."""
+    for path, value in values.items():
+        text = set_entry(text, place_of(parse(text).root, path), value)
+    return text
+
+
+def place_of(root: Entries, path: str) -> tuple[str, ...]:
+    """The keys under which a parameter is set: in `set:` if it is there already, else at the diagram's parameter (for a
+    component: its default) or at the part, else under `set:`, which also overrides a diagram that is extended."""
+    settings = root.items.get("set")
+    if isinstance(settings, Entries) and path in settings.items:
+        return "set", path
+    owner, _, name = path.rpartition(".")
+    if not owner:
+        return ("parameters", name, "default") if "component" in root.items else ("parameters", name)
+    parts = root.items.get("components")
+    if "extends" not in root.items and isinstance(parts, Entries) and isinstance(parts.items.get(owner), Entries):
+        return "components", owner, name
+    return "set", path
 
 
 def write(path: Path, text: str) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -15,6 +14,7 @@ from heavebond.equations.expand import expand_as_far
 from heavebond.equations.expanded import Expanded
 from heavebond.language import reading
 from heavebond.language.component_file import COMPONENT_KEYS
+from heavebond.language.edits import place_of
 from heavebond.language.library import example
 from heavebond.language.model import MODEL_KEYS, Model, from_source
 from heavebond.pictures.layout import facings
@@ -407,13 +407,6 @@ def deleted_mentions(text: str, named: Named, *, node: bool) -> str:
     return text
 
 
-def with_values(text: str, values: Dictionary[str, str]) -> str:
-    """Set values of parameters by their paths; see `set_entry`."""
-    for path, value in values.items():
-        text = set_entry(text, place_of(parse(text).root, path), value)
-    return text
-
-
 def with_records(text: str, files: Sequence[str]) -> tuple[str, list[str]]:
     """Add records to the text of an experiment; returns it and their names. Existing records are skipped."""
     names = []
@@ -427,18 +420,3 @@ def with_records(text: str, files: Sequence[str]) -> tuple[str, list[str]]:
         text = set_entry(text, ("records", name), {"file": file, "use": "validate"})
         names.append(name)
     return text, names
-
-
-def place_of(root: Mapping, path: str) -> tuple[str, ...]:
-    """The keys under which a parameter is set: in `set:` if it is there already, else at the diagram's parameter (for a
-    component: its default) or at the part, else under `set:`, which also overrides a diagram that is extended."""
-    settings = root.items.get("set")
-    if isinstance(settings, Mapping) and path in settings.items:
-        return "set", path
-    owner, _, name = path.rpartition(".")
-    if not owner:
-        return ("parameters", name, "default") if "component" in root.items else ("parameters", name)
-    parts = root.items.get("components")
-    if "extends" not in root.items and isinstance(parts, Mapping) and isinstance(parts.items.get(owner), Mapping):
-        return "components", owner, name
-    return "set", path

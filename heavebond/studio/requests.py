@@ -9,7 +9,8 @@ from typing import Any
 
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.writable import confined
-from heavebond.studio.diagram_edits import with_records, with_values
+from heavebond.language.edits import with_values
+from heavebond.studio.diagram_edits import with_records
 from heavebond.studio.folder import BUNDLED, EMPTY, NEW, bundled_machines
 from heavebond.studio.long_jobs import known
 from heavebond.studio.tab import Handler, Tab, document_entry, times
