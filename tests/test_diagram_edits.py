@@ -15,9 +15,9 @@ from heavebond.pictures.drawing import draw_expanded
 from heavebond.studio.bench import view
 from heavebond.studio.diagram_edits import read_diagram
 from heavebond.studio.edit_actions import edited
-from heavebond.studio.grid import grid_of
 from heavebond.studio.job import Job
 from heavebond.studio.palette import palette
+from heavebond.studio.sheet_edits import places_of
 
 CAR = (bundled("models") / "quarter_car" / "quarter_car.yaml").read_text(encoding="utf-8")
 WHOLE = [p for p in sorted(bundled("models").glob("*/*.yaml")) if p.parent.name != "examples"
@@ -25,11 +25,11 @@ WHOLE = [p for p in sorted(bundled("models").glob("*/*.yaml")) if p.parent.name 
          and "\ncomponents:" in p.read_text(encoding="utf-8")]
 
 
-def _edit(text: str, act: str, *, file: Path | str = "/nowhere/car.yaml", **action: Any) -> str:
+def _edit(text: str, act: str, /, *, file: Path | str = "/nowhere/car.yaml", **action: Any) -> str:
     return str(edited(Job(text, str(file), "car.yaml"), {"act": act, **action})["text"])
 
 
-def _refused(text: str, act: str, **action: Any) -> str:
+def _refused(text: str, act: str, /, **action: Any) -> str:
     with pytest.raises(UsageError) as caught:
         _edit(text, act, **action)
     return caught.value.problems[0].message
@@ -40,9 +40,16 @@ def _lines(before: str, after: str) -> tuple[list[str], list[str]]:
     return [x[2:] for x in lines if x[0] == "-"], [x[2:] for x in lines if x[0] == "+"]
 
 
-def _grid(text: str) -> Any:
+def _places(text: str) -> dict[str, Any]:
     diagram = read_diagram(text, Job(text, "/nowhere/car.yaml", "car.yaml"))
-    return grid_of(draw_expanded(diagram.expanded, diagram.network)[1])
+    return places_of(draw_expanded(diagram.expanded, diagram.network)[1])
+
+
+def _wire(text: str, node: str) -> set[tuple[int, int]]:
+    """The points of a wire, in steps of the grid."""
+    diagram = read_diagram(text, Job(text, "/nowhere/car.yaml", "car.yaml"))
+    drawn = draw_expanded(diagram.expanded, diagram.network)[1]
+    return {(x // 10, y // 10) for line in drawn.lines if line.net.path == node for edge in line.wire.edges for x, y in edge}
 
 
 @pytest.mark.parametrize("path", WHOLE[::4], ids=lambda p: f"{p.parent.name}-{p.stem}")
@@ -132,49 +139,89 @@ def test_what_does_not_fit_is_told(one: str, two: str, said: str) -> None:
     assert said in _refused(text, "join", **{"from": one, "to": two})
 
 
-def test_a_moved_part_changes_its_line_alone() -> None:
-    changed = _edit(CAR, "move", part="damper", column=2, row=2, grid=_grid(CAR))
-    went, came = _lines(CAR, changed)
-    assert len(went) == len(came) == 1 and came[0].endswith("d: 1.5 kN*s/m, at: [2, 2]}")
-    changed = _edit(CAR, "move", part="damper", column=0.5, row=1, grid=_grid(CAR))
-    assert "d: 1.5 kN*s/m, at: [0.5, 1]}" in changed
-    changed = _edit(CAR, "move", part="damper", column=-1, row=5, grid=_grid(CAR))
-    assert "d: 1.5 kN*s/m, at: [-1, 5]}" in changed
+def test_a_moved_part_lies_where_it_was_dropped_and_the_others_stay() -> None:
+    """Also parts that the layout has placed: the first move writes all places, further ones change their line alone."""
+    places = _places(CAR)
+    moved = _edit(CAR, "move", part="damper", to={"damper": [41, 13]}, places=places)
+    assert _lines(CAR, moved)[0] == []
+    wanted = {**places, "damper": [41, 13, *places["damper"][2:]]}
+    assert _places(moved) == wanted
+    again = _edit(moved, "move", part="damper", to={"damper": [43, 12], "spring": [18, 11]}, places=wanted)
+    went, came = _lines(moved, again)
+    assert len(went) == len(came) == 2 and _places(again) == {
+        **wanted, "damper": [43, 12, *places["damper"][2:]], "spring": [18, 11, *places["spring"][2:]]}
+    assert "beyond the end" in _refused(CAR, "move", to={"damper": [99999, 0]}, places=places)
+    assert "no part" in _refused(CAR, "move", to={"dampr": [0, 0]}, places=places)
 
 
-def test_parts_without_a_place_stay_where_they_are_when_another_is_moved() -> None:
-    bare = "".join(line.replace(", at: [" + line.split(", at: [")[1], "}\n") if ", at: [" in line and "is:" in line
-                   and not line.startswith("  road:    {is: ground") else line for line in CAR.splitlines(keepends=True)
-                   if not line.startswith(("view", "  axle", "  tyre:    {is: circle", "  road:    {is: ground",
-                                           "  spring:  {is: spring", "  damper:  {is: damper", "  body:    {is: box")))
-    grid = _grid(bare)
-    others = {name: cell for name, cell in grid["cells"].items() if name != "body_weight"}
-    column = len(grid["columns"])
-    after = _grid(_edit(bare, "move", part="body_weight", column=column, row=0, grid=grid))
-
-    def order(cells: dict[str, Any]) -> dict[str, tuple[int, ...]]:
-        ranks = [sorted({cell[k] for name, cell in cells.items() if name in others}) for k in (0, 1)]
-        return {name: tuple(ranks[k].index(cells[name][k]) for k in (0, 1)) for name in others}
-
-    assert order(after["cells"]) == order(grid["cells"])
-    assert after["cells"]["body_weight"][0] == max(cell[0] for cell in after["cells"].values())
+def test_a_part_that_is_written_into_a_placed_diagram_covers_no_other() -> None:
+    text = _edit(CAR, "move", to={"damper": [41, 13]}, places=_places(CAR))
+    text = text.replace("components:\n", "components:\n  buffer: {is: Spring, c: 1 kN/m}\n").replace(
+        "wheel: [spring.a", "wheel: [buffer.a, spring.a")
+    places = _places(text)
+    x, y = places["buffer"][:2]
+    assert all(max(abs(x - place[0]), abs(y - place[1])) >= 5 for name, place in places.items() if name != "buffer")
 
 
-def test_many_parts_between_two_columns_are_numbered_anew() -> None:
-    text = CAR
-    for _ in range(6):  # halves, quarters, eighths; then no number is left
-        text = _edit(text, "place", kind="Mass", column=0.5, row=0, grid=_grid(text))
-    cells = _grid(text)["cells"]
-    assert sorted(cells[name][0] for name in cells if name.startswith("mass")) == [1, 2, 3, 4, 5, 6]
-    assert cells["body"][0] == 7
+def test_a_wire_goes_through_its_fixed_pieces_and_is_freed() -> None:
+    places = _places(CAR)
+    routed = _edit(CAR, "route", node="wheel", piece=[10, 27, 30, 27], places=places)
+    assert "wheel: [[10, 27, 30, 27]]" in routed and _places(routed) == places
+    ports = {(x, y) for x, y in _wire(CAR, "wheel")}
+    points = _wire(routed, "wheel")
+    assert points and {y for _, y in points} >= {27} and ports != points
+    for part in ("spring", "damper", "tyre", "wheel_weight"):  # all ports are still reached
+        diagram = read_diagram(routed, Job(routed, "/nowhere/car.yaml", "car.yaml"))
+        drawn = draw_expanded(diagram.expanded, diagram.network)[1]
+        item = next(item for item in drawn.items if item.part.name == part)
+        port = "b" if part == "tyre" else "a"
+        assert any((a.x // 10, a.y // 10) in points for a in item.anchors(port)), part
+    moved = _edit(routed, "route", node="wheel", piece=[10, 28, 30, 28], old=[10, 27, 30, 27], places=places)
+    assert "wheel: [[10, 28, 30, 28]]" in moved
+    freed = _edit(moved, "route", node="wheel", places=places)
+    assert "wires" not in freed and _wire(freed, "wheel") == ports
+    with pytest.raises(ValueError, match="10, 27, 30, 28"):
+        _edit(CAR, "route", node="wheel", piece=[10, 27, 30, 28], places=places)
+
+
+def test_a_note_is_written_moved_and_deleted() -> None:
+    noted = _edit(CAR, "note", text="ours: a \"guess\"\nsecond line", x=30, y=2, places=_places(CAR))
+    found: Any = view(Job(noted, "/nowhere/car.yaml", "car.yaml"))
+    assert found["notes"] == {"note": {"text": 'ours: a "guess"\nsecond line', "at": [30, 2]}}
+    assert "second line" in found["svg"] and "guess" in found["svg"]
+    moved = _edit(noted, "note", name="note", text="short", x=31, y=2, places=found["places"])
+    assert "note: {text: short, at: [31, 2]}" in moved
+    gone = _edit(moved, "note", name="note", text="", x=0, y=0, places=found["places"])
+    assert "notes" not in gone and "layout:" in gone
+
+
+def test_a_layout_that_cannot_be_read_is_told_with_its_form() -> None:
+    for entry, said in (("parts: {body: [1]}", "the place of 'body'"), ("parts: {body: [1, 2, 45]}", "the place of 'body'"),
+                        ("wires: {body: [[1, 2, 3, 4]]}", "a piece of the wire"), ("wires: {body: 3}", "a list of pieces"),
+                        ("notes: {a: text}", "needs a text and a place"), ("part: {}", "no entry 'part'"),
+                        ("notes: {a: {text: x, at: [1, z]}}", "the place of the note")):
+        with pytest.raises(hb.ModelError, match=said):
+            hb.loads(f"{CAR}layout: {{{entry}}}\n")
+    model = hb.loads(f"{CAR}layout: {{parts: {{absent: [3, 4]}}, wires: {{absent: [[1, 2, 1, 4]]}}}}\n")
+    assert str(hb.draw(model)) == str(hb.draw(hb.loads(CAR)))  # entries of nothing change nothing
+
+
+def test_a_variant_places_the_parts_that_it_inherits(tmp_path: Path) -> None:
+    (tmp_path / "car.yaml").write_text(CAR, encoding="utf-8")
+    text, path = "model: b\nextends: car.yaml\n", tmp_path / "b.yaml"
+    moved = _edit(text, "move", file=path, to={"damper": [50, 3]}, places=_places(CAR))
+    assert "  damper: [50, 3" in moved
+    removed = _edit(moved, "delete", file=path, parts=["damper"])
+    assert removed.count("damper") == 2  # under `remove:`, and its place, in case it returns
 
 
 def test_a_placed_part_has_the_values_it_needs() -> None:
-    text = _edit("model: a\nsimulate: {until: 1 s}\n", "place", kind="SpringDamper", column=0, row=0)
-    assert text == "model: a\ncomponents:\n  spring_damper: {is: SpringDamper, c: 100 N/m, d: 2 N*s/m, at: [0, 0]}\n" \
-                   "simulate: {until: 1 s}\n"
-    again = _edit(text, "copy", part="spring_damper", grid=_grid(text))
-    assert "  spring_damper2: {is: SpringDamper, c: 100 N/m, d: 2 N*s/m, at: [0, 1]}\n" in again
+    text = _edit("model: a\nsimulate: {until: 1 s}\n", "place", kind="SpringDamper", x=3, y=4)
+    assert text == "model: a\ncomponents:\n  spring_damper: {is: SpringDamper, c: 100 N/m, d: 2 N*s/m}\n" \
+                   "simulate: {until: 1 s}\nlayout:\n  parts:\n    spring_damper: [3, 4]\n"
+    again = _edit(text, "copy", parts=["spring_damper"], places=_places(text))
+    assert "  spring_damper2: {is: SpringDamper, c: 100 N/m, d: 2 N*s/m}\n" in again
+    assert "    spring_damper2: [9, 10" in again
     assert "c: 3 kN/m" in _edit(text, "set", path="spring_damper.c", value="3 kN/m")
     assert "c:" not in _edit(text, "set", path="spring_damper.c", value="")
 
@@ -191,16 +238,23 @@ def test_a_part_of_another_file_is_not_changed_here(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="declared in the diagram that this one extends"):
         _edit(text, "rename", file=path, part="damper", name="d")
     assert _edit(text, "delete", file=path, parts=["damper"]) == text + "remove: [damper]\n"
-    added = _edit(text, "place", file=path, kind="Spring", column=3, row=0)
+    added = _edit(text, "place", file=path, kind="Spring", x=30, y=0)
     joined = _edit(added, "join", file=path, **{"from": "spring2.a", "to": "wheel.a"})
     assert "nodes:\n  wheel: [+spring2.a]\n" in joined
 
 
-def test_a_turned_part_stands_as_written() -> None:
-    text = _edit(CAR, "turn", part="damper", turn=90, grid=_grid(CAR))
-    assert "d: 1.5 kN*s/m, at: [2, 1, 180]}" in text
-    assert "never turned" in _refused(_edit(CAR, "place", kind="Tank", column=9, row=9), "turn", part="tank", turn=0,
-                                      grid={"cells": {"tank": [0, 0]}})
+def test_a_turned_or_mirrored_part_stands_as_written() -> None:
+    text, seen = CAR, []
+    for _ in range(4):
+        text = _edit(text, "turn", part="damper", places=_places(text))
+        seen.append(_places(text)["damper"][2])
+    assert sorted(seen) == ["0", "180", "270", "90"]
+    mirrored = _edit(text, "turn", part="damper", mirror=True, places=_places(text))
+    before, after = _places(text)["damper"], _places(mirrored)["damper"]
+    assert before[:2] == after[:2] and before[2:] != after[2:]
+    assert _edit(mirrored, "turn", part="damper", mirror=True, places=_places(mirrored)) == text
+    tank = _edit(CAR, "place", kind="Tank", x=90, y=9)
+    assert "never turned" in _refused(tank, "turn", part="tank", places=_places(tank))
 
 
 def test_an_unfinished_diagram_is_drawn() -> None:
@@ -223,25 +277,29 @@ def test_the_palette_has_every_component(tmp_path: Path) -> None:
     assert {"Mass", "Cylinder", "PID"} <= names or {"Mass", "Cylinder"} <= names
 
 
-def test_parts_are_moved_together_and_keep_their_distances() -> None:
-    grid = _grid(CAR)
-    moved = _edit(CAR, "move_parts", grid=grid, parts=["wheel", "tyre", "road"], part="tyre", column=3, row=3)
-    went, came = _lines(CAR, moved)
-    assert [line.split(":")[0].strip() for line in came] == ["wheel", "tyre", "road"] and len(went) == 3
-    assert "at: [3, 2]" in came[0] and "at: [3, 3]" in came[1] and "at: [3, 4]" in came[2]
-    assert _refused(CAR, "move_parts", grid=grid, parts=["wheel", "tyre"], part="tyre", column=1, row=4) == \
-        "'tyre' would cover 'road'"
-
-
-def test_parts_are_copied_with_the_wires_between_them() -> None:
-    """The copy below is joined as the original is, its weight is that of its own body, and nothing else changes."""
-    copied = _edit(CAR, "copy_parts", grid=_grid(CAR), parts=["body", "body_weight", "spring"], part="body")
+def test_parts_are_copied_with_the_wires_between_them_also_to_another_diagram() -> None:
+    """The copy is joined as the original is, its weight is that of its own body, and nothing else changes."""
+    parts, places = ["body", "body_weight", "spring"], _places(CAR)
+    copied = _edit(CAR, "copy", parts=parts, places=places)
     went, came = _lines(CAR, copied)
-    assert went == [] and [" ".join(line.split()) for line in came] == [
-        "body2: {is: Mass, m: 320 kg, at: [1, 5]}", "body_weight2: {is: Weight, m: =body2.m, at: [0, 5]}",
-        "spring2: {is: Spring, c: 22 kN/m, l0: 0.5 m, at: [1, 6]}", "body2: [body2.a, body_weight2.a, spring2.b]"]
+    assert went == [] and [" ".join(line.split()) for line in came[:4]] == [
+        "body2: {is: Mass, m: 320 kg}", "body_weight2: {is: Weight, m: =body2.m}",
+        "spring2: {is: Spring, c: 22 kN/m, l0: 0.5 m}", "body2: [body2.a, body_weight2.a, spring2.b]"]
+    after = _places(copied)
+    assert {name: after[name] for name in places} == places
+    assert [[after[f"{name}2"][k] - places[name][k] for k in (0, 1)] for name in parts] == [[6, 6]] * 3
     grown = _edit(copied, "delete", parts=["body2", "body_weight2", "spring2"])
-    assert grown == CAR
+    assert hb.loads(grown).body.layout.parts.keys() == places.keys()
+    clipboard = str(edited(Job(CAR, "/nowhere/car.yaml", "car.yaml"), {"act": "fragment", "parts": parts, "places": places})[
+        "clipboard"])
+    pasted = _edit("model: other\n", "paste", clipboard=clipboard, x=5, y=7, places={})
+    model = hb.loads(pasted)
+    assert list(model.body.instances) == parts and [e.path for e in model.body.wires["body"].ends] == [
+        "body.a", "body_weight.a", "spring.b"]
+    assert min(place.x for place in model.body.layout.parts.values()) == 5
+    assert "no parts of a diagram" in _refused(CAR, "paste", clipboard="hello", places=places)
+    assert "no parts of a diagram" in _refused(CAR, "paste", clipboard="components: [1, 2]", places=places)
+    assert "too large" in _refused(CAR, "paste", clipboard="components:" + "x" * 10**6, places=places)
 
 
 def test_outputs_initial_values_and_the_duration_are_set() -> None:

@@ -84,8 +84,6 @@ def test_a_port_on_a_node_inside_a_block_is_connected(tmp_path: Path) -> None:
     ({"act": "set", "path": "c", "value": "5 kN/m"},
      ["-  c: {unit: N/m, doc: stiffness, default: 4 kN/m}   # of the data sheet",
       "+  c: {unit: N/m, doc: stiffness, default: 5 kN/m}   # of the data sheet"]),
-    ({"act": "move", "part": "spring", "column": 1, "row": 0},
-     ["-  spring: {is: Spring, c: =c, at: [0, 0]}   # steel", "+  spring: {is: Spring, c: =c, at: [1, 0]}   # steel"]),
     ({"act": "leave", "port": "a"},
      ["-  left: [a, spring.a, damper.a, sensor.a]", "+  left: [spring.a, damper.a, sensor.a]"]),
     ({"act": "join", "from": "a", "to": "spring.b"},
@@ -95,7 +93,16 @@ def test_a_port_on_a_node_inside_a_block_is_connected(tmp_path: Path) -> None:
 def test_edits_change_the_lines_meant_in_the_file_of_the_block(tmp_path: Path, action: dict[str, object],
                                                                changed: list[str]) -> None:
     job = _job(tmp_path)
-    assert _changed(STRUT, edited(job, {"grid": view(job)["grid"], **action})["text"]) == changed
+    assert _changed(STRUT, edited(job, {"places": view(job)["places"], **action})["text"]) == changed
+
+
+def test_the_inside_of_a_block_keeps_its_layout_in_the_file_of_the_block(tmp_path: Path) -> None:
+    job = _job(tmp_path)
+    places = view(job)["places"]
+    moved = edited(job, {"act": "move", "to": {"sensor": [21, 17]}, "places": places})["text"]
+    assert _changed(STRUT, moved)[:2] == ["+layout:", "+  parts:"]
+    after = view(_job(tmp_path, moved))
+    assert after["problems"] == [] and after["places"] == {**places, "sensor": [21, 17, *places["sensor"][2:]]}
 
 
 def test_what_a_block_cannot_have_is_refused_with_the_reason(tmp_path: Path) -> None:

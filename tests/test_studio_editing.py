@@ -39,13 +39,11 @@ def _drag(tab: browser.Tab, start: tuple[float, float], end: tuple[float, float]
     tab.mouse("Released", *end, button="left", clickCount=1)
 
 
-def _cell(tab: browser.Tab, column: float, row: float) -> tuple[float, float]:
-    """The point on the screen at which a cell of the drawing is; -1 and n beyond its edges."""
-    x, y = tab.run(f"""(() => {{ const grid = studio.view.grid, d = studio.diagram, box = d.sheet.getBoundingClientRect(),
-        view = d.svg.viewBox.baseVal, at = (p, k, w) => k < 0 ? p[0] - w : k > p.length - 1 ? p[p.length - 1] + w :
-        (p[Math.floor(k)] + p[Math.ceil(k)]) / 2;
-        return [box.x + d.x + (at(grid.xs, {column}, 80) - view.x) * d.scale,
-                box.y + d.y + (at(grid.ys, {row}, 55) - view.y) * d.scale]; }})()""")
+def _spot(tab: browser.Tab, x: float, y: float) -> tuple[float, float]:
+    """The point on the screen of a place of the drawing, in steps of the grid."""
+    x, y = tab.run(f"""(() => {{ const d = studio.diagram, box = d.sheet.getBoundingClientRect(),
+        view = d.svg.viewBox.baseVal;
+        return [box.x + d.x + (10 * {x} - view.x) * d.scale, box.y + d.y + (10 * {y} - view.y) * d.scale]; }})()""")
     return x, y
 
 
@@ -56,14 +54,14 @@ def _settled(tab: browser.Tab, script: str) -> None:
             "done(1)))))")
 
 
-def _bring(tab: browser.Tab, kind: str, column: float, row: float, name: str) -> None:
+def _bring(tab: browser.Tab, kind: str, x: float, y: float, name: str) -> None:
     """A component from the library by mouse."""
     tab.run("document.getElementById('palette-search').select()")
     tab.run("document.getElementById('palette-search').focus()")
     tab.write(kind)
     selector = f"[data-component='{kind}']"
     _true(tab, f"document.querySelector({selector!r})")
-    _drag(tab, tab.middle(selector), _cell(tab, column, row))
+    _drag(tab, tab.middle(selector), _spot(tab, x, y))
     _settled(tab, f"studio.view.parts.{name}")
 
 
@@ -96,17 +94,25 @@ def _new(tab: browser.Tab, server: Server, name: str) -> None:
 BUILT = """\
 model: built
 components:
-  mass: {is: Mass, m: 320 kg, at: [0, 0]}
-  spring: {is: Spring, c: 22 kN/m, at: [0, 1]}
-  damper: {is: Damper, d: 1.5 kN*s/m, at: [1, 1]}
-  wheel:  {is: Mass, m: 40 kg, at: [0, 2]}
-  tyre: {is: SpringDamper, c: 190 kN/m, d: 150 N*s/m, at: [0, 3]}
-  road: {is: PositionSource, at: [0, 4], u: =30 mm*exp(-((time - 1 s)/0.1 s)**2)}
+  mass: {is: Mass, m: 320 kg}
+  spring: {is: Spring, c: 22 kN/m}
+  damper: {is: Damper, d: 1.5 kN*s/m}
+  wheel:  {is: Mass, m: 40 kg}
+  tyre: {is: SpringDamper, c: 190 kN/m, d: 150 N*s/m}
+  road: {is: PositionSource, u: =30 mm*exp(-((time - 1 s)/0.1 s)**2)}
 nodes:
   mass: [mass.a, spring.b, damper.b]
   wheel: [wheel.a, spring.a, damper.a, tyre.b]
   road: [tyre.a, road.a]
 simulate: {until: 5 s, every: 5 ms}
+layout:
+  parts:
+    mass: [0, 0]
+    spring: [0, 10]
+    damper: [13, 10]
+    wheel: [0, 20]
+    tyre: [0, 30]
+    road: [0, 40]
 """
 
 
@@ -175,14 +181,16 @@ def test_a_quarter_car_is_built_from_nothing_run_and_diagnosed(tab: browser.Tab,
     tab.click("#open-library")
     _true(tab, "document.getElementById('palette-search')", 60)
     tab.write("mass")
+    _true(tab, "studio.palette.components", 60)
     tab.key("Enter", code=13, text="\r")  # the first one by the keyboard
-    _settled(tab, "studio.view.parts.mass && studio.view.grid")
+    _settled(tab, "studio.view.parts.mass && studio.view.places?.mass")
     _fill(tab, "mass.m", "320 kg")
+    tab.run("studio.diagram.zoom(0.45); studio.diagram.move(0, -180)")  # room for the other parts
     for kind, name, column, row, new, values in (
-            ("Spring", "spring", 0, 1, "", {"c": "22 kN/m"}), ("Damper", "damper", 1, 1, "", {"d": "1.5 kN*s/m"}),
-            ("Mass", "mass2", 0, 2, "wheel", {"m": "40 kg"}),
-            ("SpringDamper", "spring_damper", 0, 3, "tyre", {"c": "190 kN/m", "d": "150 N*s/m"}),
-            ("PositionSource", "position_source", 0, 4, "road", {"u": "=30 mm*exp(-((time - 1 s)/0.1 s)**2)"})):
+            ("Spring", "spring", 0, 10, "", {"c": "22 kN/m"}), ("Damper", "damper", 13, 10, "", {"d": "1.5 kN*s/m"}),
+            ("Mass", "mass2", 0, 20, "wheel", {"m": "40 kg"}),
+            ("SpringDamper", "spring_damper", 0, 30, "tyre", {"c": "190 kN/m", "d": "150 N*s/m"}),
+            ("PositionSource", "position_source", 0, 40, "road", {"u": "=30 mm*exp(-((time - 1 s)/0.1 s)**2)"})):
         _bring(tab, kind, column, row, name)
         for key, value in values.items():
             _fill(tab, f"{name}.{key}", value)
@@ -233,10 +241,13 @@ def test_the_drawing_is_changed_and_undone_by_the_keyboard(tab: browser.Tab, ser
     tab.key("Enter", code=13)
     _true(tab, "studio.picked?.path === 'damper'")
     tab.run("studio.diagram.group('damper').focus()")
+    places = tab.run("studio.view.places.damper")
     tab.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight", windowsVirtualKeyCode=39, modifiers=8)
-    _settled(tab, "studio.editor.text.includes('at: [3, 1]')")
+    _settled(tab, "/damper: .[0-9]/.test(studio.editor.text)")
+    assert tab.run("studio.view.places.damper[0]") == places[0] + 2
     texts.append(tab.run("studio.editor.text"))
-    key("r", "studio.editor.text.includes('at: [3, 1, ')")
+    key("r", f"studio.view.places.damper[2] !== {places[2]!r}")
+    key("m", f"studio.editor.text !== {texts[-1]!r}".replace("\\n", "\\n"))
     key("d", "studio.view.parts.damper2", ctrl=True)
     assert tab.run("studio.picked.path") == "damper2"
     tab.run("document.getElementById('sheet').focus()")
@@ -248,8 +259,8 @@ def test_the_drawing_is_changed_and_undone_by_the_keyboard(tab: browser.Tab, ser
     key("Enter", "studio.editor.text.includes('tyre.b, damper2.a]')", code=13)
     went, came = ([line[2:] for line in difflib.ndiff(CAR.splitlines(), texts[-1].splitlines()) if line[0] == sign]
                   for sign in "-+")
-    assert [line.split(":")[0].strip() for line in went] == ["damper", "wheel"]
-    assert [line.split(":")[0].strip() for line in came] == ["damper", "damper2", "wheel"]
+    assert [line.split(":")[0].strip() for line in went] == ["wheel"]
+    assert [line.split(":")[0].strip() for line in came][:4] == ["damper2", "wheel", "layout", "parts"]
     tab.run("studio.pick('part', 'damper'); document.getElementById('sheet').focus()")
     key("Delete", "!studio.view.parts.damper", code=46)
     for text in reversed(texts[:-1]):
@@ -265,18 +276,70 @@ def test_the_drawing_is_changed_and_undone_by_the_keyboard(tab: browser.Tab, ser
 @pytest.mark.long
 def test_a_part_is_dragged_and_what_does_not_fit_is_told(tab: browser.Tab, server: Server) -> None:
     _open(tab, server)
-    _drag(tab, tab.middle("g.part[data-part='damper'] .frame"), _cell(tab, 2, 3))
-    _settled(tab, "studio.editor.text.includes('d: 1.5 kN*s/m, at: [2, 3]')")
-    assert tab.run("studio.editor.text") == CAR.replace("1.5 kN*s/m, at: [2, 1]", "1.5 kN*s/m, at: [2, 3]")
+    seen = "[studio.diagram.scale, studio.diagram.point({clientX: 500, clientY: 400})]"
+    before, still = tab.run("studio.view.places"), tab.run(seen)
+    x, y = _spot(tab, *before["damper"][:2])
+    scale = tab.run("10*studio.diagram.scale")
+    _drag(tab, (x, y), (x + 6.2 * scale, y + 9.7 * scale))  # 6 and 10 steps, on the grid
+    _settled(tab, "studio.editor.text.includes('layout:')")
+    assert tab.run("studio.view.places") == {**before, "damper": [before["damper"][0] + 6, before["damper"][1] + 10,
+                                                                  *before["damper"][2:]]}
+    assert tab.run(seen) == still  # nothing is refitted
+    assert tab.run("studio.editor.text").startswith(CAR)
     tab.click("#undo")
     _true(tab, "!studio.unsaved")
-    tab.run("studio.edits.act({act: 'place', kind: 'Tank', column: 3, row: 0}).then(() => 1)")
+    tab.run("studio.edits.act({act: 'place', kind: 'Tank', x: 60, y: 0}).then(() => 1)")
     _settled(tab, "studio.view.parts.tank")
     before = tab.run("studio.editor.text")
     _drag(tab, tab.middle("[data-port='tank.a']"), tab.middle("[data-port='body.a']"))
     _true(tab, "!document.getElementById('reason').hidden")
     assert "a hydraulic port" in tab.run("document.getElementById('reason').innerText")
     assert tab.run("studio.editor.text") == before
+    assert tab.complaints == []
+
+
+@pytest.mark.long
+def test_wires_notes_and_the_clipboard_by_mouse_and_keyboard(tab: browser.Tab, server: Server) -> None:
+    """A piece of a wire is dragged and stays there, a note is written and dragged, parts go to another diagram by the
+    clipboard, and the drawing is saved as a picture."""
+    _open(tab, server)
+    x1, y1, x2, y2 = tab.run("""(() => { const d = document.querySelector("path.wire[data-node=body]").getAttribute("d");
+        const lines = d.split("M").filter(Boolean).map(l => l.split("L").map(p => p.trim().split(" ").map(Number)));
+        let best = [0, 0, 0, 0]; for (const l of lines) for (let k = 1; k < l.length; k++)
+            if (l[k][1] === l[k-1][1] && Math.abs(l[k][0] - l[k-1][0]) > Math.abs(best[2] - best[0]))
+                best = [...l[k-1], ...l[k]];
+        return best.map(v => v / 10); })()""")
+    assert y1 == y2
+    _drag(tab, _spot(tab, (x1 + x2) / 2, y1), _spot(tab, (x1 + x2) / 2, y1 - 1))
+    _settled(tab, "studio.view.routed.includes('body')")
+    piece = tab.run("JSON.parse(studio.editor.text.match(/body: (\\[\\[.*?\\]\\])/)[1])")
+    assert piece == [[x1, y1 - 1, x2, y1 - 1]]
+    tab.click("#item-unroute")
+    _settled(tab, "!studio.view.routed.length")
+    tab.click("#add-note")
+    _true(tab, "document.activeElement.id === 'note-text'")
+    tab.write("not measured")
+    tab.run("document.activeElement.blur()")
+    _settled(tab, "studio.view.notes.note?.text === 'not measured'")
+    x, y = tab.run("studio.view.notes.note.at")
+    _drag(tab, _spot(tab, x + 2, y + 0.7), _spot(tab, x - 3, y + 4.7))
+    _settled(tab, f"studio.view.notes.note.at[0] === {x - 5} && studio.view.notes.note.at[1] === {y + 4}")
+    tab.run("navigator.clipboard.writeText = async text => { window.clip = text; }; studio.chooseParts(['wheel', 'tyre']); "
+            "document.getElementById('sheet').focus()")
+    tab.key("c", ctrl=True)
+    clip = tab.wait("window.clip")
+    assert "wheel: {is: Mass, m: 40 kg}" in clip and "[wheel.a, tyre.b]" in clip
+    saved = "new Promise(done => { URL.createObjectURL = blob => (blob.arrayBuffer().then(b => done([...new Uint8Array(b)." \
+            "slice(0, 4)])), 'data:,'); const s = document.getElementById('picture'); s.value = '%s'; s.onchange(); })"
+    assert bytes(tab.run(saved % "svg")) == b"<svg" and bytes(tab.run(saved % "png")) == b"\x89PNG"
+    assert tab.complaints == []
+    tab.run("studio.document.text = studio.editor.text; studio.file.keepDraft()")
+    _new(tab, server, "other")
+    tab.run(f"""(() => {{ const data = new DataTransfer(); data.setData("text/plain", {json.dumps(clip)});
+        document.getElementById("sheet").dispatchEvent(new ClipboardEvent("paste", {{clipboardData: data, bubbles: true,
+        cancelable: true}})); }})()""")
+    _settled(tab, "studio.view?.parts?.tyre && studio.view.parts.wheel.ports[0].node === 'wheel'")
+    assert tab.run("studio.chosen") == ["wheel", "tyre"]
     assert tab.complaints == []
 
 
@@ -303,15 +366,16 @@ def test_parts_are_selected_together_and_moved_copied_and_deleted(tab: browser.T
     tab.key("d", ctrl=True)
     _settled(tab, "studio.chosen.includes('tyre2') && studio.chosen.includes('wheel2')")
     assert "wheel2: [wheel2.a, tyre2.b]" in tab.run("studio.editor.text")
-    where = "JSON.stringify(studio.chosen.map(p => studio.view.grid.cells[p]))"
+    where = "JSON.stringify(['wheel2', 'tyre2'].map(p => studio.view.places[p].slice(0, 2)))"
     before = tab.run(where)
-    _drag(tab, tab.middle("g.part[data-part='tyre2'] .frame"), _cell(tab, 2, 6))
+    (a, b), (c, d) = json.loads(before)
+    _drag(tab, _spot(tab, c, d), _spot(tab, c + 8, d - 3))
     _settled(tab, f"studio.chosen.length === 2 && {where} !== {before!r}")
-    assert {tuple(cell) for cell in json.loads(tab.run(where))} == {(2, 5), (2, 6)}
+    assert json.loads(tab.run(where)) == [[a + 8, b - 3], [c + 8, d - 3]]
     tab.run("document.getElementById('sheet').focus()")
     tab.key("Delete", code=46)
     _settled(tab, "!studio.view.parts.wheel2 && !studio.view.parts.tyre2")
-    assert tab.run("studio.editor.text") == CAR
+    assert tab.run("studio.editor.text").startswith(CAR)
     tab.key("z", ctrl=True)
     _settled(tab, "Boolean(studio.view.parts.wheel2)")
     assert tab.complaints == []

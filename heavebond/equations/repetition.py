@@ -42,7 +42,7 @@ def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance]
         ends[f"{instance.name}.b"] = f"{instance.name}_{count}.b"
     wires = {n: replace(w, ends=tuple(replace(e, path=ends.get(e.path, e.path)) for e in w.ends))
              for n, w in wires.items()}
-    return Body(instances, wires)
+    return Body(instances, wires, layout=body.layout)
 
 
 def _check_free(name: str, instance: Instance, written: Mapping[str, Instance | Wire], made: Mapping[str, Instance | Wire],

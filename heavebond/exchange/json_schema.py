@@ -14,6 +14,7 @@ from heavebond.core.errors import ModelError
 from heavebond.core.units import COMMON, ONE, Unit, is_generic, read_unit, unit
 from heavebond.estimation.experiment import USES
 from heavebond.language.definition import ATTACHES, Component, Parameter, SignalPort
+from heavebond.language.layout import MIRRORED
 from heavebond.language.library import Library
 from heavebond.language.reading import INTERPOLATIONS
 from heavebond.language.sections import SOLVERS, STARTS
@@ -29,7 +30,8 @@ DRAFT = "http://json-schema.org/draft-07/schema#"
 QUANTITY = {"$ref": "#/definitions/quantity"}
 TIME = {"$ref": "#/definitions/time"}
 UNIT = {"$ref": "#/definitions/unit"}
-BODY = {"components": {"$ref": "#/definitions/components"}, "nodes": {"$ref": "#/definitions/nodes"}}
+BODY = {"components": {"$ref": "#/definitions/components"}, "nodes": {"$ref": "#/definitions/nodes"},
+        "layout": {"$ref": "#/definitions/layout"}}
 WHOLE = {"type": ["string", "integer"]}
 COUNT = {"anyOf": [WHOLE, {"type": "array", "items": WHOLE, "minItems": 1, "maxItems": 2}],
          "description": "length of a list, or rows and columns of a matrix, as whole numbers"}
@@ -273,6 +275,14 @@ def parts() -> dict[str, Schema]:
         "settings": _each(any_value, "values on dotted paths: `gas.c: 40 kN/m`"),
         "nodes": _each({"anyOf": [{"type": "array", "items": {"type": "string"}}, {"type": "string"}]},
                        "the wires: a name each, and the list of ports: `load: [spring.b, load.a]`"),
+        "layout": _object({
+            "parts": _each({"type": "array", "items": {"anyOf": [WHOLE, {"enum": [MIRRORED]}]}, "minItems": 2,
+                            "maxItems": 4},
+                           "exact places in steps of the grid, rotation and reflection: `spring: [12, 4, 90]`"),
+            "wires": _each({"type": "array", "items": {"type": "array", "items": WHOLE, "minItems": 4, "maxItems": 4}},
+                           "pieces that the wire of a node contains: `load: [[12, 4, 20, 4]]`"),
+            "notes": _each(_object({"text": TEXT, "at": {"type": "array", "items": WHOLE, "minItems": 2, "maxItems": 2}},
+                                   ["text", "at"]), "texts on the drawing")}, description="the drawing"),
         "initial": {"type": "object", "description": "the start", "additionalProperties": QUANTITY, "properties": {
             "start": {"enum": list(STARTS)}, "solve": _said("parameters that the start determines", WORDS)}}}
 

@@ -19,6 +19,7 @@ from heavebond.language.definition import (
     EquationLine,
     Formula,
     FrameRelation,
+    Layout,
     Parameter,
     Port,
     SignalPort,
@@ -28,6 +29,7 @@ from heavebond.language.definition import (
 from heavebond.language.effects import EffectReader, read_meaning, read_search_range, read_typical
 from heavebond.language.equation_lines import equation_lines
 from heavebond.language.extension import extension
+from heavebond.language.layout import read_layout
 from heavebond.language.state_chart import read_states, written_out
 from heavebond.language.when import resets, when_entries
 from heavebond.text.expression import (
@@ -47,8 +49,8 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
-    "travel_time", "opens", "components", "nodes", "stores", "dissipates", "unbalanced", "power", "requires", "effect",
-    "domain", "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states", "frames")
+    "travel_time", "opens", "components", "nodes", "layout", "stores", "dissipates", "unbalanced", "power", "requires",
+    "effect", "domain", "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states", "frames")
 _FRAMES = "Write `frames: {a to b: {turn: \"turn(n, phi)\", shift: \"[l, 0, 0]\"}}`, or `{a: ...}` in the fixed frame."
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
@@ -104,7 +106,8 @@ class _Parser:
             equations=equations, frames=self._frames(root.items.get("frames")),
             initial=resets("initial", root.items.get("initial"), "Write `initial: {z: u}`.", problems),
             when=events,
-            body=reading.body(root, self.source, problems) if "components" in root.items else Body(),
+            body=replace(reading.body(root, self.source, problems), layout=read_layout(
+                root.items.get("layout"), Layout(), problems)) if "components" in root.items else Body(),
             travel_time=self._formula(root, "travel_time"), opens=self._formula(root, "opens"),
             stores=self._formula(root, "stores"), dissipates=self._formula(root, "dissipates"),
             unbalanced=unbalanced, unbalanced_why=why,

@@ -480,12 +480,43 @@ class Wire:
 
 
 @dataclass(frozen=True)
+class PartPlace:
+    """The exact place of a part in the drawing, in steps of the grid, with its clockwise rotation in degrees (None: chosen
+    by the layout) and whether its picture is mirrored."""
+
+    x: int
+    y: int
+    turn: int | None = None
+    mirrored: bool = False
+
+
+@dataclass(frozen=True)
+class Note:
+    """A text on the drawing, with the place of its upper left corner."""
+
+    text: str
+    x: int
+    y: int
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Exact places of parts, pieces (x1, y1, x2, y2) that the wire of a node contains, and notes; all in steps of the
+    grid."""
+
+    parts: dict[str, PartPlace] = field(default_factory=dict)
+    wires: dict[str, tuple[tuple[int, int, int, int], ...]] = field(default_factory=dict)
+    notes: dict[str, Note] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Body:
     """Instances and the wires between them; `inside` are parts of blocks by their paths (`ahc.pump`) that are replaced."""
 
     instances: dict[str, Instance] = field(default_factory=dict)
     wires: dict[str, Wire] = field(default_factory=dict)
     inside: dict[str, Instance] = field(default_factory=dict)
+    layout: Layout = field(default_factory=Layout)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from heavebond.text.expression import calling
 from heavebond.text.python_source import PythonCall, calling_place, node_of, plain, yaml_text
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source, read
 
-NAMED = ("parameters", "set", "vary", "initial", "nominal", "clocks", "show", "simulate", "view")
+NAMED = ("parameters", "set", "vary", "initial", "nominal", "clocks", "show", "simulate", "view", "layout")
 NOT_SECTIONS = ("model", "components", "nodes")
 
 

@@ -15,6 +15,7 @@ from heavebond.core.presentation import brief, count
 from heavebond.core.quantities import number_or_text
 from heavebond.language import reading
 from heavebond.language.definition import Body, Component, End, FileInput, Formula, Instance, Value, Wire
+from heavebond.language.layout import read_layout
 from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, shown_path
 from heavebond.language.sections import (
     Clock,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     import networkx as nx
 
 MODEL_KEYS = ("model", "summary", "extends", "parameters", "components", "nodes", "set", "vary", "remove", "initial",
-              "nominal", "clocks", "show", "simulate", "view", "source", "notes")
+              "nominal", "clocks", "show", "simulate", "view", "layout", "source", "notes")
 LONGEST_CHAIN = 50
 BUNDLED = "bundled:"  # prefix of the name of a bundled machine
 
@@ -382,10 +383,11 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         wires = {n: w for n, w in wires.items() if w.ends}
     parameters = {**base.parameters, **_values(root.items.get("parameters"), "parameters", problems)}
     plan = read_plan(root.items.get("simulate"), problems)
+    layout = read_layout(root.items.get("layout"), base.body.layout, problems)
     return replace(
         base, name=reading.text(root.items["model"], "model", problems), path=source.path,
         summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
-        parameters=parameters, body=Body(instances, wires, inside),
+        parameters=parameters, body=Body(instances, wires, inside, layout),
         settings={**_kept_settings(base, body), **read_settings(root.items.get("set"), source, problems)},
         vary={**base.vary, **read_vary(root.items.get("vary"), problems)},
         initial=read_initial(root.items.get("initial"), base.initial, problems),

@@ -37,7 +37,7 @@ from heavebond.pictures.text_metrics import (
 EDGE = 20  # px around the drawing
 NARROWEST = 420  # px: least width, for the title
 SIGNAL = "#00734f"  # distinct from the colours of the domains for every kind of colour vision (after Okabe and Ito)
-OTHER, QUIET, WARNING, HALO = "#444444", "#5f6368", "#c2410c", "#ffe3d1"
+OTHER, QUIET, WARNING, HALO, NOTE_COLOUR = "#444444", "#5f6368", "#c2410c", "#ffe3d1", "#3b3f45"
 WIDTHS = {"signal": 1.1}
 ARRAY = 2.2  # line width of a wire with several elements, as a factor
 
@@ -161,6 +161,7 @@ def _page(model: Model, drawn: Drawn, look: Look) -> str:
     for line in drawn.lines:
         boxes += [line.caption.box] if line.caption else []
         boxes += [Box(x - 3, y - 3, x + 3, y + 3) for path in line.wire.lines for x, y in path]
+    boxes += [note.box for note in drawn.notes.values()]
     extent = bounds(boxes)
     width = max(extent.right - extent.left, NARROWEST)
     heading = lettering((Line(model.name, TITLE), *wrapped(model.summary, SUMMARY, width)), extent.left, 0, "start")
@@ -230,6 +231,9 @@ def _sheet(drawn: Drawn, look: Look) -> list[str]:
         if line.caption is not None:
             colour = domain_colour(line.net.domain) if look.paint is None else QUIET
             lines += _lettered(line.caption, colour, "formula" if line.net.given else "node")
+    for name, note in drawn.notes.items():
+        place = f'<g class="remark" data-note="{xml(name)}">' if not drawn.sheet.path else "<g>"
+        lines += [place, *_lettered(note, NOTE_COLOUR, "note"), "</g>"]
     return lines
 
 

@@ -7,11 +7,24 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from heavebond.pictures.pictograms import GRID, SIDES, Anchor, Shape, box, symbol
-from heavebond.pictures.placement import Cell, Piece, Placement, place
+from heavebond.pictures.pictograms import GRID, SIDES, STRAIGHT, Anchor, Matrix, Shape, box, symbol
+from heavebond.pictures.placement import PITCH_X, PITCH_Y, Cell, Piece, Placement, place
 from heavebond.pictures.routing import Point, Wire, route
 from heavebond.pictures.sheets import NODE, Net, Part, Sheet, marks_on
-from heavebond.pictures.text_metrics import KIND, NAME, NODE_NAME, TAG, VALUE, Box, Lettering, Line, bounds, lettering, size
+from heavebond.pictures.text_metrics import (
+    KIND,
+    NAME,
+    NODE_NAME,
+    NOTE,
+    TAG,
+    VALUE,
+    Box,
+    Lettering,
+    Line,
+    bounds,
+    lettering,
+    size,
+)
 
 GAP_X, GAP_Y, MARGIN, STUB, CLEAR = 60, 40, 30, 20, 4
 WIDER = (1.0, 1.4, 1.9, 2.5)  # gaps that are tried in turn until every wire and name has a place
@@ -33,8 +46,8 @@ class Options:
 
 @dataclass(frozen=True)
 class Item:
-    """A part at its place: its picture around (x, y), its names, the labels of its marked ports, and its contents if it
-    is open."""
+    """A part at its place: its picture around (x, y), its names, the labels of its marked ports, its contents if it is
+    open, and its rotation, which for a box is the order of its ports."""
 
     part: Part
     shape: Shape
@@ -43,7 +56,7 @@ class Item:
     caption: Lettering | None
     marks: dict[str, str]
     inside: Drawn | None
-    cell: Cell = (0, 0)
+    turn: Matrix = STRAIGHT
 
     @property
     def extent(self) -> Box:
@@ -79,6 +92,7 @@ class Drawn:
     faults: int
     xs: tuple[int, ...]
     ys: tuple[int, ...]
+    notes: Mapping[str, Lettering] = field(default_factory=dict)
 
 
 def lay_out(sheet: Sheet, sides: Mapping[str, str], options: Options) -> Drawn:
@@ -87,7 +101,8 @@ def lay_out(sheet: Sheet, sides: Mapping[str, str], options: Options) -> Drawn:
     joined = {(name or f"/{port}", port) for net in sheet.nets for name, port in net.ends}
     items = [_item(part, placement, joined, options) for part in sheet.parts.values()]
     tried = []
-    for wider in WIDER:
+    # exact places do not move apart
+    for wider in WIDER[:1] if all(part.exact for part in sheet.parts.values()) else WIDER:
         drawn = _Drafter(sheet, sides, options, placement, items, wider).drawn()
         if not drawn.faults:
             return drawn
@@ -107,15 +122,24 @@ def _piece(part: Part) -> Piece:
     if shape is not None and any(not shape.of(port) for port in part.ports):
         shape = None  # a node inside extends outwards, for which a symbol has no port
     at = None if part.at is None else (round(part.at[0] * 8), round(part.at[1] * 8))  # resolution of an eighth of a cell
+    if part.exact is not None:
+        at = round(8 * GRID * part.exact.x / PITCH_X), round(8 * GRID * part.exact.y / PITCH_Y)
+    turn = part.exact.turn if part.exact is not None and part.exact.turn is not None else part.turn
+    mirrored = part.exact.mirrored if part.exact is not None and part.exact.turn is not None else None
     power = tuple(p for p, domain in part.ports.items() if domain != "signal")
     return Piece(part.name, tuple(part.ports), shape, at, "", _natural(part), power[:2] if len(power) > 1 else (),
-                 None if part.turn is None else FACING[part.turn])
+                 None if turn is None else FACING[turn], mirrored)
 
 
 def facings(part: Part) -> list[int]:
     """The permitted rotations of a part's picture in degrees."""
-    turns = {turn[:2] for turn in _piece(replace(part, turn=None)).turns}
+    turns = {turn[:2] for turn in turns_of(part)}
     return [degrees for degrees, out in FACING.items() if out in turns]
+
+
+def turns_of(part: Part) -> tuple[Matrix, ...]:
+    """The permitted rotations and reflections of a part's picture."""
+    return _piece(replace(part, turn=None, exact=None)).turns
 
 
 def _natural(part: Part) -> dict[str, tuple[str, ...]]:
@@ -155,7 +179,8 @@ def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], option
         shape = box(part.name, part.component.name, sides, part.component.states)
         lines = (*values, *tags)
     anchors = [a for port in part.ports if (part.name, port) in joined for a in _used(shape, port, placement, part.name)]
-    return Item(part, shape, 0, 0, caption(lines, shape, anchors) if lines else None, marks, inside)
+    return Item(part, shape, 0, 0, caption(lines, shape, anchors) if lines else None, marks, inside,
+                placement.turns[part.name])
 
 
 def _used(shape: Shape, port: str, placement: Placement, name: str) -> list[Anchor]:
@@ -190,6 +215,10 @@ class _Drafter:
         self.xs = self._columns(items)
         self.ys = self._rows(items)
         self.items = {item.part.name: self._at(item) for item in items}
+        if any(item.part.exact for item in items):
+            self._put_exactly()
+        self.notes = {name: lettering(tuple(Line(text, NOTE) for text in note.text.split("\n")), GRID * note.x,
+                                      GRID * note.y, "start") for name, note in sheet.notes.items()}
         # places of the sheet's ports on its edge, side by side if they share a cell
         self.edges: dict[str, Anchor] = {}
         used: dict[Cell, int] = {}
@@ -275,11 +304,38 @@ class _Drafter:
     def _at(self, item: Item) -> Item:
         column, row = self.placement.cells[item.part.name]
         x, y = self.xs[column], self.ys[row]
-        return replace(item, x=x, y=y, caption=item.caption.moved(x, y) if item.caption else None, cell=(column, row))
+        return replace(item, x=x, y=y, caption=item.caption.moved(x, y) if item.caption else None)
+
+    def _put_exactly(self) -> None:
+        """Move parts to their exact places, and the others to a free place near the parts to which they are connected."""
+        placed = {name: _moved(item, GRID * item.part.exact.x, GRID * item.part.exact.y)
+                  for name, item in self.items.items() if item.part.exact is not None}
+        for name, item in self.items.items():
+            if name not in placed:
+                near = next((placed[other] for net in self.sheet.nets if name in {n for n, _ in net.ends}
+                             for other, _ in net.ends if other in placed), next(iter(placed.values())))
+                taken = [_whole(other) for other in placed.values()]
+                steps = range(-40 * GRID, 41 * GRID, 4 * GRID)
+                around = sorted((math.hypot(dx, dy), near.x + dx, near.y + dy) for dx in steps for dy in steps)
+                free = (_moved(item, x, y) for _, x, y in around)
+                below = GRID * math.ceil(max(box.bottom for box in taken) / GRID) + 2 * GAP_Y
+                placed[name] = next((moved for moved in free if not any(_whole(moved).meets(box, CLEAR * GRID)
+                                                                        for box in taken)), _moved(item, near.x, below))
+        self.items = {name: placed[name] for name in self.items}
+        # the columns and rows on which ports of the sheet's edge lie
+        inner = self._inner()
+        cells = self.placement.cells
+        columns = {cells[name][0]: item.x for name, item in reversed(self.items.items())}
+        rows = {cells[name][1]: item.y for name, item in reversed(self.items.items())}
+        beyond = (inner.left - GAP_X, inner.right + GAP_X), (inner.top - GAP_Y, inner.bottom + GAP_Y)
+        self.xs = {k: columns.get(k, GRID * round(beyond[0][k >= 0] / GRID)) for k in self.xs}
+        self.ys = {k: rows.get(k, GRID * round(beyond[1][k >= 0] / GRID)) for k in self.ys}
 
     def _inner(self) -> Box:
-        return bounds([b for item in self.items.values()
-                       for b in (item.extent, *([item.caption.box] if item.caption else []))])
+        pieces = [Box(GRID * min(x1, x2), GRID * min(y1, y2), GRID * max(x1, x2), GRID * max(y1, y2))
+                  for net in self.sheet.nets for x1, y1, x2, y2 in net.pieces]
+        return bounds([*(b for item in self.items.values()
+                         for b in (item.extent, *([item.caption.box] if item.caption else []))), *pieces])
 
     # -- wires -----------------------------------------------------------------------------------------------------
     def drawn(self) -> Drawn:
@@ -294,7 +350,8 @@ class _Drafter:
         area = Box(self.frame.left + inset, self.frame.top + inset, self.frame.right - inset, self.frame.bottom - inset)
         reach = Box(self.frame.left, self.frame.top, self.frame.right, self.frame.bottom)
         avoided = [*solid, *(Box(b.left - CLEAR, b.top, b.right + CLEAR, b.bottom) for b in written)]
-        wires = route(nets, [*avoided, *_rim(reach)] if self.sheet.path else avoided, reach)
+        fixed = {k: net.pieces for k, net in enumerate(self.sheet.nets) if net.pieces}
+        wires = route(nets, [*avoided, *_rim(reach)] if self.sheet.path else avoided, reach, fixed)
         obstacles = [*solid, *written]
         lines, faults = [], sum(wire.faults for wire in wires)
         pieces = [Box(min(a[0], b[0]) - 2, min(a[1], b[1]) - 2, max(a[0], b[0]) + 2, max(a[1], b[1]) + 2)
@@ -311,7 +368,7 @@ class _Drafter:
             lines.append(Strand(net, wire, named[0] if named else None, free))
         return Drawn(self.sheet, tuple(self.items.values()), tuple(lines), self.frame, tuple(self.edges.values()),
                      self.title, faults, tuple(x for _, x in sorted(self.xs.items())),
-                     tuple(y for _, y in sorted(self.ys.items())))
+                     tuple(y for _, y in sorted(self.ys.items())), self.notes)
 
     def _net_text(self, net: Net) -> tuple[Line, ...]:
         if not net.name:
@@ -335,6 +392,11 @@ class _Drafter:
             out = SIDES[end.side]
             terminal_list = [[end], [Anchor(end.port, end.x + STUB * out[0], end.y + STUB * out[1], OPPOSITE[end.side])]]
         return terminal_list
+
+
+def _moved(item: Item, x: int, y: int) -> Item:
+    caption = item.caption.moved(x - item.x, y - item.y) if item.caption else None
+    return replace(item, x=x, y=y, caption=caption)
 
 
 def _whole(item: Item) -> Box:

@@ -35,7 +35,8 @@ class Piece:
     """A placed element: a part or a port of the sheet's edge. `shape` is None if its ports may be on any side.
 
     side: the edge of a port of the sheet itself; natural: the usual sides of a port; ends: the two ports of a box on
-    its left and right, in either order; facing: the direction of its picture's left to right, if the diagram gives it.
+    its left and right, in either order; facing: the direction of its picture's left to right, if the diagram gives it;
+    mirrored: whether the picture is reflected, if the diagram says so.
     """
 
     name: str
@@ -46,13 +47,17 @@ class Piece:
     natural: dict[str, tuple[str, ...]] = field(default_factory=dict)
     ends: tuple[str, ...] = ()
     facing: tuple[int, int] | None = None
+    mirrored: bool | None = None
 
     @property
     def turns(self) -> tuple[Matrix, ...]:
         """Permitted rotations; the ends of a box may be exchanged. If the given direction is impossible for a picture,
         all its rotations are permitted."""
         turns = self.shape.turns if self.shape is not None else (STRAIGHT, MIRROR) if self.ends else (STRAIGHT,)
-        return tuple(turn for turn in turns if turn[:2] == self.facing) or turns
+        facing = tuple(turn for turn in turns if turn[:2] == self.facing)
+        exact = tuple(turn for turn in facing if self.mirrored is not None
+                      and self.mirrored == (turn[0] * turn[3] < turn[1] * turn[2]))
+        return exact or facing or turns
 
 
 @dataclass(frozen=True)

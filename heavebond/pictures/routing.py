@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -33,11 +33,13 @@ class Wire:
     faults: int
 
 
-def route(nets: Sequence[Sequence[Sequence[Anchor]]], blocked: Sequence[Box], area: Box) -> list[Wire]:
+def route(nets: Sequence[Sequence[Sequence[Anchor]]], blocked: Sequence[Box], area: Box,
+          pieces: Mapping[int, Sequence[tuple[int, int, int, int]]] | None = None) -> list[Wire]:
     """Trees that connect the terminals of each net; a terminal is the anchors of one port (absolute px, on the grid).
-    `blocked` are pictures and names, `area` is the permitted region of wires.
+    `blocked` are pictures and names, `area` is the permitted region of wires. `pieces` are straight lines (steps of the
+    grid) that the tree of a net contains, by the index of the net.
     """
-    router = _Router(nets, blocked, area)
+    router = _Router(nets, blocked, area, pieces or {})
     order = sorted(range(len(nets)), key=lambda k: (router.span(k), k))
     for _ in range(PASSES):
         for k in order:
@@ -46,7 +48,8 @@ def route(nets: Sequence[Sequence[Sequence[Anchor]]], blocked: Sequence[Box], ar
 
 
 class _Router:
-    def __init__(self, nets: Sequence[Sequence[Sequence[Anchor]]], blocked: Sequence[Box], area: Box):
+    def __init__(self, nets: Sequence[Sequence[Sequence[Anchor]]], blocked: Sequence[Box], area: Box,
+                 pieces: Mapping[int, Sequence[tuple[int, int, int, int]]]):
         self.left, self.top = round(area.left) // GRID, round(area.top) // GRID
         self.width = round(area.right) // GRID - self.left + 1
         self.height = round(area.bottom) // GRID - self.top + 1
@@ -66,8 +69,16 @@ class _Router:
             for terminal in net:
                 for point, direction in terminal:
                     self.mouths[point + self.steps[direction]] = k
+        self.pieces = {k: [self._piece(*piece) for piece in given] for k, given in pieces.items()}
         self.laid: list[dict[int, int]] = [{} for _ in nets]  # per net: point -> bits of the directions of its wires
         self.faults = [0] * len(nets)
+
+    def _piece(self, x1: int, y1: int, x2: int, y2: int) -> dict[int, int]:
+        """The points of a straight line, with the bits of the directions of the wire there."""
+        turn = 0 if y1 == y2 else 1
+        first = (min(y1, y2) - self.top) * self.width + min(x1, x2) - self.left
+        length = abs(x2 - x1) + abs(y2 - y1)
+        return {first + j * self.steps[turn]: (j < length) << turn | (j > 0) << (turn + 2) for j in range(length + 1)}
 
     def span(self, k: int) -> int:
         """Half the perimeter of the box around a net's anchors, in steps."""
@@ -84,10 +95,11 @@ class _Router:
                 for point, bits in laid.items():
                     other_nets[point] = other_nets.get(point, 0) | bits
         waiting = list(range(1, len(self.nets[k])))
-        joined = [0]
-        while waiting:
+        joined, apart = [0], list(self.pieces.get(k, ()))
+        while waiting or apart:
             targets = {anchor: t for t in waiting for anchor in self.nets[k][t]}
-            path = self._path(k, other_nets, joined, targets)
+            # the given pieces first, because they may be on the way to the other terminals
+            path = self._path(k, other_nets, joined, {} if apart else targets, {p for piece in apart for p in piece})
             if path is None:
                 self.faults[k] += 1
                 break
@@ -99,16 +111,33 @@ class _Router:
             for point in path:
                 if point in other_nets and not _crosses(laid[point], other_nets[point]):
                     self.faults[k] += 1
+            if apart:
+                piece = next(piece for piece in apart if path[-1] in piece)
+                apart.remove(piece)
+                for point, bits in piece.items():
+                    laid[point] = laid.get(point, 0) | bits
+                continue
             reached = next(t for (point, _), t in targets.items() if point == path[-1])
             waiting.remove(reached)
             joined.append(reached)
 
+        ends = {point for terminal in self.nets[k] for point, _ in terminal}
+        loose = [p for p, bits in self.laid[k].items() if bits.bit_count() == 1 and p not in ends]
+        while k in self.pieces and loose:  # a given piece ends at the last wire that joins it
+            point = loose.pop()
+            bits = self.laid[k].pop(point)
+            following = point + self.steps[bits.bit_length() - 1]
+            self.laid[k][following] &= ~(1 << (bits.bit_length() + 1) % 4)
+            if self.laid[k][following].bit_count() == 1 and following not in ends:
+                loose.append(following)
+
     def _path(self, k: int, other_wires: dict[int, int], joined: list[int],
-              targets: dict[tuple[int, int], int]) -> list[int] | None:
-        """The cheapest path from the connected terminals to an anchor of another one (points, from the tree outwards)."""
+              targets: dict[tuple[int, int], int], lines: Set[int] = frozenset()) -> list[int] | None:
+        """The cheapest path from the connected terminals to an anchor of another one (points, from the tree outwards), or
+        to a point of the given `lines`, which may be reached from any side."""
         width, steps, wall = self.width, self.steps, self.wall
         ends = {point: (direction + 2) % 4 for point, direction in targets}  # arrival is opposite to the exit direction
-        goals = [(p % width, p // width) for p in ends]
+        goals = [(p % width, p // width) for p in (*ends, *lines)]
         best: dict[int, int] = {}
         came: dict[int, int] = {}
         heap: list[tuple[int, int, int]] = []
@@ -128,14 +157,15 @@ class _Router:
             if cost > best[state]:
                 continue
             point, direction = state >> 2, state & 3
-            if ends.get(point) == direction and came[state] >= 0:
+            if (ends.get(point) == direction and came[state] >= 0) or point in lines:
                 return _traced(came, state)
             start = came[state] < 0
             for turn in (direction,) if start else (direction, (direction + 1) % 4, (direction + 3) % 4):
                 bend = turn != direction
                 following = point + steps[turn]
                 column = point % width + DIRECTIONS[turn][0]
-                if not (0 <= following < len(wall) and 0 <= column < width) or (wall[following] and following not in ends):
+                if not (0 <= following < len(wall) and 0 <= column < width) or (
+                        wall[following] and following not in ends and following not in lines):
                     continue
                 extra = BEND * bend
                 if point in other_wires and (bend or start or other_wires[point] & (1 << turn | 1 << (turn + 2) % 4)):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.presentation import readable, unit_label
 from heavebond.equations.connect import Network
 from heavebond.equations.expanded import Expanded, Leaf
-from heavebond.language.definition import Component, FileInput, Value
+from heavebond.language.definition import Component, FileInput, Note, PartPlace, Value
 from heavebond.pictures.text_metrics import shortened
 from heavebond.text.expression import Number, names
 from heavebond.text.shapes import whole_number
@@ -23,7 +23,8 @@ Ends = tuple[tuple[str, str], ...]
 class Net:
     """A node: its path, its displayed name (empty if it is displayed elsewhere), its domain, and its ends (part, port); a
     part without name is the edge of the sheet. `given`: a formula that feeds an input instead of a node. `size` is its
-    number of elements; `chosen` gives the elements for ends that are some elements of an array: `y[1..2]`."""
+    number of elements; `chosen` gives the elements for ends that are some elements of an array: `y[1..2]`; `pieces` are
+    the lines (x1, y1, x2, y2) that its wire contains, in steps of the grid."""
 
     path: str
     name: str
@@ -32,12 +33,13 @@ class Net:
     given: bool = False
     size: int = 1
     chosen: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    pieces: tuple[tuple[int, int, int, int], ...] = ()
 
 
 @dataclass(frozen=True)
 class Part:
     """A component on a sheet: its ports with their domains, its place (column, row) and its rotation (degrees clockwise)
-    if given, its settings, and its contents if it is drawn open."""
+    if given, its exact place if `layout:` has it, its settings, and its contents if it is drawn open."""
 
     path: str
     name: str
@@ -48,17 +50,20 @@ class Part:
     values: tuple[str, ...]
     inside: Sheet | None = None
     turn: int | None = None
+    exact: PartPlace | None = None
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """One level of a diagram; `ports` are the ports of the block itself, with their domains, `kind` its component."""
+    """One level of a diagram; `ports` are the ports of the block itself, with their domains, `kind` its component;
+    `notes` are texts on it, by their names."""
 
     path: str
     parts: dict[str, Part]
     nets: tuple[Net, ...]
     ports: dict[str, str] = field(default_factory=dict)
     kind: str = ""
+    notes: Mapping[str, Note] = field(default_factory=dict)
 
 
 def sheet(expanded: Expanded, network: Network, opened: frozenset[str]) -> Sheet:
@@ -202,6 +207,7 @@ class _Reader:
 
     def sheet(self, scope: str) -> Sheet:
         body = self.expanded.leaves[scope].component.body if scope else self.expanded.model.body
+        layout = body.layout
         parts = {}
         for path, leaf in self.expanded.leaves.items():
             if path and _owner(path) == scope:  # a block by itself has an empty path
@@ -216,11 +222,14 @@ class _Reader:
                 inside = self.sheet(path) if path in self.opened else None
                 inputs = tuple(k for k, s in leaf.component.signals.items() if s.direction == "in")
                 parts[name] = Part(path, name, leaf.component, self._ports(path, leaf), inputs, (at[0], at[1]) if at
-                                   else None, values, inside, int(at[2]) if at and len(at) > 2 else None)
+                                   else None, values, inside, int(at[2]) if at and len(at) > 2 else None,
+                                   layout.parts.get(name))
         owner = self.expanded.leaves.get(scope)
         ports = self._ports(scope, owner) if owner else {}
         formulas = [net for part in parts.values() for net in self._formulas(part)]
-        return Sheet(scope, parts, (*self.nets.get(scope, ()), *formulas), ports, owner.component.name if owner else "")
+        nets = [replace(net, pieces=layout.wires.get(net.path.rpartition(".")[2], ())) if _owner(net.path) == scope else net
+                for net in self.nets.get(scope, ())]
+        return Sheet(scope, parts, (*nets, *formulas), ports, owner.component.name if owner else "", layout.notes)
 
     def _formulas(self, part: Part) -> Iterator[Net]:
         """Inputs that read variables of other components: a connection without a wire."""

@@ -29,7 +29,7 @@ class Style:
 
 TITLE, SUMMARY = Style(16, bold=True), Style(11, quiet=True)
 NAME, KIND, VALUE, PORT = Style(11, bold=True), Style(9, quiet=True), Style(10, quiet=True), Style(8, quiet=True)
-NODE_NAME, TAG = Style(10, italic=True), Style(10, bold=True, tag=True)
+NODE_NAME, TAG, NOTE = Style(10, italic=True), Style(10, bold=True, tag=True), Style(12)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from base64 import b64encode
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -31,6 +32,7 @@ from heavebond.numerics.simulation import changes_of, simulate
 from heavebond.pictures.animation import packed
 from heavebond.pictures.drawing import draw_expanded, symbol_picture
 from heavebond.pictures.motion import animate
+from heavebond.pictures.picture import converter, draw
 from heavebond.studies.run_case import checked
 from heavebond.studies.study import study_from_source
 from heavebond.studio.animation import animation, modes
@@ -45,9 +47,9 @@ from heavebond.studio.contents import (
 )
 from heavebond.studio.edit_actions import edited
 from heavebond.studio.evidence import Evidence, assembled, experiment_entry, files_of, proposal, written_experiment
-from heavebond.studio.grid import grid_of
 from heavebond.studio.job import Job
 from heavebond.studio.palette import component_entry, palette
+from heavebond.studio.sheet_edits import sheet_entry
 from heavebond.text.yaml_source import parse
 
 # tolerance of runs while a slider moves: the width of a line on the screen is a thousandth of the range; the final run is
@@ -101,7 +103,7 @@ def view(job: Job, opened: Sequence[str] = ()) -> Entry:
                       "runs": False,
                       "files": [str(p) for p in block.model.library.files.values()
                                 if p.parent == block.model.path.parent and p != block.model.path],
-                      "grid": grid_of(drawn) if drawn is not None else None,
+                      **sheet_entry(drawn),
                       "whole": all(_is_known(i, block.expanded) for i in block.model.body.instances.values())}
             return {**entry, "problems": [problem_entry(p, job.name, parts) for p in problems.found]}
         if "experiment" in source.root.items:
@@ -123,7 +125,7 @@ def view(job: Job, opened: Sequence[str] = ()) -> Entry:
         entry |= {"svg": "", "opened": blocks, "whole": all(_is_known(i, expanded) for i in model.body.instances.values())}
         if expanded.leaves:
             entry["svg"], drawn = draw_expanded(expanded, network, open=blocks)
-            entry["grid"] = grid_of(drawn)
+            entry |= sheet_entry(drawn)
         unfinished = faults.found or mixed.found
         problems.found += unfinished
         assembly = None if unfinished else _checked(model, problems) if experiment is None else _driven(experiment, problems)
@@ -289,4 +291,5 @@ def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
             "against": evidence.against, "propose": proposal, "experiment": written_experiment,
             "edit": lambda job, action: (edited(job, action), None),
             "palette": lambda job: (palette(Path(job.path).parent), None),
+            "picture": lambda job: ({"pdf": b64encode(converter(Path("x.pdf"))(draw(read(job)))).decode("ascii")}, None),
             "component": lambda job, name: (component_entry(Path(job.path).parent, name), None)}

@@ -1,4 +1,4 @@
-"""Edits of a drawing as changes of its text: place, move, turn, rename, copy and delete parts, join ports."""
+"""Edits of a diagram as changes of its text: add, rename and delete parts and nodes, set values."""
 
 from __future__ import annotations
 
@@ -17,10 +17,7 @@ from heavebond.language.component_file import COMPONENT_KEYS
 from heavebond.language.edits import place_of
 from heavebond.language.library import example
 from heavebond.language.model import MODEL_KEYS, Model, from_source
-from heavebond.pictures.layout import facings
-from heavebond.pictures.sheets import sheet
 from heavebond.studio.blocks import is_block, read_block
-from heavebond.studio.grid import Grid, cells_of, renumbered
 from heavebond.studio.job import Job
 from heavebond.text.yaml_edits import Key, Tree, add_item, delete_entry, rename_key, replace_scalars, set_entry, tree
 from heavebond.text.yaml_source import Mapping, Scalar, parse, read
@@ -110,7 +107,7 @@ def read_diagram(text: str, job: Job) -> Diagram:
 
 # -- parts -----------------------------------------------------------------------------------------------------------------
 def place_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Add a part of a kind at a place, with required values from the example of its component."""
+    """Add a part of a kind, with required values from the example of its component."""
     kind = str(action["kind"])
     component = diagram.model.library.component(kind)
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", kind.removesuffix(".fmu"))
@@ -118,9 +115,7 @@ def place_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     needed = [n for n, p in component.parameters.items() if p.default is None and p.neutral is None and not p.medium]
     example_values = _example_values(component, kind)
     settings: dict[str, Tree] = {n: example_values[n] for n in needed if n in example_values}
-    text, at = _at(diagram, Grid.read(action), action)
-    text = with_entry(text, "components", name, {"is": kind, **settings, "at": at})
-    return {"text": text, "part": name}
+    return {"text": with_entry(diagram.text, "components", name, {"is": kind, **settings}), "part": name}
 
 
 def _example_values(component: Any, kind: str) -> dict[str, Tree]:
@@ -134,69 +129,6 @@ def _example_values(component: Any, kind: str) -> dict[str, Tree]:
     return {}
 
 
-def move_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Move a part. If other parts without a place would move too, their places are written, so that the rest of the
-    drawing stays."""
-    name, grid = diagram.own(str(action["part"])), Grid.read(action)
-    text, at = _at(diagram, grid, action)
-    turn = position(diagram, name)[2:]
-    written: list[Tree] = [*at, *turn]
-    text = set_entry(text, ("components", name, "at"), written)
-    return {"text": others_stay(text, diagram, job, grid, {name}), "part": name}
-
-
-def others_stay(text: str, diagram: Diagram, job: Job, grid: Grid, moved: set[str]) -> str:
-    """Write places for parts without one that would move after `moved` parts have been moved."""
-    before = {k: cell for k, cell in grid.cells.items() if k not in moved}
-    moved_diagram = read_diagram(text, job)
-    after = {k: cell for k, cell in cells_of(moved_diagram.expanded, moved_diagram.network).items() if k in before}
-    if _order(before) != _order(after):
-        for other_part, cell in before.items():
-            if other_part in diagram.section("components") and not position(diagram, other_part):
-                text = set_entry(text, ("components", other_part, "at"), list(grid.place(*cell)))
-    return text
-
-
-def _order(cells: dict[str, tuple[float, float]]) -> dict[str, tuple[int, int]]:
-    """Numbers of columns and rows in order, without empty ones."""
-    columns, rows = (sorted({cell[k] for cell in cells.values()}) for k in (0, 1))
-    return {name: (columns.index(c), rows.index(r)) for name, (c, r) in cells.items()}
-
-
-def position(diagram: Diagram, name: str) -> list[Tree]:
-    """The value of `at:` of a part; empty if it has none."""
-    part = diagram.section("components").get(name)
-    at = part.get("at") if isinstance(part, dict) else None
-    return at if isinstance(at, list) else []
-
-
-def _at(diagram: Diagram, grid: Grid, action: Entry) -> tuple[str, list[Tree]]:
-    """Text of `at:` for a column and a row of the drawing, `k + 0.5` between two; if there is no number left between
-    them, the parts with a place are renumbered."""
-    column, row = float(action["column"]), float(action["row"])
-    at = grid.place(column, row)
-    if at:
-        return diagram.text, list(at)
-    text = diagram.text
-    for name, cell in grid.cells.items():
-        if name in diagram.section("components"):
-            written = [renumbered(cell[0], column), renumbered(cell[1], row), *position(diagram, name)[2:]]
-            text = set_entry(text, ("components", name, "at"), written)
-    return text, [renumbered(column, column), renumbered(row, row)]
-
-
-def turn_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Turn a part clockwise by `turn` degrees from its present direction, if its symbol may be turned."""
-    name, grid = diagram.own(str(action["part"])), Grid.read(action)
-    at = position(diagram, name) or grid.place(*grid.cells[name])
-    allowed, present_turn = facings(sheet(diagram.expanded, diagram.network, frozenset()).parts[name]), int(action["turn"])
-    if len(allowed) < 2:
-        raise UsageError([Problem("part-upright", f"the symbol of '{name}' is never turned")])
-    turn = min((degrees for degrees in allowed if degrees != present_turn),
-               key=lambda degrees: (degrees - present_turn) % 360)
-    return {"text": set_entry(diagram.text, ("components", name, "at"), [*at[:2], str(turn)]), "part": name}
-
-
 def rename_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     """Rename a part, in wires and formulas too. The new name may be the name of a node on one of its ports."""
     old, new = diagram.own(str(action["part"])), str(action["name"])
@@ -205,7 +137,7 @@ def rename_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     on = {name for name, wire in diagram.model.body.wires.items() if any(e.path.partition(".")[0] == old for e in wire.ends)}
     _check_name(new, diagram, allowed=on - set(diagram.model.body.instances))
     text = renamed_mentions(diagram.text, diagram.named(old), new, node=False)
-    return {"text": rename_key(text, ("components", old), new), "part": new}
+    return {"text": _renamed_layout(rename_key(text, ("components", old), new), "parts", old, new), "part": new}
 
 
 def rename_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
@@ -219,7 +151,27 @@ def rename_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
     if old not in diagram.section("nodes") or "extends" in diagram.said:
         raise UsageError([Problem("node-inherited", f"node '{old}' is named in another file", None, "Rename it there.")])
     text = renamed_mentions(diagram.text, diagram.named(old), new, node=True)
-    return {"text": rename_key(text, ("nodes", old), new), "node": new}
+    return {"text": _renamed_layout(rename_key(text, ("nodes", old), new), "wires", old, new), "node": new}
+
+
+def _renamed_layout(text: str, section: str, old: str, new: str) -> str:
+    """Rename an entry of `layout:`, if the file has it."""
+    try:
+        return rename_key(text, ("layout", section, old), new)
+    except UsageError:
+        return text
+
+
+def without_layout(text: str, section: str, name: str) -> str:
+    """Delete an entry of `layout:`, with the sections that are empty then."""
+    layout = tree(parse(text).root)
+    assert isinstance(layout, dict)
+    entries = layout.get("layout")
+    inner = entries.get(section) if isinstance(entries, dict) else None
+    if not isinstance(entries, dict) or not isinstance(inner, dict) or name not in inner:
+        return text
+    keys = ("layout", section, name) if len(inner) > 1 else ("layout", section) if len(entries) > 1 else ("layout",)
+    return delete_entry(text, keys)
 
 
 def _check_name(name: str, diagram: Diagram, allowed: Iterable[str] = ()) -> None:
@@ -237,19 +189,6 @@ def free_name(first: str, used_names: Iterable[str]) -> str:
     known = {*used_names, *reading.RESERVED}
     stem = first if first[:1].isalpha() else f"part_{first}"
     return next(name for k in range(1, len(known) + 3) if (name := stem if k == 1 else f"{stem}{k}") not in known)
-
-
-def copy_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Copy a part with a new name, one row below, without wires."""
-    name, grid = diagram.own(str(action["part"])), Grid.read(action)
-    fresh = free_name(re.sub(r"[0-9]+$", "", name) or name, diagram.taken)
-    part = diagram.section("components")[name]
-    if not isinstance(part, dict):
-        raise UsageError([Problem("edit-refused", f"'{name}' cannot be copied")])
-    cell = grid.cells.get(name, (0.0, 0.0))
-    text, at = _at(diagram, grid, {"column": cell[0], "row": cell[1] + 0.5})
-    turn = position(diagram, name)[2:]
-    return {"text": set_entry(text, ("components", fresh), {**part, "at": [*at, *turn]}, after=name), "part": fresh}
 
 
 def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
@@ -276,7 +215,7 @@ def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
 
 def _without_part(diagram: Diagram, name: str, job: Job) -> str:
     text = deleted_mentions(diagram.text, diagram.named(name), node=False)
-    text = delete_entry(text, ("components", name))
+    text = without_layout(delete_entry(text, ("components", name)), "parts", name)
     for node, ends in diagram.section("nodes").items():
         if isinstance(ends, list):
             for k in reversed([k for k, end in enumerate(ends) if str(end).lstrip("+-").partition(".")[0].partition("[")[0]
@@ -284,6 +223,7 @@ def _without_part(diagram: Diagram, name: str, job: Job) -> str:
                 text = delete_entry(text, ("nodes", node, k))
             if all(str(end).lstrip("+-").partition(".")[0] == name for end in ends):
                 text = deleted_mentions(text, Named(node, frozenset(), False, True), node=True)
+                text = without_layout(text, "wires", node)
     return text
 
 
@@ -291,7 +231,8 @@ def without_node(diagram: Diagram, name: str) -> str:
     if name not in diagram.section("nodes"):
         raise UsageError([Problem("node-inherited", f"node '{name}' is declared in the diagram that this one extends", None,
                                   "Take ports from it here: `-part.port`.")])
-    return delete_entry(deleted_mentions(diagram.text, diagram.named(name), node=True), ("nodes", name))
+    text = delete_entry(deleted_mentions(diagram.text, diagram.named(name), node=True), ("nodes", name))
+    return without_layout(text, "wires", name)
 
 
 # -- values ----------------------------------------------------------------------------------------------------------------

@@ -1,13 +1,14 @@
-"""Edits of several parts and of the settings of a run, and the table of all edits by the names that the page sends."""
+"""Edits of outputs and of the settings of a run, and the table of all edits by the names that the page sends."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 
-from heavebond.core.errors import ModelError, Problem, UsageError, listing
+from heavebond.core.errors import ModelError, Problem, UsageError
 from heavebond.core.presentation import readable_unit
 from heavebond.studio import diagram_edits as one
+from heavebond.studio import sheet_edits as sheet
 from heavebond.studio import wire_edits as wire
 from heavebond.studio.blocks import unrunnable
 from heavebond.studio.diagram_edits import (
@@ -15,79 +16,14 @@ from heavebond.studio.diagram_edits import (
     Entry,
     Written,
     free_name,
-    others_stay,
-    position,
     read_diagram,
     read_text_only,
     section_before,
 )
-from heavebond.studio.grid import Grid
 from heavebond.studio.job import Job
 from heavebond.text.yaml_edits import Key, Tree, delete_entry, set_entry
 
 STARTS = ("steady", "rest")
-
-
-# -- several parts -----------------------------------------------------------------------------------------------------
-def move_parts(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Move parts together so that `part`, one of them, reaches a place; their distances do not change."""
-    grid, names = Grid.read(action), [diagram.own(str(name)) for name in action["parts"]]
-    places, lead = _places(grid, names), str(action["part"])
-    to = grid.place(float(action["column"]), float(action["row"]))
-    if not to:
-        raise UsageError([Problem("edit-refused", "there is no room between these columns or rows", None,
-                                  "Move the parts beyond them, or one by one.")])
-    dx, dy = float(to[0]) - places[lead][0], float(to[1]) - places[lead][1]
-    occupied = {place: name for name, place in _places(grid, [n for n in grid.cells if n not in names]).items()}
-    text = diagram.text
-    for name, (x, y) in places.items():
-        if (occupant := occupied.get((x + dx, y + dy))) is not None:
-            raise UsageError([Problem("place-taken", f"'{name}' would cover '{occupant}'")])
-        text = set_entry(text, ("components", name, "at"), [f"{x + dx:g}", f"{y + dy:g}", *position(diagram, name)[2:]])
-    return {"text": others_stay(text, diagram, job, grid, set(names)), "part": lead, "parts": names}
-
-
-def _places(grid: Grid, names: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """The numbers of column and row of parts."""
-    return {name: (grid.columns[int(grid.cells[name][0])], grid.rows[int(grid.cells[name][1])]) for name in names}
-
-
-def copy_parts(diagram: Diagram, job: Job, action: Entry) -> Entry:
-    """Copy parts below all others, with the wires between them; formulas in a copy refer to the copies."""
-    grid, names = Grid.read(action), [diagram.own(str(name)) for name in action["parts"]]
-    parts, places, taken_names = diagram.section("components"), _places(grid, names), set(diagram.taken)
-    if plain := [name for name in names if not isinstance(parts[name], dict)]:
-        raise UsageError([Problem("edit-refused", f"{listing(plain)} cannot be copied")])
-    fresh: dict[str, str] = {}
-    for name in names:
-        fresh[name] = free_name(re.sub(r"[0-9]+$", "", name) or name, taken_names)
-        taken_names.add(fresh[name])
-    below = max(grid.rows) + 1 - min(y for _, y in places.values())
-    text, last = diagram.text, names[-1]
-    for name, (x, y) in places.items():
-        at: list[Tree] = [f"{x:g}", f"{y + below:g}", *position(diagram, name)[2:]]
-        entry = {**_renamed(parts[name], fresh), "at": at}
-        text = set_entry(text, ("components", fresh[name]), entry, after=last)
-        last = fresh[name]
-    for node, ends in diagram.section("nodes").items():
-        joined = [str(end) for end in ends if str(end).partition(".")[0] in fresh] if isinstance(ends, list) else []
-        if len(joined) > 1:
-            new = fresh.get(node) or free_name(re.sub(r"[0-9]+$", "", node) or node, taken_names)
-            taken_names.add(new)
-            copied: list[Tree] = [f"{fresh[end.partition('.')[0]]}.{end.partition('.')[2]}" for end in joined]
-            text = set_entry(text, ("nodes", new), copied)
-    return {"text": text, "part": fresh[str(action["part"])], "parts": list(fresh.values())}
-
-
-def _renamed(part: Tree, fresh: Mapping[str, str]) -> dict[str, Tree]:
-    """The entries of a part; formulas that name one of the copied parts name its copy."""
-    assert isinstance(part, dict)
-    known = re.compile(r"(?<![\w.])(" + "|".join(map(re.escape, sorted(fresh, key=len, reverse=True))) + r")(?=\.)")
-
-    def written(value: Tree) -> Tree:
-        return known.sub(lambda m: fresh[m.group()], value) if isinstance(value, str) and "=" in value else value
-
-    return {key: written(value) for key, value in part.items()}
 
 
 # -- outputs, begin and end of a run -----------------------------------------------------------------------------------
@@ -146,9 +82,9 @@ def _without(diagram: Written, section: str, key: str) -> str:
 
 # -- all edits ---------------------------------------------------------------------------------------------------------
 ACTIONS: dict[str, Callable[[Diagram, Job, Entry], Entry]] = {
-    "place": one.place_part, "move": one.move_part, "turn": one.turn_part, "rename": one.rename_part,
-    "rename_node": one.rename_node, "copy": one.copy_part, "delete": one.delete, "join": wire.join_ports,
-    "leave": wire.leave_node, "move_parts": move_parts, "copy_parts": copy_parts, "show": show_signal}
+    "place": sheet.place, "move": sheet.move, "turn": sheet.turn, "rename": one.rename_part, "rename_node": one.rename_node,
+    "copy": sheet.copy, "fragment": sheet.fragment, "paste": sheet.paste, "route": sheet.route, "note": sheet.note,
+    "delete": one.delete, "join": wire.join_ports, "leave": wire.leave_node, "show": show_signal}
 # edits that need no valid diagram, and so also work if one of its values cannot be read
 VALUES: dict[str, Callable[[Written, Job, Entry], Entry]] = {
     "set": one.set_value, "initial": initial_value, "setting": run_setting}

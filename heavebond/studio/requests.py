@@ -102,6 +102,10 @@ async def _component(tab: Tab, message: dict[str, Any]) -> Answer:
     return await tab.librarian.ask("component", tab.job({"text": "", **message}), str(message["kind"]))
 
 
+async def _picture(tab: Tab, message: dict[str, Any]) -> Answer:
+    return await tab.librarian.ask("picture", tab.job(message))
+
+
 async def _run(tab: Tab, message: dict[str, Any]) -> Answer:
     job, task = tab.job(message), str(message["do"])
     arguments = () if task in ("animation", "modes", "film") else ([str(name) for name in message.get("names", ())],)
@@ -209,7 +213,7 @@ def _name(tab: Tab, path: Path) -> str:
 
 HANDLERS: dict[str, Handler] = {
     "home": _home, "open": _open, "new": _new, "copy": _copy, "derive": _derive, "write": _write, "save": _save,
-    "view": _view, "edit": _edit, "palette": _palette, "component": _component, "stop": _stop,
+    "view": _view, "edit": _edit, "palette": _palette, "picture": _picture, "component": _component, "stop": _stop,
     **dict.fromkeys(("run", "prepare", "preview", "signals", "animation", "modes", "film"), _run),
     "compare": _compare, "channel": _channel, "against": _against, "propose": _propose, "experiment": _experiment,
     "join": _join, "jobs": _jobs, "begin": _begin, "end": _end, "array": _array, "add": _add}

@@ -35,7 +35,7 @@ export class Diagram {
     const held = document.activeElement?.closest?.("[data-part], .reach"), focus = held && this.sheet.contains(held) ?
       [held.getAttribute("data-part"), held.getAttribute("data-node")] : null;
     const svg = /** @type {any} */ (document.importNode(new DOMParser().parseFromString(text, "image/svg+xml").documentElement, true));
-    const before = this.svg?.viewBox.baseVal, whole = this.whole;
+    const before = this.svg?.viewBox.baseVal;
     this.sheet.replaceChildren(svg);
     this.svg = svg;
     if (before && !fit) { // what stands where it stood stays on the screen where it is
@@ -46,6 +46,8 @@ export class Diagram {
     // all sizes first: a change between two of them would lay out the whole drawing again
     const groups = [...svg.querySelectorAll("g.part[data-part]")], boxes = groups.map((group) => group.getBBox());
     groups.forEach((group, k) => this.prepare(group, boxes[k], parts));
+    for (const note of svg.querySelectorAll("[data-note]"))
+      for (const [name, value] of [["tabindex", "0"], ["role", "button"], ["aria-label", `note ${note.textContent}`]]) note.setAttribute(name, value);
     for (const wire of svg.querySelectorAll("path.wire[data-node]")) {
       const reach = document.createElementNS(SVG, "path");
       for (const [name, value] of [["d", wire.getAttribute("d")], ["data-node", wire.getAttribute("data-node")], ["class", "reach"],
@@ -53,8 +55,8 @@ export class Diagram {
       wire.after(reach);
     }
     this.studio.wiring.draw(svg, parts);
-    if (fit || (whole && !this.whole)) this.fit(); // what was in view as a whole stays so
-    else this.place();
+    if (fit) this.fit();
+    else { this.fitted = false; this.place(); } // everything stays on the screen where it is
     if (this.picked) this.pick(this.picked.kind, this.picked.path);
     if (focus) /** @type {any} */ ([...this.sheet.querySelectorAll("g.part, .reach")].find((found) => focus[0] ?
       found.getAttribute("data-part") === focus[0] : found.getAttribute("data-node") === focus[1] && found.classList.contains("reach")))?.focus();
@@ -88,19 +90,8 @@ export class Diagram {
   /** @param {string} path @returns {any} */
   group(path) { return [...this.sheet.querySelectorAll("g.part")].find((g) => g.getAttribute("data-part") === path) ?? null; }
 
-  /** By how many degrees the picture of a part is turned. @param {string} path */
-  facing(path) {
-    const matrix = this.group(path)?.querySelector(":scope > g[transform^=matrix]")?.getAttribute("transform") ?? "";
-    const [a, b] = (matrix.match(/-?\d+/g) ?? ["1", "0"]).map(Number);
-    return a === 1 ? 0 : b === 1 ? 90 : a === -1 ? 180 : 270;
-  }
-
-  /** Whether all of the drawing is in view. */
-  get whole() {
-    if (!this.svg) return false;
-    const w = Number(this.svg.getAttribute("width")) * this.scale, h = Number(this.svg.getAttribute("height")) * this.scale;
-    return this.x >= 0 && this.y >= 0 && this.x + w <= this.sheet.clientWidth && this.y + h <= this.sheet.clientHeight;
-  }
+  /** The name of a part beside its picture. @param {string} path @returns {any} */
+  caption(path) { return [...this.sheet.querySelectorAll("g[data-part]:not(.part)")].find((g) => g.getAttribute("data-part") === path) ?? null; }
 
   /** Show all where what is selected lies outside of what is seen. */
   reveal() {
@@ -120,6 +111,7 @@ export class Diagram {
   /** @param {string} kind part, node or nothing @param {string} path */
   pick(kind, path) {
     this.picked = kind ? { kind, path } : null;
+    for (const found of this.sheet.querySelectorAll("[data-note]")) found.classList.toggle("picked", kind === "note" && found.getAttribute("data-note") === path);
     for (const found of this.sheet.querySelectorAll("g.part, .reach")) {
       const own = found.getAttribute(kind === "node" ? "data-node" : "data-part");
       found.classList.toggle("picked", Boolean(kind) && (own === path || (kind === "part" && this.studio.chosen.includes(own))) && (kind === "node") === found.classList.contains("reach"));
@@ -192,8 +184,9 @@ export class Diagram {
       sheet.classList.remove("panning");
     });
     sheet.addEventListener("dblclick", (event) => {
-      const under = document.elementFromPoint(event.clientX, event.clientY)?.closest("[data-part]");
-      if (under) this.onopen(under.getAttribute("data-part") ?? "");
+      const under = document.elementFromPoint(event.clientX, event.clientY)?.closest("[data-part], [data-note]");
+      if (under?.hasAttribute("data-note")) { this.studio.pick("note", under.getAttribute("data-note") ?? ""); document.getElementById("note-text")?.focus(); }
+      else if (under) this.onopen(under.getAttribute("data-part") ?? "");
     });
     sheet.addEventListener("wheel", (event) => {
       event.preventDefault();
@@ -234,7 +227,9 @@ export class Diagram {
   /** @param {any} target */
   choose(target) {
     const part = target?.closest?.("[data-part]"), wire = target?.closest?.(".reach");
-    if (wire) this.onpick("node", wire.getAttribute("data-node"));
+    const note = target?.closest?.("[data-note]");
+    if (note) this.onpick("note", note.getAttribute("data-note"));
+    else if (wire) this.onpick("node", wire.getAttribute("data-node"));
     else if (part) this.onpick("part", part.getAttribute("data-part"));
     else this.onpick("", "");
   }

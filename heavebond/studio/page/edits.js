@@ -1,8 +1,10 @@
 // Edits of the drawing: each is a change of the text, so that undo and redo go over both alike.
 
 import { byId, el, message } from "./dom.js";
+import { GRID } from "./grid.js";
 
 const TOLD = 7000; // ms for which a reason is shown
+const STEP = 2; // steps of the grid that an arrow key moves
 const SLOW = 500; // ms from which on the page says that an edit is under way
 
 export class Edits {
@@ -27,12 +29,12 @@ export class Edits {
     if (!this.possible) { this.refuse(studio.view?.evidence ? "An experiment shows the diagram of another file. Open that diagram to change it." : "This diagram is read only. Copy or extend it to change it."); return false; }
     const words = "changing the text…", slow = setTimeout(() => studio.say(words), SLOW);
     try {
-      const told = await studio.link.ask("edit", { name, text: before, action: { grid: studio.view?.grid, ...action } });
+      const told = await studio.link.ask("edit", { name, text: before, action: { places: studio.view?.places, ...action } });
       if (told.kind !== "done" || studio.document?.name !== name) return false;
       if (studio.editor.text !== before) { this.refuse("The text was changed at the same time; do it once more."); return false; }
       byId("reason").hidden = true;
       studio.editor.replace(told.text);
-      studio.picked = told.part ? { kind: "part", path: told.part } : told.node ? { kind: "node", path: told.node } : null;
+      studio.picked = told.note ? { kind: "note", path: told.note } : told.part ? { kind: "part", path: told.part } : told.node ? { kind: "node", path: told.node } : null;
       studio.chosen = [];
       await studio.check(false);
       if (told.parts?.length > 1) studio.chooseParts([...told.parts.filter((/** @type {string} */ part) => part !== told.part), told.part]);
@@ -68,25 +70,65 @@ export class Edits {
   /** The part or node that is selected, if it stands on the outermost sheet. */
   get selected() {
     const { picked, view } = this.studio;
+    if (picked?.kind === "note") return view?.notes?.[picked.path] ? picked : null;
     return picked && !picked.path.includes(".") && (picked.kind === "part" ? view?.parts?.[picked.path] : view?.nodes?.[picked.path]) ? picked : null;
   }
 
   remove() {
     const picked = this.selected, { chosen } = this.studio;
     if (chosen.length) { void this.act({ act: "delete", parts: chosen }); return; }
+    if (picked?.kind === "note") { void this.act({ act: "note", name: picked.path, text: "", x: 0, y: 0 }); return; }
     if (picked) void this.act(picked.kind === "part" ? { act: "delete", parts: [picked.path] } : { act: "delete", nodes: [picked.path] });
   }
 
   copy() {
-    const { chosen } = this.studio;
-    if (chosen.length) void this.act({ act: "copy_parts", parts: chosen, part: chosen[chosen.length - 1] });
-    else if (this.selected?.kind === "part") void this.act({ act: "copy", part: this.selected.path });
+    if (this.held.length) void this.act({ act: "copy", parts: this.held });
   }
 
-  rotate() {
-    if (this.selected?.kind !== "part") return;
-    const part = this.selected.path;
-    void this.act({ act: "turn", part, turn: this.studio.diagram.facing(part) });
+  /** The parts that are selected. @returns {string[]} */
+  get held() { return this.studio.chosen.length ? this.studio.chosen : this.selected?.kind === "part" ? [this.selected.path] : []; }
+
+  /** The selected parts with their wires as text on the clipboard, for this diagram or another one. @param {boolean} [cut] */
+  async toClipboard(cut) {
+    const parts = this.held, { studio } = this;
+    if (!parts.length) return;
+    try {
+      const told = await studio.link.ask("edit", { name: studio.document.name, text: studio.editor.text, action: { act: "fragment", parts, places: studio.view?.places } });
+      await navigator.clipboard.writeText(told.clipboard);
+      studio.say(`${parts.length} ${parts.length > 1 ? "parts" : "part"} copied: paste with Ctrl+V here or in another diagram`);
+      if (cut) this.remove();
+    } catch (error) {
+      this.refuse(error instanceof Error ? error.message : String(error));
+    }
+  }
+
+  /** Parts from the clipboard, in the middle of what is seen or beside the originals. @param {string} clipboard */
+  paste(clipboard) {
+    const { diagram, view } = this.studio, names = Object.keys(view?.places ?? {});
+    const own = [...clipboard.matchAll(/^ {2}(\w+): \{is/gm)].some((found) => names.includes(found[1])), box = byId("sheet").getBoundingClientRect();
+    const middle = diagram.point({ clientX: box.left + box.width / 3, clientY: box.top + box.height / 3 });
+    void this.act({ act: "paste", clipboard, ...(own || !diagram.svg ? {} : { x: Math.round(middle.x / GRID), y: Math.round(middle.y / GRID) }) });
+  }
+
+  /** @param {boolean} [mirror] */
+  rotate(mirror) {
+    if (this.selected?.kind === "part") void this.act({ act: "turn", part: this.selected.path, mirror: Boolean(mirror) });
+  }
+
+  /** A text on the drawing, near the middle of what is seen. */
+  addNote() {
+    const { diagram } = this.studio, box = byId("sheet").getBoundingClientRect();
+    const { x, y } = diagram.point({ clientX: box.left + box.width / 2, clientY: box.top + box.height / 4 });
+    void this.act({ act: "note", text: "Note", x: Math.round(x / GRID), y: Math.round(y / GRID) }).then((done) => {
+      const field = /** @type {HTMLTextAreaElement|null} */ (document.getElementById("note-text"));
+      if (done) { field?.focus(); field?.select(); }
+    });
+  }
+
+  /** Parts by so many steps of the grid. @param {string[]} names @param {string} part which leads @param {number} dx @param {number} dy */
+  move(names, part, dx, dy) {
+    const places = this.studio.view.places;
+    return this.act({ act: "move", part, to: Object.fromEntries(names.map((name) => [name, [places[name][0] + dx, places[name][1] + dy]])) });
   }
 
   rename() {
@@ -108,13 +150,9 @@ export class Edits {
 
   /** A step over the grid by the keyboard. @param {number} dx @param {number} dy */
   step(dx, dy) {
-    const picked = this.selected, grid = this.studio.view?.grid;
-    if (picked?.kind !== "part" || !grid?.cells[picked.path]) return;
-    const [c, r] = grid.cells[picked.path], { chosen } = this.studio, taken = new Set(Object.values(grid.cells).map(String));
-    if (chosen.length) { void this.act({ act: "move_parts", parts: chosen, part: picked.path, column: Math.max(-1, Math.min(grid.xs.length, c + dx)), row: Math.max(-1, Math.min(grid.ys.length, r + dy)) }); return; }
-    const beyond = taken.has(String([c + dx, r + dy])) ? 1.5 : 1;
-    const limit = (/** @type {number} */ value, /** @type {number} */ count) => Math.max(-1, Math.min(count, value));
-    void this.act({ act: "move", part: picked.path, column: limit(c + beyond * dx, grid.xs.length), row: limit(r + beyond * dy, grid.ys.length) });
+    const names = this.held, picked = this.selected, note = picked?.kind === "note" ? this.studio.view.notes[picked.path] : null;
+    if (note && picked) void this.act({ act: "note", name: picked.path, text: note.text, x: note.at[0] + dx, y: note.at[1] + dy });
+    else if (names.length && names.every((name) => this.studio.view?.places?.[name])) void this.move(names, names[names.length - 1], dx, dy);
   }
 
   /** The name of the selected thing and what can be done with it, for the panel. @param {string} path */
@@ -127,8 +165,19 @@ export class Edits {
     return [el("h2", {}, name), el("div", { class: "tools" },
       part && el("button", { id: "item-connect", title: "Draw a wire from a port of it (W)", onclick: () => this.studio.wiring.fromPart(path) }, "Connect"),
       part && el("button", { id: "item-turn", title: "Turn (R)", onclick: () => this.rotate() }, "Turn"),
+      part && el("button", { id: "item-mirror", title: "Mirror (M)", onclick: () => this.rotate(true) }, "Mirror"),
       part && el("button", { id: "item-copy", title: "Copy (Ctrl+D)", onclick: () => this.copy() }, "Copy"),
-      el("button", { id: "item-delete", title: "Delete (Del)", onclick: () => this.remove() }, part ? "Delete" : "Delete the wire"))];
+      el("button", { id: "item-delete", title: "Delete (Del)", onclick: () => this.remove() }, part ? "Delete" : "Delete the wire"),
+      !part && this.studio.view.routed?.includes(path) && el("button", { id: "item-unroute", title: "Let the wire find its way again", onclick: () => this.act({ act: "route", node: path }) }, "Free its way"))];
+  }
+
+  /** A note: its text. @param {string} name */
+  noteForm(name) {
+    const note = this.studio.view.notes[name];
+    return [el("h2", {}, "Note"), el("label", { for: "note-text" }, "Text on the drawing"), el("textarea", { id: "note-text", rows: "4", disabled: !this.possible, value: note.text,
+      onchange: (/** @type {any} */ e) => this.act({ act: "note", name, text: e.target.value, x: note.at[0], y: note.at[1] }) }),
+    el("div", { class: "tools" }, el("button", { id: "item-delete", disabled: !this.possible, title: "Delete (Del)", onclick: () => this.remove() }, "Delete")),
+    el("p", {}, "Drag it on the drawing, or press Shift and arrow keys.")];
   }
 
   /** What can be done with several parts, for the panel. @param {string[]} parts */
@@ -152,11 +201,11 @@ export class Edits {
   /** Keys that act on what is selected; whether this was one of them. @param {KeyboardEvent} event */
   key(event) {
     const mod = event.ctrlKey || event.metaKey, { key } = event;
-    if (mod && key === "a") { event.preventDefault(); this.studio.chooseParts(Object.keys(this.studio.view?.grid?.cells ?? {})); return true; }
+    if (mod && key === "a") { event.preventDefault(); this.studio.chooseParts(Object.keys(this.studio.view?.places ?? {})); return true; }
     /** @type {Record<string, () => void>} */
-    const keys = mod ? { d: () => this.copy() } : event.altKey ? {} : event.shiftKey ?
-      { ArrowLeft: () => this.step(-1, 0), ArrowRight: () => this.step(1, 0), ArrowUp: () => this.step(0, -1), ArrowDown: () => this.step(0, 1) } :
-      { Delete: () => this.remove(), Backspace: () => this.remove(), r: () => this.rotate(), F2: () => this.rename(), w: () => this.selected?.kind === "part" && this.studio.wiring.fromPart(this.selected.path) };
+    const keys = mod ? { d: () => this.copy(), c: () => void this.toClipboard(), x: () => void this.toClipboard(true) } : event.altKey ? {} : event.shiftKey ?
+      { ArrowLeft: () => this.step(-STEP, 0), ArrowRight: () => this.step(STEP, 0), ArrowUp: () => this.step(0, -STEP), ArrowDown: () => this.step(0, STEP) } :
+      { Delete: () => this.remove(), Backspace: () => this.remove(), r: () => this.rotate(), m: () => this.rotate(true), F2: () => this.rename(), w: () => this.selected?.kind === "part" && this.studio.wiring.fromPart(this.selected.path) };
     if (!this.selected || !keys[key]) return false;
     event.preventDefault();
     keys[key]();

@@ -73,6 +73,7 @@ export class Evidence {
     byId("compare").hidden = !this.active;
     byId("tune").hidden = this.active || component || study || !this.studio.view?.parts;
     byId("toggle-palette").hidden = this.active || study; // parts are placed on the diagram, not on an experiment
+    byId("add-note").hidden = !this.studio.edits.possible;
     if (changed && this.studio.view?.svg) this.studio.diagram.fit();
   }
 

@@ -1,55 +1,33 @@
-// The grid of the drawing: which column and row a point means, and the lines that show them while something is dragged.
+// The grid of the drawing: where something that is dragged comes to lie, and the lines that show with what it is in line.
 
 const SVG = "http://www.w3.org/2000/svg";
-const WIDE = 130, HIGH = 90; // px from the last column and row to a new one
+export const GRID = 10; // px of a step
+const NEAR = 9; // px within which a part is drawn into line with another
 
-/** The column or row that a coordinate means: k on it, k + 0.5 between two, -1 and n beyond them. @param {number[]} places @param {number} value @param {number} beyond */
-function nearest(places, value, beyond) {
-  if (!places.length) return 0;
-  if (value < places[0] - beyond / 2) return -1;
-  if (value > places[places.length - 1] + beyond / 2) return places.length;
-  let k = 0;
-  for (let j = 1; j < places.length; j++) if (Math.abs(places[j] - value) < Math.abs(places[k] - value)) k = j;
-  const other = value > places[k] ? k + 1 : k - 1;
-  if (other < 0 || other >= places.length) return k;
-  const share = Math.abs(value - places[k]) / Math.abs(places[other] - places[k]);
-  return share > 0.36 ? (k + other) / 2 : k;
+/** The place on the grid for a point, in line with another part or port where one is near. @param {Record<string, any[]>} places of all parts, in steps @param {Iterable<string>} moving @param {number} x @param {number} y @param {number[][]} [ports] points of the thing that is moved, relative to it @param {number[][]} [ends] points of others with which ports may be in line */
+export function snapped(places, moving, x, y, ports = [], ends = []) {
+  const still = Object.entries(places ?? {}).filter(([name]) => ![...moving].includes(name)).map(([, place]) => place);
+  const axis = (/** @type {number} */ k, /** @type {number} */ value) => {
+    let best = GRID * Math.round(value / GRID), least = NEAR, line = null;
+    const wanted = [...still.map((place) => [GRID * place[k], GRID * place[k]]), ...ends.flatMap((end) => ports.map((port) => [end[k] - port[k], end[k]]))];
+    for (const [to, at] of wanted) if (Math.abs(to - value) < least && to % GRID === 0) { best = to; least = Math.abs(to - value); line = at; }
+    return { value: best, line };
+  };
+  const across = axis(0, x), down = axis(1, y);
+  return { x: across.value / GRID, y: down.value / GRID, lines: [across.line, down.line] };
 }
 
-/** Where such a column stands. @param {number[]} places @param {number} k @param {number} beyond */
-function coordinate(places, k, beyond) {
-  if (!places.length) return 0;
-  if (k < 0) return places[0] - beyond;
-  if (k > places.length - 1) return places[places.length - 1] + beyond;
-  return (places[Math.floor(k)] + places[Math.ceil(k)]) / 2;
+/** A free place for a part that is placed by the keyboard: right of a part, below it, else below all; in steps. @param {Record<string, any[]>} places @param {string} [beside] */
+export function freePlace(places, beside) {
+  const all = Object.values(places ?? {});
+  if (!all.length) return { x: 0, y: 0 };
+  const [x, y] = places[beside ?? ""] ?? [all[0][0], Math.max(...all.map((place) => place[1]))];
+  const free = (/** @type {number} */ a, /** @type {number} */ b) => all.every((place) => Math.abs(place[0] - a) > 8 || Math.abs(place[1] - b) > 8);
+  for (let far = 12; far < 120; far += 12) for (const [dx, dy] of beside && places[beside] ? [[far, 0], [0, far], [-far, 0], [0, -far]] : [[0, far]]) if (free(x + dx, y + dy)) return { x: x + dx, y: y + dy };
+  return { x, y: y + 120 };
 }
 
-/** The cell for a point; a cell where another part stands is left for the row next to it. @param {any} grid @param {number} x @param {number} y @param {string} [part] which is moved */
-export function cellAt(grid, x, y, part) {
-  const xs = grid?.xs ?? [], ys = grid?.ys ?? [], cells = grid?.cells ?? {};
-  let column = nearest(xs, x, WIDE), row = nearest(ys, y, HIGH);
-  const own = part && cells[part];
-  if (own) { // between its own column, where nothing else stands, and the next is no other place
-    const alone = (/** @type {number} */ axis) => Object.entries(cells).every(([name, cell]) => name === part || cell[axis] !== own[axis]);
-    if (Math.abs(column - own[0]) === 0.5 && alone(0)) column = own[0];
-    if (Math.abs(row - own[1]) === 0.5 && alone(1)) row = own[1];
-  }
-  const there = Object.entries(cells).find(([name, cell]) => name !== part && cell[0] === column && cell[1] === row);
-  if (there) row = y < ys[row] ? (row === 0 ? -1 : row - 0.5) : row === ys.length - 1 ? ys.length : row + 0.5;
-  return { column, row, same: Boolean(own) && own[0] === column && own[1] === row,
-    x: coordinate(xs, column, WIDE), y: coordinate(ys, row, HIGH) };
-}
-
-/** A free cell for a part that is placed by the keyboard: right of a part, below it, else below all. @param {any} grid @param {string} [beside] */
-export function freeCell(grid, beside) {
-  const cells = grid?.cells ?? {}, taken = new Set(Object.values(cells).map(String));
-  const [c, r] = cells[beside ?? ""] ?? [-1, (grid?.ys?.length ?? 0)];
-  if (!beside || !cells[beside]) return { column: 0, row: r };
-  for (const [column, row] of [[c + 1, r], [c, r + 1], [c - 1, r], [c, r - 1]]) if (!taken.has(String([column, row]))) return { column, row };
-  return { column: c, row: r + 0.5 };
-}
-
-/** Lines through a cell. @param {any} svg */
+/** Lines with which the thing that is dragged is in line. */
 export class Guides {
   /** @param {any} svg */
   constructor(svg) {
@@ -59,10 +37,10 @@ export class Guides {
     svg?.append(this.group);
   }
 
-  /** @param {{x: number, y: number}} cell */
-  show(cell) {
-    this.lines[0].setAttribute("d", `M${cell.x} -20000 V20000`);
-    this.lines[1].setAttribute("d", `M-20000 ${cell.y} H20000`);
+  /** @param {(number|null)[]} lines x and y */
+  show([x, y]) {
+    this.lines[0].setAttribute("d", x === null ? "" : `M${x} -60000 V60000`);
+    this.lines[1].setAttribute("d", y === null ? "" : `M-60000 ${y} H60000`);
   }
 
   end() { this.group.remove(); }

@@ -1,7 +1,7 @@
 // What the mouse does on the drawing besides panning: parts dragged, wires drawn, components dropped from the library.
 
 import { byId, el } from "./dom.js";
-import { cellAt, Guides } from "./grid.js";
+import { GRID, Guides, snapped } from "./grid.js";
 
 const SLACK = 5; // px that a click may move
 
@@ -21,12 +21,54 @@ export class Handling {
     (this.studio.diagram.group(part) ?? this.sheet).focus({ preventScroll: true });
     if (this.studio.wiring.from && !this.studio.wiring.pressed) { this.finish(event); return true; } // begun by the keyboard
     if (port) { this.wire(event, port); return true; }
-    if (part && !part.includes(".") && this.studio.view?.grid?.cells[part]) {
+    if (part && !part.includes(".") && this.studio.view?.places?.[part]) {
       if (event.shiftKey) { event.preventDefault(); this.studio.chooseToo(part); return true; }
       this.drag(event, part);
       return true;
     }
+    const note = target.closest("[data-note]"), wire = target.closest(".reach");
+    if (note) { this.dragNote(event, note.getAttribute("data-note") ?? ""); return true; }
+    if (wire && this.studio.view?.places && !(wire.getAttribute("data-node") ?? "").includes(".")) { this.dragWire(event, wire); return true; }
     return false;
+  }
+
+  /** A straight piece of a wire, moved across its direction: it is kept there. @param {PointerEvent} event @param {Element} wire */
+  dragWire(event, wire) {
+    const { diagram, edits } = this.studio, node = wire.getAttribute("data-node") ?? "", start = diagram.point(event);
+    const piece = pieceAt(wire.getAttribute("d") ?? "", start.x, start.y);
+    if (!piece) { diagram.choose(wire); return; }
+    const upright = piece[0] === piece[2], line = this.studio.wiring.line, old = piece.map((v) => v / GRID);
+    /** @type {number[]|null} */ let moved = null;
+    this.follow(event, (move) => {
+      if (!moved && Math.hypot(move.clientX - event.clientX, move.clientY - event.clientY) < SLACK) return;
+      const { x, y } = diagram.point(move), by = upright ? Math.round((x - piece[0]) / GRID) * GRID : Math.round((y - piece[1]) / GRID) * GRID;
+      moved = upright ? [piece[0] + by, piece[1], piece[2] + by, piece[3]] : [piece[0], piece[1] + by, piece[2], piece[3] + by];
+      line?.setAttribute("d", `M${moved[0]} ${moved[1]} L${moved[2]} ${moved[3]}`);
+      this.sheet.classList.add("dragging");
+    }, () => {
+      line?.setAttribute("d", "");
+      this.sheet.classList.remove("dragging");
+      if (!moved) diagram.choose(wire);
+      else void edits.act({ act: "route", node, piece: moved.map((v) => v / GRID), old });
+    }, () => { line?.setAttribute("d", ""); this.sheet.classList.remove("dragging"); });
+  }
+
+  /** @param {PointerEvent} event @param {string} name */
+  dragNote(event, name) {
+    const { diagram, edits } = this.studio, start = diagram.point(event), note = this.studio.view.notes[name];
+    const group = /** @type {SVGElement} */ (this.sheet.querySelector(`[data-note="${CSS.escape(name)}"]`));
+    let by = [0, 0];
+    const end = () => { group.removeAttribute("transform"); this.sheet.classList.remove("dragging"); };
+    this.follow(event, (move) => {
+      const { x, y } = diagram.point(move);
+      by = [Math.round((x - start.x) / GRID), Math.round((y - start.y) / GRID)];
+      group.setAttribute("transform", `translate(${x - start.x} ${y - start.y})`);
+      this.sheet.classList.add("dragging");
+    }, () => {
+      end();
+      if (by[0] || by[1]) void edits.act({ act: "note", name, text: note.text, x: note.at[0] + by[0], y: note.at[1] + by[1] });
+      else this.studio.pick("note", name);
+    }, end);
   }
 
   /** @param {PointerEvent} event @param {Element} mark */
@@ -65,7 +107,7 @@ export class Handling {
       Object.assign(frame.style, { left: `${edges[0] - box.left}px`, top: `${edges[1] - box.top}px`, width: `${edges[2] - edges[0]}px`, height: `${edges[3] - edges[1]}px` });
     }, () => {
       frame.remove();
-      const inside = Object.keys(this.studio.view?.grid?.cells ?? {}).filter((part) => {
+      const inside = Object.keys(this.studio.view?.places ?? {}).filter((part) => {
         const found = this.studio.diagram.group(part)?.querySelector(".frame")?.getBoundingClientRect();
         return found && found.left >= edges[0] && found.top >= edges[1] && found.right <= edges[2] && found.bottom <= edges[3];
       });
@@ -75,24 +117,27 @@ export class Handling {
 
   /** A part, with all that are selected together with it. @param {PointerEvent} event @param {string} part */
   drag(event, part) {
-    const { diagram, edits, view: { grid }, chosen } = this.studio, start = diagram.point(event), together = chosen.includes(part);
-    const place = (/** @type {string} */ name) => [grid.xs[grid.cells[name][0]], grid.ys[grid.cells[name][1]]], [x0, y0] = place(part);
-    const groups = (together ? chosen : [part]).map((/** @type {string} */ name) => ({ group: diagram.group(name), at: place(name), was: diagram.group(name).getAttribute("transform") }));
-    const free = together ? { ...grid, cells: { [part]: grid.cells[part] } } : grid; // all move, so no cell is taken
+    const { diagram, edits, view: { places, parts, nodes }, chosen } = this.studio, start = diagram.point(event), names = chosen.includes(part) ? chosen : [part];
+    const groups = names.map((/** @type {string} */ name) => { const group = diagram.group(name); return { name, group, caption: diagram.caption(name), at: [GRID * places[name][0], GRID * places[name][1]], was: group.getAttribute("transform") }; });
+    const own = parts[part]?.ports ?? [], [x0, y0] = [GRID * places[part][0], GRID * places[part][1]];
+    const ports = own.flatMap((/** @type {any} */ port) => port.at.map((/** @type {any[]} */ [x, y]) => [x - x0, y - y0]));
+    const joined = new Set(own.flatMap((/** @type {any} */ port) => nodes[port.node]?.ends ?? []).filter((/** @type {string} */ end) => !names.includes(end.split(".")[0])));
+    const ends = [...joined].flatMap((end) => (this.studio.wiring.ports.get(end)?.at ?? []).map((/** @type {any[]} */ [x, y]) => [x, y]));
     /** @type {any} */ let guides = null;
-    /** @type {any} */ let cell = null;
-    const end = () => { guides?.end(); for (const { group, was } of groups) { group.setAttribute("transform", was); group.classList.remove("dragged"); } this.sheet.classList.remove("dragging"); };
+    /** @type {any} */ let place = null;
+    const end = () => { guides?.end(); for (const { group, caption, was } of groups) { group.setAttribute("transform", was); caption?.removeAttribute("transform"); group.classList.remove("dragged"); } this.sheet.classList.remove("dragging"); };
     this.follow(event, (move) => {
       if (!guides && Math.hypot(move.clientX - event.clientX, move.clientY - event.clientY) < SLACK) return;
       if (!guides) { guides = new Guides(diagram.svg); for (const { group } of groups) group.classList.add("dragged"); this.sheet.classList.add("dragging"); }
-      const { x, y } = diagram.point(move), dx = x - start.x, dy = y - start.y;
-      for (const { group, at } of groups) group.setAttribute("transform", `translate(${at[0] + dx} ${at[1] + dy})`);
-      cell = cellAt(free, x0 + dx, y0 + dy, part);
-      guides.show(cell);
+      const { x, y } = diagram.point(move);
+      place = snapped(places, names, x0 + x - start.x, y0 + y - start.y, ports, ends);
+      const dx = GRID * place.x - x0, dy = GRID * place.y - y0;
+      for (const { group, caption, at } of groups) { group.setAttribute("transform", `translate(${at[0] + dx} ${at[1] + dy})`); caption?.setAttribute("transform", `translate(${dx} ${dy})`); }
+      guides.show(place.lines);
     }, () => {
       end();
-      if (!cell) diagram.choose(diagram.group(part));
-      else if (!cell.same) void edits.act({ act: together ? "move_parts" : "move", part, column: cell.column, row: cell.row, ...(together ? { parts: chosen } : {}) });
+      if (!place) diagram.choose(diagram.group(part));
+      else if (GRID * place.x !== x0 || GRID * place.y !== y0) void edits.move(names, part, place.x - places[part][0], place.y - places[part][1]);
     }, end);
   }
 
@@ -101,7 +146,7 @@ export class Handling {
     const { diagram, edits, view } = this.studio;
     /** @type {any} */ let ghost = null;
     /** @type {any} */ let guides = null;
-    /** @type {any} */ let cell = null;
+    /** @type {any} */ let place = null;
     const end = () => { guides?.end(); ghost?.remove(); this.sheet.classList.remove("dragging"); };
     this.follow(event, (move) => {
       if (!ghost && Math.hypot(move.clientX - event.clientX, move.clientY - event.clientY) < SLACK) return;
@@ -113,13 +158,13 @@ export class Handling {
       }
       ghost.style.transform = `translate(${move.clientX}px, ${move.clientY}px) translate(-50%, -50%)`;
       const box = this.sheet.getBoundingClientRect();
-      const over = move.clientX > box.left && move.clientX < box.right && move.clientY > box.top && move.clientY < box.bottom;
-      cell = over ? cellAt(diagram.svg ? view?.grid : null, diagram.point(move).x, diagram.point(move).y) : null;
-      if (cell) guides.show(cell);
+      const over = move.clientX > box.left && move.clientX < box.right && move.clientY > box.top && move.clientY < box.bottom, { x, y } = diagram.point(move);
+      place = over ? (diagram.svg ? snapped(view?.places, [], x, y) : { x: 0, y: 0, lines: [null, null] }) : null;
+      guides.show(place?.lines ?? [null, null]);
     }, () => {
       end();
       if (!ghost) onclick();
-      else if (cell) void edits.act({ act: "place", kind: component.name, column: cell.column, row: cell.row }).then((/** @type {any} */ done) => { if (done) this.studio.panel.ask(); });
+      else if (place) void edits.act({ act: "place", kind: component.name, x: place.x, y: place.y }).then((/** @type {any} */ done) => { if (done) this.studio.panel.ask(); });
     }, end);
   }
 
@@ -132,6 +177,20 @@ export class Handling {
     addEventListener("pointercancel", () => { quit.abort(); onleave(); }, { signal });
     addEventListener("keydown", (key) => { if (key.key === "Escape") { key.stopPropagation(); quit.abort(); onleave(); } }, { signal, capture: true });
   }
+}
+
+/** The straight piece of a path of horizontal and vertical lines that is nearest to a point, if it is long enough to be held. @param {string} d @param {number} x @param {number} y @returns {number[]|null} */
+function pieceAt(d, x, y) {
+  let best = null, least = 12;
+  for (const line of d.split("M").filter(Boolean)) {
+    const points = line.split("L").map((p) => p.trim().split(/\s+/).map(Number));
+    for (let k = 1; k < points.length; k++) {
+      const [[x1, y1], [x2, y2]] = [points[k - 1], points[k]];
+      const far = x1 === x2 ? Math.abs(x - x1) + Math.max(0, Math.min(y1, y2) - y, y - Math.max(y1, y2)) : Math.abs(y - y1) + Math.max(0, Math.min(x1, x2) - x, x - Math.max(x1, x2));
+      if (far < least) { least = far; best = [x1, y1, x2, y2]; }
+    }
+  }
+  return best;
 }
 
 /** The symbol of a component as a picture. @param {any} component */

@@ -13,6 +13,7 @@ import { showHome } from "./home.js";
 import { showKeys } from "./keys.js";
 import { Link } from "./link.js";
 import { Machine } from "./machine.js";
+import { savePicture } from "./picture.js";
 import { Palette } from "./palette.js";
 import { Panel } from "./panel.js";
 import { RecordFiles } from "./records.js";
@@ -87,6 +88,15 @@ class Studio {
       const name = decodeURIComponent(location.hash.slice(1));
       if (name !== (this.document?.name ?? "")) void (name ? this.open(name).catch((e) => this.home(e)) : this.home());
     });
+    document.addEventListener("paste", (event) => {
+      const text = event.clipboardData?.getData("text/plain") ?? "";
+      if (this.typing(event.target) || !this.edits.possible || !/^\s*components:/.test(text)) return;
+      event.preventDefault();
+      this.edits.paste(text);
+    });
+    byId("add-note").onclick = () => this.edits.addNote();
+    const picture = /** @type {HTMLSelectElement} */ (byId("picture"));
+    picture.onchange = () => { void savePicture(this, picture.value).catch((error) => this.edits.refuse(error.message)); picture.value = ""; };
     addEventListener("beforeunload", (event) => { if (this.unsaved) event.preventDefault(); });
     addEventListener("keydown", (event) => {
       const mod = event.ctrlKey || event.metaKey;
@@ -250,7 +260,7 @@ class Studio {
   /** Forget what the diagram no longer has. */
   tidy() {
     const known = new Set([...this.view.parameters, ...Object.values(this.view.parts).flatMap((p) => p.parameters)].filter((p) => p.slider).map((p) => p.path));
-    if (this.picked && !this.view[this.picked.kind === "part" ? "parts" : "nodes"]?.[this.picked.path]) this.picked = this.diagram.picked = null;
+    if (this.picked && !this.view[`${this.picked.kind}s`]?.[this.picked.path]) this.picked = this.diagram.picked = null;
     if (!this.picked || this.chosen.some((part) => !this.view.parts[part])) this.chosen = [];
     this.runs.values = Object.fromEntries(Object.entries(this.runs.values).filter(([path]) => known.has(path)));
     if (!this.runs.plotted.length && !this.runs.live) this.runs.recall(this.view.outputs.slice(0, 4).map((/** @type {any} */ o) => o.name));
@@ -296,7 +306,7 @@ class Studio {
     this.panel.show();
     byId("panel").scrollTop = 0;
     this.evidence.picked(kind, path);
-    const line = kind && this.view?.[kind === "part" ? "parts" : "nodes"]?.[path]?.line;
+    const line = kind && this.view?.[`${kind}s`]?.[path]?.line;
     if (line && document.activeElement !== this.editor.view.contentDOM) this.editor.show(line);
   }
 

@@ -1,7 +1,7 @@
 // The library: components by domain, searched, read about and placed.
 
 import { byId, el, number } from "./dom.js";
-import { freeCell } from "./grid.js";
+import { freePlace } from "./grid.js";
 import { symbolOf } from "./handling.js";
 
 const BOTH = 1900; // px of the page from which on the library stands beside the text
@@ -127,8 +127,8 @@ export class Palette {
 
   /** Place a component by the keyboard. @param {string} kind */
   put(kind) {
-    const { edits, view } = this.studio, cell = freeCell(this.studio.diagram.svg ? view?.grid : null, edits.selected?.kind === "part" ? edits.selected.path : undefined);
-    void edits.act({ act: "place", kind, ...cell }).then((/** @type {boolean} */ done) => { if (done) this.studio.panel.ask(); });
+    const { edits, view } = this.studio, place = freePlace(this.studio.diagram.svg ? view?.places : {}, edits.selected?.kind === "part" ? edits.selected.path : undefined);
+    void edits.act({ act: "place", kind, ...place }).then((/** @type {boolean} */ done) => { if (done) this.studio.panel.ask(); });
   }
 
   /** What the page of a component says. @param {string} kind */

@@ -31,6 +31,7 @@ export class Panel {
     const part = picked?.kind === "part" ? view.parts[picked.path] : null, node = picked?.kind === "node" ? view.nodes[picked.path] : null;
     if (this.studio.chosen.length) return this.studio.edits.several(this.studio.chosen);
     if (part) return this.part(picked.path, part, view);
+    if (picked?.kind === "note" && view.notes?.[picked.path]) return this.studio.edits.noteForm(picked.path);
     if (node) return [...this.studio.edits.tools(picked.path), el("p", {}, `Node (${node.domain}). It joins:`), this.ends(node), ...this.lines(node), ...this.studio.evidence.about("node", picked.path), ...this.signals("Signals", node.signals)];
     if (view.study) return [el("h2", {}, view.study.name), el("p", {}, view.study.summary), el("p", {}, `${view.study.cases} ${view.study.cases === 1 ? "case" : "cases"} of the diagram ${view.name}, which is shown here.`)];
     if (view.component) return [el("h2", {}, view.name), el("p", {}, view.summary), ...this.parameters(view.parameters), ...this.studio.edits.ports(view.component),
