@@ -307,7 +307,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(("words", "code", "said"), [
-    (("driven.yaml", "-o", "m.exe"), "file-suffix", ".fmu or .c"), (("driven.yaml",), "option-missing", "-o cmc_ahc.fmu"),
+    (("driven.yaml", "-o", "m.exe"), "file-suffix", ".c or .mo"), (("driven.yaml",), "option-missing", "-o cmc_ahc.fmu"),
     (("driven.yaml", "-o", "m.c", "--input", "deck.v"), "input-unknown", "Did you mean 'deck.u'"),
     (("driven.yaml", "-o", "m.c", "--input", "nothing"), "input-unknown", "Signal inputs: "),
     (("driven.yaml", "-o", "nowhere/m.c"), "file-unwritable", "find the folder"),

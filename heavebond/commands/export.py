@@ -1,4 +1,4 @@
-"""`heavebond export`: a diagram as an FMU or as C for other programs; the JSON Schema of the language for editors."""
+"""`heavebond export`: a diagram as an FMU, C or Modelica for other programs; the JSON Schema of the language for editors."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from heavebond.core.writable import write_text
 if TYPE_CHECKING:
     from heavebond.exchange.portable import Portable, Quantity
 
-SUFFIXES = (".fmu", ".c")
+SUFFIXES = (".fmu", ".c", ".mo")
 SCHEMA = "heavebond.schema.json"
 
 
-@click.command(short_help="Write a diagram as an FMU or as C, or a JSON schema for an editor.")
+@click.command(short_help="Write a diagram as an FMU, C or Modelica, or a JSON schema for an editor.")
 @click.argument("model", required=False)
 @click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path),
-              help="model.fmu (needs a C compiler) or model.c; with --schema a .json file.")
+              help="model.fmu (needs a C compiler), model.c or model.mo (Modelica); with --schema a .json file.")
 @click.option("--schema", "for_editor", is_flag=True,
               help="Write a JSON schema for completion and checks in an editor; MODEL is then the folder of your diagrams, "
                    "by default the current one.")
@@ -36,7 +36,9 @@ SCHEMA = "heavebond.schema.json"
 @json_option
 def export(model: str | None, output: Path | None, for_editor: bool, version: str, inputs: tuple[str, ...],
            settings: tuple[str, ...]) -> dict[str, object]:
-    """Write the diagram MODEL as an FMU or as C: its states, parameters, inputs, and the outputs under `show:`.
+    """Write the diagram MODEL as an FMU, as C or as a flat Modelica model.
+
+    The file has its states, parameters, inputs, and the outputs under `show:`.
 
     Initial conditions are those of the diagram. Measured inputs and those named by --input become inputs.
 
@@ -51,6 +53,7 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
                                   "Give a diagram and a file, e.g. heavebond export cmc_ahc -o cmc_ahc.fmu.")])
     from heavebond.commands import terminal
     from heavebond.exchange.export import export as export_to
+    from heavebond.exchange.portable import Portable
     from heavebond.language.model import load
 
     check_writable(output, SUFFIXES)
@@ -64,8 +67,9 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
     console.print(terminal.table(exported.name, ("", "name", "unit", "start"), [
         (title, q.name, q.unit.text, f"{q.start:.6g}") for title in ("inputs", "outputs") for q in groups[title]], text=3))
     console.print(", ".join(f"{len(members)} {name}" for name, members in groups.items() if members), soft_wrap=True)
-    for note in _notes(exported, output.suffix.lower() == ".fmu"):
-        console.print(note, soft_wrap=True)
+    if isinstance(exported, Portable):
+        for note in _notes(exported, output.suffix.lower() == ".fmu"):
+            console.print(note, soft_wrap=True)
     console.print(f"wrote {output}", soft_wrap=True)
     return {"model": exported.name, "file": str(output),
             **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}

@@ -5,32 +5,35 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from heavebond.core.errors import Problem, UsageError
+from heavebond.core.errors import Problem, UsageError, joined
 from heavebond.exchange.c_code import export_c
 from heavebond.exchange.fmu_export import export_fmu
+from heavebond.exchange.modelica import ModelicaExport, export_modelica
 from heavebond.exchange.portable import Portable
 from heavebond.language.model import ModelOrFile, loaded
 
-SUFFIXES = (".fmu", ".c")
+SUFFIXES = (".fmu", ".c", ".mo")
 
 
 def export(model: ModelOrFile, path: str | Path, *, inputs: Iterable[str] = (), fmi: int = 3,
-           parameters: Mapping[str, float | str] | None = None) -> Portable:
-    """Write a diagram as an FMU (.fmu, needs a C compiler) or as C (.c) to `path`, for other programs.
+           parameters: Mapping[str, float | str] | None = None) -> Portable | ModelicaExport:
+    """Write a diagram as an FMU (.fmu, needs a C compiler), as C (.c) or as a Modelica model (.mo) to `path`.
 
     `model` is a diagram, or the path or bundled name of one, `parameters` overrides its values by name. Measured inputs, and
     the signal inputs that are named in `inputs`, become inputs of the exported model; the outputs are those under `show:`.
     `fmi` is the standard of an FMU, 2 or 3, for model exchange and co-simulation. Returns the exported equations with their
     quantities, in SI. Raises UsageError for another suffix or without a compiler, ModelError for an invalid diagram or one
-    with FMUs.
+    with FMUs, and for a part that Modelica cannot express.
     """
     path, diagram = Path(path), loaded(model)
     if path.suffix.lower() not in SUFFIXES:
-        raise UsageError([Problem("file-suffix", f"'{path}' does not end in {' or '.join(SUFFIXES)}", None,
+        raise UsageError([Problem("file-suffix", f"'{path}' does not end in {joined(SUFFIXES, 'or')}", None,
                                   f"Write for example {path.stem or 'model'}{SUFFIXES[0]}.")])
     if parameters:
         diagram = diagram.with_parameters(parameters)
     try:
+        if path.suffix.lower() == ".mo":
+            return export_modelica(diagram, path, inputs)
         return export_fmu(diagram, path, inputs, fmi) if path.suffix.lower() == ".fmu" else export_c(diagram, path, inputs)
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None

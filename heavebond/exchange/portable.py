@@ -163,7 +163,7 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
     wanted = list(dict.fromkeys(inputs))
     assembly = assemble(replace(model, ends=None))  # the program that runs it decides the end of a run
     sizes = _sizes(assembly)
-    assembly, column = _opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
+    assembly, column = opened(assembly, wanted) if wanted else (assembly, _measured(assembly))
     if parts := foreign_parts(assembly.flat):
         raise ModelError([Problem("export-fmu", f"a diagram with an FMU in it cannot be exported: {listing(parts, 3)}",
                                   assembly.flat.expanded.leaves[next(iter(parts))].place, "Remove the FMU, and make the "
@@ -222,7 +222,7 @@ def _measured(assembly: Assembly) -> Array:
     return pieced(assembly.flat, assembly.begin, assembly.begin + AT_ONCE).at(np.array([assembly.begin]))[:, 0]
 
 
-def _opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
+def opened(before: Assembly, wanted: list[str]) -> tuple[Assembly, Array]:
     """The diagram with opened signal inputs, and the column of inputs at the start in the form for `Assembly`."""
     flat, settings = before.flat, dict(before.model.settings)
     free = [f"{path}.{n}" for path, leaf in flat.expanded.leaves.items()

@@ -158,7 +158,7 @@ class _Graph:
         """New values (raw) with their signals traced back to held variables: `after` for held variables of other components,
         p for those of the same component. Physical unknowns remain."""
         reduced, flat = self.reduced, self.reduced.flat
-        owners, signals = _traced(reduced)
+        owners, signals = traced_signals(reduced)
         held, before = stack(flat.p[k] for k in self.setters), stack(ca.SX.sym("before") for _ in self.setters)
         by_component: dict[str, list[int]] = {}
         for n, row in enumerate(rows):
@@ -166,12 +166,12 @@ class _Graph:
         expressions = list(values)
         for path, places_of in by_component.items():
             inner = {h: value for h, value in signals.items() if owners[h] == path}
-            column = _substituted(stack(values[n] for n in places_of), inner)
+            column = substituted(stack(values[n] for n in places_of), inner)
             mine = [k for k, setters in enumerate(self.setters.values()) if path and self._part(setters[0]) == path]
             column = ca.substitute(column, held[mine], before[mine]) if mine else column
             for n, value in zip(places_of, split(column), strict=True):
                 expressions[n] = value
-        column = _substituted(stack(expressions), signals)
+        column = substituted(stack(expressions), signals)
         column = ca.substitute(column, held, stack(self.after[k] for k in self.setters))
         return split(ca.substitute(column, before, held))
 
@@ -292,7 +292,7 @@ class _Graph:
                        (f"held variables: {names}",))
 
 
-def _traced(reduced: Reduced) -> tuple[dict[int, str], dict[int, tuple[ca.SX, ca.SX]]]:
+def traced_signals(reduced: Reduced) -> tuple[dict[int, str], dict[int, tuple[ca.SX, ca.SX]]]:
     """The component whose equation defines each signal (empty for a formula of the diagram), and the symbol of the signal
     with its definition (raw), both by the hash of the symbol. Variables of components that exchange power are left out,
     except for signals that follow from signals and held variables alone."""
@@ -320,7 +320,7 @@ def _traced(reduced: Reduced) -> tuple[dict[int, str], dict[int, tuple[ca.SX, ca
     return owners, definition_of
 
 
-def _substituted(column: ca.SX, known: Mapping[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
+def substituted(column: ca.SX, known: Mapping[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
     """A column with the known symbols replaced by their definitions, until none is left."""
     while used := [known[h] for s in ca.symvar(column) if (h := s.element_hash()) in known]:
         column = ca.substitute(column, stack(symbol for symbol, _ in used), stack(value for _, value in used))
