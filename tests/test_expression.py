@@ -88,6 +88,7 @@ def test_a_name_behind_a_unit_is_no_part_of_it() -> None:
     ("3 mtr/x", 2, "unit-unknown", "is not a known unit"),
     ("3 m^2", 2, "unit-power", "is written `**`"),
     ("1e999", 0, "number-too-large", "too large"),
+    ("2*1e-999", 2, "number-too-small", "too small"),
     ("", 0, "formula-incomplete", "ends too early"),
     ("a if b else c", 2, "formula-broken", "there is no such word"),
     ("sum(1 for i in 1..1000000)", 0, "sum-too-long", "more than"),

@@ -59,6 +59,9 @@ def test_quantity_without_unit() -> None:
     ("2 dollar", "unit-unknown", "Units are written as"),
     ("1e999 m", "number-too-large", "The largest"),
     ("1e308 km", "number-too-large", "The largest"),
+    ("1e-999 kg", "number-too-small", "The smallest"),
+    ("-1e-320", "number-too-small", "The smallest"),
+    ("1e-95 pm", "number-too-small", "The smallest"),
     ("3 m**99999999999", "not-a-quantity", "Write for example"),
     ("on", "not-a-quantity", "Write for example"),
     ("", "not-a-quantity", "Write for example"),
@@ -151,7 +154,8 @@ def test_range(text: str, low: float, high: float, nominal: float | None) -> Non
 
 @pytest.mark.parametrize(("text", "code"), [
     ("70 .. 30 N", "range-empty"), ("1 m .. 2 kg", "range-units"), ("5 N +- 0 N", "range-empty"), ("5 N", "not-a-range"),
-    ("1 .. 1e999 N", "number-too-large"), ("1..2.. 3", "not-a-range"), ("1" * 300 + " .. 2", "not-a-range"),
+    ("1 .. 1e999 N", "number-too-large"),
+    ("1e-999 .. 1 N", "number-too-small"), ("1..2.. 3", "not-a-range"), ("1" * 300 + " .. 2", "not-a-range"),
     ("22 degC +- 20 %", "range-relative")])
 def test_refused_range(text: str, code: str) -> None:
     with pytest.raises(UnitProblem) as caught:

@@ -16,6 +16,7 @@ from math import isfinite, pi
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from heavebond.core.errors import Place, Problems, suggest
+from heavebond.core.limits import LEAST_NUMBER as LEAST
 from heavebond.core.limits import NUMBER as LARGEST
 from heavebond.core.limits import QUANTITY
 from heavebond.core.numerals import NUMBER
@@ -45,6 +46,7 @@ _DECIMAL_COMMA = re.compile(r"[0-9],[0-9]")
 
 
 TOO_LARGE = f"The largest number is {LARGEST:g} in SI units."
+TOO_SMALL = f"The smallest number other than 0 is {LEAST:g} in SI units. Write 0 if nothing is meant."
 
 SPELLINGS = {
     "Nm": "N*m", "Ns": "N*s", "kNs": "kN*s", "kNm": "kN*m", "Nms": "N*m*s", "lpm": "L/min", "gpm": "gal/min",
@@ -349,14 +351,21 @@ def interval_text(value: float, given: Unit | None) -> str:
     return f"{given.from_si(value) * given.scale:.6g} K"
 
 
-def _number(text: str, whole: str) -> float:
-    return _within(float(text), whole)
-
-
-def _within(number: float, whole: str) -> float:
-    if not abs(number) <= LARGEST:
+def _number(text: str, whole: str, read: Unit | None = None) -> float:
+    """The number of a text, in SI if it has a unit; UnitProblem if it is too large, or so small that products with it
+    become 0."""
+    number = float(text)
+    si = number if read is None else read.to_si(number)
+    if not max(abs(number), abs(si)) <= LARGEST:
         raise UnitProblem("number-too-large", f"'{whole}' is too large a number", TOO_LARGE)
-    return number
+    if is_lost(text, number) or (number and read is not None and not read.offset and abs(si) < LEAST):
+        raise UnitProblem("number-too-small", f"'{whole}' is too small a number", TOO_SMALL)
+    return si
+
+
+def is_lost(text: str, number: float) -> bool:
+    """True if the value of a number is below the smallest one, although its text is not that of zero."""
+    return abs(number) < LEAST and any(digit in text.lower().partition("e")[0] for digit in "123456789")
 
 
 def parse_quantity(text: str) -> tuple[float, Unit | None]:
@@ -366,11 +375,8 @@ def parse_quantity(text: str) -> tuple[float, Unit | None]:
     quantity_match = _QUANTITY.match(text)
     if not quantity_match or "^" in text:
         raise UnitProblem(*_why_not(text))
-    number = _number(quantity_match.group(1), text)
-    if quantity_match.group(2) is None:
-        return number, None
-    read = read_unit(quantity_match.group(2))
-    return _within(read.to_si(number), text), read
+    read = None if quantity_match.group(2) is None else read_unit(quantity_match.group(2))
+    return _number(quantity_match.group(1), text, read), read
 
 
 def _why_not(text: str) -> tuple[str, str, str]:
@@ -417,7 +423,7 @@ def parse_range(text: str) -> Range:
         if first.dimension != last.dimension:
             raise UnitProblem("range-units", f"the two ends of '{text}' are in different units",
                               "Write both in the same unit.")
-        bounds = (_within(first.to_si(_number(low, text)), text), _within(last.to_si(_number(high, text)), text))
+        bounds = (_number(low, text, first), _number(high, text, last))
         if bounds[0] >= bounds[1]:
             raise UnitProblem("range-empty", f"the range '{text}' is empty", "Write the smaller value first: "
                               f"`{' '.join(filter(None, [high, high_unit if low_unit else None]))} .. {low} "

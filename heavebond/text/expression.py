@@ -24,9 +24,10 @@ from dataclasses import dataclass
 
 from heavebond.core.errors import suggest
 from heavebond.core.limits import BRACKETS, FORMULA, OPERATIONS, TERMS
+from heavebond.core.limits import LEAST_NUMBER as LEAST
 from heavebond.core.limits import NUMBER as LARGEST
 from heavebond.core.numerals import whole
-from heavebond.core.units import TOO_LARGE, UNIT, UnitProblem, read_unit
+from heavebond.core.units import TOO_LARGE, TOO_SMALL, UNIT, UnitProblem, is_lost, read_unit
 from heavebond.text.syntax import Binary as Binary
 from heavebond.text.syntax import Call as Call
 from heavebond.text.syntax import Compare as Compare
@@ -269,6 +270,8 @@ class _Parser:
         value = float(token.text)
         if not value <= LARGEST:
             raise ExpressionProblem("number-too-large", "too large a number", token.column, len(token.text), TOO_LARGE)
+        if is_lost(token.text, value):
+            raise ExpressionProblem("number-too-small", "too small a number", token.column, len(token.text), TOO_SMALL)
         if self.peek().kind != "unit":
             return Number(value, None, token.column)
         unit_token = self.take()
@@ -279,6 +282,8 @@ class _Parser:
                                     problem.hint) from problem
         if not abs(read.to_si(value)) <= LARGEST:
             raise ExpressionProblem("number-too-large", "too large a number", token.column, len(token.text), TOO_LARGE)
+        if value and not read.offset and abs(read.to_si(value)) < LEAST:
+            raise ExpressionProblem("number-too-small", "too small a number", token.column, len(token.text), TOO_SMALL)
         return Number(read.to_si(value), read, token.column)
 
     def _name(self, token: Token) -> Name:
