@@ -15,6 +15,7 @@ import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import Place
 from heavebond.core.units import Range, parse_range, read_unit
+from heavebond.diagnosis.answer.sentences import passed_conditions
 from heavebond.estimation import fitting, starts
 from heavebond.estimation.comparison import compare
 from heavebond.estimation.excerpts import EXCERPTS
@@ -356,6 +357,7 @@ def test_a_fit_past_a_jump_that_is_no_event_says_that_its_derivatives_lack_it(tm
                delimiter=",", header="t,x", comments="")
     jumping = fit(experiment("=if_else(body.x > b, -1 N, 1 N)"))
     assert any("push jumps at a condition (`if_else`)" in note for note in jumping.after.records["a"].notes)
+    assert passed_conditions(jumping.after)[0].startswith("push jumps at a condition")
     switched = fit(experiment("=side.y", '  side: {is: Switch, u: "=body.x - b", u_1: -1 N, u_2: 1 N}\n'))
     assert not any("jumps" in note for note in switched.after.records["a"].notes)
     assert switched.values["b"] == pytest.approx(b, abs=1e-3)

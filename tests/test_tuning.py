@@ -233,3 +233,22 @@ def test_wrong_tasks_are_refused(absorber: Assembly) -> None:
         tune(absorber, TuningProblem({}, "rms(load.x)"))
     with pytest.raises(hb.UsageError, match=r"Did you mean 'damper.d'"):
         tune(absorber, TuningProblem(ranges({"dampr.d": "10 .. 20 N*s/m"}), "rms(load.x)"))
+
+
+@pytest.mark.parametrize(("force", "notes"), [
+    ("=if_else(body.x > b, -1 N, 1 N)", 1), ("=-1 N*smooth_sign(body.x - b, 0.1 m)", 0)])
+def test_a_jump_at_a_condition_of_a_state_which_gradients_lack_is_stated(force: str, notes: int) -> None:
+    model = hb.loads(f"""
+model: turning
+parameters: {{b: 0.1 m}}
+components:
+  mass: {{is: Mass, m: 1 kg}}
+  push: {{is: ForceSource, u: "{force}"}}
+nodes: {{body: [mass.a, push.a]}}
+initial: {{body.x: 1 m, body.v: 0 m/s}}
+simulate: {{until: 3 s, every: 10 ms}}
+""")
+    task = hb.tuning_task({"b": "-0.5 .. 0.5 m"}, "mean((body.x - 0.2 m)**2/1 m**2)")
+    tuned = hb.tune(model, task, explore=0, most_steps=1)
+    assert len(tuned.notes) == notes
+    assert all("push jumps at a condition (`if_else`)" in note and "Derivatives of the cost" in note for note in tuned.notes)

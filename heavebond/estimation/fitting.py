@@ -50,7 +50,7 @@ from heavebond.estimation.starts import Starts
 from heavebond.language.edits import Change, block, extended_from
 from heavebond.language.model import Model
 from heavebond.numerics.dae import Array
-from heavebond.numerics.kinks import passed_jumps
+from heavebond.numerics.kinks import jump_notes
 from heavebond.numerics.quick_simulation import FitSimulator
 from heavebond.numerics.run_verdict import report_verdict as hear
 from heavebond.numerics.simulation import unfilled
@@ -128,11 +128,6 @@ class OwnValues:
     values: Mapping[str, float]
     seconds: float
     instants: tuple[str, ...] = ()
-
-
-JUMPS = ("{} jumps at a condition (`{}`) that the model passes at {:.4g} s and that is no event. Derivatives of the fit "
-         "lack this jump: values and intervals may be wrong. Let the condition happen as an event (a Switch, Comparator, "
-         "Relay or DryFriction, or `when:` in a component), or smooth it (smooth_sign)")
 
 
 @dataclass(frozen=True)
@@ -331,8 +326,7 @@ def _compared(problem: Residuals, inner: Array) -> tuple[Comparison, dict[str, O
             held_out_values[record.name] = own_values(problem.experiment, record, values)
             values = {**values, **held_out_values[record.name].values}
         compared = compare_record(problem.experiment, record, values)
-        jumps = passed_jumps(compared.result) if record.name in fitted else []
-        notes = [JUMPS.format(jump.owner, jump.function, jump.time) for jump in jumps]
+        notes = jump_notes(compared.result, "fit") if record.name in fitted else []
         records[record.name] = replace(compared, notes=(*compared.notes, *notes))
     return Comparison(problem.experiment, records), held_out_values
 

@@ -19,6 +19,10 @@ _ARGUMENTS = {ca.OP_FABS: "abs", ca.OP_SIGN: "sign"}
 JUMPS = ("sign", "floor", "if_else")
 HALVINGS = 50  # of the line between two points of a run, at a condition: down to the rounding of the states
 BESIDE = 1e-11  # share of that line, by which the rates are taken before and after the condition
+JUMPS_PASSED = (
+    "{} jumps at a condition (`{}`) that the model passes at {:.4g} s and that is no event. Derivatives of the {} lack this "
+    "jump: values and intervals may be wrong. Let the condition happen as an event (a Switch, Comparator, Relay or "
+    "DryFriction, or `when:` in a component), or smooth it (smooth_sign)")
 JUMPED = 1e-6  # share of the rates by which they differ on both sides of a condition where they jump
 
 
@@ -113,6 +117,11 @@ def passed_jumps(run: Result) -> list[Jump]:
                 jumps.append(Jump(kink.owner, kink.function, float(low[0][0, 0])))
                 break
     return sorted(jumps, key=lambda jump: jump.time)
+
+
+def jump_notes(run: Result, task: str) -> list[str]:
+    """Sentences on the jumps that a run passes, for a `task` (fit, cost) that uses its derivatives by parameters."""
+    return [JUMPS_PASSED.format(jump.owner, jump.function, jump.time, task) for jump in passed_jumps(run)]
 
 
 def _of_equations(assembly: Assembly) -> Iterator[Kink]:

@@ -19,6 +19,7 @@ from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.rest_stability import STABLE, OperatingPointStability, RestStability
 from heavebond.numerics.dae import Array, Assembly, at_zero
 from heavebond.numerics.forcing import Forcing
+from heavebond.numerics.kinks import jump_notes
 from heavebond.numerics.output_times import Time, grid, seconds
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Tolerances
@@ -464,6 +465,10 @@ class RunCase:
         self._numbers = values, numbers
         self.curvature = self.evaluator.curvature(result, self.references)
         return self.evaluator.cost_values(numbers, slopes, self.references, result.p, result.along.p)
+
+    def jump_notes(self, values: dict[str, float]) -> list[str]:
+        """Sentences on jumps of laws in the run with these values."""
+        return jump_notes(self._run(values), "cost")
 
     def gradient_anew(self, values: dict[str, float], reference: Mapping[str, float | str]) -> Array:
         """The gradient (m,) of the cost, with the reference run at these values too."""

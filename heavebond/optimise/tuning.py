@@ -48,7 +48,8 @@ class Tuned(facade.Displayed):
 
     `limits` are negative if satisfied (relative); `paths` are the evaluations of every start. `simulations` counts a run
     with k sensitivities as 1 + k plain runs, and the gradients of k costs by an adjoint run as 2 + k/2. `stability`
-    contains the margins of the best values; `at_end` the parameters at the lower or the upper end of their range.
+    contains the margins of the best values; `at_end` the parameters at the lower or the upper end of their range, `notes`
+    the jumps of laws in the best runs, which gradients lack.
     """
 
     task: TuningProblem
@@ -63,6 +64,7 @@ class Tuned(facade.Displayed):
     message: str
     stability: Stability
     at_end: dict[str, str]
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return brief(self, f"cost {self.cost:.5g}", f"before {self.before:.5g}; {self.message}",
@@ -123,12 +125,13 @@ def _told(problem: Objective, task: TuningProblem, results: Sequence[SearchResul
     """The result of the best of all searches, with its stability margins."""
     limits = dict(zip(problem.limits, best.best.limits.tolist(), strict=True))
     values = problem.values(best.best.at)
+    notes = dict.fromkeys(note for case in problem.cases for note in case.jump_notes(values)) if best.best.kept else ()
     say("margins of stability")
     with finishing(say):
         return Tuned(task, values, best.best.cost, _before(problem), dict(best.best.cases),
                      limits, tuple(tuple(TuningEvaluation(problem.values(e.at), e.cost) for e in f.path) for f in results),
                      problem.runs, problem.simulations, message,
-                     stability_of(problem, values), ends(problem, values, {}))
+                     stability_of(problem, values), ends(problem, values, {}), tuple(notes))
 
 
 def stability_of(problem: Objective, values: Mapping[str, float]) -> Stability:

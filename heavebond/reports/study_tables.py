@@ -119,6 +119,7 @@ def tuning_items(name: str, assembly: Assembly | None, result: Tuned, robust: Ro
         items.append(ResultTable("", ("case", "cost"), [(c, f"{cost:.5g}") for c, cost in result.cost_of_cases.items()]))
     stability = stability_words(result.stability, asked=result.task.stable is not False)
     items += [Line(line, "NOT STABLE" in line) for line in (*_end_words(result), *stability, *_boundary_words(result))]
+    items += [Line(f"{note}.", True) for note in result.notes]
     if robust is not None and assembly is not None:
         items += [Line(""), _changes(assembly, result, robust), *map(Line, _words(result, robust))]
     if swept is not None:
@@ -188,7 +189,7 @@ def _boundary_words(result: Tuned) -> Iterator[str]:
 def _figures(name: str, result: Tuned) -> dict[str, object]:
     return {"study": name, "values": result.values, "cost": result.cost, "before": result.before,
             "stability": asdict(result.stability), "at_end": result.at_end,
-            "cases": result.cost_of_cases, "limits": result.limits, "runs": result.runs,
+            "notes": list(result.notes), "cases": result.cost_of_cases, "limits": result.limits, "runs": result.runs,
             "simulations": result.simulations, "message": result.message,
             "paths": [[{"values": s.values, "cost": s.cost} for s in path] for path in result.paths]}
 

@@ -28,6 +28,7 @@ from heavebond.diagnosis.state import AddedEffect, LadderEntry, channel_errors, 
 from heavebond.estimation.comparison import Comparison
 from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.fitting import Fit
+from heavebond.numerics.kinks import jump_notes
 
 FILTERED = 5.0  # largest ratio of a residual to the estimated noise that filtered noise may explain
 LESS = 0.7  # ratio of a residual to the estimated noise below which the estimate is too large
@@ -475,6 +476,12 @@ def wrong_channels(last: Comparison, added: Sequence[AddedEffect] = (), experime
         found.append(f"The fitted gain {effect.candidate.place} is {number(1 + errors[0], 3)}: the signal seems to have the "
                      f"opposite sign. To turn it, {remedy}.")
     return [*found, "If so, correct it and diagnose again: the answer holds for its present value."] if found else []
+
+
+def passed_conditions(last: Comparison) -> list[str]:
+    """Sentences on conditions at which a law jumps without an event in the runs of the final model."""
+    notes = dict.fromkeys(note for record in last.records.values() for note in jump_notes(record.result, "fit"))
+    return [f"{note}." for note in notes]
 
 
 def closed_loops(first: Comparison) -> list[str]:
