@@ -295,3 +295,108 @@ def test_a_loop_with_tiny_gradients_is_solved() -> None:
     # the rated drop, and a quarter of it at half the rated flow; the transition to laminar flow adds 2e-4
     assert run.si["middle.p"][-1] == pytest.approx(10e5, rel=1e-3)
     assert run.si["inlet.p"][-1] == pytest.approx(12.5e5, rel=1e-3)
+
+
+# a body near the ambient temperature: T = T_a + dT exp(-t/(m c R))
+COOLING = """
+model: cooling
+components:
+  c: {is: HeatCapacity, m: 1 kg, c: 100 J/(kg*K)}
+  r: {is: ThermalResistance, R: 1 K/W}
+  t: {is: TemperatureSource, u: 293.15 K}
+nodes: {b: [c.a, r.a], t: [r.b, t.a]}
+initial: {b.T: 293.1501 K}
+show: {T: {is: b.T, unit: K}}
+simulate: {until: 500 s}
+"""
+# a mass on a spring, 1 km from the origin
+FAR = """
+model: far
+components:
+  m: {is: Mass, m: 1 kg}
+  s: {is: Spring, c: 100 N/m}
+  w: {is: Fixed, x0: 1000 m}
+nodes: {x: [m.a, s.a], w: [s.b, w.a]}
+initial: {x.x: 1000.000001 m, x.v: 0 m/s}
+simulate: {until: 20 s}
+"""
+# a supply with a ripple: the lag 1/(1 + s R C) of a sine
+RIPPLE = """
+model: ripple
+components:
+  u: {is: VoltageSource, u: "=OFFSET V + RIPPLE V * sin(10 rad/s * time)"}
+  r: {is: Resistor, R: 1 ohm}
+  c: {is: Capacitor, C: 0.1 F}
+  g: {is: ElectricalGround}
+nodes: {p: [u.a, r.a], q: [r.b, c.a], n: [u.b, c.b, g.a]}
+initial: {q.v: OFFSET V}
+simulate: {until: 5 s}
+"""
+
+
+def cooled(time: np.ndarray, start: float = 293.1501, constant: float = 100.0) -> np.ndarray:
+    return np.asarray((start - 293.15) * np.exp(-time / constant))
+
+
+@pytest.mark.parametrize("solver", ["auto", "idas", pytest.param("rosenbrock", marks=(compiled, pytest.mark.long))])
+def test_a_body_a_tenth_of_a_millikelvin_above_the_ambient(solver: str) -> None:
+    run = hb.simulate(hb.loads(COOLING), solver=solver)
+    assert worst(run.si["b.T"] - 293.15, cooled(run.time)) < 1e-6
+    assert run.verdict.status == "clean"
+
+
+def test_the_verdict_states_what_rounding_hides_of_a_motion_about_a_large_value() -> None:
+    for above, accuracy in ((1e-9, 3e-4), (1e-11, 0.03), (1e-12, 0.3)):
+        begin = 293.15 + above
+        with pytest.warns(UserWarning, match="rounding changes it by 6.5.*e-14 K"):
+            run = hb.simulate(hb.loads(COOLING.replace("293.1501", repr(begin))))
+        finding, = run.verdict.findings
+        assert finding.kind == "rounding" and finding.value == pytest.approx(above, rel=0.1)
+        # a few units in the last place of 293 K
+        assert worst(run.si["b.T"] - 293.15, cooled(run.time, begin)) < accuracy
+
+
+def test_a_body_at_the_ambient_temperature_has_no_motion_to_be_resolved() -> None:
+    run = hb.simulate(hb.loads(COOLING.replace("293.1501", "293.15")))
+    assert run.verdict.status == "clean" and "sizes" not in run.statistics
+
+
+@pytest.mark.parametrize("solver", ["auto", "cvodes"])
+def test_a_motion_of_a_micrometre_at_a_kilometre(solver: str) -> None:
+    run = hb.simulate(hb.loads(FAR), solver=solver)
+    # 32 oscillations add up their errors
+    assert worst(run.si["x.x"] - 1000, (1000.000001 - 1000) * np.cos(10 * run.time)) < 1e-4
+
+
+@pytest.mark.parametrize(("offset", "ripple"), [(200.0, 1e-5), (2e5, 1e-2), (-50.0, 1e-3)])
+def test_a_ripple_on_a_large_value_and_its_sensitivity(offset: float, ripple: float) -> None:
+    text = RIPPLE.replace("OFFSET", repr(offset)).replace("RIPPLE", repr(ripple))
+    run, moved = hb.simulate(hb.loads(text)), hb.simulate(hb.loads(text), sensitivities=["c.C"])
+
+    def exact(tau: float, t: np.ndarray) -> np.ndarray:
+        a = 10 * tau
+        return np.asarray((np.sin(10 * t) - a * np.cos(10 * t) + a * np.exp(-t / tau)) / (1 + a**2))
+
+    assert worst(run.si["q.v"] - offset, ripple * exact(0.1, run.time)) < 1e-6
+    slope = (exact(0.1001, moved.time) - exact(0.0999, moved.time)) / 2e-4
+    assert worst(moved.sensitivity("q.v", "c.C"), ripple * slope) < 1e-4
+
+
+def test_the_accuracy_of_a_motion_does_not_depend_on_its_offset() -> None:
+    runs = [hb.simulate(hb.loads(RIPPLE.replace("OFFSET", offset).replace("RIPPLE", "1e-3"))) for offset in ("0", "1e3")]
+    assert worst(runs[1].si["q.v"] - 1e3, runs[0].si["q.v"]) < 1e-6
+
+
+def test_a_fit_to_a_record_near_the_ambient_temperature(tmp_path: Path) -> None:
+    t = np.linspace(0, 500, 101)
+    path = experiment(tmp_path, COOLING, {"time_s": t, "T": 293.15 + cooled(t, constant=130.0)}, "b.T",
+                      "{column: T, unit: K, noise: 1e-9 K}", "free: {r.R: 0.5 .. 2 K/W}")
+    assert hb.fit(hb.load_experiment(path)).values["r.R"] == pytest.approx(1.3, rel=1e-4)
+
+
+@compiled
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_fmu_near_the_ambient_temperature(version: int, tmp_path: Path) -> None:
+    export_fmu(hb.loads(COOLING), path := tmp_path / "m.fmu", version=version)
+    found = fmpy.simulate_fmu(str(path), fmi_type="CoSimulation", stop_time=500, output_interval=5, record_events=False)
+    assert worst(found["T"] - 293.15, cooled(found["time"])) < 1e-5

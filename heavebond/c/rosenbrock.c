@@ -92,9 +92,10 @@ static double one_step(double t, const double *y, const double *p, const double 
   }
   for (i = 0; i < n; ++i) {
     double nominal = i < model_n_x ? model_x_nominal[i] : model_z_nominal[i - model_n_x];
+    double origin = i < model_n_x ? model_x_origin[i] : 0; /* of a state that moves little about it */
     double error = k[STAGES - 1][i];
     next[i] += error;
-    error /= tolerance * (nominal + fmax(fabs(y[i]), fabs(next[i])));
+    error /= tolerance * (nominal + fmax(fabs(y[i] - origin), fabs(next[i] - origin)));
     sum += error * error;
   }
   return isfinite(sum) ? sqrt(sum / (n ? n : 1)) : INFINITY;

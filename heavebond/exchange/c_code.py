@@ -78,6 +78,7 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
     values = {f"{letter}_start": [q.start for q in sizes[letter]] for letter in "xzpu"}
     values["u_start"] += [0.0] * (DELAY_ROWS * len(exported.delays))
     values["x_nominal"] = [q.nominal for q in exported.states]
+    values["x_origin"] = exported.assembly.x_origin.tolist()
     values["z_nominal"] = [q.nominal for q in exported.algebraic]
     arrays = [*lines,
               *(f"const double {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0.0]))}}};"

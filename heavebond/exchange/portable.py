@@ -29,7 +29,7 @@ from heavebond.language.model import Model
 from heavebond.language.sections import Setting
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.co_simulation import foreign_parts
-from heavebond.numerics.dae import Array, Assembly, assemble, build, measured_rows
+from heavebond.numerics.dae import Array, Assembly, Size, assemble, build, measured_rows
 from heavebond.numerics.forcing import Forcing, switch_arguments
 from heavebond.numerics.impulses import yielding
 from heavebond.numerics.initialise import Start, held_still, start
@@ -205,9 +205,9 @@ def portable(model: Model, inputs: Iterable[str] = (), prefix: str = "", *, even
         ca.densify(stack(e.first for e in stops))]))
 
 
-def _sizes(assembly: Assembly) -> Mapping[str, float]:
-    """The sizes of unknowns that stay far below their nominal ones in a run of the diagram (see `numerics.sizes`); none
-    without `until:`, or if the run fails."""
+def _sizes(assembly: Assembly) -> Mapping[str, Size]:
+    """The sizes of unknowns that stay far below their nominal ones, or move little about a large value, in a run of the
+    diagram (see `numerics.sizes`); none without `until:`, or if the run fails."""
     if assembly.model.until is None or foreign_parts(assembly.flat):
         return {}
     try:

@@ -202,12 +202,13 @@ def scaled_equations(assembly: Assembly, signals: ca.SX, moving: Sequence[int], 
     t, x, z, p, u, rate = assembly.arguments
     x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
     x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
+    x_origin = ca.SX(ca.sparsify(ca.DM(assembly.x_origin)))
     rates = assembly.ode / x_nominal
     if quadratures is not None:
         rates = stack([rates, quadratures])
     expressions = [rates, assembly.alg, signals, ca.SX(0, 1) if looked is None else looked]
     ode, alg, signals, looked = ca.substitute(from_begin(expressions, t, begin), [x, z, rate],
-                                              [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
+                                              [x_origin + x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
     integrals = ca.SX.sym("integral", ode.numel() - x_s.numel())
     parameters = stack([p, *(more for more in (factors, flags) if more is not None)])
     changing = () if flags is None else (*(h.index for h in assembly.flat.held),

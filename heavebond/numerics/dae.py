@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from math import isfinite
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -47,6 +47,13 @@ FAR_GRADIENT = 1e12
 LOST_GRADIENT = 1e-9  # of the gradient of a loop at the beginning: below it, the loop no longer determines its unknown
 
 
+class Size(NamedTuple):
+    """The nominal size of an unknown in a run, and the value from which a state that moves little about it is counted."""
+
+    value: float
+    origin: float = 0.0
+
+
 @dataclass(frozen=True)
 class Assembly:
     """A diagram ready to run: x' = ode, 0 = alg in scaled unknowns, and every variable as a function of them.
@@ -66,7 +73,7 @@ class Assembly:
     rates: ca.Function
     values: ca.Function
     pivots: ca.Function
-    sizes: Mapping[str, float] = field(default_factory=dict, repr=False)  # that replace nominal ones, see `with_sizes`
+    sizes: Mapping[str, Size] = field(default_factory=dict, repr=False)  # that replace nominal ones, see `with_sizes`
     memo: dict[object, Any] = field(default_factory=dict, repr=False, compare=False)  # see `once`
 
     def __repr__(self) -> str:
@@ -160,12 +167,28 @@ class Assembly:
             indices.append(index[name])
         return indices
 
-    def with_sizes(self, sizes: Mapping[str, float]) -> Assembly:
+    @property
+    def x_origin(self) -> Array:
+        """The values (n_x,) of the states at which the scaled states are 0."""
+        return self.once("origins", lambda: np.array([
+            size.origin if (size := self.sizes.get(name)) else 0.0 for name in self.state_names]))
+
+    def scaled_x(self, x: Array) -> Array:
+        """The scaled states (x - x_origin) / x_nominal of states (n_x,) or (n_x, N)."""
+        return np.asarray(((x.T - self.x_origin) / self.x_nominal).T)
+
+    def unscaled_x(self, x: Array, blocks: int = 1) -> Array:
+        """The states of scaled states (n_x blocks,) or (n_x blocks, N); all blocks but the first are sensitivities."""
+        origins = np.pad(self.x_origin, (0, len(self.x_origin) * (blocks - 1)))
+        return np.asarray((x.T * np.tile(self.x_nominal, blocks) + origins).T)
+
+    def with_sizes(self, sizes: Mapping[str, Size]) -> Assembly:
         """The same equations with other nominal sizes of states and algebraic unknowns, by name: those that scale the
-        integration and its absolute tolerances."""
+        integration and its absolute tolerances. A state with an origin is integrated as its difference from there, to which
+        the relative tolerance then applies."""
         flat, reduced = self.flat, self.reduced
-        x, z = (np.array([sizes.get(reduced.name(c), flat.unknowns[c[0]].nominal) for c in columns])
-                for columns in (reduced.states, reduced.algebraic))
+        x, z = (np.array([size.value if (size := sizes.get(reduced.name(c))) else flat.unknowns[c[0]].nominal
+                          for c in columns]) for columns in (reduced.states, reduced.algebraic))
         return replace(self, x_nominal=x, z_nominal=z, sizes=dict(sizes), memo={})
 
     def _number(self, name: str, value: float | str, index: int) -> float:
@@ -356,7 +379,7 @@ def _vanishing(assembly: Assembly) -> list[str]:
 
 
 def _assembled_again(model: Model, options: tuple[tuple[str, ...], float, tuple[str, ...]],
-                     states: tuple[tuple[int, int], ...], p: Array, sizes: Mapping[str, float]) -> Assembly:
+                     states: tuple[tuple[int, int], ...], p: Array, sizes: Mapping[str, Size]) -> Assembly:
     """The assembly of a diagram in the states and with the numbers of another one."""
     assembly = build(reduce_flattened(partial(_flattened, model, options)))
     if assembly.reduced.states != states:
@@ -589,7 +612,7 @@ def _line(op: int, args: Sequence[ca.SX], lines: Sequence[tuple[ca.SX, ca.SX] | 
 
 def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: int = 0, moving: Sequence[int] = (),
               begin: float = 0.0) -> Integrand:
-    """The DAE for `ca.integrator`: x = x_nominal * x_s, z = z_nominal * z_s; quadratures unscaled.
+    """The DAE for `ca.integrator`: x = x_origin + x_nominal * x_s, z = z_nominal * z_s; quadratures unscaled.
 
     `directions` adds that many forward sensitivities: with dp (n_p, directions) the directions in parameter space, zero but
     for the parameters `moving` (by their indices), X = dx_s/dp and Z = dz_s/dp satisfy X' = f_x X + f_z Z + f_p dp,
@@ -599,11 +622,12 @@ def integrand(assembly: Assembly, quadratures: ca.SX | None = None, directions: 
     t, x, z, p, u, rate = assembly.arguments
     x_s, z_s = ca.SX.sym("x", x.numel()), ca.SX.sym("z", z.numel())
     x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
+    x_origin = ca.SX(ca.sparsify(ca.DM(assembly.x_origin)))
     scales = _row_scales(assembly)
     alg = assembly.alg if np.all(scales == 1.0) else ca.SX(ca.DM(scales)) * assembly.alg
     right = from_begin([assembly.ode / x_nominal, alg, *([quadratures] if quadratures is not None else [])],
                        t, begin)
-    replaced = ca.substitute(right, [x, z, rate], [x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
+    replaced = ca.substitute(right, [x, z, rate], [x_origin + x_s * x_nominal, z_s * z_nominal, ca.SX(1)])
     rows = list(moving) if directions else []
     dp, whole = ca.SX.sym("dp", len(rows), directions), ca.SX.sym("dp", p.numel(), directions)
     coefficients = delay_coefficients(assembly.flat) if directions else []

@@ -198,9 +198,9 @@ class EventIntegration:
         record.keep_many(state.frame, t, y.T, z.T, p.T, np.moveaxis(dp, 0, -1))
         record.steps, record.compiled = record.steps + passed.steps, record.compiled + n
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
-        sizes, z_sizes = assembly.x_nominal, assembly.z_nominal
+        z_sizes = assembly.z_nominal
         u = np.ascontiguousarray(targets.at[:, :n].T)
-        x_first, x_then = (values[:, :n_x] * sizes for values in (passed.y_before, passed.y))
+        x_first, x_then = (assembly.unscaled_x(values[:, :n_x].T).T for values in (passed.y_before, passed.y))
         z_first, z_then = (values[:, :n_z] * z_sizes for values in (passed.z_before, passed.z))
         names: dict[tuple[int, ...], tuple[str, ...]] = {}
         for k in at.tolist():
@@ -241,7 +241,7 @@ class EventIntegration:
 
     def _begin(self, first: Start, start_tangent: Tangent | None) -> EventState:
         frame, assembly = self.home, self.home.assembly
-        x, z = first.x / assembly.x_nominal, first.z / assembly.z_nominal
+        x, z = assembly.scaled_x(first.x), first.z / assembly.z_nominal
         dp = np.zeros((len(first.p), 0))
         if start_tangent is not None:
             x = np.concatenate([x, (start_tangent.x / assembly.x_nominal[:, None]).T.ravel()])
@@ -361,8 +361,9 @@ class EventIntegration:
         """The sources of the delays and their sensitivities (rows, n) at points."""
         assert self.delays is not None
         assembly, n, driven = state.frame.assembly, len(times), self._driven(times)
-        x, z = (np.einsum("bin,i->ibn", values[:len(size) * state.blocks, :n].reshape(state.blocks, len(size), n), size)
-                for values, size in ((y, assembly.x_nominal), (z, assembly.z_nominal)))
+        n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+        x = assembly.unscaled_x(y[:n_x * state.blocks, :n], state.blocks).reshape(state.blocks, n_x, n).swapaxes(0, 1)
+        z = np.einsum("bin,i->ibn", z[:n_z * state.blocks, :n].reshape(state.blocks, n_z, n), assembly.z_nominal)
         return self.delays.values(assembly, times + beside, x, z, state.p, state.dp, driven.u,
                                   driven.along.transpose(1, 0, 2))
 
@@ -582,8 +583,8 @@ class EventIntegration:
     # -- looking for events ----------------------------------------------------------------------------------------
     def _columns(self, frame: Frame, t: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
         """States and algebraic unknowns in SI and the inputs at times."""
-        x_size, z_size = frame.assembly.x_nominal, frame.assembly.z_nominal
-        return y[: len(x_size)] * x_size[:, None], z[: len(z_size)] * z_size[:, None], self._inputs(t)[: self.n_u]
+        n_x, z_size = len(frame.assembly.x_nominal), frame.assembly.z_nominal
+        return frame.assembly.unscaled_x(y[:n_x]), z[: len(z_size)] * z_size[:, None], self._inputs(t)[: self.n_u]
 
     def _indicators(self, state: EventState) -> tuple[Array, Array]:
         """Indicators and rates (n_c,) at one point."""

@@ -154,7 +154,7 @@ class HiddenMotions:
         if np.any(np.diff(times) <= 0):
             return None
         n_x, size = len(stretch.x), self._integrator.size1_in("x0")
-        x0 = np.append(stretch.x[:, 0] / assembly.x_nominal, np.zeros(size - n_x))
+        x0 = np.append(assembly.scaled_x(stretch.x[:, 0]), np.zeros(size - n_x))
         z0 = stretch.z[:, 0] / assembly.z_nominal
         hoisted = np.asarray(self.made.hoist(stretch.p, np.zeros((len(stretch.p), 0)))).ravel()
         u = np.tile(stretch.u[:, None], (1, HIDDEN.parts))
@@ -168,7 +168,7 @@ class HiddenMotions:
         z = np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), HIDDEN.parts)])
         if not (np.isfinite(x).all() and np.isfinite(z).all()):
             return None
-        return replace(stretch, t=times, x=x * assembly.x_nominal[:, None], z=z * assembly.z_nominal[:, None])
+        return replace(stretch, t=times, x=assembly.unscaled_x(x), z=z * assembly.z_nominal[:, None])
 
 
 def _joined(points: Points, inner: list[_Stretch], settle: Callable[[NDArray[np.intp]], Array] | None) -> Points:

@@ -39,7 +39,7 @@ from heavebond.numerics.compiled_cvodes import (
     Watch,
     scaled_equations,
 )
-from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.dae import Array, Assembly, Size
 from heavebond.numerics.idas import in_unit_of_time, time_unit
 from heavebond.numerics.initialise import Start, Tangent, renamed_start
 from heavebond.numerics.physical_limits import check_limits, check_margins, limited
@@ -188,9 +188,11 @@ class Unexplained(Simulator):
             measured = self._signals(first, start_tangent, watch)
             if (whole := self._whole) is not None and not self.assembly.sizes:
                 self._whole = None
-                sizes = self._fitting_sizes(assembly, first, start_tangent, self._states(whole))
+                sizes = self._fitting_sizes(assembly, first, start_tangent, self._states(whole)).sizes
                 # a search keeps them for its other runs, where a single state may not stay as small
-                if sizes.keys() >= {*assembly.state_names}:
+                if not sizes.keys() >= {*assembly.state_names}:
+                    sizes = {name: size for name, size in sizes.items() if size.origin}
+                if sizes:
                     self._take_sizes(sizes)
                     assembly, first, start_tangent = self._started(parameters)
                     measured = self._signals(first, start_tangent, watch)
@@ -243,7 +245,7 @@ class Unexplained(Simulator):
     def _compiled(self, driver: CompiledCvodes, first: Start, start_tangent: Tangent | None, states: bool,
                   watch: Watch | None = None) -> Integrated:
         """A run by the compiled program; RuntimeError if it fails."""
-        x0, nominal = first.x / self.assembly.x_nominal, self.assembly.x_nominal[:, None]
+        x0, nominal = self.assembly.scaled_x(first.x), self.assembly.x_nominal[:, None]
         directions = self.along if start_tangent is None else start_tangent.p
         if start_tangent is not None:
             x0 = np.concatenate([x0, (start_tangent.x / nominal).T.ravel()])
@@ -259,7 +261,7 @@ class Unexplained(Simulator):
             yield
         except LimitReached as at:
             t = np.array([self.begin + at.t])
-            check_limits(Result(assembly, t, (at.x[:len(first.x)] * assembly.x_nominal)[:, None],
+            check_limits(Result(assembly, t, assembly.unscaled_x(at.x[:len(first.x)])[:, None],
                                 (at.z * assembly.z_nominal)[:, None], self.pieces.at(t), first.p, first))
             raise
         check_margins(limited(assembly), driver.margins, self.begin)
@@ -284,11 +286,11 @@ class Unexplained(Simulator):
         """A run of the compiled program without integrals."""
         assert self.driver is not None
         blocks = 1 + len(self.sensitivities)
-        x_size, z_size = np.tile(self.assembly.x_nominal, blocks), np.tile(self.assembly.z_nominal, blocks)
-        return self._trace(integrated.x * x_size[:, None], integrated.z * z_size[:, None], np.zeros((0, len(self.stops))),
-                           dict(self.driver.stats()))
+        z_size = np.tile(self.assembly.z_nominal, blocks)
+        return self._trace(self.assembly.unscaled_x(integrated.x, blocks), integrated.z * z_size[:, None],
+                           np.zeros((0, len(self.stops))), dict(self.driver.stats()))
 
-    def _take_sizes(self, sizes: Mapping[str, float]) -> None:
+    def _take_sizes(self, sizes: Mapping[str, Size]) -> None:
         self._last = None
         self.__dict__.pop("integrator", None)  # with the sizes before
         super()._take_sizes(sizes)
@@ -323,7 +325,7 @@ class CaseSimulator(Unexplained):
         return scaled_equations(assembly, ca.SX(0, 1), (), self.begin, self.quadratures,
                                 None if self.factors is None else self.factors.symbols, limited(assembly).margins)
 
-    def _take_sizes(self, sizes: Mapping[str, float]) -> None:
+    def _take_sizes(self, sizes: Mapping[str, Size]) -> None:
         super()._take_sizes(sizes)
         if self.driver is not None:
             self.driver.method = CVODES
@@ -349,11 +351,11 @@ class CaseSimulator(Unexplained):
     def attempt(self, first: Start, moved: Tangent | None = None) -> Trace:
         assert self.driver is not None and moved is None
         n = len(first.x)
-        x0 = np.append(first.x / self.assembly.x_nominal, np.zeros(self.integrals))
+        x0 = np.append(self.assembly.scaled_x(first.x), np.zeros(self.integrals))
         p = first.p if self.factors is None else np.concatenate([first.p, self.factors.values])
         with self._limits(first):
             integrated = self.driver.run(x0, first.z / self.assembly.z_nominal, p, np.zeros((len(p), 0)))
-        trace = self._trace(integrated.x[:n] * self.assembly.x_nominal[:, None], integrated.z * self.assembly.z_nominal[:,
+        trace = self._trace(self.assembly.unscaled_x(integrated.x[:n]), integrated.z * self.assembly.z_nominal[:,
                                                                                                                         None],
                             integrated.x[n:], dict(self.driver.stats()))
         return replace(trace, between=(lambda: (self.stops, trace, None)) if self.dense else None)

@@ -112,7 +112,7 @@ class Result(facade.Displayed):
         """The verdict on the values of this run: `print(result.verdict)` shows it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
         findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._filled(),
-                    *self._unfit(), *self._unstable_start(), *self._time_formulas(), *self._passed_jumps(),
+                    *self._unfit(), *self._rounded(), *self._unstable_start(), *self._time_formulas(), *self._passed_jumps(),
                     *self._rates(), *self._dense_events(),
                     *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
@@ -253,6 +253,17 @@ class Result(facade.Displayed):
         return [Finding("scale", name, name.rpartition(".")[0], float(self.time[0]), float(size), u.nominal, u.unit.text,
                         f"State its size, `nominal: {{{name}: {size:g} {u.unit.text}}}`")
                 for name, size in unfit.items() if (u := unknowns.get(name)) is not None]
+
+    def _rounded(self) -> list[Finding]:
+        """States that move so little about a large value that its rounding hides a part of their motion."""
+        rounded = self.statistics.get("rounded", {})
+        assert isinstance(rounded, Mapping)
+        units = dict(zip(self.assembly.state_names, (self.assembly.flat.unknowns[j].unit.text if not order else ""
+                                                     for j, order in self.assembly.reduced.states), strict=True))
+        return [Finding("rounding", name, name.rpartition(".")[0], float(self.time[0]), spread, error, units[name],
+                        f"The motion is accurate to {error / spread:.1g} of its range at best. Write the diagram so that it "
+                        f"counts {name} from a value near {self[name][0]:.6g}, such as a temperature from the ambient")
+                for name, (spread, error) in rounded.items() if name in units]
 
     def _passed_jumps(self) -> list[Finding]:
         """Jumps of laws at conditions of states, in a run with sensitivities."""

@@ -75,6 +75,8 @@ class Finding:
         if self.kind == "scale":
             return f"{self.name} stays at {value}, far below the size {readable(self.limit or 0.0, self.unit)} of its " \
                 "absolute tolerance, so that it is not accurate; the run with a tolerance that fits failed"
+        if self.kind == "rounding":
+            return f"{self.name} moves by {value} only, and rounding changes it by {readable(self.limit or 0.0, self.unit)}"
         if self.kind == "time-formula":
             return f"the function of time {self.name} has no bound: motions shorter than an output interval may be " \
                 "passed over"
@@ -106,9 +108,9 @@ class Finding:
 
 # whether a run with such a finding is worthless
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
-         "growth": False, "scale": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
-         "placeholder": False, "joined": False, "reversed": False, "filled": False, "front": False, "time-formula": False,
-         "dense-events": False, "rates": False, "jump": False}
+         "growth": False, "scale": False, "rounding": False, "undetermined": False, "true-at-start": False,
+         "unstable-start": False, "placeholder": False, "joined": False, "reversed": False, "filled": False, "front": False,
+         "time-formula": False, "dense-events": False, "rates": False, "jump": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

@@ -191,7 +191,8 @@ def sampled_integration(assembly: Assembly, m: int, moving: Sequence[int], quadr
 
     def made() -> Equations | None:
         states = {column: k for k, column in enumerate(assembly.reduced.states)}
-        rows = [value if reset.unknown is None else value / assembly.x_nominal[states[(reset.unknown, 0)]]
+        origins, sizes = assembly.x_origin, assembly.x_nominal
+        rows = [value if reset.unknown is None else (value - origins[k := states[(reset.unknown, 0)]]) / sizes[k]
                 for value, reset in zip(split(updates.values), (r for e in flat.events for r in e.resets), strict=True)]
         return scaled_equations(assembly, stack(rows), moving if m else (), begin, quadratures,
                                 None if factors is None else factors.symbols, _looked(assembly), updates.fired)

@@ -23,6 +23,7 @@ from heavebond.numerics.dae import (
     Assembly,
     Factors,
     Integrand,
+    Size,
     integrand,
     newton_loops,
     other_states,
@@ -47,7 +48,7 @@ from heavebond.numerics.output_times import DENSE_POINTS, POINTS, Time, grid, la
 from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
 from heavebond.numerics.sampled_integration import SampledIntegration, sampled_integration
-from heavebond.numerics.sizes import SIZES, far_below, fitting_sizes
+from heavebond.numerics.sizes import EPS, SIZES, FittingSizes, far_below, fitting_sizes, little_moved
 from heavebond.numerics.solvers import (
     AUTO,
     DEFAULT,
@@ -346,7 +347,7 @@ class Simulator:
         if not self.sensitivities:
             steps = np.zeros((n_x, 0))
         assert steps.shape == (n_x, len(self.sensitivities))
-        x0 = np.concatenate([x / assembly.x_nominal, steps.T.ravel()])
+        x0 = np.concatenate([assembly.scaled_x(x), steps.T.ravel()])
         x0 = np.append(x0, np.zeros(self.integrator.size1_in("x0") - len(x0)))
         z0 = np.zeros((n_z * (1 + len(self.sensitivities)), 1))
         z0 = self._settled(x0[:, None], z0, self.integrand.hoist(assembly.p, self.along), self.stops[:1])[:, 0]
@@ -365,24 +366,31 @@ class Simulator:
                 self._renew()
             found = self._integrate(assembly, first, start_tangent)
             unfit: dict[str, float] = {}
+            hidden: Mapping[str, tuple[float, float]] = {}
             for _ in range(SIZES.max_repeats):
-                if again is None or not (fitting := self._fitting_sizes(assembly, first, start_tangent, found)):
+                if again is None:
+                    break
+                fitting = self._fitting_sizes(assembly, first, start_tangent, found)
+                hidden = fitting.hidden
+                if not fitting.sizes:
                     break
                 before = self.assembly.sizes
-                self._take_sizes({**before, **fitting})
+                self._take_sizes({**before, **fitting.sizes})
                 try:
                     restarted = again()
                     found = self._integrate(*restarted)
                 except (StartError, SimulationError):  # the run before stands, and its verdict names these unknowns
                     check()
                     self._take_sizes(before)
-                    unfit = fitting
+                    unfit = {name: size.value for name, size in fitting.sizes.items()}
                     break
                 assembly, first, start_tangent = restarted
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics,
-                      **({"sizes": dict(self.assembly.sizes)} if self.assembly.sizes else {}),
+                      **({"sizes": {name: size.value for name, size in self.assembly.sizes.items()}}
+                         if self.assembly.sizes else {}),
+                      **({"rounded": hidden} if hidden else {}),
                       **({"unfit": unfit} if unfit else {}),
                       **({"unknown_forcing": self.unknown_forcing} if self.unknown_forcing else {})}
         sizes = self._sizes(start_tangent)
@@ -446,12 +454,13 @@ class Simulator:
         self._check_decided(result)
         return result
 
-    def _fitting_sizes(self, assembly: Assembly, first: Start, start_tangent: Tangent | None, trace: Trace) -> dict[str,
-                                                                                                                    float]:
-        """Fitting sizes of unknowns for a run, if it stays far below its nominal sizes."""
+    def _fitting_sizes(self, assembly: Assembly, first: Start, start_tangent: Tangent | None, trace: Trace
+                       ) -> FittingSizes:
+        """Fitting sizes of unknowns for a run, if it stays far below its nominal sizes or moves little about its start."""
         stops = self.stops if trace.ended is None else trace.ended
         in_default_states = np.ones(len(stops), bool)
         reached, nominal, declared = dict[str, float](), dict[str, float](), dict[str, float]()
+        lowest, highest = dict[str, float](), dict[str, float]()
         for stay in trace.stays:
             in_default_states &= ~stay.at
         for of, x, z in ((assembly, trace.x[:, in_default_states], trace.z[:, in_default_states]),
@@ -462,6 +471,12 @@ class Simulator:
                     (of.algebraic_names, of.reduced.algebraic, SIZES.algebraic * of.z_nominal, z)):
                 if not names:
                     continue
+                if values is x and values.shape[1]:
+                    for k, name in enumerate(names):
+                        lowest[name] = min(lowest.get(name, np.inf), float(values[k].min()))
+                        highest[name] = max(highest.get(name, -np.inf), float(values[k].max()))
+                if values is x and of.x_origin.any():
+                    values = np.vstack([x[:len(names)] - of.x_origin[:, None], x[len(names):]])
                 largest = np.abs(values).max(axis=1, initial=0.0).reshape(-1, len(names))
                 # what is zero throughout is as large as its sensitivities to a parameter's own size
                 along = largest[1:].max(axis=0, initial=0.0) / self.tolerances.along
@@ -474,15 +489,22 @@ class Simulator:
             early = np.abs(trace.x[:len(first.x), :last + 1]).max(axis=1)
             reached |= {name: min(reached[name], float(value))
                         for name, value in zip(assembly.state_names, early, strict=True) if value > 0}
-        small = far_below(reached, nominal, declared, exact=first.steps == 0)
-        if not small:
-            return {}
-        if len(stops) < SIZES.least_stops:
+        exact = first.steps == 0
+        small = far_below(reached, nominal, declared, exact)
+        moved = little_moved(lowest, highest, exact)
+        about = dict(zip(assembly.state_names, first.x.tolist(), strict=True))
+        origins = {name: about[name] for name in moved if about.get(name) and name not in assembly.sizes}
+        wanted = {**{name: reached[name] for name in small}, **{name: highest[name] - lowest[name] for name in origins}}
+        hidden = {name: highest[name] - lowest[name] for name in moved
+                  if EPS * abs(lowest[name]) > SIZES.resolved * (highest[name] - lowest[name])}
+        if not wanted and not hidden:
+            return FittingSizes({}, {})
+        if wanted and len(stops) < SIZES.least_stops:
             times = np.linspace(stops[0], stops[-1], SIZES.least_stops)
             dense = Simulator(assembly, times=np.union1d(self.time, times), tolerances=self.tolerances, driven=self.pieces,
                               allow_fmu=True)
             dense_sizes = dense.run().assembly.sizes
-            return {} if dense_sizes == assembly.sizes else dict(dense_sizes)
+            return FittingSizes({} if dense_sizes == assembly.sizes else dict(dense_sizes), {})
         chosen = np.unique(np.linspace(0, min(last, len(stops) - 1), SIZES.points).astype(int))
         times, n = stops[chosen], len(chosen)
         columns = (times[None, :], trace.x[:len(first.x), chosen], trace.z[:len(first.z), chosen],
@@ -491,9 +513,9 @@ class Simulator:
         steps = trace.statistics.get("nsteps", len(stops))
         assert isinstance(steps, int)
         steps = steps * last // (len(stops) - 1)
-        return fitting_sizes(assembly, small, reached, columns, steps, self.tolerances.atol)
+        return fitting_sizes(assembly, wanted, origins, hidden, columns, steps, self.tolerances.atol)
 
-    def _take_sizes(self, sizes: Mapping[str, float]) -> None:
+    def _take_sizes(self, sizes: Mapping[str, Size]) -> None:
         """Integrate further runs with other sizes of some unknowns."""
         self.assembly = self._sized.setdefault(tuple(sorted(sizes.items())), self.assembly.with_sizes(sizes))
         for name in ("integrand", "loops", "_hoist", "equations"):
@@ -630,7 +652,7 @@ class Simulator:
         x0, z0, p = self._scaled_start(first, moved)
         assembly, n_all, n = self.assembly, len(x0), len(self.stops) - 1
         blocks = 1 if moved is None else 1 + len(self.sensitivities)
-        n_x, x_size, z_size = len(first.x) * blocks, np.tile(assembly.x_nominal, blocks), np.tile(assembly.z_nominal, blocks)
+        n_x, z_size = len(first.x) * blocks, np.tile(assembly.z_nominal, blocks)
         middle = (self.stops[:-1] + self.stops[1:]) / 2
         found = self.integrator(x0=x0, z0=z0, p=p, **self._driven(middle))
         x = np.column_stack([x0, np.asarray(found["xf"]).reshape(n_all, n)])
@@ -639,7 +661,8 @@ class Simulator:
         z[:, keep] = self._settled(x[:, keep], raw[:, keep], p, self.stops[keep])
 
         def traced(x: Array, z: Array, statistics: dict[str, object]) -> Trace:
-            return self._trace(x[:n_x] * x_size[:, None], z * z_size[:, None], x[n_all - self.integrals:], statistics)
+            return self._trace(assembly.unscaled_x(x[:n_x], blocks), z * z_size[:, None], x[n_all - self.integrals:],
+                               statistics)
 
         def between() -> Points:
             times, states, unknowns = self._with_first_interval(first, x, raw, p)
@@ -691,7 +714,7 @@ class Simulator:
     def _scaled_start(self, first: Start, start_tangent: Tangent | None = None) -> tuple[Array, Array, Array]:
         """x0, z0 and p of the integrator."""
         assembly = self.assembly
-        x0, z0, dp = first.x / assembly.x_nominal, first.z / assembly.z_nominal, self.along
+        x0, z0, dp = assembly.scaled_x(first.x), first.z / assembly.z_nominal, self.along
         if start_tangent is not None:
             dp = start_tangent.p
             x0 = np.concatenate([x0, (start_tangent.x / assembly.x_nominal[:, None]).T.ravel()])

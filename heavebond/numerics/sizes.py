@@ -5,10 +5,14 @@ below (picometres, nanovolts) has no relative accuracy: its errors are of the si
 are therefore compared with the nominal sizes. If an unknown stays far below, the run is repeated with the size that it
 reached.
 
+The relative tolerance applies to the value of a state. If a state moves little about a large value (a body 0.1 mK above
+20 degC, a pressure of 200 bar with a ripple of 1 Pa), its errors are of the size of the motion as well. The run is then
+repeated with the difference of the state from its start as the unknown, and with the range of the motion as its size.
+
 An unknown that is zero except for rounding, such as the middle of a symmetric machine, has no size. Rounding of the
-right-hand side f(t, x, z, p) is estimated as eps sum |df/dv| |v| over all arguments v. With x' = f it changes a state by
-that times the length of the run, or times the time constant of the state if that is shorter, and passes on to the states
-that contain it.
+right-hand side f(t, x, z, p) is estimated as r = eps sum |df/dv| |v| over all arguments v. In a time T it changes the states
+by the integral of exp(J s) r from 0 to T, with the Jacobian matrix J of the right-hand side. It also bounds what a run about
+a large value can resolve; the verdict names the states that it hides in part.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from heavebond.language.symbols import stack
-from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.dae import Array, Assembly, Size
 
 EPS = float(np.finfo(float).eps)
 
@@ -36,6 +40,13 @@ class SizeConstants:
         than its tolerance, and are in no error test. Doubled: more runs are repeated.
     rounding: multiple of the estimated rounding below which a value is no motion. Origin: the estimate leaves out what
         passes through several states. Doubled: smaller motions beside large cancelling forces are not followed.
+    motion: range of a state along a run, over its largest value, below which the run is repeated with the difference of the
+        state from its start. Origin: the relative tolerance of 1e-8 is then 1e-5 of the motion a step. Doubled: runs with
+        errors of half that are repeated too.
+    still: range of a state beside a large value, in its rounding, below which it stands still. Origin: the estimate of
+        rounding is an upper bound. Doubled: smaller motions that rounding hides are not named.
+    resolved: rounding of a state over its range from which on the verdict names it. Origin: the accuracy that a run has at
+        the default tolerances. Doubled: motions that are resolved to a hundred-thousandth half as well are not named.
     noise: share of the largest unknown, in nominal sizes, below which a value is no motion. Origin: starts are solved to
         about 1e-12, and this error decays. Doubled: smaller motions with large ones are not followed.
     zero: share of its nominal size below which a value is zero in any case. Origin: rounding in the products of a symmetric
@@ -48,6 +59,9 @@ class SizeConstants:
     """
 
     small: float = 1e-4
+    motion: float = 1e-3
+    still: float = 3.0
+    resolved: float = 1e-5
     algebraic: float = 1e-2
     rounding: float = 30.0
     noise: float = 1e-12
@@ -70,40 +84,73 @@ def far_below(reached: Mapping[str, float], nominal: Mapping[str, float], declar
             if max(SIZES.noise * largest, SIZES.zero) * declared[name] < value < SIZES.small * nominal[name]]
 
 
-def fitting_sizes(assembly: Assembly, names: Sequence[str], reached: Mapping[str, float], columns: Sequence[Array],
-                  steps: int, atol: float) -> dict[str, float]:
-    """Sizes of some unknowns that fit a run, powers of ten; unknowns that are zero except for rounding are omitted, and no
-    size is so small that rounding exceeds the absolute tolerance. `columns` are the arguments (., N) along the run."""
+def little_moved(lowest: Mapping[str, float], highest: Mapping[str, float], exact: bool = False) -> list[str]:
+    """The states whose range along a run is far below their values, and not an error of a start that is not `exact`."""
+    names = []
+    for name, low in lowest.items():
+        spread, largest = highest[name] - low, max(abs(low), abs(highest[name]))
+        least = SIZES.still * EPS if exact else SIZES.noise
+        if least * largest < spread < SIZES.motion * largest:
+            names.append(name)
+    return names
+
+
+@dataclass(frozen=True)
+class FittingSizes:
+    """The sizes of some unknowns that fit a run, and the motions that the rounding of their values hides in part: range of
+    the state, and the error of rounding in it."""
+
+    sizes: Mapping[str, Size]
+    hidden: Mapping[str, tuple[float, float]]
+
+
+def fitting_sizes(assembly: Assembly, reached: Mapping[str, float], origins: Mapping[str, float],
+                  moved: Mapping[str, float], columns: Sequence[Array], steps: int, atol: float) -> FittingSizes:
+    """Sizes that fit a run, powers of ten, of unknowns with the largest values `reached`, of which some are counted from
+    `origins`; unknowns that are zero except for rounding are omitted, and no size is so small that rounding exceeds the
+    absolute tolerance. `moved` are ranges of states to be compared with rounding, and `columns` the arguments (., N) along
+    the run."""
     span = float(np.ptp(columns[0]))
     every = [*assembly.state_names, *assembly.algebraic_names]
     whole, in_step = (dict(zip(every, _rounding(assembly, columns, time), strict=True))
                       for time in (span, span / max(steps, 1)))
     nominal = dict(zip(every, [*assembly.x_nominal, *assembly.z_nominal], strict=True))
+    largest = dict(zip(every, np.abs(np.concatenate([columns[1], columns[2]])).max(axis=1), strict=True))
     sizes = {}
-    for name in names:
-        size = 10.0 ** np.ceil(np.log10(max(reached[name], in_step.get(name, 0.0) / atol)))
-        if reached[name] > SIZES.rounding * whole.get(name, 0.0) and size < nominal.get(name, np.inf):
-            sizes[name] = float(size)
-    return sizes
+    for name, value in reached.items():
+        size = float(10.0 ** np.ceil(np.log10(max(value, in_step.get(name, 0.0) / atol))))
+        least = SIZES.still if name in origins else SIZES.rounding
+        if value > least * whole.get(name, 0.0) and (name in origins or size < nominal.get(name, np.inf)):
+            before = assembly.sizes.get(name)
+            sizes[name] = Size(min(size, nominal.get(name, size)), origins.get(name, before.origin if before else 0.0))
+    hidden = {}
+    for name, value in moved.items():
+        error = max(EPS * largest.get(name, 0.0), whole.get(name, 0.0))
+        if SIZES.still * error < value < error / SIZES.resolved:
+            hidden[name] = value, float(error)
+    return FittingSizes(sizes, hidden)
 
 
 def _rounding(assembly: Assembly, columns: Sequence[Array], time: float) -> Array:
-    """The largest accumulated rounding of x and z (n_x + n_z,) in a time (s), from some points of a run: of each unknown's
-    own equation, and for states of the other states in it (a position from its speed)."""
+    """The largest rounding of x and z (n_x + n_z,) after a time (s), from some points of a run: the response of the
+    linearised equations to the rounding of their right-hand sides, held constant."""
+    from scipy.linalg import expm
+
     n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
     t, x, z, p, _, _ = assembly.arguments
     function = assembly.once("rounding", lambda: ca.Function("rounding", list(assembly.arguments), [
         ca.jacobian(stack([assembly.ode, assembly.alg]), stack([x, z, t, p]))]))
-    largest = np.zeros(n_x + n_z)
+    largest, scale = np.zeros(n_x + n_z), assembly.x_nominal
     for k in np.unique(np.linspace(0, columns[0].shape[1] - 1, SIZES.points).astype(int)):
         t_k, x_k, z_k, p_k, u_k, rate = (a[:, k] for a in columns)
         slope = np.nan_to_num(np.array(function(t_k, x_k, z_k, p_k, u_k, rate).full()), posinf=0.0, neginf=0.0)
         rounded = EPS * np.abs(slope) @ np.abs(np.concatenate([x_k, z_k, t_k, p_k]))
-        loops = np.abs(np.linalg.pinv(slope[n_x:, n_x:n_x + n_z])) @ rounded[n_x:]
-        rates = rounded[:n_x] + np.abs(slope[:n_x, n_x:n_x + n_z]) @ loops
-        by_x, diagonal = np.abs(slope[:n_x, :n_x]), np.abs(np.diagonal(slope[:n_x, :n_x]))
-        times = np.minimum(time, 1 / np.maximum(diagonal, 1e-300))
-        first = rates * times
-        passed = (by_x @ first - diagonal * first) * times
-        largest = np.maximum(largest, np.concatenate([first + passed, loops]))
+        f_z, back = slope[:n_x, n_x:n_x + n_z], np.linalg.pinv(slope[n_x:, n_x:n_x + n_z])
+        loops = np.abs(back) @ rounded[n_x:]
+        rates = rounded[:n_x] + np.abs(f_z) @ loops
+        generator = (slope[:n_x, :n_x] - f_z @ back @ slope[n_x:, :n_x]) * scale / scale[:, None] * time
+        with np.errstate(over="ignore", invalid="ignore"):
+            whole = expm(np.block([[generator, np.eye(n_x)], [np.zeros((n_x, 2 * n_x))]]))[:n_x, n_x:]
+        in_time = np.nan_to_num(np.abs(whole) @ (rates / scale) * scale * time, nan=np.inf)
+        largest = np.maximum(largest, np.concatenate([in_time, loops]))
     return largest

@@ -416,4 +416,8 @@ class StartEquations:
         solved_sizes = [max(abs(p[k]), usual) for k, usual in zip(self.solved_for, self._usual, strict=True)]
         n = len(self.initial.solve)
         solved_sizes[n:] = [INITIALISATION.follows * size for size in solved_sizes[n:]]
-        return np.concatenate([assembly.x_nominal, assembly.z_nominal, np.array(solved_sizes)])
+        x_sizes = assembly.x_nominal.copy()  # a state that moves little about an origin is as large as usual
+        for k, ((j, _), name) in enumerate(zip(assembly.reduced.states, assembly.state_names, strict=True)):
+            if (size := assembly.sizes.get(name)) and size.origin:
+                x_sizes[k] = assembly.flat.unknowns[j].nominal
+        return np.concatenate([x_sizes, assembly.z_nominal, np.array(solved_sizes)])

@@ -154,17 +154,17 @@ class EventState:
 
     def unscaled(self) -> tuple[Array, Array]:
         """x (n_x, 1 + m) and z (n_z, 1 + m) in SI with their sensitivities."""
-        sizes = self.frame.assembly.x_nominal, self.frame.assembly.z_nominal
-        x, z = (values[: len(size) * self.blocks].reshape(self.blocks, len(size)).T * size[:, None]
-                for values, size in zip((self.y, self.z), sizes, strict=True))
-        return x, z
+        assembly = self.frame.assembly
+        n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
+        x = assembly.unscaled_x(self.y[:n_x * self.blocks], self.blocks).reshape(self.blocks, n_x).T
+        return x, self.z[:n_z * self.blocks].reshape(self.blocks, n_z).T * assembly.z_nominal[:, None]
 
     def standing(self, point: Point, sensitivity: PointSensitivity) -> EventState:
         """This state at another point of the same time; the integrals are unchanged, except for their sensitivities in
         `sensitivity`."""
         assembly, y = self.frame.assembly, self.y.copy()
         x_size, z_size, n_x = assembly.x_nominal, assembly.z_nominal, len(point.x)
-        y[:n_x] = point.x / x_size
+        y[:n_x] = assembly.scaled_x(point.x)
         z = point.z / z_size
         if self.blocks > 1:
             y[n_x:n_x * self.blocks] = (sensitivity.x / x_size[:, None]).T.ravel()
@@ -296,7 +296,7 @@ class Record:
     def _stay(self, number: int) -> AlternativeStates:
         assembly, blocks = self.frames[number].assembly, 1 + self.dp.shape[1]
         n_x = len(assembly.x_nominal) * blocks
-        return AlternativeStates(assembly, self.frame == number, self.y[:n_x] * np.tile(assembly.x_nominal, blocks)[:, None],
+        return AlternativeStates(assembly, self.frame == number, assembly.unscaled_x(self.y[:n_x], blocks),
                                  self.z[number] * np.tile(assembly.z_nominal, blocks)[:, None])
 
     def _at_home(self, number: int, stay: AlternativeStates, u: Array) -> tuple[Array, Array]:

@@ -203,9 +203,9 @@ class Adjoint:
         """The run of an integrator without algebraic unknowns: states and integrals (n_all, stops)."""
         simulator, n_x = self.simulator, len(first.x)
         x = np.column_stack([np.zeros(len(after)), after])
-        x[:n_x, 0] = first.x / assembly.x_nominal
+        x[:n_x, 0] = assembly.scaled_x(first.x)
         x = x[:, np.searchsorted(simulator.stops, simulator.time)]
-        return Result(assembly, simulator.time, x[:n_x] * assembly.x_nominal[:, None], np.zeros((0, x.shape[1])),
+        return Result(assembly, simulator.time, assembly.unscaled_x(x[:n_x]), np.zeros((0, x.shape[1])),
                       simulator.pieces.at(simulator.time), first.p, first, {}, x[len(after) - simulator.integrals:])
 
     def _first_inputs(self) -> Array:
@@ -222,7 +222,7 @@ class Adjoint:
         results of the call."""
         simulator, assembly = self.simulator, self.simulator.assembly
         n_x, n_all = len(assembly.x_nominal), pulls.shape[2]
-        x0 = np.append(first.x / assembly.x_nominal, np.zeros(n_all - n_x))
+        x0 = np.append(assembly.scaled_x(first.x), np.zeros(n_all - n_x))
         middle = (simulator.stops[:-1] + simulator.stops[1:]) / 2
         with caught_errors() as heard:
             try:
