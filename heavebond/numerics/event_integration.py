@@ -125,8 +125,8 @@ class EventIntegration:
                 self._to_the_end(state, record)
             except RunEnded as ended:
                 record.end(ended.now)
-            trace = record.trace(self.integrals, self._driven(record.stops))
-            return replace(trace, between=partial(record.between, self.integrals, self._driven)) if self.dense else trace
+            trace = record.trace(self.integrals, self.driven(record.stops))
+            return replace(trace, between=partial(record.between, self.integrals, self.driven)) if self.dense else trace
 
     def _to_the_end(self, state: EventState, record: Record) -> None:
         equations, begin, end = self.home.equations, state.t, float(self.stops[-1])
@@ -217,7 +217,7 @@ class EventIntegration:
         return replace(state, t=float(times[-1]), y=passed.y[-1], z=passed.z[-1], p=passed.p[-1], dp=passed.dp[-1],
                        given=state.frame.hoist(passed.p[-1], passed.dp[-1])["o0"], true=passed.true)
 
-    def _driven(self, times: Array) -> Driven:
+    def driven(self, times: Array) -> Driven:
         """The inputs at times, and their sensitivities."""
         inputs = self._inputs(times)
         if self.delays is None:
@@ -302,7 +302,7 @@ class EventIntegration:
         assert self.delays is not None
         delays, equations, sensitivity, point = self.delays, state.frame.equations, self._moved(state), self._point(state)
         delays.open(state.t, np.inf)
-        after, factors = self._driven(np.array([state.t])), self.inputs(np.array([state.t]))[self.n_u:, 0]
+        after, factors = self.driven(np.array([state.t])), self.inputs(np.array([state.t]))[self.n_u:, 0]
         x, q, rates = sensitivity.x.copy(), sensitivity.q.copy(), equations.rates(point,
                                                                                   factors) if state.blocks > 1 else None
         for at in returned:
@@ -360,7 +360,7 @@ class EventIntegration:
     def _sources(self, state: EventState, times: Array, y: Array, z: Array, beside: float = 0.0) -> Array:
         """The sources of the delays and their sensitivities (rows, n) at points."""
         assert self.delays is not None
-        assembly, n, driven = state.frame.assembly, len(times), self._driven(times)
+        assembly, n, driven = state.frame.assembly, len(times), self.driven(times)
         n_x, n_z = len(assembly.x_nominal), len(assembly.z_nominal)
         x = assembly.unscaled_x(y[:n_x * state.blocks, :n], state.blocks).reshape(state.blocks, n_x, n).swapaxes(0, 1)
         z = np.einsum("bin,i->ibn", z[:n_z * state.blocks, :n].reshape(state.blocks, n_z, n), assembly.z_nominal)
@@ -665,7 +665,7 @@ class EventIntegration:
     def _moved(self, state: EventState) -> PointSensitivity:
         m, n_q = state.blocks - 1, self.integrals // state.blocks
         q = state.y[len(state.y) - self.integrals + n_q:].reshape(m, n_q).T if n_q else np.zeros((0, m))
-        u = self._driven(np.array([state.t])).along[:, :, 0].T if self.delays is not None else np.zeros((self.n_u, m))
+        u = self.driven(np.array([state.t])).along[:, :, 0].T if self.delays is not None else np.zeros((self.n_u, m))
         return PointSensitivity(state.unscaled()[0][:, 1:], q, state.dp, u)
 
     def _happen(self, state: EventState, events: list[int], delays: list[Array], record: Record,

@@ -55,7 +55,7 @@ CHUNK = 2000  # points at which rates are evaluated in one call
 
 
 @dataclass(frozen=True)
-class _Stretch:
+class Stretch:
     """An interval of a run at its points: times (n,), scaled states and unknowns (., n), and the parameters and inputs that
     hold inside."""
 
@@ -91,10 +91,10 @@ class HiddenMotions:
             return values
 
         excess = self._excess(times, trace.x, trace.z, p, trace.held, held, ranges)
-        waiting = [(float(excess[k]), _Stretch(times[k:k + 2], trace.x[:, k:k + 2], trace.z[:, k:k + 2], parameters(k),
+        waiting = [(float(excess[k]), Stretch(times[k:k + 2], trace.x[:, k:k + 2], trace.z[:, k:k + 2], parameters(k),
                                                self.inputs(times[k:k + 2].mean(keepdims=True))[:, 0], k), 1)
                    for k in np.flatnonzero(excess > 1).tolist()]
-        inner, number = list[_Stretch](), 0
+        inner, number = list[Stretch](), 0
         while waiting and number < HIDDEN.most:
             waiting.sort(key=lambda entry: entry[0])
             _, stretch, level = waiting.pop()
@@ -110,6 +110,15 @@ class HiddenMotions:
                                                       z=finer.z[:, k:k + 2]), level + 1)
                             for k in np.flatnonzero(parts > 1).tolist()]
         return _joined(points, inner, settle) if inner else points
+
+    def passes(self, before: Stretch, after: Stretch) -> Array | None:
+        """The states at the end of two intervals that are integrated again, with a stop between; None if the integration
+        fails."""
+        first = self._integrated(before)
+        if first is None:
+            return None
+        then = self._integrated(replace(after, x=first.x[:, -1:], z=first.z[:, -1:]))
+        return None if then is None else then.x[:, -1]
 
     def _excess(self, times: Array, x: Array, z: Array, p: Array, held: Array, places: list[int], ranges: Array,
                 fine: bool = False) -> Array:
@@ -137,7 +146,7 @@ class HiddenMotions:
         largest = np.where(np.isfinite(excess), excess, 0.0).max(axis=0, initial=0.0)
         return np.where(np.isin(np.arange(len(spans)), looked_at), largest, 0.0)
 
-    def _integrated(self, stretch: _Stretch) -> _Stretch | None:
+    def _integrated(self, stretch: Stretch) -> Stretch | None:
         """An interval with points inside; None where the integration fails."""
         assembly, dae = self.assembly, self.made.dae
         if self._integrator is None:
@@ -171,7 +180,7 @@ class HiddenMotions:
         return replace(stretch, t=times, x=assembly.unscaled_x(x), z=z * assembly.z_nominal[:, None])
 
 
-def _joined(points: Points, inner: list[_Stretch], settle: Callable[[NDArray[np.intp]], Array] | None) -> Points:
+def _joined(points: Points, inner: list[Stretch], settle: Callable[[NDArray[np.intp]], Array] | None) -> Points:
     """The points of a run with further ones; integrals between are interpolated."""
     times, trace, _ = points
     after = np.concatenate([np.full(len(s.t), s.after) for s in inner])

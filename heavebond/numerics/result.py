@@ -112,8 +112,8 @@ class Result(facade.Displayed):
         """The verdict on the values of this run: `print(result.verdict)` shows it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
         findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._filled(),
-                    *self._unfit(), *self._rounded(), *self._unstable_start(), *self._time_formulas(), *self._passed_jumps(),
-                    *self._rates(), *self._dense_events(),
+                    *self._unfit(), *self._rounded(), *self._stepped_over(), *self._unstable_start(),
+                    *self._time_formulas(), *self._passed_jumps(), *self._rates(), *self._dense_events(),
                     *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
@@ -264,6 +264,13 @@ class Result(facade.Displayed):
                         f"The motion is accurate to {error / spread:.1g} of its range at best. Write the diagram so that it "
                         f"counts {name} from a value near {self[name][0]:.6g}, such as a temperature from the ambient")
                 for name, (spread, error) in rounded.items() if name in units]
+
+    def _stepped_over(self) -> list[Finding]:
+        """Narrow functions of states that the run steps over, although it was repeated with stops at their positions."""
+        times = np.asarray(self.statistics.get("stepped_over", ()), float)
+        return [Finding("narrow", "a narrow function of states", "", float(times[0]), float(len(times)), None, "",
+                        "A part of its effect may be missing. Write `simulate: {largest_step: ...}`, with a part of the "
+                        "time in which it acts")] if len(times) else []
 
     def _passed_jumps(self) -> list[Finding]:
         """Jumps of laws at conditions of states, in a run with sensitivities."""

@@ -77,6 +77,8 @@ class Finding:
                 "absolute tolerance, so that it is not accurate; the run with a tolerance that fits failed"
         if self.kind == "rounding":
             return f"{self.name} moves by {value} only, and rounding changes it by {readable(self.limit or 0.0, self.unit)}"
+        if self.kind == "narrow":
+            return f"{self.name} acts within one step of the integrator, as at {t}"
         if self.kind == "time-formula":
             return f"the function of time {self.name} has no bound: motions shorter than an output interval may be " \
                 "passed over"
@@ -110,7 +112,7 @@ class Finding:
 KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
          "growth": False, "scale": False, "rounding": False, "undetermined": False, "true-at-start": False,
          "unstable-start": False, "placeholder": False, "joined": False, "reversed": False, "filled": False, "front": False,
-         "time-formula": False, "dense-events": False, "rates": False, "jump": False}
+         "time-formula": False, "narrow": False, "dense-events": False, "rates": False, "jump": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

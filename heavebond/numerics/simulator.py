@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 from threading import RLock
 
 import casadi as ca
@@ -36,7 +36,7 @@ from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.event_integration import EventIntegration, reason, settled
 from heavebond.numerics.failure_messages import Stop, check_decided, explain_failure, stop_message, stop_times
 from heavebond.numerics.forcing import FORCING, Forcing
-from heavebond.numerics.hidden_motions import HiddenMotions
+from heavebond.numerics.hidden_motions import HiddenMotions, Stretch
 from heavebond.numerics.idas import Idas, caught_errors, is_large, time_unit
 from heavebond.numerics.idas import Tolerances as Tolerances  # a part of this module's interface
 from heavebond.numerics.initialise import Start, Tangent, start, tangent
@@ -44,6 +44,7 @@ from heavebond.numerics.inputs import Pieced, pieced
 from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.kinks import passed_jumps
 from heavebond.numerics.looks import Looks
+from heavebond.numerics.narrow_functions import NARROW, NarrowFunctions, missed
 from heavebond.numerics.output_times import DENSE_POINTS, POINTS, Time, grid, largest_step_of, refined
 from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
@@ -385,6 +386,18 @@ class Simulator:
                     unfit = {name: size.value for name, size in fitting.sizes.items()}
                     break
                 assembly, first, start_tangent = restarted
+            unresolved: Array = np.zeros(0)
+            for number in range(NARROW.passes):
+                if again is None or not self.looks_between:
+                    break
+                unresolved = self._stepped_over(assembly, first, found)
+                if not len(unresolved) or number == NARROW.passes - 1:
+                    break
+                self.kinks = np.union1d(self.kinks, unresolved)
+                self._place_stops()
+                self._renew()
+                assembly, first, start_tangent = again()
+                found = self._integrate(assembly, first, start_tangent)
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics,
@@ -392,6 +405,7 @@ class Simulator:
                          if self.assembly.sizes else {}),
                       **({"rounded": hidden} if hidden else {}),
                       **({"unfit": unfit} if unfit else {}),
+                      **({"stepped_over": unresolved} if len(unresolved) else {}),
                       **({"unknown_forcing": self.unknown_forcing} if self.unknown_forcing else {})}
         sizes = self._sizes(start_tangent)
         instants = found.instants if start_tangent is None else tuple(replace(i, delays=i.delays / sizes)
@@ -515,6 +529,45 @@ class Simulator:
         steps = steps * last // (len(stops) - 1)
         return fitting_sizes(assembly, wanted, origins, hidden, columns, steps, self.tolerances.atol)
 
+    def _stepped_over(self, assembly: Assembly, first: Start, trace: Trace) -> Array:
+        """The instants (n,) of narrow functions of states (see `narrow_functions`), if a run has stepped over one."""
+        functions = self.assembly.once("narrow functions", lambda: NarrowFunctions(self.assembly))
+        if not functions.number or trace.stays or trace.ended is not None:
+            return np.zeros(0)
+        times, points, _ = trace.between() if trace.between is not None else (self.stops, trace, None)
+        if len(times) < NARROW.points:
+            return np.zeros(0)
+        n_x, n_z = len(first.x), len(first.z)
+        x, z = points.x[:n_x], points.z[:n_z]
+        held = [h.index for h in self.assembly.flat.held]
+        p = np.tile(first.p[:, None], (1, len(times)))
+        p[held] = points.held
+        delays = self.assembly.flat.delays
+
+        def inputs(at: Array) -> Array:
+            return self.switching.driven(at).u if delays and self.switching is not None else self.pieces.at(at)
+
+        passages = functions.passed(times, x, z, p, inputs)
+        if not len(passages.times) or delays:
+            return passages.times[~np.isin(passages.times, self.kinks)]
+        plain = integrand(assembly, begin=self.begin)  # without integrals and sensitivities
+        motions = HiddenMotions(assembly, plain, self.pieces.at, self.solver, self.tolerances, self.begin)
+        spans = np.diff(times)[passages.after]
+        for j in np.argsort(-passages.excess * spans, kind="stable")[:NARROW.most].tolist():
+            k, at = int(passages.after[j]), float(passages.times[j])
+            # a function at a point of the run acts in both intervals beside it
+            beside = NARROW.beside * (times[k + 1] - times[k])
+            if at_begin := k > 0 and at - times[k] < beside:
+                k -= 1
+            at_end = at_begin or (times[k + 1] - at < beside and k + 2 < len(times))
+            instants = times[k:k + 3] if at_end else np.array([times[k], at, times[k + 1]])
+            before, after = (Stretch(instants[i:i + 2], x[:, k:k + 2], z[:, k:k + 2], p[:, k],
+                                     self.pieces.at(instants[i:i + 2].mean(keepdims=True))[:, 0], k) for i in (0, 1))
+            end = motions.passes(before, after)
+            if end is not None and missed(end, x[:, k + 1 + at_end], x, self.assembly.x_nominal):
+                return passages.times
+        return np.zeros(0)
+
     def _take_sizes(self, sizes: Mapping[str, Size]) -> None:
         """Integrate further runs with other sizes of some unknowns."""
         self.assembly = self._sized.setdefault(tuple(sorted(sizes.items())), self.assembly.with_sizes(sizes))
@@ -566,7 +619,7 @@ class Simulator:
             if "KeyboardInterrupt" in message:  # CasADi makes it a failure of the right side
                 raise KeyboardInterrupt
             raise self._failure(assembly, first, failed + "\n" + message)
-        return trace
+        return trace if trace.between is None else replace(trace, between=cache(trace.between))  # it is needed twice
 
     def _check_rates(self, assembly: Assembly, first: Start) -> None:
         """SimulationError if a state near the start changes faster than solvers can count."""
