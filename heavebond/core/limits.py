@@ -9,8 +9,6 @@ from __future__ import annotations
 RATE = 1e100
 # in SI units: squares and products of larger numbers overflow, and the integration does not end
 NUMBER = 1e100
-# in SI units, other than 0: the reciprocal, since products of smaller numbers become 0
-LEAST_NUMBER = 1 / NUMBER
 PROBLEMS_SHOWN = 20  # problems printed by one command; all are counted
 OUTPUT_POINTS = 10_000_000  # output points of a run
 COLUMNS = 5_000  # samples of a record

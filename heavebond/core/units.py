@@ -16,7 +16,6 @@ from math import isfinite, pi
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from heavebond.core.errors import Place, Problems, suggest
-from heavebond.core.limits import LEAST_NUMBER as LEAST
 from heavebond.core.limits import NUMBER as LARGEST
 from heavebond.core.limits import QUANTITY
 from heavebond.core.numerals import NUMBER
@@ -45,6 +44,7 @@ _BAND = re.compile(rf"\s*({NUMBER})(?:\s+({UNIT}))?\s*\+-\s*({NUMBER})(?:\s+({UN
 _DECIMAL_COMMA = re.compile(r"[0-9],[0-9]")
 
 
+LEAST = 1 / LARGEST  # of numbers other than 0: products of smaller ones become 0
 TOO_LARGE = f"The largest number is {LARGEST:g} in SI units."
 TOO_SMALL = f"The smallest number other than 0 is {LEAST:g} in SI units. Write 0 if nothing is meant."
 

@@ -24,10 +24,9 @@ from dataclasses import dataclass
 
 from heavebond.core.errors import suggest
 from heavebond.core.limits import BRACKETS, FORMULA, OPERATIONS, TERMS
-from heavebond.core.limits import LEAST_NUMBER as LEAST
 from heavebond.core.limits import NUMBER as LARGEST
 from heavebond.core.numerals import whole
-from heavebond.core.units import TOO_LARGE, TOO_SMALL, UNIT, UnitProblem, is_lost, read_unit
+from heavebond.core.units import LEAST, TOO_LARGE, TOO_SMALL, UNIT, UnitProblem, is_lost, read_unit
 from heavebond.text.syntax import Binary as Binary
 from heavebond.text.syntax import Call as Call
 from heavebond.text.syntax import Compare as Compare
