@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 # the commands; each is the function of the same name in a module of `heavebond.commands`, except for `FUNCTIONS`
 NAMES = ("check", "draw", "run", "plot", "animate", "compare", "fit", "localize", "candidates", "try", "diagnose", "laws",
-         "errors", "tune", "optimal", "study", "sweep", "signal", "modes", "linear", "energy", "sensitivity",
+         "errors", "design", "tune", "optimal", "study", "sweep", "signal", "modes", "linear", "energy", "sensitivity",
          "library", "demo", "export", "import", "new", "studio")
 FUNCTIONS = {"try": "try_effect", "import": "import_model"}
 SERVING = ("studio",)  # commands that run until they are interrupted: no progress lines

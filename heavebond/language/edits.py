@@ -18,7 +18,7 @@ from heavebond.core.units import Range
 from heavebond.core.writable import write_text
 from heavebond.language.library import bundled
 from heavebond.language.model import Model, extended
-from heavebond.text.yaml_edits import set_entry
+from heavebond.text.yaml_edits import Tree, set_entry
 from heavebond.text.yaml_source import Mapping as Entries
 from heavebond.text.yaml_source import parse
 
@@ -134,7 +134,7 @@ def extended_from(path: Path, model: Path) -> str:
     return Path(os.path.relpath(model.resolve(), path.resolve().parent)).as_posix()
 
 
-def with_values(text: str, values: Mapping[str, str]) -> str:
+def with_values(text: str, values: Mapping[str, Tree]) -> str:
     """Set values of parameters by their paths; see `set_entry`."""
     for path, value in values.items():
         text = set_entry(text, place_of(parse(text).root, path), value)

@@ -9,11 +9,14 @@ import numpy as np
 from heavebond.core.presentation import count, number, readable
 from heavebond.core.units import read_unit
 from heavebond.energy_audit.audit import EnergyAudit, table
+from heavebond.language.model import Model
+from heavebond.linear.design import LoopDesign
 from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
 from heavebond.linear.linearisation import Mode
+from heavebond.linear.margins import Margin
 from heavebond.linear.modes import Modes
 from heavebond.linear.sampled import sampled_words
-from heavebond.numerics.dae import Assembly
+from heavebond.numerics.dae import Assembly, assemble
 from heavebond.optimise.costs import read_cost
 from heavebond.optimise.influence import Ranking, Rankings
 from heavebond.optimise.optimal import Optimal, cost_values
@@ -177,3 +180,25 @@ def optimal_figures(title: str, results: Mapping[str, tuple[Assembly, Optimal]],
         "measures": {name: {"diagram": before, "optimal": after, "unit": unit}
                      for name, (before, after, unit) in _measured(own, result, measures).items()}}
         for case, (own, result) in results.items()}}
+
+
+# -- designs ---------------------------------------------------------------------------------------------------------------
+def design_items(model: Model, result: LoopDesign) -> list[Item]:
+    """The designed gains with the former ones, and the margins at each operating point."""
+    assembly = assemble(model)
+    units = {q.name: q.unit for q in assembly.flat.parameters}
+    gains = [(name, units[name].written(assembly.parameter_values[name]), units[name].written(value))
+             for name, value in result.values.items()]
+
+    def margin(found: Margin | None, unit: str, digits: int = 4) -> str:
+        return "" if found is None else f"{number(found.value, digits)}{unit}"
+
+    rows = [(name, found.verdict, margin(found.gain_up, ""), margin(found.gain_down, ""), margin(found.least_phase, " deg"),
+             "" if found.least_phase is None else f"{number(found.least_phase.frequency, 4)} Hz",
+             "" if found.least_delay is None else readable(found.least_delay.value, "s", 4))
+            for name, found in {"design": result.crossings, **result.points}.items()]
+    band = f", bandwidth {number(result.bandwidth, 4)} Hz" if result.bandwidth == result.bandwidth else ""
+    return [ResultTable(f"{model.name}: loop through {result.signal}", ("parameter", "before", "designed"), gains),
+            Line(f"crossover {number(result.crossover, 4)} Hz, phase margin {number(result.phase_margin, 4)} deg{band}"),
+            ResultTable("", ("operating point", "closed loop", "gain margin, up", "down", "phase margin", "at",
+                             "delay margin"), rows, 2)]

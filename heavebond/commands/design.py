@@ -1,0 +1,217 @@
+"""`heavebond design`: gains of a loop, filters and observer controllers from their specification, written into a diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import (
+    Number,
+    Whole,
+    blamed_on_settings,
+    check_new,
+    json_option,
+    listed,
+    set_option,
+    settings_of,
+    with_settings,
+)
+from heavebond.core.errors import Problem, UsageError
+
+if TYPE_CHECKING:
+    from heavebond.language.model import Model
+    from heavebond.linear.design import ObserverController
+    from heavebond.linear.margins import Crossings
+    from heavebond.reports.result_tables import Item
+    from heavebond.text.yaml_edits import Tree
+
+
+@click.command(short_help="Design gains, filters and observer controllers.")
+@click.argument("model", metavar="DIAGRAM")
+@click.option("--loop", metavar="SIGNAL", help="Gains of the loop through this signal.")
+@click.option("--free", metavar="PARAMETER[,...]", multiple=True,
+              help="With --loop: the gains, proportional, integral, derivative; or one or two of them.")
+@click.option("--crossover", metavar="FREQUENCY", help="With --loop: frequency of the gain 1: '0.5 Hz'.")
+@click.option("--bandwidth", metavar="FREQUENCY", help="With --loop: bandwidth of the closed loop, in place of --crossover.")
+@click.option("--phase-margin", metavar="ANGLE", help="With --loop: phase margin, e.g. '60 deg'.")
+@click.option("--filter", "filtered", metavar="BLOCK",
+              help="Coefficients of a TransferFunction or DiscreteTransferFunction.")
+@click.option("--type", "kind", default="butterworth", show_default=True,
+              help="With --filter: butterworth, bessel, chebyshev 1 or chebyshev 2.")
+@click.option("--order", type=Whole(1), default=2, show_default=True, help="With --filter: order.")
+@click.option("--cut-off", metavar="FREQUENCY[,...]",
+              help="With --filter: cut-off frequency, or the two edges of a band.")
+@click.option("--band", default="lowpass", show_default=True,
+              help="With --filter: lowpass, highpass, bandpass or bandstop.")
+@click.option("--ripple", type=Number(0, min_open=True), default=1.0, show_default=True,
+              help="With --filter: ripple of chebyshev 1 in dB.")
+@click.option("--attenuation", type=Number(0, min_open=True), default=40.0, show_default=True,
+              help="With --filter: attenuation of chebyshev 2 in dB.")
+@click.option("--lqg", metavar="BLOCK",
+              help="Matrices of a LinearSystem or DiscreteStateSpace: regulator with Kalman filter.")
+@click.option("--weigh", metavar="FORMULA=SIZE", multiple=True,
+              help="With --lqg: a signal and the deviation that counts as 1: crown.x='10 mm'. May be repeated.")
+@click.option("--effort", metavar="NUMBERS", default="1", show_default=True,
+              help="With --lqg: outputs of the block that count as 1.")
+@click.option("--disturbance", "disturbances", metavar="INPUT=SIZE", multiple=True,
+              help="With --lqg: a signal or force with white noise, root of its spectral density in SI. May be repeated.")
+@click.option("--noise", metavar="NUMBERS", default="1e-3", show_default=True,
+              help="With --lqg: noise of the inputs of the block, root of its spectral density.")
+@click.option("--over", "overs", metavar="PATH=VALUES", multiple=True,
+              help="Further operating points for the margins: ahc.valve.f_n='0.75 Hz, 5 Hz'. May be repeated.")
+@click.option("--at", metavar="TIME", help="Run to this time first, and linearise there.")
+@set_option
+@click.option("--write", "written", metavar="FILE", type=click.Path(path_type=Path),
+              help="Write a diagram that extends DIAGRAM with the values (.yaml, must be new).")
+@click.option("--in-place", is_flag=True, help="Write the values into DIAGRAM; comments and layout are kept.")
+@json_option
+def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str | None, bandwidth: str | None,
+           phase_margin: str | None, filtered: str | None, kind: str, order: int, cut_off: str | None, band: str,
+           ripple: float, attenuation: float, lqg: str | None, weigh: tuple[str, ...], effort: str,
+           disturbances: tuple[str, ...], noise: str, overs: tuple[str, ...], at: str | None, settings: tuple[str, ...],
+           written: Path | None, in_place: bool) -> dict[str, object]:
+    """Design a controller of DIAGRAM on the linearised machine, with its samples, holds and delays.
+
+    heavebond design cmc_ahc --loop command --free controller.K_p --crossover '0.2 Hz'
+
+    heavebond design servo.yaml --loop pid.y --free pid.K_p,pid.K_i,pid.K_d --crossover '3 Hz' --phase-margin '60 deg'
+    --over load.J='1 kg*m**2, 3 kg*m**2' --in-place
+
+    heavebond design servo.yaml --filter smoothing --type bessel --order 4 --cut-off '50 Hz'
+
+    The margins belong to the complete linearised machine at each operating point. Dry friction is linearised at rest, where
+    it locks its parts: --set its forces to 0 for the machine in motion.
+    """
+    from heavebond.commands import terminal
+    from heavebond.language.model import load
+    from heavebond.numerics.dae import assemble
+
+    if sum(task is not None for task in (loop, filtered, lqg)) != 1:
+        raise UsageError([Problem("design-task", "exactly one of --loop, --filter and --lqg is needed", None,
+                                  "Write for example --loop controller.y --free controller.K_p --crossover '1 Hz'.")])
+    if written is not None:
+        check_new(written, (".yaml",))
+    if in_place and not Path(model).is_file():
+        raise UsageError([Problem("design-place", f"'{model}' is not a file that can be changed", None,
+                                  "Give --write FILE for a new diagram that extends it.")])
+    items: list[Item]
+    with blamed_on_settings(settings), terminal.working("design"):
+        diagram = with_settings(load(model), settings)
+        units = {q.name: q.unit for q in assemble(diagram).flat.parameters}
+        if loop is not None:
+            items, values, figures = _loop(diagram, loop, listed(free), crossover, bandwidth, phase_margin, at, overs)
+            texts: dict[str, Tree] = {name: units[name].written(value) for name, value in values.items()}
+        elif filtered is not None:
+            items, texts, figures = _filter(diagram, filtered, kind, order, cut_off, band, ripple, attenuation)
+        else:
+            assert lqg is not None
+            items, texts, figures = _lqg(diagram, lqg, weigh, effort, disturbances, noise, at)
+    terminal.show(items)
+    files = _written(diagram, Path(model), texts, settings_of("--set", settings), written, in_place)
+    for path in files:
+        terminal.output().print(f"wrote {path}", soft_wrap=True)
+    return {"model": diagram.name, **figures, "values": texts, "files": list(map(str, files))}
+
+
+def _loop(diagram: Model, loop: str, free: Sequence[str], crossover: str | None, bandwidth: str | None,
+          phase_margin: str | None, at: str | None, overs: Sequence[str]
+          ) -> tuple[list[Item], Mapping[str, float], dict[str, object]]:
+    from heavebond.linear.design import design_gains
+    from heavebond.reports.analysis_tables import design_items
+    from heavebond.studies.sweep import read_over
+
+    points: dict[str, dict[str, str | float]] = {}
+    for axis in map(read_over, overs):
+        points |= {f"{axis.path} = {value}": {axis.path: value} for value in axis.values}
+    result = design_gains(diagram, loop, free, crossover=crossover, bandwidth=bandwidth, phase_margin=phase_margin, at=at,
+                          points=points)
+
+    def told(found: Crossings) -> dict[str, object]:
+        margins = {"gain_up": found.gain_up, "gain_down": found.gain_down, "phase": found.least_phase,
+                   "delay": found.least_delay}
+        return {"verdict": found.verdict, **{name: None if margin is None else [margin.value, margin.frequency]
+                                             for name, margin in margins.items()}}
+
+    return design_items(diagram, result), result.values, {
+        "crossover": result.crossover, "bandwidth": result.bandwidth, "phase_margin": result.phase_margin,
+        "margins": {"design": told(result.crossings), **{name: told(found) for name, found in result.points.items()}}}
+
+
+def _filter(diagram: Model, block: str, kind: str, order: int, cut_off: str | None, band: str, ripple: float,
+            attenuation: float) -> tuple[list[Item], dict[str, Tree], dict[str, object]]:
+    from heavebond.core.units import UnitProblem, check_unit, parse_quantity, unit
+    from heavebond.linear.design import filter_coefficients
+    from heavebond.numerics.dae import assemble
+    from heavebond.reports.result_tables import Line, ResultTable
+
+    known = assemble(diagram).parameter_values
+    if f"{block}.a[1]" not in known or f"{block}.b[1]" not in known:
+        raise UsageError([Problem("design-block", f"'{block}' has no coefficients a and b", None,
+                                  "Name a TransferFunction or a DiscreteTransferFunction.")])
+    frequencies = []
+    for text in listed([cut_off or ""]):
+        try:
+            number, read = parse_quantity(text)
+            check_unit(read, unit("Hz"), number, text)
+        except UnitProblem as problem:
+            raise UsageError([Problem(problem.code, f"--cut-off: {problem.message}", None, problem.hint)]) from None
+        frequencies.append(number)
+    period = known.get(f"{block}.T_s")
+    b, a = filter_coefficients(kind, order, frequencies, band, ripple=ripple, attenuation=attenuation, period=period,
+                               time_unit=known.get(f"{block}.T", 1.0))
+    rows = [(f"{'z' if period else 's'}^{len(a) - 1 - k}", f"{x:.10g}", f"{y:.10g}") for k, (x, y) in enumerate(
+        zip(b, a, strict=True))]
+    lists: dict[str, Tree] = {f"{block}.{name}": [repr(float(x)) for x in numbers] for name, numbers in (("b", b), ("a", a))}
+    return [ResultTable(f"{block}: {kind} {band} of order {order}", ("power", "numerator b", "denominator a"), rows),
+            Line(f"sampled every {period:g} s" if period else f"time unit {known.get(f'{block}.T', 1.0):g} s")], \
+        lists, {"b": b.tolist(), "a": a.tolist(), "period": period}
+
+
+def _lqg(diagram: Model, block: str, weigh: Sequence[str], effort: str, disturbances: Sequence[str], noise: str,
+         at: str | None) -> tuple[list[Item], dict[str, Tree], dict[str, object]]:
+    from heavebond.core.units import UnitProblem, parse_quantity
+    from heavebond.linear.design import design_lqg
+    from heavebond.reports.result_tables import Line, ResultTable
+
+    def numbers(option: str, texts: Sequence[str]) -> list[float]:
+        try:
+            return [parse_quantity(text)[0] for text in texts]
+        except UnitProblem as problem:
+            raise UsageError([Problem(problem.code, f"{option}: {problem.message}", None, problem.hint)]) from None
+
+    sizes = [dict(zip(asked, numbers(option, list(asked.values())), strict=True)) for option, asked in (
+        ("--weigh", settings_of("--weigh", weigh)), ("--disturbance", settings_of("--disturbance", disturbances)))]
+    if not all(sizes):
+        raise UsageError([Problem("design-weights", "a regulator needs --weigh, and its filter --disturbance", None,
+                                  "Write for example --weigh load.x='1 mm' --disturbance force.u='10 N'.")])
+    result: ObserverController = design_lqg(diagram, block, sizes[0], numbers("--effort", listed([effort])), sizes[1],
+                                            numbers("--noise", listed([noise])), at=at)
+    rows = [(f"{regulator:.5g}", f"{observer:.5g}") for regulator, observer in zip(*result.poles, strict=True)]
+    per = "" if result.period is not None else " 1/s"
+    texts: dict[str, Tree] = {f"{block}.n": str(len(result.a))}
+    for name, matrix, unit_text in (("A", result.a, per), ("B", result.b, per), ("C", result.c, "")):
+        texts[f"{block}.{name}"] = [[f"{value!r}{unit_text}" for value in row] for row in matrix.tolist()]
+    return [ResultTable(f"{block}: observer controller with {len(result.a)} states",
+                        ("poles of the regulator", "poles of the observer"), rows),
+            Line("in z, sampled every " + f"{result.period:g} s" if result.period is not None else "in 1/s")], \
+        texts, {"a": result.a.tolist(), "b": result.b.tolist(), "c": result.c.tolist(), "states": list(result.states)}
+
+
+def _written(diagram: Model, path: Path, texts: Mapping[str, Tree], settings: Mapping[str, str], written: Path | None,
+             in_place: bool) -> list[Path]:
+    from heavebond.core.writable import write_text
+    from heavebond.language.edits import extended_from, with_values, write
+
+    files = []
+    if in_place:
+        write_text(path, with_values(path.read_text(encoding="utf-8"), texts))
+        files.append(path)
+    if written is not None:
+        head = f"model: {written.stem}\nsummary: {diagram.name} with a designed controller.\n" \
+            f"extends: {extended_from(written, diagram.path)}\nset: {{}}\n"
+        write(written, with_values(head, {**settings, **texts}))
+        files.append(written)
+    return files

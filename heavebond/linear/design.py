@@ -1,0 +1,347 @@
+"""Design of controllers on the linearised diagram: gains of a loop, filters, optimal state feedback with an observer.
+
+Gains. A loop that is cut at a signal is linear in the gains k of its controller, L = sum k_i L_i, where L_i is the loop with
+the gain i alone. Prescribed are the crossover w_c and the phase margin, L(j w_c) = exp(j (phase margin - pi)): two equations
+for a proportional gain with an integral or a derivative gain. With all three, the integral part at w_c is a tenth of the
+proportional part, T_i = 10/w_c. The loops L_i are those of the diagram, with its samples, holds and delays, so that nothing
+is lost by discretisation.
+
+K. J. Astrom, T. Haegglund, Advanced PID Control, ISA 2006, chapter 7 (loop shaping); K. J. Astrom, R. M. Murray, Feedback
+Systems, 2nd ed., Princeton 2021, chapters 8 (observers) and 12 (loop shaping).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from heavebond.core.errors import Problem, UsageError, listing
+from heavebond.core.presentation import brief
+from heavebond.core.quantities import number_or_text
+from heavebond.core.units import UnitProblem, check_unit, parse_quantity, unit
+from heavebond.language.model import Model, ModelOrFile, loaded
+from heavebond.linear.linear_system import Complex, StateSpace, StateSpaces
+from heavebond.linear.margins import Crossings, crossings, loops, open_loop
+from heavebond.numerics.dae import Array
+from heavebond.numerics.output_times import Time
+
+HALF_POWER = 0.5**0.5  # of |L/(1 + L)| at the bandwidth
+FILTERS = ("butterworth", "bessel", "chebyshev 1", "chebyshev 2")
+BANDS = ("lowpass", "highpass", "bandpass", "bandstop")
+
+
+@dataclass(frozen=True)
+class DesignConstants:
+    """The constants of a design.
+
+    integral: share of the proportional part that the integral part has at the crossover, if all three gains are free.
+        Origin: T_i = 10/w_c costs 6 degrees of phase (Astrom, Haegglund, section 7.3). Doubled: faster integral action, 6
+        degrees more for the derivative part to make up.
+    linear: relative difference between the loop with the designed gains and the sum of the loops of single gains, at the
+        crossover, above which the loop is not linear in the gains. Origin: rounding of margins. Doubled: nothing.
+    bandwidth: tolerance of the bandwidth, relative. Origin: three digits. Doubled: nothing.
+    """
+
+    integral: float = 0.1
+    linear: float = 1e-6
+    bandwidth: float = 1e-4
+
+
+DESIGN = DesignConstants()
+
+
+@dataclass(frozen=True)
+class LoopDesign:
+    """Designed `values` of parameters in SI, with the `crossings` of the loop (margins if it is stable) at the operating
+    point of the design, and at further `points` by name. `crossover` and `bandwidth` (|L/(1 + L)| = 1/sqrt(2)) are in Hz,
+    `phase_margin` in degrees; the bandwidth is nan if the closed loop does not fall below that level."""
+
+    signal: str
+    values: Mapping[str, float]
+    crossings: Crossings
+    crossover: float
+    phase_margin: float
+    bandwidth: float
+    points: Mapping[str, Crossings]
+
+    def __repr__(self) -> str:
+        return brief(self, self.signal, ", ".join(f"{name} {value:.6g}" for name, value in self.values.items()),
+                     repr(self.crossings))
+
+
+def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crossover: float | str | None = None,
+                 bandwidth: float | str | None = None, phase_margin: float | str | None = None, at: Time | None = None,
+                 points: Mapping[str, Mapping[str, float | str]] | None = None) -> LoopDesign:
+    """Gains of a loop from its crossover, or the bandwidth of the closed loop, and its phase margin.
+
+    `free` are one to three gains in the order proportional, integral or derivative; or proportional, integral, derivative.
+    One gain has the crossover alone. Frequencies are in Hz or text (`"2 Hz"`), the phase margin is in degrees or text. `at`
+    is the operating point of `loop_margins`; `points` are values of parameters, by name, with which the margins are computed
+    as well. Raises UsageError if the loop is not linear in the gains, or if no gains reach the values.
+    """
+    diagram = loaded(model)
+    names = list(free)
+    _check_gains(names, crossover, bandwidth, phase_margin)
+    margin = None if phase_margin is None else np.radians(_number(phase_margin, "deg", "phase_margin", degrees=True))
+    state_spaces = loops(diagram, signal, at)
+    known = state_spaces.points.assembly.parameter_values
+    state_spaces.points.assembly.parameter_indices(names)
+    singles = [open_loop(state_spaces.at({**dict.fromkeys(names, 0.0), name: known[name] or 1.0})) for name in names]
+    sizes = [known[name] or 1.0 for name in names]
+
+    def gains_at(frequency: float) -> Array:
+        parts = [loop.response(2j * np.pi * frequency)[0, 0, 0] / size for loop, size in zip(singles, sizes, strict=True)]
+        return _gains(parts, margin, names, frequency)
+
+    if crossover is not None:
+        frequency = _number(crossover, "Hz", "crossover")
+    else:
+        assert bandwidth is not None
+        frequency = _crossover_for(_number(bandwidth, "Hz", "bandwidth"), gains_at, singles, sizes)
+    gains = gains_at(frequency)
+    values = dict(zip(names, gains.tolist(), strict=True))
+    closed = state_spaces.at(values)
+    loop = open_loop(closed)
+    expected = sum(gain * single.response(2j * np.pi * frequency)[0, 0, 0] / size
+                   for gain, single, size in zip(gains, singles, sizes, strict=True))
+    value = loop.response(2j * np.pi * frequency)[0, 0, 0]
+    if not abs(value - expected) <= DESIGN.linear * max(abs(value), 1.0):
+        raise UsageError([Problem("design-not-linear", f"the loop through '{signal}' is not a linear function of "
+                                  f"{listing(names)}", None, "Name the gains of one controller in this loop; other "
+                                  "parameters are tuned by `heavebond tune`.")])
+    phase = float(np.degrees(np.angle(-value)))
+    at_points = {name: loop_at(diagram, signal, {**settings, **{n: v for n, v in values.items() if n not in settings}}, at)
+                 for name, settings in (points or {}).items()}
+    return LoopDesign(signal, values, crossings(loop, closed.stability()), frequency, phase, _bandwidth(loop, frequency),
+                      at_points)
+
+
+def loop_at(model: Model, signal: str, settings: Mapping[str, float | str], at: Time | None = None) -> Crossings:
+    """The crossings of the loop through a signal, with values of parameters."""
+    closed = loops(model.with_parameters(dict(settings)), signal, at).at()
+    return crossings(open_loop(closed), closed.stability())
+
+
+def _check_gains(names: Sequence[str], crossover: object, bandwidth: object, phase_margin: object) -> None:
+    if not 1 <= len(names) <= 3:
+        raise UsageError([Problem("design-free", f"{len(names)} gains are free", None,
+                                  "Name one to three: proportional, integral, derivative.")])
+    if (crossover is None) == (bandwidth is None):
+        raise UsageError([Problem("design-frequency", "a design needs either a crossover or a bandwidth", None,
+                                  "Give for example crossover='0.5 Hz'.")])
+    if (phase_margin is None) != (len(names) == 1):
+        raise UsageError([Problem("design-margin", "one gain has the crossover alone" if len(names) == 1 else
+                                  "two or three gains need a phase margin", None, "Free a second gain, or leave out the "
+                                  "phase margin." if len(names) == 1 else "Give for example phase_margin='60 deg'.")])
+
+
+def _number(value: float | str, base: str, subject: str, *, degrees: bool = False) -> float:
+    """A plain number, or text with a unit, in Hz or degrees."""
+    read = number_or_text(value, base, subject)
+    if not isinstance(read, str):
+        return float(read)
+    try:
+        number, written = parse_quantity(read)
+        check_unit(written, unit("deg" if degrees else "Hz"), number, read)
+    except UnitProblem as problem:
+        raise UsageError([Problem(problem.code, f"{subject}: {problem.message}", None, problem.hint)]) from None
+    return float(np.degrees(number)) if degrees else number
+
+
+def _gains(parts: Sequence[complex], margin: float | None, names: Sequence[str], frequency: float) -> Array:
+    """The gains with L(j w) = exp(j (margin - pi)), or |L(j w)| = 1, from the loops of unit gains at a frequency."""
+    if min(map(abs, parts)) < 1e-300 or not np.isfinite(parts).all():
+        raise UsageError([Problem("design-no-gain", f"a gain among {listing(names)} has no effect on the loop at "
+                                  f"{frequency:.4g} Hz", None, "Name gains of the controller in this loop.")])
+    if margin is None:
+        return np.array([1 / abs(parts[0])])
+    target = np.exp(1j * (margin - np.pi))
+    if len(parts) == 3:
+        share = DESIGN.integral * abs(parts[0]) / abs(parts[1])
+        columns = [parts[0] + share * parts[1], parts[2]]
+    else:
+        share, columns = 0.0, list(parts)
+    matrix = np.array([[c.real for c in columns], [c.imag for c in columns]])
+    if abs(np.linalg.det(matrix / np.abs(matrix).max(axis=0))) < 1e-9:
+        raise UsageError([Problem("design-same-phase", f"{listing(names)} act with the same phase at {frequency:.4g} Hz",
+                                  None,
+                                  "Free gains of different parts, such as proportional and integral.")])
+    first, last = np.linalg.solve(matrix, [target.real, target.imag])
+    if first * last < 0 or first < 0:
+        reach = float(np.degrees(np.angle(-columns[0])))
+        raise UsageError([Problem(
+            "design-not-reached", f"no gains of one sign reach the phase margin at {frequency:.4g} Hz: with the "
+            f"proportional part alone it is {reach:.4g} degrees ({names[0]} would be {first:.4g}, {names[-1]} {last:.4g})",
+            None,
+            "Free a derivative gain for more phase, an integral gain for less, or change the crossover or the margin.")])
+    return np.array([first, share * first, last] if len(parts) == 3 else [first, last])
+
+
+def _closed_gain(loop: complex) -> float:
+    return float(abs(loop / (1 + loop)))
+
+
+def _crossover_for(bandwidth: float, gains_at: Callable[[float], Array], singles: Sequence[StateSpace],
+                   sizes: Sequence[float]) -> float:
+    """The crossover in Hz with which |L/(1 + L)| is 1/sqrt(2) at the bandwidth."""
+    from scipy.optimize import brentq
+
+    at_band = [loop.response(2j * np.pi * bandwidth)[0, 0, 0] / size for loop, size in zip(singles, sizes, strict=True)]
+
+    def excess(frequency: float) -> float:
+        gains = gains_at(frequency)
+        return _closed_gain(complex(np.dot(gains, at_band))) - HALF_POWER
+
+    grid, values = np.geomspace(bandwidth / 10, bandwidth, 40), []
+    for frequency in grid.tolist():
+        try:
+            values.append(excess(frequency))
+        except UsageError:
+            values.append(np.nan)
+    signs = np.flatnonzero((np.array(values[:-1]) < 0) & (np.array(values[1:]) >= 0))
+    if not len(signs):
+        raise UsageError([Problem("design-bandwidth", f"no crossover up to {bandwidth:.4g} Hz gives this bandwidth with "
+                                  "this phase margin", None, "Give the crossover, another phase margin, or further gains.")])
+    k = int(signs[-1])
+    return float(brentq(excess, grid[k], grid[k + 1], rtol=DESIGN.bandwidth))
+
+
+def _bandwidth(loop: StateSpace, crossover: float) -> float:
+    """The first frequency in Hz, from the crossover on, at which |L/(1 + L)| falls below 1/sqrt(2)."""
+    high = min(loop.highest, 30 * crossover)
+    frequencies = np.geomspace(0.3 * crossover, high, 600)
+    values = loop.response(2j * np.pi * frequencies)[:, 0, 0]
+    closed = np.abs(values / (1 + values))
+    below = np.flatnonzero((closed[:-1] >= np.sqrt(0.5)) & (closed[1:] < np.sqrt(0.5)))
+    if not len(below):
+        return float("nan")
+    from scipy.optimize import brentq
+
+    def excess(frequency: float) -> float:
+        return _closed_gain(complex(loop.response(2j * np.pi * frequency)[0, 0, 0])) - HALF_POWER
+
+    return float(brentq(excess, frequencies[below[0]], frequencies[below[0] + 1]))
+
+
+def filter_coefficients(kind: str, order: int, cut_off: Sequence[float], band: str = "lowpass", *, ripple: float = 1.0,
+                        attenuation: float = 40.0, period: float | None = None, time_unit: float = 1.0
+                        ) -> tuple[Array, Array]:
+    """Numerator and denominator (n,) of a filter by its type, the highest power first: in s with the `time_unit` in s, or
+    with a sampling `period` in s in z (bilinear transform with the cut-off exact).
+
+    `cut_off` are one frequency or two (bands) in Hz; `ripple` is the passband ripple of `chebyshev 1` and `attenuation` the
+    stopband attenuation of `chebyshev 2`, in dB. A Bessel filter has its -3 dB point at the cut-off. Source: SciPy's
+    `scipy.signal.iirfilter`. Raises UsageError for another type, and for frequencies beyond half the sampling rate.
+    """
+    from scipy.signal import bessel, iirfilter
+
+    if kind not in FILTERS or band not in BANDS:
+        raise UsageError([Problem("filter-unknown", f"'{kind}' or '{band}' is not known", None,
+                                  f"Types: {listing(FILTERS)}. Bands: {listing(BANDS)}.")])
+    frequencies = np.asarray(cut_off, float).ravel()
+    needed = 2 if band.startswith("band") else 1
+    if order < 1 or len(frequencies) != needed or not (frequencies > 0).all() or (np.diff(frequencies) <= 0).any():
+        raise UsageError([Problem("filter-cut-off", f"a {band} filter of order {order} needs {needed} rising frequencies "
+                                  "above 0 and an order of 1 or more", None, "Give for example --cut-off '2 Hz'.")])
+    if period is not None and frequencies.max() >= 0.5 / period:
+        raise UsageError([Problem("filter-nyquist", f"the cut-off {frequencies.max():.4g} Hz is not below half the sampling "
+                                  f"rate, {0.5 / period:.4g} Hz", None, "Give a lower frequency, or sample faster.")])
+    edge = 2 * np.pi * frequencies * time_unit if period is None else frequencies
+    options: dict[str, Any] = {"analog": period is None, "fs": None if period is None else 1 / period, "output": "ba",
+                               "btype": band}
+    if kind == "bessel":
+        options["norm"] = "mag"
+    else:
+        types = {"butterworth": "butter", "chebyshev 1": "cheby1", "chebyshev 2": "cheby2"}
+        options |= {"rp": ripple, "rs": attenuation, "ftype": types[kind]}
+    function: Callable[..., tuple[Array, Array]] = bessel if kind == "bessel" else iirfilter
+    b, a = function(order, edge if needed == 2 else float(edge[0]), **options)
+    return np.pad(np.real(b), (len(a) - len(b), 0)), np.real(a)
+
+
+@dataclass(frozen=True)
+class ObserverController:
+    """A state feedback with an observer as one block: x~' = a x~ + b y, u = c x~, or with a sampling `period` in s
+    x~[k+1] = a x~[k] + b y[k], u[k] = c x~[k]. `gain` (m, n) is the state feedback u = -gain x~, `observer` (n, k) the
+    gain of the observer; `poles` are the eigenvalues of the regulator and of the observer, in 1/s or z."""
+
+    states: tuple[str, ...]
+    a: Array
+    b: Array
+    c: Array
+    gain: Array
+    observer: Array
+    poles: tuple[Complex, Complex]
+    period: float | None = None
+
+    def __repr__(self) -> str:
+        return brief(self, f"{len(self.a)} states", f"regulator {np.round(self.poles[0], 4)}")
+
+
+def lqg(plant: tuple[Array, Array, Array], weights: tuple[Array, Array], noise: tuple[Array, Array], *,
+        period: float | None = None, states: Sequence[str] = ()) -> ObserverController:
+    """Linear quadratic regulator with a Kalman filter for the plant x' = A x + B u, y = C x with `plant` = (A, B, C).
+
+    `weights` (Q, R) are the weights of x' Q x + u' R u, `noise` (W, V) the intensities of the process noise in x' and of the
+    noise of y. With a `period` in s the plant is x[k+1] = A x[k] + B u[k] and the four matrices are those of a sample; the
+    filter predicts, so that u[k] follows from y up to k - 1. Raises UsageError if a Riccati equation has no stabilising
+    solution.
+    """
+    from scipy.linalg import solve_continuous_are, solve_discrete_are
+
+    a, b, c = (np.atleast_2d(np.asarray(m, float)) for m in plant)
+    (q, r), (w, v) = ((np.atleast_2d(np.asarray(m, float)) for m in pair) for pair in (weights, noise))
+    try:
+        if period is None:
+            gain = np.linalg.solve(r, b.T @ solve_continuous_are(a, b, q, r))
+            observer = np.linalg.solve(v, c @ solve_continuous_are(a.T, c.T, w, v)).T
+        else:
+            s, p = solve_discrete_are(a, b, q, r), solve_discrete_are(a.T, c.T, w, v)
+            gain = np.linalg.solve(r + b.T @ s @ b, b.T @ s @ a)
+            observer = np.linalg.solve(v + c @ p @ c.T, c @ p @ a.T).T
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise UsageError([Problem(
+            "design-riccati", f"a Riccati equation has no stabilising solution ({error})", None, "The inputs must move, and "
+            "the outputs must see, every state that does not decay. Weights of inputs and noise of outputs must be above 0.")
+        ]) from None
+    poles = (np.linalg.eigvals(a - b @ gain).astype(complex), np.linalg.eigvals(a - observer @ c).astype(complex))
+    return ObserverController(tuple(states), a - b @ gain - observer @ c, observer, -gain, gain, observer, poles, period)
+
+
+def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float], effort: Sequence[float],
+               disturbances: Mapping[str, float], noise: Sequence[float], *, at: Time | None = None) -> ObserverController:
+    """An LQG controller for the block `LinearSystem` or `DiscreteStateSpace` of a diagram, from the linearised machine
+    without that block.
+
+    `weigh` are signals or formulas and the deviations in SI that count as 1 (Bryson's rule), `effort` the same for the
+    outputs of the block, `disturbances` signals or forces at which white noise enters and the roots of its spectral density
+    in SI, and `noise` the same for the inputs of the block. A sampled plant is discretised exactly with its delays.
+    """
+    diagram = loaded(model)
+    plain = StateSpaces(diagram, [], []).points.assembly
+    signals = [n for n in plain.flat.names if n.startswith((f"{block}.u[", f"{block}.y["))]
+    given, taken = ([n for n in signals if n.startswith(f"{block}.{port}[")] for port in "yu")
+    matrices = [n for n in plain.parameter_names if n.startswith((f"{block}.C[", f"{block}.D["))]
+    if not given or not taken or not matrices:
+        raise UsageError([Problem("design-block", f"'{block}' has no matrices with inputs u and outputs y", None,
+                                  "Name a LinearSystem or a DiscreteStateSpace.")])
+    for subject, sizes, ports in (("effort", effort, given), ("noise", noise, taken)):
+        if len(sizes) != len(ports) or not min(sizes, default=0) > 0:
+            raise UsageError([Problem("design-sizes", f"{subject} needs {len(ports)} numbers above 0", None,
+                                      f"They are for {listing(ports)}.")])
+    outputs = [*taken, *(f"({text})" for text in weigh)]
+    system = StateSpaces(diagram, [*given, *disturbances], outputs, at).at(dict.fromkeys(matrices, 0.0))
+    kept = [k for k, name in enumerate(system.states) if not name.startswith(f"{block}.")]
+    scale = system.sizes[kept]
+    a = system.a[np.ix_(kept, kept)] * scale / scale[:, None]
+    b, c = system.b[kept] / scale[:, None], system.c[:, kept] * scale
+    length = 1.0 if system.period is None else system.period
+    m, k = len(given), len(taken)
+    weighed = c[k:] / np.array(list(weigh.values()))[:, None]
+    added = b[:, m:] * np.array(list(disturbances.values()))
+    return lqg((a, b[:, :m], c[:k]), (length * weighed.T @ weighed, length * np.diag(1 / np.asarray(effort) ** 2)),
+               (added @ added.T / (1.0 if system.period is None else length), np.diag(np.asarray(noise) ** 2) / length),
+               period=system.period, states=[system.states[j] for j in kept])

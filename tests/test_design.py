@@ -1,0 +1,196 @@
+"""Designs of controllers beside python-control and SciPy, and their values in a diagram."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy import signal
+
+import heavebond as hb
+from heavebond.cli import main
+
+LOOP = """model: loop
+# a servo with a lag
+components:
+  target:  {is: Constant, k: 0}
+  control: {is: CONTROL, K_p: 1, K_i: 0 1/s, K_d: 0 s, T_f: 10 ms, y_min: -1e6, y_max: 1e6}   # to be designed
+  lag:     {is: FirstOrderLag, T_1: 0.2 s}
+  plant:   {is: Integrator, k: 2 1/s}
+nodes:
+  r: [target.y, control.r]
+  c: [control.y, lag.u]
+  v: [lag.y, plant.u]
+  y: [plant.y, control.u]
+initial: {plant.y: 0, lag.y: 0}
+simulate: {until: 5 s, every: 10 ms}
+"""
+PID = LOOP.replace("CONTROL", "PID").replace("lag.y: 0}", "lag.y: 0, control.q: 0}")
+SAMPLED = LOOP.replace("CONTROL", "DiscretePID").replace("y_max: 1e6", "y_max: 1e6, T_s: 20 ms")
+
+
+@pytest.mark.parametrize(("gains", "frequency", "margin"), [
+    ("p", "0.3 Hz", None), ("pd", "1 Hz", 60), ("pi", "0.1 Hz", 60), ("pid", "1 Hz", 50)])
+def test_gains_have_the_margins_that_python_control_finds(gains: str, frequency: str, margin: float | None) -> None:
+    """L is rational, both programs compute margins to rounding; 1e-6 leaves room for root finding."""
+    control = pytest.importorskip("control")
+    names = [f"control.K_{letter}" for letter in gains]
+    design = hb.design_gains(hb.loads(PID), "control.y", names, crossover=frequency,
+                             phase_margin=None if margin is None else f"{margin} deg")
+    k_p, k_i, k_d = (design.values.get(f"control.K_{letter}", 0.0) for letter in "pid")
+    s = control.tf("s")
+    loop = 2 / (s * (0.2 * s + 1)) * (k_p + k_i / s + k_d * s / (0.01 * s + 1))
+    _, phase, _, crossover = control.margin(loop)
+    assert crossover / (2 * np.pi) == pytest.approx(float(frequency.split()[0]), rel=1e-6)
+    assert design.phase_margin == pytest.approx(phase, rel=1e-6)
+    if margin is not None:
+        assert phase == pytest.approx(margin, rel=1e-6)
+    if len(gains) == 3:  # the integral part is a tenth of the proportional part at the crossover
+        assert k_i / (2 * np.pi * crossover / (2 * np.pi)) == pytest.approx(0.1 * k_p, rel=1e-6)
+
+
+def test_the_bandwidth_of_the_closed_loop_is_that_of_python_control() -> None:
+    """python-control finds the bandwidth on a grid, to some 1 %; |T| there is exact."""
+    control = pytest.importorskip("control")
+    design = hb.design_gains(hb.loads(PID), "control.y", ["control.K_p", "control.K_d"], bandwidth="2 Hz",
+                             phase_margin="60 deg")
+    s = control.tf("s")
+    loop = 2 / (s * (0.2 * s + 1)) * (design.values["control.K_p"] + design.values["control.K_d"] * s / (0.01 * s + 1))
+    assert abs(control.feedback(loop, 1)(4j * np.pi)) == pytest.approx(np.sqrt(0.5), rel=1e-3)
+    assert design.bandwidth == pytest.approx(2, rel=1e-3)
+
+
+def test_gains_of_a_sampled_controller_count_its_hold() -> None:
+    """The plant with a hold of 20 ms from python-control, the controller as its difference equations; the block holds its
+    output until the next sample and has no further delay."""
+    control = pytest.importorskip("control")
+    design = hb.design_gains(hb.loads(SAMPLED), "control.y", ["control.K_p", "control.K_i"], crossover="0.3 Hz",
+                             phase_margin="45 deg")
+    plant = control.sample_system(control.tf([2], [0.2, 1, 0]), 0.02, method="zoh")
+    z = control.tf("z")
+    z.dt = 0.02
+    loop = plant * (design.values["control.K_p"] + design.values["control.K_i"] * 0.02 / (z - 1))
+    _, phase, _, crossover = control.margin(loop)
+    assert crossover / (2 * np.pi) == pytest.approx(0.3, rel=1e-5)
+    assert phase == pytest.approx(45, rel=1e-5)
+
+
+@pytest.mark.parametrize(("free", "options", "said"), [
+    (["control.K_p"], {}, "design-frequency"), (["control.K_p"], {"crossover": 1.0, "phase_margin": 60}, "design-margin"),
+    ([], {"crossover": 1.0}, "design-free"), (["control.K_p", "control.K_i"], {"crossover": 1.0}, "design-margin"),
+    (["control.K_p", "control.K_i"], {"crossover": "1 Hz", "phase_margin": 60}, "design-not-reached"),
+    (["control.K_p", "plant.k"], {"crossover": "1 Hz", "phase_margin": 60}, "loop-none"),
+    (["control.K_p"], {"crossover": "1 m"}, "unit"), (["control.K"], {"crossover": "1 Hz"}, "parameter-unknown")])
+def test_mistakes_are_named(free: list[str], options: dict[str, object], said: str) -> None:
+    with pytest.raises(hb.HeavebondError, match=said):
+        hb.design_gains(hb.loads(PID), "control.y", free, **options)
+
+
+@pytest.mark.parametrize(("kind", "band", "cut_off"), [
+    ("butterworth", "lowpass", [5]), ("bessel", "lowpass", [5]), ("chebyshev 1", "highpass", [5]),
+    ("chebyshev 2", "bandstop", [4, 6])])
+def test_filters_have_the_response_of_scipy(kind: str, band: str, cut_off: list[float]) -> None:
+    """Coefficients against poles, zeros and gain of SciPy's prototypes: the same filter through another representation.
+    Poles near z = 1 make coefficients of order 6 sensitive to rounding: 5e-5."""
+    frequencies = np.array([0.5, 3.0, 5.0, 20.0])
+    types = {"butterworth": "butter", "bessel": "bessel", "chebyshev 1": "cheby1", "chebyshev 2": "cheby2"}
+    edges = np.array(cut_off) if len(cut_off) == 2 else cut_off[0]
+    for period in (None, 1e-3):
+        b, a = hb.filter_coefficients(kind, 3, cut_off, band, period=period)
+        options = {"analog": True} if period is None else {"fs": 1 / period}
+        edge = edges * 2 * np.pi if period is None else edges
+        if kind == "bessel":
+            poles = signal.bessel(3, edge, band, norm="mag", output="zpk", **options)
+        else:
+            poles = signal.iirfilter(3, edge, rp=1.0, rs=40.0, btype=band, ftype=types[kind], output="zpk", **options)
+        points = 2j * np.pi * frequencies if period is None else np.exp(2j * np.pi * frequencies * period)
+        expected = poles[2] * np.prod(points[:, None] - poles[0], axis=1) / np.prod(points[:, None] - poles[1], axis=1)
+        assert np.polyval(b, points) / np.polyval(a, points) == pytest.approx(expected, rel=1e-4, abs=1e-9)
+    with pytest.raises(hb.UsageError, match="filter-nyquist"):
+        hb.filter_coefficients("butterworth", 2, [600], period=1e-3)
+    with pytest.raises(hb.UsageError, match="filter-unknown"):
+        hb.filter_coefficients("elliptic", 2, [600])
+
+
+def test_lqg_is_that_of_python_control() -> None:
+    control = pytest.importorskip("control")
+    a, b, c = np.array([[0.0, 1], [-4, -0.2]]), np.array([[0.0], [1]]), np.array([[1.0, 0]])
+    q, r, w, v = np.diag([10.0, 1]), np.array([[0.1]]), np.diag([0.0, 2]), np.array([[0.01]])
+    ours = hb.lqg((a, b, c), (q, r), (w, v))
+    assert ours.gain == pytest.approx(np.asarray(control.lqr(a, b, q, r)[0]), rel=1e-8)
+    assert ours.observer == pytest.approx(np.asarray(control.lqe(a, np.eye(2), c, w, v)[0]), rel=1e-8)
+    step = control.sample_system(control.ss(a, b, c, 0), 0.05)
+    ours = hb.lqg((step.A, step.B, step.C), (q, r), (w, v), period=0.05)
+    assert ours.gain == pytest.approx(np.asarray(control.dlqr(step.A, step.B, q, r)[0]), rel=1e-8)
+    assert ours.observer == pytest.approx(np.asarray(control.dlqe(step.A, np.eye(2), step.C, w, v)[0]), rel=1e-8)
+    with pytest.raises(hb.UsageError, match="design-riccati"):
+        hb.lqg((np.diag([1.0, 2.0]), np.array([[1.0], [0]]), c), (q, r), (np.eye(2), v))
+
+
+CART = """model: cart
+components:
+  observer: {is: BLOCK, n: 1, m: 1, r: 1, A: [[0PER]], B: [[0PER]], C: [[0]]SAMPLE}   # to be designed
+  sensor:   {is: Gain, k: 1, u: "=cart.x/1 m"}
+  force:    {is: ForceSource, u: "=10 N*command.y"}
+  command:  {is: Gain, k: 1}
+  gust:     {is: ForceSource, u: 0 N}
+  cart:     {is: Mass, m: 2 kg}
+nodes:
+  cart: [force.a, gust.a, cart.a]
+  y: [sensor.y, "observer.u[1]"]
+  u: ["observer.y[1]", command.u]
+initial: {cart.x: 10 mm, cart.v: 0 m/s}
+simulate: {until: 10 s, every: 10 ms}
+"""
+
+
+@pytest.mark.parametrize(("block", "per", "sample"), [
+    ("LinearSystem", " 1/s", ""), ("DiscreteStateSpace", "", ", T_s: 50 ms")])
+def test_the_command_writes_an_observer_controller_that_holds_the_cart(block: str, per: str, sample: str, tmp_path: Path,
+                                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = CART.replace("BLOCK", block).replace("PER", per).replace("SAMPLE", sample)
+    Path("cart.yaml").write_text(text, encoding="utf-8")
+    words = ["design", "cart.yaml", "--lqg", "observer", "--weigh", "cart.x=10 mm", "--disturbance", "cart.f=1 N", "--noise",
+             "1e-4", "--in-place"]
+    run = CliRunner().invoke(main, words)
+    assert run.exit_code == 0, run.output
+    assert "# to be designed" in Path("cart.yaml").read_text(encoding="utf-8")
+    designed = hb.load("cart.yaml")
+    modes = hb.modes(designed)
+    assert all(abs(mode.value) < 1 if sample else mode.value.real < 0 for mode in modes.modes) or "stable" in repr(modes)
+    held = hb.simulate(designed)
+    assert abs(held["cart.x"].magnitude[-1]) < 1e-4  # from 10 mm; without control the cart stays there
+
+
+def test_the_command_writes_gains_and_filters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("loop.yaml").write_text(PID, encoding="utf-8")
+    run = CliRunner().invoke(main, ["design", "loop.yaml", "--loop", "control.y", "--free", "control.K_p,control.K_d",
+                                    "--crossover", "1 Hz", "--phase-margin", "60 deg", "--over", "plant.k=1 1/s, 4 1/s",
+                                    "--in-place", "--json", "told.json"])
+    assert run.exit_code == 0, run.output
+    text = Path("loop.yaml").read_text(encoding="utf-8")
+    assert "# a servo with a lag" in text and "# to be designed" in text
+    margins = hb.loop_margins("loop.yaml", "control.y")
+    assert margins.least_phase is not None and margins.least_phase.value == pytest.approx(60, rel=1e-4)
+    told = json.loads(Path("told.json").read_text(encoding="utf-8"))
+    assert set(told["margins"]) == {"design", "plant.k = 1 1/s", "plant.k = 4 1/s"}
+    other = hb.loop_margins("loop.yaml", "control.y", parameters={"plant.k": "4 1/s"})
+    assert other.least_phase is not None
+    assert told["margins"]["plant.k = 4 1/s"]["phase"][0] == pytest.approx(other.least_phase.value, rel=1e-3)
+    Path("smooth.yaml").write_text("""model: smooth
+components:
+  source: {is: Sine, a: 1, T: 1 s}
+  smooth: {is: TransferFunction, n: 3, a: [1, 1, 1], b: [0, 0, 1], u: =source.y}
+simulate: {until: 1 s, every: 10 ms}
+""", encoding="utf-8")
+    run = CliRunner().invoke(main, ["design", "smooth.yaml", "--filter", "smooth", "--cut-off", "5 Hz", "--in-place"])
+    assert run.exit_code == 0, run.output
+    system = hb.state_space("smooth.yaml", ["source.y"], ["smooth.y"])
+    assert abs(system.response(2j * np.pi * 5)[0, 0, 0]) == pytest.approx(np.sqrt(0.5), rel=1e-6)
+    run = CliRunner().invoke(main, ["design", "loop.yaml", "--loop", "control.y", "--filter", "smooth"])
+    assert "design-task" in run.output
