@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,16 @@ def test_the_level_of_a_closed_tank_is_compared_within_segments_of_about_a_perio
     assert ladder_entry("", Comparison(plain, compared.records)).chi2_fit == pytest.approx(
         float(before @ before) / len(before), rel=1e-3)
     assert "within segments of" in horizon_words(cut)[0] and not horizon_words(plain)
+
+
+def test_a_short_record_that_is_not_fitted_is_one_segment(tmp_path: Path) -> None:
+    """The drift within it is no evidence either; two fitted segments would be too few."""
+    plain = written(tmp_path, CLOSED, 0.3)
+    one, two = plain.records["one"], plain.records["two"]
+    cut = with_horizons(replace(plain, records={"one": one, "two": replace(two, end=50.0)}), {})
+    assert int(cut.horizons["two"].segment[-1]) == 0 < int(cut.horizons["one"].segment[-1])
+    short = replace(plain, records={"one": replace(one, end=110.0), "two": two})
+    assert with_horizons(short, {}) is short
 
 
 def test_records_of_a_machine_that_forgets_its_state_are_compared_whole(tmp_path: Path) -> None:

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -34,7 +33,7 @@ from heavebond.localise.ltv_model import LtvModel, SourcedRecord, known_of
 from heavebond.numerics.dae import Array
 
 # CARRIED: a constant has 1/3, an error that decays with 1.6 record lengths 0.2. PERIODS: a sine has a correlation time of a
-# fifth of its period. SEGMENTS: fewer distinguish hardly more than the whole record. SAMPLES: of each channel in a segment,
+# fifth of its period. SEGMENTS: of all fitted records; fewer show hardly less drift. SAMPLES: of each channel in a segment,
 # for each carried direction. DRIFT: more than half of the misfit. SEEN: the influence of a direction over the largest.
 CARRIED, PERIODS, SEGMENTS, SAMPLES, DRIFT, SEEN = 0.2, 5.0, 3, 20, 0.5, 1e-6
 
@@ -55,16 +54,19 @@ class _Along:
 def with_horizons(experiment: Experiment, values: Mapping[str, float]) -> Experiment:
     """The experiment with segments for its records, if the errors that the machine carries along are most of the misfit at
     these values (SI) of the free parameters; otherwise the experiment itself."""
-    along = {}
-    for record in experiment.records.values():
-        with suppress(HeavebondError, np.linalg.LinAlgError):
+    along: dict[str, _Along] = {}
+    for record in sorted(experiment.records.values(), key=lambda r: r.use != "fit"):
+        if record.use != "fit" and not all(a.carried.shape[1] for a in along.values()):
+            return experiment  # a machine that forgets its state
+        try:
             along[record.name] = _along(experiment, record, values)
+        except (HeavebondError, np.linalg.LinAlgError):  # the model cannot be linearised along this run
+            return experiment
     fitted = [a for a in along.values() if a.record.use == "fit"]
-    if len(along) < len(experiment.records) or not any(a.carried.shape[1] for a in fitted):
-        return experiment
     length = max(_length(a) for a in fitted)
     horizons = {name: horizon for name, a in along.items() if (horizon := _horizon(a, length)) is not None}
-    if any(a.record.name not in horizons for a in fitted):
+    if any(a.record.name not in horizons for a in fitted) or \
+            sum(int(horizons[a.record.name].segment[-1]) + 1 for a in fitted) < SEGMENTS:
         return experiment
     total, left = np.sum([_energies(a, horizons[a.record.name]) for a in fitted], axis=0)
     return replace(experiment, horizons=horizons) if total - left >= DRIFT * total else experiment
@@ -117,12 +119,12 @@ def _length(along: _Along) -> float:
 
 
 def _horizon(along: _Along, length: float) -> Horizon | None:
-    """The segments of a record; None if it is too short, or carries no error."""
+    """The segments of a record, at least one; None if it carries no error."""
     model, d = along.model, along.carried.shape[1]
-    span = float(model.time[-1] - model.time[0])
-    count = int(span / length) if length > 0 else 0
-    if not d or count < SEGMENTS:
+    if not d:
         return None
+    span = float(model.time[-1] - model.time[0])
+    count = max(1, int(span / length))
     segment = np.minimum(((model.time - model.time[0]) * count / span).astype(np.int64), count - 1)
     n = model.phi.shape[1]
     responses, directions = np.empty((*model.c.shape[:2], d)), along.carried
