@@ -27,8 +27,9 @@ import numpy as np
 
 from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import number
+from heavebond.estimation.excerpts import EXCERPTS
 from heavebond.estimation.experiment import Experiment, Horizon, Record, without_carried
-from heavebond.estimation.records import correlation_time
+from heavebond.estimation.records import correlation_time, measure
 from heavebond.localise.ltv_model import LtvModel, SourcedRecord, known_of
 from heavebond.numerics.dae import Array
 
@@ -36,6 +37,7 @@ from heavebond.numerics.dae import Array
 # fifth of its period. SEGMENTS: of all fitted records; fewer show hardly less drift. SAMPLES: of each channel in a segment,
 # for each carried direction. DRIFT: more than half of the misfit. SEEN: the influence of a direction over the largest.
 CARRIED, PERIODS, SEGMENTS, SAMPLES, DRIFT, SEEN = 0.2, 5.0, 3, 20, 0.5, 1e-6
+LARGE = 1e100  # beyond it a response is cut off: its square is still a number
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,10 @@ class _Along:
 
 def with_horizons(experiment: Experiment, values: Mapping[str, float]) -> Experiment:
     """The experiment with segments for its records, if the errors that the machine carries along are most of the misfit at
-    these values (SI) of the free parameters; otherwise the experiment itself."""
+    these values (SI) of the free parameters; otherwise the experiment itself, as for long records (the linear system takes
+    much memory)."""
+    if sum(len(measure(experiment, record).grid) for record in experiment.records.values()) > EXCERPTS.long:
+        return experiment
     along: dict[str, _Along] = {}
     for record in sorted(experiment.records.values(), key=lambda r: r.use != "fit"):
         if record.use != "fit" and not all(a.carried.shape[1] for a in along.values()):
@@ -66,6 +71,7 @@ def with_horizons(experiment: Experiment, values: Mapping[str, float]) -> Experi
     length = max(_length(a) for a in fitted)
     horizons = {name: horizon for name, a in along.items() if (horizon := _horizon(a, length)) is not None}
     if any(a.record.name not in horizons for a in fitted) or \
+            not all(np.all(np.isfinite(h.responses)) for h in horizons.values()) or \
             sum(int(horizons[a.record.name].segment[-1]) + 1 for a in fitted) < SEGMENTS:
         return experiment
     total, left = np.sum([_energies(a, horizons[a.record.name]) for a in fitted], axis=0)
@@ -88,11 +94,13 @@ def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) 
         model = sourced.about(at, [known_of(free, start[name]) for name, free in experiment.free.items()])
     n = model.phi.shape[1]
     x, response = np.eye(n), np.empty((*model.c.shape[:2], n))
-    for i in range(len(model.time)):
-        response[i] = model.c[i, :, :n] @ x
-        x = model.phi[i, :, :n] @ x if i < len(model.phi) else x
-    flat = np.nan_to_num(response.reshape(-1, n), posinf=1e150, neginf=-1e150)
-    size = np.sqrt(np.maximum((flat**2).sum(axis=0), 1e-300))
+    with np.errstate(over="ignore", invalid="ignore"):  # an unstable machine
+        for i in range(len(model.time)):
+            response[i] = model.c[i, :, :n] @ x
+            x = model.phi[i, :, :n] @ x if i < len(model.phi) else x
+    response = np.clip(np.nan_to_num(response), -LARGE, LARGE)
+    flat = response.reshape(-1, n)
+    size = np.sqrt(np.maximum((flat**2).sum(axis=0), 1 / LARGE))
     basis, sizes, directions = np.linalg.svd(flat / size, full_matrices=False)
     seen = sizes > SEEN * sizes[0]
     last = basis[2 * len(flat) // 3:, seen]
@@ -129,11 +137,12 @@ def _horizon(along: _Along, length: float) -> Horizon | None:
     n = model.phi.shape[1]
     responses, directions = np.empty((*model.c.shape[:2], d)), along.carried
     x = directions
-    for i in range(len(model.time)):
-        if i and segment[i] != segment[i - 1]:
-            x = np.linalg.qr(x)[0]
-        responses[i] = model.c[i, :, :n] @ x
-        x = model.phi[i, :, :n] @ x if i < len(model.phi) else x
+    with np.errstate(over="ignore", invalid="ignore"):
+        for i in range(len(model.time)):
+            if i and segment[i] != segment[i - 1]:
+                x = np.linalg.qr(x)[0]
+            responses[i] = model.c[i, :, :n] @ x
+            x = model.phi[i, :, :n] @ x if i < len(model.phi) else x
     return Horizon(model.time, segment, np.ascontiguousarray((responses * along.noise[:, None]).transpose(1, 0, 2)))
 
 
