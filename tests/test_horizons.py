@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 import heavebond as hb
+from heavebond.core.cancellation import Budget
+from heavebond.diagnosis import phases
 from heavebond.diagnosis.evidence.horizons import horizon_words, with_horizons
+from heavebond.diagnosis.search.stepwise import SelectedEffect
 from heavebond.diagnosis.state import ladder_entry
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import Comparison, compare
@@ -85,6 +91,27 @@ def test_the_level_of_a_closed_tank_is_compared_within_segments_of_about_a_perio
     assert ladder_entry("", Comparison(plain, compared.records)).chi2_fit == pytest.approx(
         float(before @ before) / len(before), rel=1e-3)
     assert "within segments of" in horizon_words(cut)[0] and not horizon_words(plain)
+
+
+@pytest.mark.parametrize(("chi2", "within_segments"), [(1.0, [False]), (50.0, [False, True])])
+def test_segments_are_searched_if_the_effects_do_not_explain_the_whole_records(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chi2: float, within_segments: list[bool]) -> None:
+    plain = written(tmp_path, CLOSED, 0.3)
+    searched = []
+
+    def search(state: phases.State, task: phases.Task, kept: float) -> Iterator[phases.State]:
+        searched.append(bool(state.experiment.horizons))
+        chosen: Any = SimpleNamespace(experiment=plain, chi2_fit=chi2, chi2_held_out=chi2, samples_held_out=401, samples=401)
+        last: Any = SimpleNamespace(partial=False, left=SimpleNamespace(significant=True))
+        yield replace(state, last=last, selection=(cast(SelectedEffect, SimpleNamespace(chosen=chosen)),))
+
+    monkeypatch.setattr(phases, "_search", search)
+    state = phases.State(plain, plain, models=(ladder_entry("vessel", compare(plain)),))
+    task: Any = SimpleNamespace(budget=Budget(np.inf), say=lambda text: None)
+    *_, found = phases.search(state, task)
+    assert searched == within_segments and bool(found.experiment.horizons) is within_segments[-1]
+    if found.experiment.horizons:  # the table of models refers to the segments
+        assert found.models[-1].chi2_fit < state.models[-1].chi2_fit / 10
 
 
 def test_a_short_record_that_is_not_fitted_is_one_segment(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from heavebond.diagnosis.answer.sentences import CALIBRATION, CURVES, FURTHER, V
 from heavebond.diagnosis.answer.verdict import gone, is_adequate, near_noise, unexplained, verdict
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
+from heavebond.diagnosis.evidence.comparison import leaves_noise
 from heavebond.diagnosis.evidence.flexible_laws import (
     Adequacy,
     Remainder,
@@ -213,25 +214,6 @@ def fit_parameters(state: State, task: Task) -> Iterator[State]:
                   ended=("fit_parameters",) if by_user else ())
 
 
-def shorten_horizon(state: State, task: Task) -> Iterator[State]:
-    """Compare the model within segments of the records, if it integrates errors that are most of the misfit; fit the free
-    parameters again there."""
-    began = task.budget.spent
-    last = state.base.after if state.base is not None else state.models[-1].comparison
-    if all(r.chi2 <= DECISION.near for r in last.records.values()):
-        return
-    task.say("examining the drift of the model")
-    cut = with_horizons(state.experiment, state.base.values if state.base is not None else {})
-    if not cut.horizons:
-        return
-    base = fit(cut, progress=lambda text: task.say(f"fitting the free parameters to segments: {text}"), partial=True,
-               seconds=min(FITTING * task.budget.seconds, task.budget.left()),
-               before=Comparison(cut, state.models[0].comparison.records)) if cut.free else None
-    models = first_entries(cut, base, None if base is not None else Comparison(cut, last.records))
-    by_user = base is not None and was_ended(base) and task.budget.spent - began < FITTING * task.budget.seconds
-    yield replace(state, experiment=cut, base=base, models=tuple(models), ended=("shorten_horizon",) if by_user else ())
-
-
 def fit_record_starts(state: State, task: Task) -> Iterator[State]:
     """Fit initial values of each record if the records and the model begin at different values."""
     seconds = min(FITTING * task.budget.seconds, task.budget.left())
@@ -241,11 +223,44 @@ def fit_record_starts(state: State, task: Task) -> Iterator[State]:
 
 
 def search(state: State, task: Task) -> Iterator[State]:
-    """Select effects step by step on the searched samples. If these show no effect, repeat the search on all samples."""
+    """Select effects step by step.
+
+    If the machine integrates errors that are most of the misfit, the search takes at most half of the time. If its effects
+    then leave more than noise, the free parameters are fitted again within segments of the records, and the search is
+    repeated there.
+    """
+    last = state.models[-1].comparison
+    task.say("examining the drift of the model")
+    cut = with_horizons(state.experiment, state.base.values if state.base is not None else {}) \
+        if any(r.chi2 > DECISION.near for r in last.records.values()) else state.experiment
+    half = task.budget.left(state.kept) / 2 if cut.horizons and isfinite(task.budget.seconds) else 0.0
+    whole = state
+    for whole in _search(state, task, state.kept + half):
+        yield whole
+    assert whole.last is not None
+    by_user = whole.last.partial and task.budget.left(state.kept + half) > 0
+    if not cut.horizons or by_user or not whole.last.left.significant or \
+            (whole.selection and leaves_noise(whole.selection[-1].chosen)):
+        return
+    base = fit(cut, progress=lambda text: task.say(f"fitting the free parameters within segments: {text}"), partial=True,
+               seconds=task.budget.left(state.kept) / 2,
+               before=Comparison(cut, state.models[0].comparison.records)) if cut.free else None
+    models = first_entries(cut, base, None if base is not None else Comparison(cut, last.records))
+    within = replace(state, experiment=cut, base=base, models=tuple(models))
+    found = within
+    for found in _search(within, task, state.kept):
+        if found.selection:  # before, the result on the whole records is the better one
+            yield found
+    yield found
+
+
+def _search(state: State, task: Task, kept: float) -> Iterator[State]:
+    """Select effects step by step on the searched samples, until the time `kept` (s) is left. If these samples show no
+    effect, repeat the search on all samples."""
     task.grow([entry.as_dict() for entry in state.models])
 
     def left() -> float:
-        return task.budget.left(state.kept)
+        return task.budget.left(kept)
 
     def stepping(experiment: Experiment, way: Selection) -> Stage:
         task.grow([*(entry.as_dict() for entry in state.models), *map(_unconfirmed, way)])
@@ -409,11 +424,11 @@ def decide(state: State, task: Task) -> Iterator[State]:
         yield replace(state, separation=apart)
 
 
-PHASES: tuple[Phase, ...] = (simulate_records, fit_parameters, shorten_horizon, fit_record_starts, search, confirm,
-                             try_fixed_values, fit_flexible_laws, explain_remainder, localise_misfit,
-                             compare_held_out_records, decide)
+PHASES: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts, search, confirm, try_fixed_values,
+                             fit_flexible_laws, explain_remainder, localise_misfit, compare_held_out_records,
+                             decide)
 CLOSING: tuple[Phase, ...] = (confirm, decide)
-FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, shorten_horizon, fit_record_starts)
+FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts)
 
 
 def _with_difference(state: State, task: Task, difference: RecordDifference) -> State:
