@@ -96,7 +96,9 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
     console.print(_statistics(result), soft_wrap=True)
-    for line in changes_of(result):
+    fmus = result.statistics.get("fmus", [])
+    assert isinstance(fmus, list)
+    for line in (*fmus, *changes_of(result)):
         console.print(line, soft_wrap=True)
     growing = warn_where_it_stands(result)
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}

@@ -22,7 +22,7 @@ from heavebond.text.expression import KEYWORDS
 
 REAL = ("Real", "Float64", "Float32")
 WHOLE = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
-NUMBERS = (*REAL, *WHOLE, "Boolean")
+NUMBERS = (*REAL, *WHOLE, "Boolean", "Enumeration")
 TAKEN = {*KEYWORDS, "time", "pi", "is", "at", "repeat", "step"}
 LONGEST_DOC = 200
 EXCHANGE = "exchange"  # the event that exchanges the signals
@@ -41,20 +41,17 @@ def described(path: Path) -> tuple[str, Foreign]:
     if len(variables) > FMU_VARIABLES:
         raise _unusable(path, f"has {len(variables)} inputs, outputs and parameters; up to {FMU_VARIABLES} are read",
                         "Export it with fewer of them.")
-    arrays = [v.name for v in variables if v.dimensions and v.causality != "parameter"]
-    unsupported = [v.name for v in description.modelVariables if v.causality == "input" and v.type not in NUMBERS]
-    if arrays or unsupported:
-        raise _unusable(path, f"has signals that are not single numbers: {listing(arrays + unsupported, 4)}",
-                        "Export them as scalars.")
+    others = [v.name for v in description.modelVariables if v.causality in ("input", "output", "parameter")
+              and (v.dimensions or v.type not in NUMBERS)]  # arrays, texts, binary values and clocks
     reader = _Units({u.name: u.baseUnit for u in description.unitDefinitions})
-    names = _Names()
-    known = {kind: [_variable(v, names, reader) for v in variables if v.causality == kind and not v.dimensions]
+    names, three = _Names(), description.fmiVersion.startswith("3")
+    known = {kind: [_variable(v, names, reader, three) for v in variables if v.causality == kind and not v.dimensions]
              for kind in ("input", "output", "parameter")}
     foreign = Foreign(path, description.coSimulation.modelIdentifier,
                       *(tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter")))
     if not foreign.outputs:
         raise _unusable(path, "has no outputs that are numbers", "It has no effect in a diagram.")
-    return _text(path, description, known), foreign
+    return _text(path, description, known, others), foreign
 
 
 def _unusable(path: Path, defect: str, hint: str) -> ModelError:
@@ -116,12 +113,14 @@ class _Units:
         return (f"rad{base_text[1:]}" if unit.counts == "angle" else base_text), unit.scale, unit.offset
 
 
-def _variable(v: Any, names: _Names, units: _Units) -> tuple[ForeignVariable, str | None, Any]:
+def _variable(v: Any, names: _Names, units: _Units, three: bool) -> tuple[ForeignVariable, str | None, Any]:
     unit, scale, offset = units(v.unit or (v.declaredType.unit if v.declaredType is not None else None)) \
         if v.type in REAL else ("1", 1.0, 0.0)
     if v.relativeQuantity or getattr(v.declaredType, "relativeQuantity", False):
         offset = 0.0  # a difference of temperatures
-    return ForeignVariable(names(v.name), v.name, v.type, int(v.valueReference), scale, offset), unit, v
+    # values of an enumeration are whole numbers
+    kind = v.type if v.type != "Enumeration" else "Int64" if three else "Integer"
+    return ForeignVariable(names(v.name), v.name, kind, int(v.valueReference), scale, offset), unit, v
 
 
 def _number(v: Any, variable: ForeignVariable) -> float:
@@ -135,13 +134,17 @@ def _number(v: Any, variable: ForeignVariable) -> float:
     return start * variable.scale + variable.offset
 
 
-def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVariable, str | None, Any]]]) -> str:
-    """The component file."""
+def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVariable, str | None, Any]]],
+          others: list[str]) -> str:
+    """The component file; `others` are the variables that keep their start values."""
+    kept = f" {listing(others, 6)} {'keeps its' if len(others) == 1 else 'keep their'} start value" \
+        f"{'' if len(others) == 1 else 's'}: a signal is one number." if others else ""
     tool = f", {description.generationTool}" if description.generationTool else ""
     step = description.defaultExperiment.stepSize if description.defaultExperiment is not None else None
     lines = [f"component: {_Names()(path.stem)}",
              f"summary: {_quoted(description.description or f'The FMU {description.modelName}.')}",
-             "restrictions: Its outputs are held between two communications, and depend on the inputs of the previous step.",
+             "restrictions: " + _quoted("Its outputs are held between two communications, and depend on the inputs of the "
+                                        f"previous step.{kept}"),
              f"source: {_quoted(f'{path.name}, FMI {description.fmiVersion}{tool}')}", "ports:"]
     for kind, direction in (("input", "in"), ("output", "out")):
         lines += [f"  {entry.name}: {{signal: {direction}, unit: {unit or f'$U_{entry.name}'}, doc: {_doc(v)}}}"

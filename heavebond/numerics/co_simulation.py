@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from heavebond.core.errors import Problem, SimulationError, UsageError, listing
+from heavebond.core.presentation import count
 from heavebond.equations.flatten import Flat
 from heavebond.language.definition import Foreign, ForeignVariable
 from heavebond.language.symbols import stack
@@ -24,6 +25,7 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.start_equations import Point
 
 REALS = ("Real", "Float64", "Float32")
+DISCARD, TERMINATED = 2, 3  # fmi2Discard, and the kind of status fmi2Terminated
 
 
 def foreign_parts(flat: Flat) -> dict[str, Foreign]:
@@ -61,6 +63,9 @@ class _Partner:
     reached: float = np.nan  # until it is initialised
     callbacks: Any = None  # kept for as long as its program may call them
     said: list[str] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)  # of the communications
+    outputs: list[float] = field(default_factory=list)  # at the last of them
+    ended: bool = False  # it asked for the end of the run
 
 
 class Partners:
@@ -73,6 +78,23 @@ class Partners:
             path = flat_event.name.rpartition(".")[0]
             if path in parts:
                 self.parts[event] = _Partner(path, parts[path], reset_rows, _given(assembly, path, parts[path]))
+
+    @property
+    def ended(self) -> bool:
+        """Whether an FMU has asked for the end of the run."""
+        return any(part.ended for part in self.parts.values())
+
+    @property
+    def reports(self) -> list[str]:
+        """A sentence on the communications with each FMU in the last run."""
+        sentences = []
+        for part in self.parts.values():
+            steps = np.diff(part.times)
+            every = f" every {steps.mean():.6g} s" if len(steps) else ""
+            end = f"; it ended the run at t = {part.times[-1]:.6g} s" if part.ended else ""
+            sentences.append(f"{part.path} ({part.foreign.path.name}, FMI {part.version}): "
+                             f"{count(len(part.times), 'communication point')}{every}{end}")
+        return sentences
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -125,6 +147,7 @@ def _open(part: _Partner, folder: str) -> None:
         fmpy.extract(str(part.foreign.path), folder)
         description = fmpy.read_model_description(folder, validate=False)
         part.version, part.said, part.reached = description.fmiVersion, [], np.nan
+        part.times, part.outputs, part.ended = [], [], False
         part.instance = _instance(part, folder, description)
     except Exception as error:  # wrong platform, missing libraries, refused instance: all are the FMU's own
         first_line = (str(error).splitlines() or [""])[0]
@@ -182,14 +205,37 @@ def _failing(part: _Partner, time: float) -> Iterator[None]:
 
 
 def _reached(part: _Partner, point: Point) -> list[float]:
-    """Advance an FMU to a communication point with the inputs of the previous one; its outputs (n,) in SI."""
+    """Advance an FMU to a communication point with the inputs of the previous one; its outputs (n,) in SI. An FMU that asks
+    for the end of the run keeps its last outputs if it does not give others."""
     if np.isnan(part.reached):
         inputs, parameters = (np.array(v).ravel() for v in part.given(*point.values()))
         _begin(part, point.t, inputs, parameters)
     else:
-        part.instance.doStep(currentCommunicationPoint=part.reached, communicationStepSize=point.t - part.reached)
+        _advance(part, point.t)
     part.reached = point.t
-    return [_get(part.instance, v) for v in part.foreign.outputs]
+    part.times.append(point.t)
+    try:
+        part.outputs = [_get(part.instance, v) for v in part.foreign.outputs]
+    except Exception:
+        if not part.ended:
+            raise
+    return part.outputs
+
+
+def _advance(part: _Partner, time: float) -> None:
+    from fmpy.fmi1 import FMICallException
+
+    step = {"currentCommunicationPoint": part.reached, "communicationStepSize": time - part.reached}
+    if not part.version.startswith("2"):
+        part.ended = bool(part.instance.doStep(**step)[1])
+        return
+    try:
+        part.instance.doStep(**step)
+    except FMICallException as error:
+        # a discarded step is the way of FMI 2.0 to ask for the end
+        if error.status != DISCARD or not part.instance.getBooleanStatus(TERMINATED):
+            raise
+        part.ended = True
 
 
 def _begin(part: _Partner, time: float, inputs: Array, parameters: Array) -> None:

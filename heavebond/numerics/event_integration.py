@@ -714,7 +714,7 @@ class EventIntegration:
         names = tuple(equations.events[i].name for i in happened)
         record.instants.append(Instant(state.t, names, before, point, state.frame.assembly, np.array(late)))
         self._write(begun, record)
-        if any(equations.events[i].ends for i in happened):
+        if any(equations.events[i].ends for i in happened) or equations.partners.ended:
             raise RunEnded(begun)
         return begun if self.delays is None else self._cut(begun, first)
 

@@ -407,6 +407,8 @@ class Simulator:
                       **({"unfit": unfit} if unfit else {}),
                       **({"stepped_over": unresolved} if len(unresolved) else {}),
                       **({"unknown_forcing": self.unknown_forcing} if self.unknown_forcing else {})}
+        if self.switching is not None and (fmus := self.switching.home.equations.partners.reports):
+            statistics["fmus"] = fmus
         sizes = self._sizes(start_tangent)
         instants = found.instants if start_tangent is None else tuple(replace(i, delays=i.delays / sizes)
                                                                       for i in found.instants)

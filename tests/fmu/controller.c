@@ -1,5 +1,6 @@
 /* A sampled controller as an FMU for co-simulation, for the tests: force = gain * position, one step late, `count` its steps.
    With FMI3 defined it speaks FMI 3.0, else FMI 2.0. Only what an importer of such an FMU calls does anything.
+   With a gain of 0 it asks for the end of the simulation in its 11th step.
    References: 0 position, 1 gain, 2 force, 3 count (integer), 4 engaged (boolean). */
 #include <stdbool.h>
 #include <stddef.h>
@@ -14,6 +15,7 @@ typedef struct {
 
 static int step(Controller *c, double h) {
   if (!(h > 0) || c->real[0] > 1e3) return 3;
+  if (c->real[1] == 0 && c->count == 10) return 2;
   c->real[2] = c->engaged ? c->real[1] * c->real[0] : 0;
   c->count += 1;
   return 0;
@@ -40,8 +42,10 @@ void *fmi3InstantiateCoSimulation(const char *name, const char *token, const cha
 int fmi3EnterInitializationMode(void *c, bool has_tolerance, double tolerance, double start, bool has_stop, double stop) { return 0; }
 int fmi3DoStep(void *c, double t, double h, bool no_set, bool *event, bool *terminate, bool *early, double *last) {
   int status = step(c, h);
-  *event = *terminate = *early = false;
+  *event = *early = false;
+  *terminate = status == 2;
   *last = t + h;
+  if (status == 2) return 0;
   if (status) listener(NULL, status, "logStatusError", "the position is out of reach");
   return status;
 }
@@ -60,8 +64,12 @@ int fmi2SetupExperiment(void *c, int has_tolerance, double tolerance, double sta
 int fmi2EnterInitializationMode(void *c) { return 0; }
 int fmi2DoStep(void *c, double t, double h, int no_set) {
   int status = step(c, h);
-  if (status) callbacks->logger(NULL, "controller", status, "logStatusError", "the position is out of reach");
+  if (status == 3) callbacks->logger(NULL, "controller", status, "logStatusError", "the position is out of reach");
   return status;
+}
+int fmi2GetBooleanStatus(void *c, int kind, int *value) {
+  *value = kind == 3;
+  return 0;
 }
 #define F(name) fmi2##name
 #endif
@@ -108,7 +116,7 @@ NONE(SetInt64) NONE(SetInt8) NONE(SetIntervalDecimal) NONE(SetIntervalFraction) 
 NONE(SetShiftFraction) NONE(SetString) NONE(SetTime) NONE(SetUInt16) NONE(SetUInt32) NONE(SetUInt64) NONE(SetUInt8)
 NONE(UpdateDiscreteStates)
 #else
-NONE(CancelStep) NONE(DeSerializeFMUstate) NONE(FreeFMUstate) NONE(GetBooleanStatus) NONE(GetDirectionalDerivative)
+NONE(CancelStep) NONE(DeSerializeFMUstate) NONE(FreeFMUstate) NONE(GetDirectionalDerivative)
 NONE(GetFMUstate) NONE(GetIntegerStatus) NONE(GetRealOutputDerivatives) NONE(GetRealStatus) NONE(GetStatus)
 NONE(GetString) NONE(GetStringStatus) NONE(GetTypesPlatform) NONE(GetVersion) NONE(Reset) NONE(SerializeFMUstate)
 NONE(SerializedFMUstateSize) NONE(SetDebugLogging) NONE(SetFMUstate) NONE(SetRealInputDerivatives) NONE(SetString)
