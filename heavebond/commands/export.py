@@ -29,13 +29,16 @@ SCHEMA = "heavebond.schema.json"
                    "by default the current one.")
 @click.option("--fmi", "version", type=click.Choice(["2", "3"]), default="3", show_default=True,
               help="The standard of an FMU, which is for model exchange and for co-simulation.")
+@click.option("--cross", is_flag=True,
+              help="Put binaries for Windows, macOS and Linux (x86-64 and arm64) into the FMU; needs `pip install "
+                   "'heavebond[cross]'`.")
 @click.option("--input", "inputs", metavar="SIGNAL", multiple=True,
               help="Make a signal input of the diagram an input of the exported model, e.g. --input deck.u. May be "
                    "repeated.")
 @set_option
 @json_option
-def export(model: str | None, output: Path | None, for_editor: bool, version: str, inputs: tuple[str, ...],
-           settings: tuple[str, ...]) -> dict[str, object]:
+def export(model: str | None, output: Path | None, for_editor: bool, version: str, cross: bool,
+           inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
     """Write the diagram MODEL as an FMU, as C or as a flat Modelica model.
 
     The file has its states, parameters, inputs, and the outputs under `show:`.
@@ -58,7 +61,8 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
 
     check_writable(output, SUFFIXES)
     with blamed_on_settings(settings), terminal.working("writing"):
-        exported = export_to(with_settings(load(model), settings), output, inputs=inputs, fmi=int(version))
+        exported = export_to(with_settings(load(model), settings), output, inputs=inputs, fmi=int(version),
+                             cross=cross)
     console = terminal.output()
     tunable = [q for q, is_tunable in zip(exported.parameters, exported.tunable, strict=True) if is_tunable]
     groups = {"inputs": exported.inputs, "outputs": exported.outputs, "states": exported.states,

@@ -16,12 +16,13 @@ SUFFIXES = (".fmu", ".c", ".mo")
 
 
 def export(model: ModelOrFile, path: str | Path, *, inputs: Iterable[str] = (), fmi: int = 3,
-           parameters: Mapping[str, float | str] | None = None) -> Portable | ModelicaExport:
+           parameters: Mapping[str, float | str] | None = None, cross: bool = False) -> Portable | ModelicaExport:
     """Write a diagram as an FMU (.fmu, needs a C compiler), as C (.c) or as a Modelica model (.mo) to `path`.
 
     `model` is a diagram, or the path or bundled name of one, `parameters` overrides its values by name. Measured inputs, and
     the signal inputs that are named in `inputs`, become inputs of the exported model; the outputs are those under `show:`.
-    `fmi` is the standard of an FMU, 2 or 3, for model exchange and co-simulation. Returns the exported equations with their
+    `fmi` is the standard of an FMU, 2 or 3, for model exchange and co-simulation; with `cross` it has binaries for Windows,
+    macOS and Linux (x86-64 and arm64). Returns the exported equations with their
     quantities, in SI. Raises UsageError for another suffix or without a compiler, ModelError for an invalid diagram or one
     with FMUs, and for a part that Modelica cannot express.
     """
@@ -34,6 +35,8 @@ def export(model: ModelOrFile, path: str | Path, *, inputs: Iterable[str] = (), 
     try:
         if path.suffix.lower() == ".mo":
             return export_modelica(diagram, path, inputs)
-        return export_fmu(diagram, path, inputs, fmi) if path.suffix.lower() == ".fmu" else export_c(diagram, path, inputs)
+        if path.suffix.lower() == ".c":
+            return export_c(diagram, path, inputs)
+        return export_fmu(diagram, path, inputs, fmi, cross=cross)
     except OSError as error:
         raise UsageError([Problem("file-unwritable", f"'{path}' cannot be written: {error.strerror or error}")]) from None

@@ -24,6 +24,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 from xml.etree import ElementTree as Xml
@@ -42,16 +43,28 @@ from heavebond.numerics.output_times import grid
 COMPILERS = ("cc", "gcc", "clang")
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
 SYSTEMS_2 = {"linux": "linux", "darwin": "darwin", "win32": "win"}
+# by target of the cross compiler: the folder in an FMU of FMI 3.0, of FMI 2.0 (which names those of x86-64 only), and the
+# suffix; glibc 2.17 and macOS 11 or newer
+TARGETS = {"x86_64-linux-gnu.2.17": ("x86_64-linux", "linux64", ".so"),
+           "aarch64-linux-gnu.2.17": ("aarch64-linux", "aarch64-linux", ".so"),
+           "x86_64-windows-gnu": ("x86_64-windows", "win64", ".dll"),
+           "aarch64-windows-gnu": ("aarch64-windows", "aarch64-windows", ".dll"),
+           "x86_64-macos.11.0": ("x86_64-darwin", "darwin64", ".dylib"),
+           "aarch64-macos.11.0": ("aarch64-darwin", "aarch64-darwin", ".dylib")}
 STAMP = (1980, 1, 1, 0, 0, 0)  # time stamp of every file in the archive, so that the same diagram gives the same bytes
 VERSIONS = (2, 3)
 STRUCTURED = re.compile(r"(der\()*[A-Za-z_]\w*(\[[0-9]+\])?(\.[A-Za-z_]\w*(\[[0-9]+\])?)*\)*")
 
 
-def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), version: int = 3) -> Portable:
-    """Write an FMU of FMI 2.0 or 3.0; UsageError without a C compiler, ModelError for a diagram with FMUs."""
+def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), version: int = 3, *, cross: bool = False
+               ) -> Portable:
+    """Write an FMU of FMI 2.0 or 3.0, for this platform or, with `cross`, for all `TARGETS`; UsageError without a C
+    compiler, ModelError for a diagram with FMUs."""
     if version not in VERSIONS:
         raise UsageError([Problem("fmi-version", f"FMI {version}.0 is not supported", None, "Choose 2 or 3.")])
-    compiler = find_compiler()
+    compilers = {platform_of(version): [find_compiler()]} if not cross else {
+        (folders[version == 2], folders[2]): [*_cross_compiler(), "-target", target, "-fno-sanitize=all", "-s"]
+        for target, folders in TARGETS.items()}
     exported = portable(model, inputs, "model_", events=True)
     source = c_text(exported, "model", whole=True)
     names = (f"fmi{version}.c", "fmu_core.c", "run.c", "fmu_start.c", "fmu_events.c", "history.c", "rosenbrock.c")
@@ -63,8 +76,8 @@ def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), versi
              **{f"sources/{name}": text.encode() for name, text in wrappers.items()}}
     if version == 3:
         files["sources/buildDescription.xml"] = _build_description(identifier)
-    folder, suffix = platform_of(version)
-    files[f"binaries/{folder}/{identifier}{suffix}"] = _compiled(compiler, source, wrappers, version)
+    for (folder, suffix), compiler in compilers.items():
+        files[f"binaries/{folder}/{identifier}{suffix}"] = _compiled(compiler, source, wrappers, version)
     with new_file(path) as fresh, zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():
             archive.writestr(zipfile.ZipInfo(name, STAMP), content, zipfile.ZIP_DEFLATED)
@@ -84,6 +97,14 @@ def find_compiler() -> str:
                               "`-o model.c` writes the equations as C and needs none.")])
 
 
+def _cross_compiler() -> list[str]:
+    """The command of the compiler for other platforms; UsageError if it is not installed."""
+    if find_spec("ziglang") is None:
+        raise UsageError([Problem("compiler-missing", "binaries for other platforms need the compiler of ziglang", None,
+                                  "pip install 'heavebond[cross]'")])
+    return [sys.executable, "-m", "ziglang", "cc"]
+
+
 def platform_of(version: int = 3) -> tuple[str, str]:
     """The folder of this machine's binaries in an FMU, and their suffix."""
     system, suffix = SYSTEMS.get(sys.platform, ("linux", ".so"))
@@ -94,20 +115,20 @@ def platform_of(version: int = 3) -> tuple[str, str]:
     return f"{processor}-{system}", suffix
 
 
-def _compiled(compiler: str, source: str, wrappers: dict[str, str], version: int) -> bytes:
+def _compiled(compiler: Sequence[str], source: str, wrappers: dict[str, str], version: int) -> bytes:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for file, text in {"model.c": source, **wrappers}.items():
             (folder / file).write_text(text, encoding="utf-8")
         # without contraction, so that products and sums are rounded as written
-        command = [compiler, "-O2", "-std=c99", "-ffp-contract=off", "-shared", "-fPIC", "-fvisibility=hidden",
+        command = [*compiler, "-O2", "-std=c99", "-ffp-contract=off", "-shared", "-fPIC", "-fvisibility=hidden",
                    f"fmi{version}.c", "-o", "model.bin", "-lm"]
         completed = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         if completed.returncode:
             lines = [line for line in completed.stderr.splitlines()
                      if "error" in line][:3] or completed.stderr.splitlines()[:3]
-            raise UsageError([Problem("compiler-failed", f"{compiler} could not compile the FMU", None,
-                                      "Set CC to another C compiler (gcc or clang).", tuple(lines))])
+            raise UsageError([Problem("compiler-failed", f"{' '.join(compiler)} could not compile the FMU",
+                                      None, "Set CC to another C compiler (gcc or clang).", tuple(lines))])
         return (folder / "model.bin").read_bytes()
 
 
