@@ -37,6 +37,7 @@ VIOLENT = ("..", ".", "", "/", "/etc/passwd", "../secret.yaml", "sub/../../secre
            "/dev/zero", "bundled:../../setup.yaml")
 KINDS = ("open", "save", "new", "copy", "derive", "view", "run", "edit", "palette", "component", "propose", "experiment",
          "join", "jobs", "begin", "end", "array", "add", "write", "compare", "channel", "against", "stop", "signals",
+         "spectrum", "picture", "forms",
          "nonsense")
 
 

@@ -9,7 +9,10 @@ import browser
 import numpy as np
 import pytest
 from studio_pages import Server, server, tab
+from test_studio_editing import _true
 from test_studio_page import _open
+
+from heavebond.records.spectra import evenly, spectrum
 
 pytestmark = pytest.mark.long
 __all__ = ["server", "tab"]
@@ -134,4 +137,84 @@ def test_signals_are_searched_over_the_whole_machine(tab: browser.Tab, server: S
     tab.run("document.querySelector('#find-signal').value = 'nowhere', "
             "document.querySelector('#find-signal').dispatchEvent(new Event('input')), 1")
     assert tab.run("document.querySelectorAll('[id^=\"f-\"]').length") == 0
+    assert tab.complaints == []
+
+
+def test_two_cursors_measure_between_them(tab: browser.Tab, server: Server) -> None:
+    """Minimum, maximum, mean and root mean square are those of the straight lines between the samples."""
+    _open(tab, server, "measured.yaml")
+    _run(tab)
+    tab.click("#measure")
+    _true(tab, "document.querySelector('#cursor-table tbody tr')")
+    for which, value in (("a", "0.5"), ("b", "1.5")):
+        tab.run(f"(() => {{ const f = document.getElementById('cursor-{which}'); f.value = '{value}'; f.onchange; "
+                "f.dispatchEvent(new Event('change')); return 1; })()")
+    assert tab.run("studio.runs.plots.cursors.times") == [0.5, 1.5]
+    name, *row = tab.run("[...document.querySelector('#cursor-table tbody tr').children].map(c => c.textContent)")
+    time, values = (np.array(tab.run(f"[...{what}]")) for what in (
+        "studio.runs.live.time", f"studio.runs.live.series.get({name!r})"))
+    inside = (time >= 0.5) & (time <= 1.5)
+    t, v = time[inside], values[inside]
+    wanted = [v[0], v[-1], v[-1] - v[0], v.min(), v.max(), np.trapezoid(v, t), np.sqrt(np.trapezoid(v**2, t))]
+    # five digits are printed; the square of a straight line is integrated exactly in the page
+    assert [float(x) for x in row[1:]] == pytest.approx(wanted, rel=2e-4, abs=1e-6)
+    x, y, width = tab.run("(() => { const b = document.querySelector('.u-over').getBoundingClientRect(); "
+                          "return [b.x, b.y + b.height / 2, b.width]; })()")
+    tab.mouse("Pressed", x + 0.5 * width, y, button="left", clickCount=1)
+    tab.mouse("Released", x + 0.5 * width, y, button="left", clickCount=1)
+    _true(tab, "Math.abs(studio.runs.plots.cursors.times[1] - 2) < 0.05 && studio.runs.plots.cursors.times[0] === 0.5")
+    _shot(tab, "cursors")
+    tab.click("#measure")
+    assert tab.run("document.querySelector('#cursor-table')") is None
+    assert tab.complaints == []
+
+
+def test_charts_stand_beside_each_other_are_split_and_moved(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server, "docked.yaml")
+    _run(tab)
+    keys = "[...document.querySelectorAll('[data-chart]')].map(b => b.dataset.chart)"
+    before = tab.run(keys)
+    tab.run("(() => { const c = document.getElementById('columns'); c.value = '2'; "
+            "c.dispatchEvent(new Event('change')); return 1; })()")
+    _true(tab, "document.querySelectorAll('.dock.narrow').length === 1")
+    tops = tab.run("[...document.querySelectorAll('[data-chart]')].slice(0, 2).map(b => b.getBoundingClientRect().top)")
+    assert tops[0] == tops[1]
+    tab.click("[aria-label='a chart for each signal of body']")
+    _true(tab, f"{keys}.includes('m#wheel')")
+    handle = f"[data-chart='{before[0]}'] .handle"
+    tab.run(f"document.querySelector({handle!r}).focus()")
+    tab.key("ArrowRight", code=39)
+    _true(tab, f"{keys}[1] === {before[0]!r}")
+    tab.click("[aria-label='wheel into the chart of its unit']")
+    _true(tab, f"!{keys}.includes('m#wheel')")
+    moved = tab.run(keys)
+    _open(tab, server, "docked.yaml")  # the layout belongs to the diagram of the folder
+    _run(tab)
+    assert tab.run(keys) == moved and moved != before
+    tab.click("#charts-only")
+    assert not tab.run("document.querySelector('#sheet').checkVisibility()")
+    tab.click("#charts-only")
+    assert tab.complaints == []
+
+
+def test_a_formula_is_plotted_with_its_unit_and_a_spectrum_is_shown(tab: browser.Tab, server: Server) -> None:
+    _open(tab, server, "derived.yaml")
+    _run(tab)
+    tab.click("#formula")
+    tab.write("spring.F + spring.s")
+    tab.key("Enter", code=13, text="\r")
+    tab.wait("document.querySelector('#ask .wrong').innerText.includes('unit')", 60)
+    tab.run("document.getElementById('ask-name').select()")
+    tab.write("spring.F*body.v")
+    tab.key("Enter", code=13, text="\r")
+    tab.wait("studio.runs.live.series.has('spring.F*body.v')", 60)
+    assert tab.run("studio.runs.live.units['spring.F*body.v']") == "W"
+    _choose(tab, "what comfort is drawn over", "~spectrum")
+    _true(tab, "studio.runs.live.spectra?.get('comfort')", 60)
+    _true(tab, "studio.runs.plots.charts.some(c => c.frequency)")
+    time, values = (np.array(tab.run(f"[...{what}]")) for what in (
+        "studio.runs.live.time", "studio.runs.live.series.get('comfort')"))
+    wanted = spectrum(evenly("comfort", "m/s**2", time, values))
+    assert tab.run("[...studio.runs.live.spectra.get('comfort')[1]]") == pytest.approx(list(wanted.density[1:]))
+    _shot(tab, "spectrum")
     assert tab.complaints == []

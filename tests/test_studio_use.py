@@ -100,7 +100,7 @@ def _unnamed(tab: browser.Tab) -> list[str]:
     return found
 
 
-def _walked(tab: browser.Tab, steps: int = 90) -> list[str]:
+def _walked(tab: browser.Tab, steps: int = 150) -> list[str]:
     """The stops of Tab until it comes round again; each is in view as it is reached."""
     found: list[str] = []
     for _ in range(steps):

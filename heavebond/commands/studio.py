@@ -40,7 +40,7 @@ def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]
 
     folder, first = _opened(target)
     listener = bind(port)
-    opened = Studio(folder, first, listener.getsockname()[1])
+    opened = Studio(folder, first, listener.getsockname()[1], command_line="heavebond.cli:main")
 
     def ready() -> None:
         click.echo(f"{folder.root}: {opened.address}\nCtrl-C ends the studio.")

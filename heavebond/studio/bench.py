@@ -33,10 +33,12 @@ from heavebond.pictures.animation import packed
 from heavebond.pictures.drawing import draw_expanded, symbol_picture
 from heavebond.pictures.motion import animate
 from heavebond.pictures.picture import converter, draw
+from heavebond.records.spectra import evenly, spectrum
 from heavebond.studies.run_case import checked
 from heavebond.studies.study import study_from_source
 from heavebond.studio.animation import animation, modes
 from heavebond.studio.blocks import is_block, read_block
+from heavebond.studio.command_forms import forms
 from heavebond.studio.contents import (
     Entry,
     contents,
@@ -262,6 +264,12 @@ class Bench:
         """The modes at the start with the values of the sliders."""
         return modes(self._assembly(job)[1], job.values), None
 
+    def spectrum(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
+        """The frequency (Hz) and the density of a signal, as `heavebond signal` computes them."""
+        result, name = self._result(job), names[0]
+        found = spectrum(evenly(name, result.unit(name), result.time, result.signals([name])[name]))
+        return {"signals": [name]}, np.vstack([found.frequency[1:], found.density[1:]])
+
     def signals(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
         """Further signals of a run; a run that is not stored any more is repeated."""
         return _with_series({}, self._result(job), names)
@@ -285,11 +293,12 @@ def tasks() -> dict[str, Callable[..., tuple[Entry, Array | None]]]:
     """The functions of a worker, by the name of the task."""
     bench, evidence = Bench(), Evidence()
     return {"view": lambda job, opened: (view(job, opened), None), "run": bench.run, "prepare": bench.prepare,
-            "preview": bench.preview, "signals": bench.signals, "animation": bench.animation,
+            "preview": bench.preview, "signals": bench.signals, "spectrum": bench.spectrum, "animation": bench.animation,
             "modes": bench.modes, "film": bench.film,
             "compare": evidence.compare, "channel": evidence.channel,
             "against": evidence.against, "propose": proposal, "experiment": written_experiment,
             "edit": lambda job, action: (edited(job, action), None),
             "palette": lambda job: (palette(Path(job.path).parent), None),
+            "forms": lambda command_line: ({"forms": forms(command_line)}, None),
             "picture": lambda job: ({"pdf": b64encode(converter(Path("x.pdf"))(draw(read(job)))).decode("ascii")}, None),
             "component": lambda job, name: (component_entry(Path(job.path).parent, name), None)}

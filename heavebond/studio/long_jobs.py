@@ -18,7 +18,7 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError
 from heavebond.studio.contents import Entry
 from heavebond.studio.job_process import QUIT, STOP, WRITE, serve
 
-KINDS = ("fit", "where", "diagnose", "try", "tune", "study")  # of computations
+KINDS = ("fit", "where", "diagnose", "try", "tune", "study", "command")  # of computations
 RUNNING = 4  # simultaneous computations: each one uses all processors
 KEPT = 3  # processes of finished computations that are kept with their results until these are written
 GRACE = 2.0  # s for a process to end when the studio does

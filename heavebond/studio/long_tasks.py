@@ -28,6 +28,7 @@ from heavebond.language.edits import extended_from, quoted, write
 from heavebond.localise.misfit import PlaceEstimate, localize, noun
 from heavebond.reports.result_tables import Item, Line, attempt_items, diagnosis_items, fit_items
 from heavebond.reports.result_tables import localization_items as places_items
+from heavebond.studio.command_forms import run_command
 from heavebond.studio.contents import Entry
 from heavebond.studio.evidence import item_entries
 
@@ -239,5 +240,13 @@ def studied(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
                    pictures=[{"title": titles.get(k, k), "svg": svg} for k, svg in pictures.items()]), {}, None
 
 
+# -- any command ---------------------------------------------------------------------------------------------------------
+def commanded(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
+    """Run a command of the command line on the document."""
+    job.progress(f"heavebond {options.get('command', '')}")
+    return {"items": [], "figures": {}, "partial": False, **run_command(path, options, _folder(path, options))}, {}, None
+
+
 TASKS: dict[str, Callable[[Path, Mapping[str, Any], Teller], Done]] = {
-    "fit": fitted, "where": localized, "diagnose": diagnosed, "try": tried, "tune": tuned, "study": studied}
+    "fit": fitted, "where": localized, "diagnose": diagnosed, "try": tried, "tune": tuned, "study": studied,
+    "command": commanded}

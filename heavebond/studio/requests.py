@@ -106,6 +106,13 @@ async def _picture(tab: Tab, message: dict[str, Any]) -> Answer:
     return await tab.librarian.ask("picture", tab.job(message))
 
 
+async def _forms(tab: Tab, _: dict[str, Any]) -> Answer:
+    """The commands of the command line with their options."""
+    if not tab.command_line:
+        return "done", {"forms": {}}, None
+    return await tab.librarian.ask("forms", tab.command_line)
+
+
 async def _run(tab: Tab, message: dict[str, Any]) -> Answer:
     job, task = tab.job(message), str(message["do"])
     arguments = () if task in ("animation", "modes", "film") else ([str(name) for name in message.get("names", ())],)
@@ -179,7 +186,8 @@ async def _begin(tab: Tab, message: dict[str, Any]) -> Answer:
     options = message.get("given", {})
     if not isinstance(options, dict):
         raise TypeError(options)
-    options = {**options, "folder": str(tab.folder.root) if name.startswith(BUNDLED) else "", "root": str(tab.folder.root)}
+    options = {**options, "folder": str(tab.folder.root) if name.startswith(BUNDLED) else "", "root": str(tab.folder.root),
+               "command_line": tab.command_line}
     return "done", {"job": tab.jobs.begin(kind, name, document.path, document.version, options).entry()}, None
 
 
@@ -213,7 +221,8 @@ def _name(tab: Tab, path: Path) -> str:
 
 HANDLERS: dict[str, Handler] = {
     "home": _home, "open": _open, "new": _new, "copy": _copy, "derive": _derive, "write": _write, "save": _save,
-    "view": _view, "edit": _edit, "palette": _palette, "picture": _picture, "component": _component, "stop": _stop,
-    **dict.fromkeys(("run", "prepare", "preview", "signals", "animation", "modes", "film"), _run),
+    "view": _view, "edit": _edit, "palette": _palette, "forms": _forms, "picture": _picture,
+    "component": _component, "stop": _stop,
+    **dict.fromkeys(("run", "prepare", "preview", "signals", "spectrum", "animation", "modes", "film"), _run),
     "compare": _compare, "channel": _channel, "against": _against, "propose": _propose, "experiment": _experiment,
     "join": _join, "jobs": _jobs, "begin": _begin, "end": _end, "array": _array, "add": _add}

@@ -35,7 +35,8 @@ KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".s
 class Studio:
     """The opened folder with the workers of all tabs."""
 
-    def __init__(self, folder: Folder, first: str, port: int):
+    def __init__(self, folder: Folder, first: str, port: int, command_line: str = ""):
+        self.command_line = command_line  # the table of commands as `module:name`; without it the studio offers none
         self.folder, self.first, self.port, self.token = folder, first, port, new_token()
         # the files of the page by their names, read once; no other files are served
         contents, folders = {}, [("", resources.files("heavebond").joinpath("studio", "page"))]
@@ -118,7 +119,7 @@ class Studio:
 
     async def _socket(self, websocket: WebSocket) -> None:
         await websocket.accept()
-        tab = Tab(websocket, self.folder, self.first, HANDLERS, self.jobs, self.pool)
+        tab = Tab(websocket, self.folder, self.first, HANDLERS, self.jobs, self.pool, self.command_line)
         self.tabs.add(tab)
         try:
             await tab.serve()

@@ -34,7 +34,8 @@ class Tab:
     """One open page: its document, watched on disk, and the workers that check and run it."""
 
     def __init__(self, websocket: WebSocket, folder: Folder, first: str, handlers: Dictionary[str, Handler], jobs: LongJobs,
-                 pool: Pool):
+                 pool: Pool, command_line: str = ""):
+        self.command_line = command_line
         self.websocket, self.folder, self.first, self.handlers, self.jobs = websocket, folder, first, handlers, jobs
         self.checker, self.runner, self.librarian = Worker(pool), Worker(pool), Worker(pool)
         self.document: Document | None = None

@@ -6,7 +6,7 @@ import { Jobs } from "./jobs.js";
 import { problemList, problemsOf, resultItems } from "./results.js";
 
 /** @type {Record<string, string>} */
-const TABS = { records: "Records", residual: "Residual", fit: "Estimate", where: "Locate", diagnose: "Diagnose" };
+const TABS = { records: "Records", residual: "Residual", fit: "Estimate", where: "Locate", diagnose: "Diagnose", command: "Analyses" };
 
 export class Evidence {
   active = false; // whether the document is an experiment
@@ -73,6 +73,7 @@ export class Evidence {
     byId("compare").hidden = !this.active;
     byId("tune").hidden = this.active || component || study || !this.studio.view?.parts;
     byId("toggle-palette").hidden = this.active || study; // parts are placed on the diagram, not on an experiment
+    byId("analyse").hidden = this.active || component || study || !this.studio.view?.parts;
     byId("add-note").hidden = !this.studio.edits.possible;
     if (changed && this.studio.view?.svg) this.studio.diagram.fit();
   }
@@ -165,9 +166,9 @@ export class Evidence {
   /** The tabs; made once, as a button that is made anew while it is pressed is never clicked. */
   bar() {
     const study = Boolean(this.studio.view?.study);
-    const tabs = this.active ? Object.entries(TABS) : study ? [["study", "Study"]] : [["tune", "Tune"]], place = byId("evidence-bar");
-    if (!this.active) this.tab = study ? "study" : "tune";
+    const tabs = this.active ? Object.entries(TABS) : study ? [["study", "Study"], ["command", "Analyses"]] : [["tune", "Tune"], ["command", "Analyses"]], place = byId("evidence-bar");
     const keys = tabs.map((t) => t[0]);
+    if (!keys.includes(this.tab)) this.tab = keys[0];
     if (place.dataset.tabs !== keys.join()) {
       place.dataset.tabs = keys.join();
       place.replaceChildren(...tabs.map(([key, title]) => el("button", { id: `tab-${key}`, role: "tab", "aria-controls": "evidence", onclick: () => this.choose(key),

@@ -2,6 +2,7 @@
 
 import { cloud, look, timeChart } from "./charts.js";
 import { byId, el, number } from "./dom.js";
+import { commandForm, commandResult } from "./commands.js";
 import { problemList, problemsOf, resultItems } from "./results.js";
 import { tuningForm, variable } from "./tuning.js";
 
@@ -12,6 +13,7 @@ const KINDS = {
   diagnose: { title: "Identify the missing effect", words: "Puts each effect of the library at each place where it fits, estimates it together with all that is free, and lets the held-out records decide.", button: "Diagnose", command: "diagnose" },
   try: { title: "One effect tried by hand", words: "", button: "", command: "try" },
   study: { title: "Run the study", words: "Simulates, tunes and measures each case of the file. Cases that are done are kept in a folder beside it: run it again to go on after a stop.", button: "Run the study", command: "study" },
+  command: { title: "Analyses", words: "The other commands of the command line, on this document as it is saved.", button: "Run it", command: "" },
   tune: { title: "Tune parameters", words: "Moves parameters within their ranges until a cost is smallest, by exact gradients.", button: "Tune", command: "tune" },
 };
 
@@ -21,6 +23,7 @@ export class Jobs {
   tuning = false; // whether the form for tuning is open
   options = { classes: "", seconds: "600" };
   /** @type {any} */ refused = null;
+  /** @type {any} */ forms = undefined; // of the commands, by the kind of document
   reporting = false;
   reported = ""; // the file of the report
   /** @type {number|undefined} */ clock = undefined;
@@ -34,6 +37,7 @@ export class Jobs {
 
   clear() {
     Object.assign(this, { known: new Map(), arrays: new Map(), tuning: false, options: { classes: "", seconds: "600" }, refused: null, reporting: false, reported: "" });
+    this.commands = { command: "", values: {} }; // of the forms
     this.loaded = false; // whether the server was asked how they stand
     clearInterval(this.clock);
   }
@@ -126,12 +130,12 @@ export class Jobs {
     this.evidence.show();
   }
 
-  /** @param {boolean} open */
-  openTuning(open) {
+  /** @param {boolean} open @param {string} [tab] */
+  openTuning(open, tab = "tune") {
     this.tuning = open;
     this.evidence.layout();
-    if (open) { void this.load(); this.evidence.show(); document.getElementById("tab-tune")?.focus(); }
-    else byId("tune").focus();
+    if (open) { void this.load(); this.evidence.choose(tab); }
+    else byId(this.evidence.tab === "command" ? "analyse" : "tune").focus();
   }
 
   /** A mark at the title of a tab. @param {string} tab */
@@ -150,12 +154,13 @@ export class Jobs {
   /** @param {string} tab */
   async content(tab) {
     const job = this.shown(tab), what = KINDS[tab];
+    if (tab === "command") this.forms ??= (await this.studio.link.ask("forms").catch(() => ({ forms: {} }))).forms;
     const extra = tab === "where" && job?.result ? await this.place(job) : null;
     return (/** @type {HTMLElement} */ place) => {
       const running = Boolean(this.running);
       place.append(el("div", { class: "task" }, el("h2", {}, what.title), el("p", { class: "said" }, what.words,
-        el("span", { class: "hint" }, " On the command line: ", el("code", {}, `heavebond ${what.command} ${this.studio.document.name.replace(/^bundled:/, "")}`))),
-      tab === "tune" ? tuningForm(this.studio, running, (given) => this.begin("tune", given)) : this.form(tab, what, running)));
+        tab === "command" ? null : el("span", { class: "hint" }, " On the command line: ", el("code", {}, `heavebond ${what.command} ${this.studio.document.name.replace(/^bundled:/, "")}`))),
+      ...(tab === "command" ? commandForm(this.studio, this.forms, this.commands, running, (given) => this.begin("command", given)) : [tab === "tune" ? tuningForm(this.studio, running, (given) => this.begin("tune", given)) : this.form(tab, what, running)])));
       if (this.refused?.kind === tab || (tab === "diagnose" && this.refused?.kind === "try")) place.append(...problemList(this.refused.problems));
       if (!job) return;
       if (job.state === "running") place.append(this.progress(job));
@@ -241,7 +246,8 @@ export class Jobs {
     extra?.(place);
     for (const picture of result.pictures ?? []) place.append(el("figure", { class: "picture" }, el("img", { src: `data:image/svg+xml;charset=utf-8,${encodeURIComponent(picture.svg)}`, alt: picture.title })));
     place.append(...resultItems(result.items));
-    if (result.files) place.append(el("p", { class: "said" }, "Written: ", el("code", {}, `${result.folder}/`), ` ${result.files.join(", ")}`));
+    if (job.kind === "command") place.append(...commandResult(result).filter((found) => found !== null));
+    else if (result.files) place.append(el("p", { class: "said" }, "Written: ", el("code", {}, `${result.folder}/`), ` ${result.files.join(", ")}`));
     if (result.others?.length) place.append(el("h3", {}, "Another effect in its place"), el("p", { class: "said" }, "Estimates it in the same diagram; it can be added then."),
       el("ul", { class: "others" }, ...result.others.map((/** @type {any} */ o, /** @type {number} */ k) => el("li", {}, el("button", { id: `other-${k}`, disabled: Boolean(this.running), onclick: () => this.begin("try", { component: o.component, where: o.where }) }, "Try"),
         ` ${o.label} (${o.kind}), reduced chi-square ${number(o.chi2, 4)} held out`))));

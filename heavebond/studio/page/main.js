@@ -76,6 +76,7 @@ class Studio {
     byId("stop").onclick = () => this.stop();
     byId("compare").onclick = () => this.evidence.compare();
     byId("tune").onclick = () => this.evidence.jobs.openTuning(true);
+    byId("analyse").onclick = () => this.evidence.jobs.openTuning(true, "command");
     byId("undo").onclick = () => this.editor.undo();
     byId("redo").onclick = () => this.editor.redo();
     byId("toggle-palette").onclick = () => this.palette.toggle();

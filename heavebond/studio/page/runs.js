@@ -1,6 +1,6 @@
 // Runs: the values of the sliders, the newest run, those that are kept, and the signals that are plotted.
 
-import { byId, el, unitLabel } from "./dom.js";
+import { askName, byId, el, unitLabel } from "./dom.js";
 import { DASHES, Plots } from "./plots.js";
 import { problemList, problemsOf } from "./results.js";
 
@@ -17,6 +17,7 @@ export class Runs {
     this.studio = studio;
     this.plots = new Plots();
     this.plots.onchoice = () => this.remember();
+    this.plots.onspectrum = (run, name) => void this.spectrum(run, name);
     this.busy = this.begun = this.serial = 0;
     this.clear();
   }
@@ -177,14 +178,42 @@ export class Runs {
 
   /** Keep what is plotted, and how, for the next time that this diagram of this folder is opened. */
   remember() {
-    if (this.studio.document) localStorage.setItem(this.layoutKey, JSON.stringify({ plotted: this.plotted, choices: this.plots.choices, large: this.plots.large }));
+    if (this.studio.document) localStorage.setItem(this.layoutKey, JSON.stringify({ plotted: this.plotted, choices: this.plots.choices, large: this.plots.large, panes: this.plots.panes, order: this.plots.order, columns: this.plots.columns }));
   }
 
   /** What was plotted the last time; the first outputs without it. @param {string[]} outputs */
   recall(outputs) {
     const kept = JSON.parse(localStorage.getItem(this.layoutKey) ?? "null");
     this.plotted = kept?.plotted ?? outputs;
-    Object.assign(this.plots, { choices: kept?.choices ?? {}, large: kept?.large ?? "" });
+    Object.assign(this.plots, { choices: kept?.choices ?? {}, large: kept?.large ?? "", panes: kept?.panes ?? {}, order: kept?.order ?? [], columns: kept?.columns ?? 1 });
+  }
+
+  /** The density of a signal over the frequency, as `heavebond signal` computes it. @param {any} run @param {string} name */
+  async spectrum(run, name) {
+    run.spectra ??= new Map();
+    run.wanted ??= new Set();
+    if (run.wanted.has(name)) return;
+    run.wanted.add(name);
+    try {
+      const told = await this.studio.link.ask("spectrum", { name: this.studio.document.name, text: run.text, values: run.values, names: [name] });
+      if (told.kind === "done") { run.spectra.set(name, told.series ?? []); this.showPlots(); }
+    } catch (error) {
+      this.studio.say(error instanceof Error ? error.message.split("\n")[0] : "");
+      for (const key of Object.keys(this.plots.choices)) if (this.plots.choices[key].over === "~spectrum") this.plots.choose(key, { over: "" });
+    }
+  }
+
+  /** A signal by a formula of others, such as `crown.x - platform.x`; the server checks its units. */
+  derive() {
+    const known = this.live;
+    if (!known) return;
+    askName("A signal by a formula", "Formula of signals and parameters, such as body.x - wheel.x or spring.F*der(spring.s):", "", async (formula) => {
+      if (!formula) throw new Error("Write a formula, such as body.x - wheel.x.");
+      if (!this.plotted.includes(formula)) {
+        await this.studio.link.ask("signals", { name: this.studio.document.name, text: known.text, values: known.values, names: [formula] });
+        return () => this.plot(formula, true);
+      }
+    }, "Plot");
   }
 
   get visible() { return [...this.kept.filter((r) => r.visible), ...(this.live ? [this.live] : [])]; }
@@ -238,7 +267,11 @@ export class Runs {
       el("button", { title: "Forget this run", "aria-label": `forget ${run.label}`, onclick: () => { this.kept = this.kept.filter((r) => r !== run); if (!this.kept.length && this.live) this.live.label = ""; this.showRuns(); this.showPlots(); } }, "×")));
     const name = (this.studio.view?.name ?? "run").replace(/\W+/g, "_");
     byId("runs").replaceChildren(...(this.live || kept.length ? [el("button", { id: "keep", disabled: !this.live, title: "Keep this run to compare others with it", onclick: () => this.keep() }, "Keep this run"), ...kept,
-      el("span", { class: "grow" }), el("button", { id: "png", onclick: () => this.plots.png(name) }, "PNG"),
+      el("span", { class: "grow" }), el("button", { id: "formula", disabled: !this.live, title: "Plot a formula of signals", onclick: () => this.derive() }, "Formula…"),
+      el("button", { id: "measure", disabled: !this.live, "aria-pressed": String(this.plots.cursors.on), title: "Two cursors, and what the signals do between them", onclick: () => { this.plots.measure(); byId("measure").setAttribute("aria-pressed", String(this.plots.cursors.on)); } }, "Measure"),
+      el("select", { id: "columns", "aria-label": "charts beside each other", onchange: (/** @type {any} */ e) => { this.plots.columns = Number(e.target.value); this.remember(); this.showPlots(); } }, ...[1, 2, 3].map((n) => el("option", { value: n, selected: n === this.plots.columns }, n === 1 ? "1 column" : `${n} columns`))),
+      el("button", { id: "charts-only", "aria-pressed": String(byId("middle").classList.contains("charts-only")), title: "Charts without the drawing, and back", onclick: () => { const on = byId("middle").classList.toggle("charts-only"); byId("charts-only").setAttribute("aria-pressed", String(on)); } }, "Charts only"),
+      el("button", { id: "png", onclick: () => this.plots.png(name) }, "PNG"),
       el("button", { id: "csv", onclick: () => this.plots.csv(name, this.visible, this.plotted) }, "CSV")] : []));
     this.studio.animation?.follow();
     byId("runs").classList.toggle("bare", !this.live && !kept.length);

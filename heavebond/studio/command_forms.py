@@ -1,0 +1,116 @@
+"""The commands of the command line in the studio: their options as forms, and their runs on a document.
+
+The page names a command and gives values of its options; arguments are made from the options that the form has, so that
+neither other options nor paths can be given. A command writes into the opened folder only.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import click
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.studio.contents import Entry
+
+# the commands by the kind of document; the others have a place of their own in the studio
+COMMANDS = {"model": ("check", "run", "modes", "linear", "sensitivity", "sweep", "energy", "signal", "export"),
+            "experiment": ("compare", "fit", "candidates", "laws", "errors"), "study": ("study", "optimal")}
+# options that name files or other computers, or that permit to execute what a file contains
+EXCLUDED = ("json", "output", "save", "write", "folder", "report", "sankey", "activity", "scheduler", "processes", "decide",
+            "allow_fmu", "resume", "schema")
+FORMS = {"export": ("fmu", "c")}
+SHORTEST, LONGEST = 1, 500  # characters of a value
+
+
+def forms(command_line: str) -> Entry:
+    """The commands with their options, by the kind of document."""
+    group = _group(command_line)
+    return {kind: [_form(name, group.commands[name]) for name in names if name in group.commands]
+            for kind, names in COMMANDS.items()}
+
+
+def _group(command_line: str) -> click.Group:
+    """The table of commands, which the command line names when it starts the studio: `module:name`."""
+    module, _, name = command_line.partition(":")
+    group = getattr(import_module(module), name)
+    assert isinstance(group, click.Group)
+    return group
+
+
+def _form(name: str, command: click.Command) -> Entry:
+    options = [{"name": str(p.name), "flag": p.opts[-1], "help": p.help or "", "metavar": p.metavar or "",
+                "kind": "flag" if p.is_flag else "choice" if isinstance(p.type, click.Choice) else "text",
+                "choices": list(p.type.choices) if isinstance(p.type, click.Choice) else [], "several": p.multiple,
+                "required": p.required} for p in _options(command)]
+    return {"name": name, "summary": command.get_short_help_str(100), "options": options,
+            "picture": _draws(command), "formats": list(FORMS.get(name, ()))}
+
+
+def _options(command: click.Command) -> Iterator[click.Option]:
+    for p in command.params:
+        if isinstance(p, click.Option) and p.name not in EXCLUDED and not isinstance(p.type, click.Path):
+            yield p
+
+
+def _draws(command: click.Command) -> bool:
+    """True if the command draws a picture with `--output`."""
+    return any(p.name == "output" and p.metavar == "PICTURE" for p in command.params if isinstance(p, click.Option))
+
+
+def arguments(group: click.Group, name: str, values: Mapping[str, Any]) -> list[str]:
+    """The arguments for the values of a form; UsageError for a command or an option that has none."""
+    if name not in {n for names in COMMANDS.values() for n in names} or name not in group.commands:
+        raise UsageError([Problem("usage", "the page asked for something unknown")])
+    known = {str(p.name): p for p in _options(group.commands[name])}
+    given: list[str] = []
+    for key, value in values.items():
+        option = known.get(str(key))
+        if option is None:
+            raise UsageError([Problem("usage", "the page asked for something unknown")])
+        if option.is_flag:
+            given += [option.opts[-1]] if value is True else []
+            continue
+        for text in value if isinstance(value, list) else [value]:
+            if SHORTEST <= len(str(text).strip()) <= LONGEST:
+                given.append(f"{option.opts[-1]}={str(text).strip()}")
+    return given
+
+
+def run_command(path: Path, options: Mapping[str, Any], folder: Path) -> Entry:
+    """Run a command on a document: its printed text, its picture, and the files that it wrote. UsageError with its message
+    if it fails."""
+    group, name = _group(str(options["command_line"])), str(options.get("command", ""))
+    given = arguments(group, name, dict(options.get("values") or {}))
+    command, written = group.commands[name], ""
+    with tempfile.TemporaryDirectory(prefix=".heavebond-", dir=folder) as scratch:
+        if options.get("picture") is True and _draws(command):
+            given.append(f"--output={Path(scratch).resolve() / 'picture.svg'}")
+        elif name in FORMS:
+            suffix = options.get("format")
+            if suffix not in FORMS[name]:
+                raise UsageError([Problem("usage", "the page asked for something unknown")])
+            written = f"{re.sub(r'[^A-Za-z0-9_]+', '_', path.stem)}.{suffix}"
+            given.append(f"--output={folder.resolve() / written}")
+        out, err, code = io.StringIO(), io.StringIO(), 0
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), contextlib.chdir(folder):
+            try:
+                group.main([name, *given, "--", str(path)])
+            except SystemExit as ended:
+                code = int(ended.code or 0)
+        picture = Path(scratch) / "picture.svg"
+        svg = picture.read_text(encoding="utf-8") if picture.is_file() else ""
+    said = [line for line in err.getvalue().splitlines() if line.strip()]
+    if code and not out.getvalue().strip():
+        raise UsageError([Problem("command-failed", "\n".join(said) or f"the command ended with code {code}")])
+    shown = " ".join(["heavebond", name, path.name, *(f"'{g}'" if " " in g else g for g in given if scratch not in g)])
+    printed = "\n".join(line for line in out.getvalue().splitlines() if scratch not in line)
+    return {"kind": "command", "command": shown, "text": printed, "warnings": said, "code": code,
+            "pictures": [{"title": shown, "svg": svg}] if svg else [], "files": [written] if written and not code else []}

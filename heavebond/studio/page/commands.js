@@ -1,0 +1,38 @@
+// The commands of the command line as forms: their options, the run, and what it printed and drew.
+
+import { el } from "./dom.js";
+
+/** The kind of the document that is open. @param {any} studio */
+const kindOf = (studio) => studio.evidence.active ? "experiment" : studio.view?.study ? "study" : "model";
+
+/** The form of a command; `begin` is called with its values. @param {any} studio @param {any} all of the server @param {any} state that is kept @param {boolean} running @param {(given: any) => void} begin */
+export function commandForm(studio, all, state, running, begin) {
+  const found = all[kindOf(studio)] ?? [];
+  if (!found.length) return [el("p", { class: "empty" }, "This kind of document has no further analyses.")];
+  const chosen = found.find((/** @type {any} */ c) => c.name === state.command) ?? found[0], kept = state.values[chosen.name] ??= {};
+  const row = (/** @type {any} */ o) => {
+    const id = `option-${o.name}`, words = `${o.help}${o.required ? " Required." : ""}`;
+    const field = o.kind === "flag" ? el("input", { type: "checkbox", id, checked: Boolean(kept[o.name]), onchange: (/** @type {any} */ e) => { kept[o.name] = e.target.checked; } })
+      : o.kind === "choice" ? el("select", { id, onchange: (/** @type {any} */ e) => { kept[o.name] = e.target.value; } }, el("option", { value: "" }, "default"), ...o.choices.map((/** @type {string} */ c) => el("option", { value: c, selected: c === kept[o.name] }, c)))
+        : el("input", { id, class: "mono", value: kept[o.name] ?? "", placeholder: `${o.metavar}${o.several ? "; several apart by ;" : ""}`, spellcheck: "false", autocomplete: "off", required: o.required, oninput: (/** @type {any} */ e) => { kept[o.name] = e.target.value; } });
+    return el("tr", {}, el("th", { scope: "row" }, el("label", { for: id }, o.flag.replace(/^-+/, ""))), el("td", { class: "words" }, field), el("td", { class: "words doc" }, words));
+  };
+  return [el("form", { id: "command-form", onsubmit: (/** @type {Event} */ event) => {
+    event.preventDefault();
+    if (running) return;
+    const values = Object.fromEntries(chosen.options.map((/** @type {any} */ o) => [o.name, o.several ? String(kept[o.name] ?? "").split(";").map((t) => t.trim()).filter(Boolean) : kept[o.name] ?? ""])
+      .filter((/** @type {any[]} */ [, value]) => value !== "" && value !== false && (!Array.isArray(value) || value.length)));
+    begin({ command: chosen.name, values, picture: chosen.picture && kept[" picture"] !== false, format: kept[" format"] ?? chosen.formats[0] ?? "" });
+  } }, el("div", { class: "choices" }, el("label", {}, "Analysis ", el("select", { id: "command", onchange: (/** @type {any} */ e) => { state.command = e.target.value; studio.evidence.show(); } },
+    ...found.map((/** @type {any} */ c) => el("option", { value: c.name, selected: c === chosen }, `${c.name}: ${c.summary}`)))),
+  chosen.picture && el("label", {}, el("input", { type: "checkbox", id: "command-picture", checked: kept[" picture"] !== false, onchange: (/** @type {any} */ e) => { kept[" picture"] = e.target.checked; } }), " picture"),
+  chosen.formats.length > 0 && el("label", {}, "file ", el("select", { id: "command-format", onchange: (/** @type {any} */ e) => { kept[" format"] = e.target.value; } }, ...chosen.formats.map((/** @type {string} */ f) => el("option", { value: f, selected: f === kept[" format"] }, `.${f}`)))),
+  el("button", { class: "main", id: "begin-command", disabled: running }, "Run it")),
+  el("div", { class: "scroll" }, el("table", { class: "options" }, el("tbody", {}, ...chosen.options.map(row)))))];
+}
+
+/** What a command printed. @param {any} result */
+export function commandResult(result) {
+  return [el("p", { class: "said" }, "The same on the command line: ", el("code", {}, result.command)), ...result.warnings.map((/** @type {string} */ line) => el("p", { class: "verdict" }, line)),
+    result.text.trim() ? el("pre", { id: "printed", tabindex: "0" }, result.text) : null, result.files.length ? el("p", { class: "said" }, "Written: ", el("code", {}, result.files.join(", "))) : null];
+}
