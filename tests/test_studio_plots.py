@@ -187,6 +187,9 @@ def test_charts_stand_beside_each_other_are_split_and_moved(tab: browser.Tab, se
     _true(tab, f"{keys}[1] === {before[0]!r}")
     tab.click("[aria-label='wheel into the chart of its unit']")
     _true(tab, f"!{keys}.includes('m#wheel')")
+    tab.run(f"document.querySelector({handle!r}).focus()")
+    tab.key("ArrowRight", code=39)
+    _true(tab, f"{keys}[1] === {before[0]!r}")
     moved = tab.run(keys)
     _open(tab, server, "docked.yaml")  # the layout belongs to the diagram of the folder
     _run(tab)
