@@ -110,7 +110,7 @@ layout:
     mass: [0, 0]
     spring: [0, 10]
     damper: [13, 10]
-    wheel: [0, 20]
+    wheel:  [0, 20]
     tyre: [0, 30]
     road: [0, 40]
 """
