@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from heavebond.numerics.run_verdict import Verdict
 
 # the commands; each is the function of the same name in a module of `heavebond.commands`, except for `FUNCTIONS`
-NAMES = ("check", "draw", "run", "plot", "animate", "compare", "fit", "localize", "candidates", "try", "diagnose", "laws",
-         "errors", "design", "tune", "optimal", "study", "sweep", "signal", "modes", "linear", "energy", "sensitivity",
-         "library", "demo", "export", "import", "new", "studio")
+NAMES = ("check", "draw", "run", "plot", "animate", "compare", "fit", "localize", "candidates", "try", "diagnose",
+         "monitor", "laws", "errors", "design", "tune", "optimal", "study", "sweep", "signal", "modes", "linear", "energy",
+         "sensitivity", "library", "demo", "export", "import", "new", "studio")
 FUNCTIONS = {"try": "try_effect", "import": "import_model"}
 SERVING = ("studio",)  # commands that run until they are interrupted: no progress lines
 FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128

@@ -30,7 +30,7 @@ def test_a_linear_machine_is_filtered_as_by_an_independent_kalman_filter(rig: Ex
     table = np.loadtxt(rig.records["first"].file, delimiter=",", skiprows=1)
     order = [estimator.assembly.state_names.index(name) for name in ("body.x", "body.v")]
     nominal = estimator.assembly.x_nominal[order]
-    x, p = np.array([0.1, 0.0]), np.diag((0.1 * estimator.span[order] * nominal) ** 2)
+    x, p = np.array([0.1, 0.0]), np.diag((0.1 * estimator.reference.span[order] * nominal) ** 2)
     phi, gamma = exact(STEP)
     q = disturbance(0.3)
     nis = 0.0
@@ -81,7 +81,7 @@ def test_a_short_horizon_of_a_linear_machine_ends_at_the_estimate_of_the_filter(
 def test_the_innovations_are_white_with_the_stated_size_over_many_seeds(rig: Experiment, tmp_path: Path) -> None:
     """The sum of NIS over independent records is chi-square; each estimate errs by its standard deviation."""
     estimator = Estimator(rig, walks={"body.v": "0.5 m/s"}, start_deviation=0.1)
-    deviations = 0.1 * estimator.span * estimator.assembly.x_nominal
+    deviations = 0.1 * estimator.reference.span * estimator.assembly.x_nominal
     total, samples, outside, errors = 0.0, 0, 0, []
     for seed in range(20):
         file = tmp_path / f"{seed}.csv"

@@ -30,8 +30,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.numerics.dae import Array
+
+Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -70,26 +73,14 @@ class Change:
 def find_change(time: Array, innovations: Mapping[str, Array], rate: float) -> Change | None:
     """The change in a record of innovations (N,) by channel, nan where not sampled; None if no sum exceeds its threshold.
     `rate` is the probability of an alarm in a record without a change."""
-    matrix = np.column_stack(list(innovations.values()))
-    share = rate / (1 + 2 * matrix.shape[1])
-    # samples of all channels in the order of time, for the sum of their size
-    rows, _ = np.nonzero(np.isfinite(matrix))
-    flat = matrix[np.isfinite(matrix)]
-    if not len(flat):
-        return None
-    sums = {"size": (rows, cusum((flat**2 * (1 - DETECTION.scale**-2) - np.log(DETECTION.scale**2)) / 2), "size")}
-    for name, v in innovations.items():
-        on = np.flatnonzero(np.isfinite(v))
-        for sign, words in ((1, "above"), (-1, "below")):
-            increments = sign * DETECTION.shift * v[on] - DETECTION.shift**2 / 2
-            sums[f"{name} {words} its prediction"] = on, cusum(increments), "mean"
     alarms = []
-    for name, (at, sum_values, kind) in sums.items():
-        if len(at) and (over := np.flatnonzero(sum_values > threshold(kind, len(at), share))).size:
-            alarms.append((int(at[over[0]]), name))
+    for name, (rows, values) in watched_sums(innovations, rate).items():
+        if (over := np.flatnonzero(values > 1)).size:
+            alarms.append((int(rows[over[0]]), name))
     if not alarms:
         return None
     alarm, statistic = min(alarms)
+    matrix = np.column_stack(list(innovations.values()))
     ratios = np.full(alarm + 1, -np.inf)
     squares = np.nansum(matrix[:alarm + 1] ** 2, axis=1)
     counts = np.isfinite(matrix[:alarm + 1]).sum(axis=1)
@@ -102,6 +93,24 @@ def find_change(time: Array, innovations: Mapping[str, Array], rate: float) -> C
     low, high = (int(np.searchsorted(cumulated, share)) for share in (0.025, 0.975))
     return Change(float(time[alarm]), statistic, float(time[best]), float(time[min(low, best)]),
                   float(time[min(max(high, best), alarm)]), float(ratios[best]) if larger.any() else 0.0)
+
+
+def watched_sums(innovations: Mapping[str, Array], rate: float) -> dict[str, tuple[Rows, Array]]:
+    """Each sum over its threshold for innovations (N,) by channel, by its name: the samples (n,) at which it changes, and
+    its values (n,) there. A value above 1 raises an alarm."""
+    matrix = np.column_stack(list(innovations.values()))
+    share = rate / (1 + 2 * matrix.shape[1])
+    # samples of all channels in the order of time, for the sum of their size
+    rows, _ = np.nonzero(np.isfinite(matrix))
+    flat = matrix[np.isfinite(matrix)]
+    increments = {"size": (rows, (flat**2 * (1 - DETECTION.scale**-2) - np.log(DETECTION.scale**2)) / 2, "size")}
+    for name, v in innovations.items():
+        on = np.flatnonzero(np.isfinite(v))
+        for sign, words in ((1, "above"), (-1, "below")):
+            increments[f"{name} {words} its prediction"] = (
+                on, sign * DETECTION.shift * v[on] - DETECTION.shift**2 / 2, "mean")
+    return {name: (at, cusum(values) / threshold(kind, len(at), share))
+            for name, (at, values, kind) in increments.items() if len(at)}
 
 
 def cusum(increments: Array) -> Array:

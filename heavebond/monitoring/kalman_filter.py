@@ -32,7 +32,7 @@ from heavebond.core.units import read_unit
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import assemble_for, simulate_over
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Record, load_experiment
-from heavebond.estimation.records import Measured, measure
+from heavebond.estimation.records import measure
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.ltv_model import Known, known_of
 from heavebond.monitoring.collocation import Collocation, Point
@@ -40,7 +40,6 @@ from heavebond.monitoring.estimates import StateEstimate
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start, start, tangent
 from heavebond.numerics.inputs import Pieced, pieced
-from heavebond.numerics.result import Result
 from heavebond.numerics.start_equations import StartEquations
 
 
@@ -92,6 +91,16 @@ class SampledRecord:
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What the reference record determines: the span (n,) of each state in nominal sizes, the longest step (s), and the
+    number of steps between two samples."""
+
+    span: Array
+    longest: float
+    steps: int
+
+
 class Estimator:
     """Extended Kalman filter of the machine of an experiment.
 
@@ -106,7 +115,9 @@ class Estimator:
     """
 
     def __init__(self, experiment: ExperimentOrFile, *, walks: Mapping[str, float | str] | None = None,
-                 record: str | None = None, start_deviation: float | str = INPUT_ESTIMATION.start_deviation):
+                 record: str | None = None, start_deviation: float | str = INPUT_ESTIMATION.start_deviation,
+                 reference: Reference | None = None):
+        """`reference` is that of another estimator of the same record, if it is known."""
         self.experiment = experiment = with_noise(load_experiment(experiment))
         if record is not None and record not in experiment.records:
             raise UsageError([Problem("record-unknown", f"the experiment has no record '{record}'", None,
@@ -123,10 +134,7 @@ class Estimator:
                                                        for o in experiment.outputs.values()], self.known, self.noise)
         self.equations = self.assembly.once("start", lambda: StartEquations(self.assembly))
         self._near: Start | None = None
-        measured = measure(experiment, replace(self.record, use="test"))
-        run = simulate_over(self.assembly, measured.grid)
-        self.span = np.ptp(run.x, axis=1) / self.assembly.x_nominal
-        self.longest, self.steps = self._steps(measured, run)
+        self.reference = reference or self._reference()
         self.time: float | None = None
         self._fed: dict[str, float] = {}
 
@@ -141,7 +149,7 @@ class Estimator:
         moved = tangent(self.equations, first, u, directions).x / self.assembly.x_nominal[:, None]
         n, k = len(first.x), len(self.known)
         covariance = np.eye(n + k)
-        covariance[:n, :n] = moved @ moved.T + np.diag((self.share * self.span) ** 2)
+        covariance[:n, :n] = moved @ moved.T + np.diag((self.share * self.reference.span) ** 2)
         covariance[:n, n:], covariance[n:, :n] = moved, moved.T
         self.time, self.p = time, first.p
         self.point = Point(first.x / self.assembly.x_nominal, first.z / self.assembly.z_nominal,
@@ -150,7 +158,7 @@ class Estimator:
     def predict(self, time: float, inputs: Pieced) -> None:
         """Integrate to a time with these inputs."""
         assert self.time is not None
-        for begin, h, u in steps_between(self.time, time, inputs, self.longest):
+        for begin, h, u in steps_between(self.time, time, inputs, self.reference.longest):
             self.point = self.collocation.step(self.point, self.p, u, begin, h)
         self.time = time
 
@@ -209,7 +217,7 @@ class Estimator:
         by_channel = [dict(zip(self.outputs, part.T, strict=True)) for part in (predicted, samples.values, innovations)]
         return StateEstimate(samples.name, samples.time, dict(zip(names, values, strict=True)),
                              {name: deviations[:, j] * slopes[j] for j, name in enumerate(names)}, self.units,
-                             by_channel[0], by_channel[1], by_channel[2], self.steps, samples.notes)
+                             by_channel[0], by_channel[1], by_channel[2], self.reference.steps, samples.notes)
 
     @property
     def units(self) -> dict[str, str]:
@@ -278,15 +286,18 @@ class Estimator:
         return np.array(noise)
 
     # -- accuracy --------------------------------------------------------------------------------------------------
-    def _steps(self, measured: Measured, run: Result) -> tuple[float, int]:
-        """The longest step of the collocation, and the number of steps between two samples, for which the outputs follow the
-        reference run within a share of the noise."""
+    def _reference(self) -> Reference:
+        """The spans of the states in a run of the reference record, and the steps of the collocation for which the outputs
+        follow this run within a share of the noise."""
+        measured = measure(self.experiment, replace(self.record, use="test"))
+        run = simulate_over(self.assembly, measured.grid)
+        span = np.ptp(run.x, axis=1) / self.assembly.x_nominal
         grid = measured.grid[:FILTER.looked]
         inputs = self.inputs(self.record, float(measured.grid[0]), float(measured.grid[-1]))
         interval = float(np.median(np.diff(measured.grid)))
         noise, q = np.sqrt(np.mean(measured.deviations**2, axis=1)), np.array([
             prior.place_of(v) for prior, v in zip(self.known, self.assembly.p[self.collocation.places], strict=True)])
-        nothing, unknown = np.full(len(self.outputs), np.nan), np.zeros((len(self.span) + len(q),) * 2)
+        nothing, unknown = np.full(len(self.outputs), np.nan), np.zeros((len(span) + len(q),) * 2)
 
         def outputs(point: Point, time: float) -> Array:
             return self.collocation.correct(point, run.start.p, inputs.at(np.array([time]))[:, 0], time, nothing, noise)[1]
@@ -302,7 +313,7 @@ class Estimator:
                     point = self.collocation.step(point, run.start.p, u, at, h)
                 error += float(np.mean(((outputs(point, end) - expected[i]) / noise) ** 2))
             if np.sqrt(error / len(grid)) <= FILTER.error:
-                return longest, steps
+                return Reference(span, longest, steps)
             if steps >= FILTER.most_steps:
                 raise SimulationError([Problem("estimation-accuracy", f"{steps} steps between two samples do not suffice to "
                                                f"follow the run of record '{self.record.name}' within the noise", None,

@@ -37,7 +37,7 @@ from heavebond.estimation.faulty_columns import frozen_notes
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.monitoring.change_detection import find_change
 from heavebond.monitoring.estimates import StateEstimate
-from heavebond.monitoring.kalman_filter import Estimator
+from heavebond.monitoring.kalman_filter import Estimator, Reference
 from heavebond.numerics.dae import Array
 from heavebond.records.measurements import SUFFIXES as RECORD_SUFFIXES
 
@@ -80,8 +80,8 @@ class Monitoring(facade.Displayed):
     """The records of a folder, each with its outcome, in the order of their names.
 
     `rate` is the stated probability of a false alarm in a record; `walks` and `start_deviation` are those of the filter;
-    `estimates` are the estimates by record, if they were requested; `partial` is true if Ctrl-C ended the work before all
-    records were filtered."""
+    `estimates` are the estimates by record, of those that left the model, or of all if they were requested; `partial` is
+    true if Ctrl-C ended the work before all records were filtered."""
 
     experiment: Experiment
     records: tuple[MonitoredRecord, ...]
@@ -119,6 +119,15 @@ class Monitoring(facade.Displayed):
                 return record
         raise UsageError([Problem("record-unknown", f"no record is called '{name}'", None,
                                   f"Records: {listing([r.name for r in self.records], 12)}.")])
+
+    def estimate(self, name: str) -> StateEstimate:
+        """The estimate of a record; UsageError if it is not kept."""
+        if name not in self.estimates:
+            found = self[name]
+            raise UsageError([Problem("estimate-missing", f"there is no estimate of the record '{name}'"
+                                      + (f": {found.reason}" if found.outcome == UNUSABLE else ""), None,
+                                      "Monitor the folder with `estimates=True`, which keeps those of all records.")])
+        return self.estimates[name]
 
     def window(self, name: str) -> Experiment:
         """The experiment on the time after the change of a record, for `diagnose`, with the knowledge from before it: the
@@ -174,8 +183,8 @@ class Monitoring(facade.Displayed):
                                           "pip install 'heavebond[parquet]'")]) from None
 
     def plot(self, name: str) -> Figure:
-        """The innovations of a record over time, their sums with thresholds, and the change, as a matplotlib figure. The
-        record must have been monitored with `estimates`."""
+        """The innovations of a record over time, their sums with thresholds, and the change, as a matplotlib figure; for a
+        record of `estimates`."""
         figure: Figure = facade.call("Monitoring.plot", self, name)
         return figure
 
@@ -194,6 +203,7 @@ class _Task:
     start_deviation: float
     rate: float
     keep: bool
+    reference: Reference
 
 
 @reporting
@@ -223,7 +233,7 @@ def monitor(experiment: ExperimentOrFile, folder: str | Path, *, walks: Mapping[
     template = estimator.record
     _check_one_file(experiment, template)
     task = _Task(replace(experiment, records={template.name: template}), dict(walks or {}), template.name, share, alarm_rate,
-                 estimates)
+                 estimates, estimator.reference)
     say = progress or (lambda text: None)
     done: dict[Path, tuple[MonitoredRecord, StateEstimate | None]] = {}
     partial = False
@@ -291,7 +301,8 @@ def _lost(group: Sequence[Path]) -> dict[Path, tuple[MonitoredRecord, StateEstim
 
 def _filter_group(task: _Task, group: Sequence[Path]) -> dict[Path, tuple[MonitoredRecord, StateEstimate | None]]:
     """Filter some records with one estimator."""
-    estimator = Estimator(task.experiment, walks=task.walks, record=task.record, start_deviation=task.start_deviation)
+    estimator = Estimator(task.experiment, walks=task.walks, record=task.record, start_deviation=task.start_deviation,
+                          reference=task.reference)
     return {file: _filtered(estimator, task, file) for file in group}
 
 
@@ -313,7 +324,7 @@ def _filtered(estimator: Estimator, task: _Task, file: Path) -> tuple[MonitoredR
     if change is None:
         return row, kept
     return replace(row, outcome=CHANGED, alarm=change.alarm, change=change.time, earliest=change.low, latest=change.high,
-                   statistic=change.statistic), kept
+                   statistic=change.statistic), estimate
 
 
 @dataclass(frozen=True, eq=False)

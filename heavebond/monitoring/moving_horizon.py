@@ -78,7 +78,8 @@ def _window(estimator: Estimator, samples: SampledRecord, points: list[Point], b
     size, stages = n + n_z, len(equations.stage_times)
     steps, nodes = [], [0]  # the steps of the window, and the node at which each sample is
     for i in range(begin, end):
-        steps += list(steps_between(float(samples.time[i]), float(samples.time[i + 1]), samples.inputs, estimator.longest))
+        steps += list(steps_between(float(samples.time[i]), float(samples.time[i + 1]), samples.inputs,
+                                    estimator.reference.longest))
         nodes.append(len(steps))
     begins, lengths, pieces = (np.array(part) for part in zip(*steps, strict=True))
     x, q = ca.MX.sym("X", n, len(steps) + 1), ca.MX.sym("q", k, len(steps) + 1)

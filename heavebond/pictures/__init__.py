@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from heavebond.language.model import Model
     from heavebond.linear.linear_system import StateSpace
     from heavebond.linear.root_locus import RootLocus
+    from heavebond.monitoring.monitor import Monitoring
     from heavebond.numerics.dae import Array
     from heavebond.numerics.result import Result
     from heavebond.optimise.influence import Rankings
@@ -109,3 +110,10 @@ def _page_of_motion(motion: Motion) -> str:
     from heavebond.pictures.animation import animation_frame
 
     return animation_frame(motion)
+
+
+@provides("Monitoring.plot")
+def _plot_of_monitored_record(found: Monitoring, name: str) -> Figure:
+    from heavebond.pictures.plot_monitor import plot_monitored
+
+    return plot_monitored(found, name)

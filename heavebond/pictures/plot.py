@@ -86,7 +86,7 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
     for unit, group in groups.items():
         display_unit = readable_unit(unit, sizes[unit])
         panels.setdefault(display_unit, []).extend((name, converted(values[name], unit, display_unit)) for name in group)
-    figure, axes = _stack(len(panels), title or _heading(result))
+    figure, axes = stack_of_axes(len(panels), title or _heading(result))
     for panel, (unit, lines) in zip(axes, panels.items(), strict=True):
         for k, (name, line) in enumerate(lines):
             panel.plot(result.time, line, color=COLOURS[k % len(COLOURS)], linewidth=1.3, label=name,
@@ -111,7 +111,7 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
     """
     chosen = list(dict.fromkeys(names))
     holders = {name: _holders(runs, name) for name in chosen}
-    figure, axes = _stack(len(chosen), title)
+    figure, axes = stack_of_axes(len(chosen), title)
     ends = [_ends(run.time) for run in runs.values()]
     begin, end = window or (min(first for first, _ in ends), max(last for _, last in ends))
     inside = {label: (run.time >= begin) & (run.time <= end) for label, run in runs.items()}
@@ -337,7 +337,7 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 
 # -- axes ----------------------------------------------------------------------------------------------------------
-def _stack(n: int, title: str) -> tuple[Figure, list[Axes]]:
+def stack_of_axes(n: int, title: str) -> tuple[Figure, list[Axes]]:
     """n axes above each other that share their time axis."""
     figure = NotebookFigure(figsize=(WIDTH, max(8.0 if n > 2 else 5.5, 0.9 + 1.75 * n)), dpi=DPI,
                             layout=ConstrainedLayoutEngine(rect=RECT))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from heavebond.linear.modes import Modes
     from heavebond.linear.root_locus import RootLocus
     from heavebond.localise.misfit import Localization
+    from heavebond.monitoring.monitor import Monitoring
     from heavebond.numerics.result import Result
     from heavebond.optimise.influence import Rankings
     from heavebond.optimise.tuning import Tuned
@@ -194,3 +195,11 @@ def _text_page(found: TextPage) -> str:
     from heavebond.pictures.markup import element
 
     return str(element("pre", str(found)))
+
+
+@provides("Monitoring._repr_html_")
+def _monitoring(found: Monitoring) -> str:
+    from heavebond.reports import notebook
+    from heavebond.reports.monitoring_page import monitoring_items
+
+    return notebook.items_html(found.experiment.name, "monitored records", monitoring_items(found))

@@ -1,0 +1,126 @@
+"""`heavebond monitor`: filter the records of a folder and report those that leave the model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from heavebond.commands.arguments import Number, Whole, json_option, scheduler_option, settings_of
+from heavebond.core.errors import DataError, Problem, listing
+
+if TYPE_CHECKING:
+    from heavebond.monitoring.monitor import Monitoring
+
+
+@click.command(short_help="Report the records of a folder that leave the model.")
+@click.argument("experiment")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--walk", "walks", metavar="NAME=VALUE", multiple=True,
+              help="Process noise of a state, or random walk of a free parameter: its standard deviation after one second, "
+              "e.g. --walk load.v='1 mm/s'. A parameter with 0 is estimated as a constant. May be repeated.")
+@click.option("--rate", metavar="SHARE", default="1 %", show_default=True,
+              help="Probability of a false alarm in a record of a sound machine.")
+@click.option("--record", metavar="NAME", help="Record of EXPERIMENT with the settings of the monitored machine [default: "
+              "the first].")
+@click.option("--start-deviation", metavar="SHARE", default="2 %", show_default=True,
+              help="Standard deviation of the state at the beginning of a record, as a share of the span of each state.")
+@click.option("--diagnose", "number", type=Whole(0), metavar="N", default=1, show_default=True,
+              help="Diagnose the first N records that leave the model.")
+@click.option("--seconds", type=Number(0, min_open=True), default=600.0, show_default=True,
+              help="Time for each diagnosis; its search then ends with its best result so far.")
+@click.option("--estimates", is_flag=True, help="Write the estimated states of each record as Parquet.")
+@click.option("--processes", type=Whole(1), help="Number of parallel processes [default: all processors].")
+@click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
+              help="Folder for table, page and pictures [default: EXPERIMENT_monitor].")
+@scheduler_option
+@json_option
+def monitor(experiment: str, folder: Path, walks: tuple[str, ...], rate: str, record: str | None, start_deviation: str,
+            number: int, seconds: float, estimates: bool, processes: int | None, output: Path | None,
+            scheduler: str | None) -> dict[str, object]:
+    """Filter each record of FOLDER by the model of EXPERIMENT, and report the records that leave the model, with the time.
+
+    The records have the columns that EXPERIMENT names. Writes monitor.parquet, monitor.html and a picture of each record
+    that leaves the model (NAME.png); the time after the change is diagnosed (NAME_report.html). Records that cannot be used
+    are listed with the reason. Exit code 0: all records agree with the model; 1: a record leaves the model or cannot be
+    used; 2: wrong usage. Ctrl-C writes the records finished so far.
+    """
+    from heavebond.commands import terminal
+    from heavebond.core.cluster import connected
+    from heavebond.core.errors import UsageError
+    from heavebond.core.writable import make_folder, new_file, write_text
+    from heavebond.estimation.experiment import load_experiment
+    from heavebond.monitoring.monitor import monitor as monitored
+    from heavebond.pictures.plot import save
+    from heavebond.reports.monitoring_page import monitoring_items, monitoring_page
+
+    loaded = load_experiment(experiment)
+    target = output or Path(f"{loaded.path.stem}_monitor")
+    if target.resolve() == folder.resolve():
+        raise UsageError([Problem("folder-same", f"the output folder '{target}' is the folder of the records", None,
+                                  "Give another folder with --output.")])
+    make_folder(target)
+    with connected(scheduler) as cluster, terminal.working("monitoring") as progress:
+        found = monitored(loaded, folder, walks=settings_of("--walk", walks), rate=rate, record=record,
+                          start_deviation=start_deviation, estimates=estimates, processes=processes, executor=cluster,
+                          progress=progress)
+    terminal.show(monitoring_items(found))
+    files = [target / "monitor.parquet"]
+    try:
+        found.save(files[0])
+    except UsageError as error:
+        if error.problems[0].code != "pyarrow-missing":
+            raise
+        files = [target / "monitor.csv"]
+        found.save(files[0])
+        terminal.warn("monitor.csv is written in place of Parquet: pip install 'heavebond[parquet]'")
+    files += [save(found.plot(r.name), target / f"{r.name}.png") for r in found.changed]
+    for name, estimate in found.estimates.items() if estimates else ():
+        files.append(target / f"{name}_estimate.parquet")
+        with new_file(files[-1]) as fresh:
+            estimate.to_pandas().to_parquet(fresh, engine="pyarrow")
+    diagnoses = _diagnosed(found, number, seconds, processes, target, files)
+    files.append(target / "monitor.html")
+    write_text(files[-1], monitoring_page(found, {name: answer["words"] for name, answer in diagnoses.items()}))
+    for path in files:
+        terminal.output().print(f"wrote {path}", soft_wrap=True)
+    figures: dict[str, object] = {"experiment": loaded.name, **found.as_dict(), "diagnoses": diagnoses,
+                                  "files": list(map(str, files))}
+    if found.partial:
+        terminal.output().print("ended early: these are the records that were filtered so far", soft_wrap=True)
+    if found.changed or found.unusable:
+        names = [r.name for r in (*found.changed, *found.unusable)]
+        problem = DataError([Problem("records-changed", f"{len(found.changed)} of {len(found.records)} records left the "
+                                     f"model, and {len(found.unusable)} could not be used", None,
+                                     f"See {files[-1]} ({listing(names, 8)}).")])
+        problem.figures = figures
+        raise problem
+    return figures
+
+
+def _diagnosed(found: Monitoring, number: int, seconds: float, processes: int | None, target: Path, files: list[Path]
+               ) -> dict[str, dict[str, object]]:
+    """The diagnoses of the first records that leave the model, by record; their reports are added to `files`."""
+    from heavebond.commands import terminal
+    from heavebond.core.errors import HeavebondError
+    from heavebond.core.writable import write_text
+    from heavebond.diagnosis.diagnose import diagnose
+    from heavebond.reports.report import report
+
+    answers: dict[str, dict[str, object]] = {}
+    for record in found.changed[:number]:
+        try:
+            with terminal.working(f"diagnosing {record.name}") as progress:
+                result = diagnose(found.window(record.name), seconds=seconds, number=processes, progress=progress)
+        except HeavebondError as error:
+            terminal.warn(f"{record.name} cannot be diagnosed: {error.problems[0].message}")
+            continue
+        answers[record.name] = {"verdict": result.verdict, "words": list(result.tree.words)}
+        terminal.output().print(f"{record.name}: {' '.join(result.tree.words)}", soft_wrap=True)
+        files.append(target / f"{record.name}_report.html")
+        write_text(files[-1], report(result, result.localization))
+    if len(found.changed) > number:
+        terminal.output().print(f"{len(found.changed) - number} records that left the model are not diagnosed: give "
+                                f"--diagnose {len(found.changed)}", soft_wrap=True)
+    return answers

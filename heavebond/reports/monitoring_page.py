@@ -1,0 +1,57 @@
+"""Results of monitoring as a table and as a page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from heavebond.core.presentation import number
+from heavebond.monitoring.monitor import CHANGED, UNUSABLE, MonitoredRecord, Monitoring
+from heavebond.pictures.markup import Html, element, page, table
+from heavebond.reports.result_tables import Item, Line, ResultTable
+
+HEAD = ("record", "outcome", "alarm raised by", "NIS per sample", "95 % bounds", "change [s]", "95 % interval [s]",
+        "alarm [s]")
+ORDER = {CHANGED: 0, UNUSABLE: 1}
+SHOWN = 40  # records in the table of the terminal; the page has all
+
+
+def monitoring_items(found: Monitoring) -> list[Item]:
+    """The table of the records, those that need attention first, and the numbers of records."""
+    rows = [_row(record) for record in _ordered(found)]
+    more = [Line(f"and {len(rows) - SHOWN} more records")] if len(rows) > SHOWN else []
+    reasons = [Line(f"{record.name}: {record.reason}") for record in found.unusable[:SHOWN]]
+    return [ResultTable("", HEAD, rows[:SHOWN], text=3), *more, *reasons, Line(f"{found.words}.")]
+
+
+def monitoring_page(found: Monitoring, diagnoses: Mapping[str, object]) -> str:
+    """The table as a page, with a link to the picture of each record that left the model, and the answers of diagnoses."""
+    marks = {CHANGED: "chosen", UNUSABLE: "alike"}
+    ordered = _ordered(found)
+    title = f"Records of {found.experiment.name}"
+    answers = [element("section", element("h2", name), *(element("p", str(line)) for line in lines),
+                       element("p", element("a", "report", href=f"{name}_report.html")))
+               for name, lines in diagnoses.items() if isinstance(lines, list)]
+    rows = [[_linked(record), record.outcome, record.statistic or record.reason, *_row(record)[3:]] for record in ordered]
+    return page(title, element("header", element("h1", title), class_="page"), element(
+        "main", element("p", f"{found.words}."), *answers,
+        table((*HEAD[:2], "alarm raised by, or reason", *HEAD[3:]), rows, numbers=range(3, len(HEAD)),
+              marks=[marks.get(r.outcome, "") for r in ordered], wide=True)))
+
+
+def _linked(record: MonitoredRecord) -> Html | str:
+    return element("a", record.name, href=f"{record.name}.png") if record.outcome == CHANGED else record.name
+
+
+def _ordered(found: Monitoring) -> list[MonitoredRecord]:
+    return sorted(found.records, key=lambda r: ORDER.get(r.outcome, 2))
+
+
+def _row(record: MonitoredRecord) -> tuple[str, ...]:
+    def told(value: float, digits: int = 6) -> str:
+        return number(value, digits) if math.isfinite(value) else ""
+
+    between = f"{told(record.low, 4)} .. {told(record.high, 4)}" if math.isfinite(record.low) else ""
+    interval = f"{told(record.earliest)} .. {told(record.latest)}" if math.isfinite(record.earliest) else ""
+    return (record.name, record.outcome, record.statistic, told(record.nis, 4), between,
+            told(record.change), interval, told(record.alarm))
