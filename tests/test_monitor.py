@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from oscillator import STEP, write_experiment, write_record
 from scipy.stats import binom
 
 import heavebond as hb
+from heavebond.cli import main
+from heavebond.core.cluster import Cluster
 from heavebond.core.errors import UsageError
 from heavebond.monitoring.change_detection import cusum, find_change, threshold
 
@@ -124,3 +128,36 @@ def test_wrong_arguments_are_refused(fleet: Path) -> None:
     shutil.copy(fleet / "records" / "sound_0.csv", fleet / "records" / "sound_0.txt")
     with pytest.raises(UsageError, match="several records have one name"):
         hb.monitor(fleet / "rig.yaml", fleet / "records")
+
+def test_the_command_writes_table_page_pictures_and_estimates(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(fleet)
+    run = CliRunner().invoke(main, ["monitor", "rig.yaml", "records", "--diagnose", "0", "--processes", "1", "--estimates",
+                                    "--walk", "spring.c=0 N/m", "--json", "told.json"])
+    assert run.exit_code == 1
+    assert "1 of 7 records left the model, and 3 could not be used" in run.output
+    told = json.loads(Path("told.json").read_text())
+    assert not told["ok"] and {r["outcome"] for r in told["records"]} == {"in the model", "changed", "unusable"}
+    target = fleet / "rig_monitor"
+    assert {f.name for f in target.iterdir()} == {
+        "monitor.parquet", "monitor.html", "softer.png", *(f"{n}_estimate.parquet" for n in (
+            "softer", "sound_0", "sound_1", "sound_2", "frozen"))}
+    page = (target / "monitor.html").read_text()
+    assert '<a href="softer.png">softer</a>' in page and "stays at exactly" in page
+    import pandas as pd
+
+    estimate = pd.read_parquet(target / "sound_0_estimate.parquet")
+    assert {"body.x", "body.x std", "spring.c", "body.v innovation"} <= set(estimate.columns)
+    (fleet / "good").mkdir()
+    shutil.copy(fleet / "records" / "sound_1.csv", fleet / "good")
+    run = CliRunner().invoke(main, ["monitor", "rig.yaml", "good", "--output", "out"])
+    assert run.exit_code == 0, run.output
+    run = CliRunner().invoke(main, ["monitor", "rig.yaml", "good", "--output", "good"])
+    assert run.exit_code == 2 and "is the folder of the records" in run.output
+
+
+def test_a_cluster_gives_the_same_table(fleet: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as local, \
+            Cluster(local.scheduler_address) as cluster:
+        found = hb.monitor(fleet / "rig.yaml", fleet / "records", executor=cluster)
+    assert found.to_pandas().equals(hb.monitor(fleet / "rig.yaml", fleet / "records", processes=1).to_pandas())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import tempfile
@@ -256,6 +257,22 @@ def measured(folder: Path) -> list[Path]:
     return drawn
 
 
+def monitored(folder: Path) -> Path:
+    """The record with a leak of the tutorial on machines in service."""
+    page = (Path(__file__).parent.parent / "tutorials" / "monitoring.md").read_text("utf-8")
+    experiment, program = (re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL)[0] for kind in ("yaml", "python"))
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as place:
+        os.chdir(place)
+        try:
+            Path("service.yaml").write_text(experiment, encoding="utf-8")
+            exec(program, {})
+            found = hb.monitor("service.yaml", "records", processes=1)
+        finally:
+            os.chdir(before)
+    return plot.save(found.plot("wednesday"), folder / "monitored.png")
+
+
 def reliability(folder: Path) -> Path:
     """Stated probabilities of a diagnosis against true frequencies, in the cases of the calibration study."""
     from benchmarks.diagnosis.reliability import diagram, known_rows, left_out
@@ -305,6 +322,7 @@ DRAWN = (
     detailed,
     measured,
     power_unit,
+    monitored,
     reliability,
 )
 
