@@ -109,8 +109,9 @@ def main() -> None:
           f"load {os.getloadavg()[0]:.1f}")
     print(f"wall clock {wall:.0f} s: {given.records / wall:.1f} records/s; processor time of the workers {used:.0f} s: "
           f"{given.records / used:.1f} records per processor second")
-    print(f"false alarms: {len([n for n in false if n not in begins])} of {sound} sound records "
-          f"({100 * len(false) / sound:.2f} %), stated at most {100 * RATE:.0f} %")
+    of_sound = len([n for n in false if n not in begins])
+    print(f"false alarms: {of_sound} of {sound} sound records ({100 * of_sound / sound:.2f} %), stated at most "
+          f"{100 * RATE:.0f} %")
     print(f"leaks found: {len(errors)} of {given.leaking}; error of the time: median {100 * np.median(errors):.2f} %, "
           f"95 % below {100 * np.quantile(errors, 0.95):.2f} %, largest {100 * errors.max():.2f} % of the record")
     inside = sum(alarmed[n].earliest <= begin <= alarmed[n].latest for n, begin in begins.items() if n in alarmed)
