@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from heavebond.exchange.export import export
     from heavebond.import_20sim.importer import ImportedModel, import_model
     from heavebond.language.diagram import Diagram
+    from heavebond.language.library import native_code
     from heavebond.language.model import Model, load, loads
     from heavebond.laws.find import FoundLaw, Laws, find_laws
     from heavebond.linear.design import design_gains, design_lqg, filter_coefficients, lqg
@@ -100,6 +101,7 @@ _EXPORTS = {
     "estimation.fitting": ("Fit", "fit"),
     "localise.misfit": ("Localization", "localize"),
     "language.diagram": ("Diagram",),
+    "language.library": ("native_code",),
     "language.model": ("load", "loads", "Model"),
     "laws.find": ("find_laws", "FoundLaw", "Laws"),
     "monitoring.estimates": ("StateEstimate",),
@@ -140,8 +142,8 @@ __all__ = [
     "animate", "assemble", "attempt", "candidates", "check", "compare", "design_gains", "design_lqg", "diagnose",
     "draw", "energy", "errors", "export", "filter_coefficients", "find_laws", "fit", "import_model", "library",
     "load", "load_experiment", "load_study", "loads", "localize", "loop_crossings", "loop_margins", "lqg", "modes",
-    "monitor", "moving_horizon", "new", "optimal", "optimal_task", "read_run", "root_locus", "sensitivity", "signal",
-    "simplify", "simulate", "state_space", "study", "sweep", "tune", "tuning_task",
+    "monitor", "moving_horizon", "native_code", "new", "optimal", "optimal_task", "read_run", "root_locus",
+    "sensitivity", "signal", "simplify", "simulate", "state_space", "study", "sweep", "tune", "tuning_task",
 ]
 
 

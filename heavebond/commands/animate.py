@@ -6,7 +6,15 @@ from pathlib import Path
 
 import click
 
-from heavebond.commands.arguments import Number, blamed_on_settings, check_writable, json_option, set_option, with_settings
+from heavebond.commands.arguments import (
+    Number,
+    blamed_on_settings,
+    check_writable,
+    json_option,
+    native_option,
+    set_option,
+    with_settings,
+)
 
 
 @click.command(short_help="Animate a run.")
@@ -20,6 +28,7 @@ from heavebond.commands.arguments import Number, blamed_on_settings, check_writa
 @click.option("--speed", metavar="NUMBER", type=Number(0, min_open=True), default=1.0, show_default=True,
               help="Playback speed; 1 is real time.")
 @set_option
+@native_option
 @json_option
 def animate(model: str, output: Path | None, signals: tuple[str, ...], until: str | None, every: str | None, speed: float,
             settings: tuple[str, ...]) -> dict[str, object]:

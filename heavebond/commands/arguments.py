@@ -55,6 +55,18 @@ def json_option(command: Command) -> Command:
                         help="Write the results to FILE as JSON, problems included.")(command)
 
 
+def native_option(command: Command) -> Command:
+    """--allow-native; diagrams that the command loads have the permission."""
+    def permit(ctx: click.Context, _: click.Parameter, allowed: bool) -> None:
+        from heavebond.language.library import native_code
+
+        if allowed:
+            ctx.with_resource(native_code())
+
+    return click.option("--allow-native", is_flag=True, is_eager=True, expose_value=False, callback=permit,
+                        help="Compile and run the programs of external functions. Do so only with files you trust.")(command)
+
+
 def scheduler_option(command: Command) -> Command:
     """--scheduler ADDRESS."""
     return click.option("--scheduler", metavar="ADDRESS",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import json_option
+from heavebond.commands.arguments import json_option, native_option
 
 if TYPE_CHECKING:
     pass
@@ -16,6 +16,7 @@ HEAD = ("class", "effect", "place", "what is fitted")
 
 @click.command(short_help="List the effects that could be missing from a diagram.")
 @click.argument("experiment")
+@native_option
 @json_option
 def candidates(experiment: str) -> dict[str, object]:
     """List every effect of the catalogue at every place of EXPERIMENT's diagram where it fits, and one law at all similar

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import click
 
-from heavebond.commands.arguments import blamed_on_settings, json_option, set_option, settings_of
+from heavebond.commands.arguments import blamed_on_settings, json_option, native_option, set_option, settings_of
 
 
 @click.command(short_help="Check a diagram, component, function, experiment or study file.")
 @click.argument("model", metavar="FILE")
 @click.option("--names", "listed", is_flag=True, help="List every variable and parameter by its name.")
 @set_option
+@native_option
 @json_option
 def check(model: str, listed: bool, settings: tuple[str, ...]) -> dict[str, object]:
     """Check FILE and show what it contains, or all problems in it.

@@ -10,6 +10,7 @@ from heavebond.commands.arguments import (
     blamed_on_settings,
     check_picture,
     json_option,
+    native_option,
     picture_option,
     set_option,
     settings_of,
@@ -20,6 +21,7 @@ from heavebond.commands.arguments import (
 @click.argument("experiment")
 @set_option
 @picture_option("Draw records, model and residual")
+@native_option
 @json_option
 def compare(experiment: str, settings: tuple[str, ...], output: Path | None) -> dict[str, object]:
     """Simulate EXPERIMENT with its measured inputs and show the error on each record.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import Number, Whole, check_writable, json_option, scheduler_option
+from heavebond.commands.arguments import Number, Whole, check_writable, json_option, native_option, scheduler_option
 
 if TYPE_CHECKING:
     from heavebond.estimation.experiment import Experiment
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 @click.option("--report", "report_file", metavar="FILE", type=click.Path(path_type=Path),
               help="The report [default: NAME_report.html in the folder].")
 @scheduler_option
+@native_option
 @json_option
 def diagnose(experiment: str, steps: int, classes: tuple[str, ...], seconds: float, processes: int | None,
              samples: int | None, folder: Path | None, resume: bool, report_file: Path | None,

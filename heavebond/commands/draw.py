@@ -10,6 +10,7 @@ from heavebond.commands.arguments import (
     blamed_on_settings,
     check_writable,
     json_option,
+    native_option,
     set_option,
     with_settings,
 )
@@ -33,6 +34,7 @@ from heavebond.core.errors import Problem, UsageError
 @click.option("--over", type=click.Choice(("mean", "peak")), default="mean", show_default=True,
               help="With --colour: the statistic of the variable over time.")
 @set_option
+@native_option
 @json_option
 def draw(model: str, output: Path | None, opened: tuple[str, ...], open_all: bool, values: bool, marked: tuple[str, ...],
          bonds: bool, colour: str | None, at: str | None, over: str, settings: tuple[str, ...]) -> dict[str, object]:

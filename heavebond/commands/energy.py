@@ -13,6 +13,7 @@ from heavebond.commands.arguments import (
     check_new,
     check_picture,
     json_option,
+    native_option,
     set_option,
     with_settings,
 )
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 @click.option("--write", "written", metavar="FILE", type=click.Path(path_type=Path),
               help="With --reduce: write the reduced diagram, which extends MODEL (.yaml).")
 @set_option
+@native_option
 @json_option
 def energy(model: str, until: str | None, every: str | None, audited: bool, sankey: Path | None, activity: Path | None,
            closed: tuple[str, ...], close_all: bool, share: float | None, limit: float, written: Path | None,

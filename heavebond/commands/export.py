@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import blamed_on_settings, check_writable, json_option, set_option, with_settings
+from heavebond.commands.arguments import (
+    blamed_on_settings,
+    check_writable,
+    json_option,
+    native_option,
+    set_option,
+    with_settings,
+)
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.writable import write_text
 
@@ -36,6 +43,7 @@ SCHEMA = "heavebond.schema.json"
               help="Make a signal input of the diagram an input of the exported model, e.g. --input deck.u. May be "
                    "repeated.")
 @set_option
+@native_option
 @json_option
 def export(model: str | None, output: Path | None, for_editor: bool, version: str, cross: bool,
            inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:

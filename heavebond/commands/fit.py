@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import Whole, check_new, check_picture, json_option, picture_option, scheduler_option
+from heavebond.commands.arguments import (
+    Whole,
+    check_new,
+    check_picture,
+    json_option,
+    native_option,
+    picture_option,
+    scheduler_option,
+)
 from heavebond.core.cancellation import ENDED_EARLY, Interrupted, last_heard
 
 if TYPE_CHECKING:
@@ -30,6 +38,7 @@ if TYPE_CHECKING:
 @click.option("--resume", is_flag=True, help="Continue the same fit from its completed starts, if it was ended early.")
 @picture_option("Draw records, fitted model and residual")
 @scheduler_option
+@native_option
 @json_option
 def fit(experiment: str, starts: int, segments: int, robust: bool, profiled: tuple[str, ...], written: Path | None,
         resume: bool, output: Path | None, scheduler: str | None) -> dict[str, object]:

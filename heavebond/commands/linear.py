@@ -15,6 +15,7 @@ from heavebond.commands.arguments import (
     check_writable,
     json_option,
     listed,
+    native_option,
     operating_time,
     picture_option,
     set_option,
@@ -52,6 +53,7 @@ MATRICES = (".npz", ".mat")
 @picture_option("Where to draw")
 @click.option("--save", "saved", metavar="FILE", type=click.Path(path_type=Path),
               help="Write the matrices with names and units (.npz or .mat).")
+@native_option
 @json_option
 def linear(model: str, inputs: tuple[str, ...], outputs: tuple[str, ...], loop: str | None, over: str | None, picture: str,
            at: str | None, steady: bool, frequencies: str | None, until: str | None, settings: tuple[str, ...],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import check_picture, json_option, picture_option
+from heavebond.commands.arguments import check_picture, json_option, native_option, picture_option
 
 if TYPE_CHECKING:
     from heavebond.localise.misfit import Localization
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 @click.argument("experiment")
 @click.option("--fitted", is_flag=True, help="Begin with a fit of the free parameters instead of the diagram's values.")
 @picture_option("Draw the estimated input at the best place of each kind, and the misfit over time")
+@native_option
 @json_option
 def localize(experiment: str, fitted: bool, output: Path | None) -> dict[str, object]:
     """Locate the error of the model of EXPERIMENT: when and in which state of motion it occurs, and at which place of the

@@ -9,6 +9,7 @@ from heavebond.commands.arguments import (
     at_options,
     blamed_on_settings,
     json_option,
+    native_option,
     operating_time,
     set_option,
     with_settings,
@@ -21,6 +22,7 @@ from heavebond.commands.arguments import (
 @click.option("--slowest", metavar="COUNT", type=Whole(1),
               help="Number of the slowest modes to compute; 30 by default above 300 states.")
 @set_option
+@native_option
 @json_option
 def modes(model: str, at: str | None, steady: bool, slowest: int | None, settings: tuple[str, ...]) -> dict[str, object]:
     """Linearise MODEL at its initial conditions and list its modes: frequency, damping, the components that take part (their

@@ -17,6 +17,7 @@ from heavebond.commands.arguments import (
     check_picture,
     check_writable,
     json_option,
+    native_option,
     picture_option,
     read_signals,
     set_option,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
                                                          "transitions; show how far each output moves.")
 @click.option("--within", metavar="SHARE", type=Number(0, 1, min_open=True), default=0.01, show_default=True,
               help="With --verify: allowed change of an output, as a share of its range.")
+@native_option
 @json_option
 def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | None, every: str | None,
         plotted: tuple[str, ...], saved: tuple[Path, ...], output: Path | None, rtol: float, solver: str | None,

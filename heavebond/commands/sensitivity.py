@@ -15,6 +15,7 @@ from heavebond.commands.arguments import (
     check_picture,
     json_option,
     listed,
+    native_option,
     of_option,
     parameter_option,
     picture_option,
@@ -51,6 +52,7 @@ WORDS = {"agrees": "agrees", "tolerance": "tolerance too loose", "kink": "kink",
 @click.option("--rtol", metavar="NUMBER", type=Number(0, 0.1, min_open=True),
               help="With --check: relative tolerance of the sensitivities [default: as they are computed].")
 @click.option("--backwards", is_flag=True, help="With --check: check the gradients of a study by runs backwards.")
+@native_option
 @json_option
 def sensitivity(model: str, of: tuple[str, ...], parameters: tuple[str, ...], settings: tuple[str, ...], until: str | None,
                 every: str | None, most: int, rows: int, output: Path | None, checked: bool, rtol: float | None,

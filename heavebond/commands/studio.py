@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import Whole, json_option
+from heavebond.commands.arguments import Whole, json_option, native_option
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.writable import write_text
 
@@ -24,6 +24,7 @@ NEEDED = ("starlette", "uvicorn", "websockets")
 @click.option("--port", metavar="NUMBER", type=Whole(1024, 65535), help="Port of the page; by default the first free one "
               "from 8437 on.")
 @click.option("--no-browser", is_flag=True, help="Print the address of the page, and do not open a browser.")
+@native_option
 @json_option
 def studio(target: str, port: int | None, no_browser: bool) -> dict[str, object]:
     """Open a page on which the diagrams of FOLDER (by default the current folder) are drawn, changed and run.

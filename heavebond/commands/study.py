@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import Whole, json_option, scheduler_option
+from heavebond.commands.arguments import Whole, json_option, native_option, scheduler_option
 from heavebond.core.cancellation import Interrupted, last_heard
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 @click.option("--processes", type=Whole(1), help="Number of cases that run in parallel [default: all processors].")
 @click.option("--fresh", is_flag=True, help="Run all cases again, also those that are complete.")
 @scheduler_option
+@native_option
 @json_option
 def study(file: str, output: Path | None, processes: int | None, fresh: bool, scheduler: str | None) -> dict[str, object]:
     """Run every case of STUDY, a YAML file or a bundled one (cmc_ahc/quality_index).

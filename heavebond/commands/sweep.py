@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from heavebond.commands.arguments import Whole, json_option, scheduler_option, set_option, settings_of
+from heavebond.commands.arguments import Whole, json_option, native_option, scheduler_option, set_option, settings_of
 from heavebond.commands.study import work_out
 from heavebond.core.errors import Problem, UsageError
 from heavebond.core.writable import write_text
@@ -34,6 +34,7 @@ from heavebond.core.writable import write_text
 @click.option("--fresh", is_flag=True, help="Run all cases again, also those that are complete.")
 @scheduler_option
 @set_option
+@native_option
 @json_option
 def sweep(model: str, overs: tuple[str, ...], measures: tuple[str, ...], sample: str, worst: str | None, seed: int,
           begin: str, end: str, plotted: tuple[str, ...], output: Path | None, processes: int | None, fresh: bool,

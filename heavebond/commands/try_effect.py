@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import json_option
+from heavebond.commands.arguments import json_option, native_option
 
 if TYPE_CHECKING:
     from heavebond.diagnosis.answer.files import Targets
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 @click.option("--write", "written", metavar="FOLDER|FILE", type=click.Path(path_type=Path),
               help="Write the diagram with the effect, and the experiment on it, into FOLDER (created if needed), or the "
               "experiment as FILE.yaml. If the names exist, the next free number is used.")
+@native_option
 @json_option
 def try_effect(experiment: str, component: str, between: tuple[str, str] | None, at: tuple[str, ...], written: Path | None
                ) -> dict[str, object]:

@@ -15,6 +15,7 @@ from heavebond.commands.arguments import (
     check_new,
     check_picture,
     json_option,
+    native_option,
     picture_option,
     set_option,
     settings_of,
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
 @click.option("--write", "written", metavar="DIAGRAM", type=click.Path(path_type=Path),
               help="Write a diagram that extends the model with the tuned values (.yaml, must be new).")
 @picture_option("Draw the cost surface and the optimisation path (two free parameters, with --sweep)")
+@native_option
 @json_option
 def tune(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str, ...], evaluate: str | None,
          reference: tuple[str, ...], settings: tuple[str, ...], method: str, explore: int, starts: int, robustness: bool,

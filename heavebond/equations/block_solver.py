@@ -20,6 +20,7 @@ from heavebond.equations.lost_rank import Row
 from heavebond.equations.sparse_elimination import SAMPLES, Coefficient, eliminate, random_states
 from heavebond.equations.state_selection import Column, InitialGuess
 from heavebond.equations.tearing import tear
+from heavebond.language.external_functions import derivative_along, jacobian, substituted_in_turn
 from heavebond.language.incidence import DEFINITE, INDEFINITE, NONLINEAR, NUMBER, PARAMETER, UNIT, classify
 from heavebond.language.symbols import split, stack
 
@@ -192,7 +193,7 @@ class BlockSolver:
         slopes: dict[tuple[int, int], ca.SX] = {}
         for together in self._apart(pairs):
             residuals, symbols = self.residuals[[r for r, _ in together]], self.symbols[[c for _, c in together]]
-            coefficients = split(ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel())))
+            coefficients = split(derivative_along(residuals, symbols, ca.SX.ones(symbols.numel())))
             slopes.update(zip(together, coefficients, strict=True))
         numbers = np.abs(self.numbers(stack([slopes[pair] for pair in pairs])))
         sizes = dict(zip(pairs, numbers.tolist(), strict=True))
@@ -285,7 +286,7 @@ class BlockSolver:
         raw = self.residuals[[r for block in blocks for r in block.residual]]
         if solved:
             values = self._chosen([s.value for s in solved])
-            raw, = ca.substitute_inplace([self.symbols[[s.column for s in solved]]], [values], [raw], False)[1]
+            raw, = substituted_in_turn(self.symbols[[s.column for s in solved]], values, [raw])[1]
         _share_out(split(raw), blocks)
         waiting = list(blocks)
         while chosen := self._choices(waiting):
@@ -308,9 +309,9 @@ class BlockSolver:
         before = [s for item in ordered for s in ((item,) if isinstance(item, _Solved) else
                                                   (*item.eliminated[::-1], *item.solved)) if s.column not in waiting]
         known = self.symbols[[s.column for s in before]], self._chosen([s.value for s in before])
-        matrices = [ca.jacobian(self.residuals[block.rows], self.symbols[block.columns]) for block in loops]
+        matrices = [jacobian(self.residuals[block.rows], self.symbols[block.columns]) for block in loops]
         coefficients = ca.vertcat(*(ca.densify(matrix.nz[:]) for matrix in matrices))
-        (expressed,) = ca.substitute_inplace([known[0]], [known[1]], [coefficients], False)[1] if before else (coefficients,)
+        (expressed,) = substituted_in_turn(known[0], known[1], [coefficients])[1] if before else (coefficients,)
         # a coefficient that depends on an unknown of a loop cannot be tried at random states
         unsolved = stack([self.symbols[c] for c in sorted({*waiting, *(
             c for item in ordered if isinstance(item, _Block) for c in item.torn)})])
@@ -398,7 +399,7 @@ class BlockSolver:
 def explicit(residuals: ca.SX, symbols: ca.SX, derived: Sequence[int] = ()) -> tuple[ca.SX, ca.SX]:
     """a and -b/a of residuals a*v + b (m,), each linear in its own symbol v (m,) and free of the symbols of the others.
     Those of `derived` unknowns (by number) are not a number where a = b = 0, also if a factor of both cancels in b/a."""
-    coefficients = ca.jtimes(residuals, symbols, ca.SX.ones(symbols.numel()))
+    coefficients = derivative_along(residuals, symbols, ca.SX.ones(symbols.numel()))
     constant = ca.substitute(residuals, symbols, ca.SX.zeros(symbols.numel()))
     values = -constant / coefficients
     for k in derived:

@@ -15,6 +15,7 @@ from heavebond.equations.flatten import Flat
 from heavebond.equations.matching import components_of
 from heavebond.equations.structural_messages import bookkeeping
 from heavebond.language.definition import Domain
+from heavebond.language.external_functions import derivative_along
 from heavebond.language.symbols import split, stack
 
 
@@ -92,7 +93,7 @@ class _Finder:
         if not rows:
             return ()
         residuals = self.flat.residual_column[rows]
-        changes = split(ca.jtimes(residuals, stack(symbols), ca.SX.ones(len(symbols))))
+        changes = split(derivative_along(residuals, stack(symbols), ca.SX.ones(len(symbols))))
         felt = [i for i, change in zip(rows, changes, strict=True) if not change.is_zero()]
         return tuple(dict.fromkeys(self.flat.equations[i].owner for i in felt if self._bears(domain, i)))
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from heavebond.core.threads import single_threaded
 from heavebond.equations.flatten import Flat
 from heavebond.equations.matching import block_lower_triangular, components_of, maximum_matching
+from heavebond.language.external_functions import jacobian
 from heavebond.language.symbols import split, stack, uniform
 
 Array = NDArray[np.float64]
@@ -70,7 +71,7 @@ class Simultaneous:
     @cached_property
     def jacobian(self) -> ca.SX:
         """d(residuals)/d(unknowns)."""
-        return ca.jacobian(self.residuals, self.unknowns)
+        return jacobian(self.residuals, self.unknowns)
 
     @cached_property
     def entries(self) -> tuple[list[int], list[int]]:

@@ -27,6 +27,7 @@ from heavebond.equations.index_reduction import Pantelides, collapse, pantelides
 from heavebond.equations.lost_rank import Row, Simultaneous, losses
 from heavebond.equations.matching import block_lower_triangular, maximum_matching
 from heavebond.equations.state_selection import Column, Constraints, InitialGuess, constraints, select_states
+from heavebond.language.external_functions import derivative_along, jacobian, substituted_in_turn
 from heavebond.language.incidence import INDEFINITE, classify
 from heavebond.language.symbols import places, split, stack, uniform
 
@@ -262,7 +263,7 @@ class System:
         blocks = block_lower_triangular([[c for c, _ in row] for row in entries], matching)
         solver.solve([(block, [matching[r] for r in block]) for block in blocks])
         reduced = self._reduced(states, system, solver)
-        if ca.sprank(ca.sparsify(ca.jacobian(reduced.alg, reduced.z))) < reduced.z.numel():
+        if ca.sprank(ca.sparsify(jacobian(reduced.alg, reduced.z))) < reduced.z.numel():
             # terms that cancel whatever the numbers: a circuit of differences without reference
             raise self._lost(system, [row[0] for _, row in solver.remaining])
         return reduced
@@ -277,7 +278,7 @@ class System:
         defined, expressions, substituted = system.unknowns[solver.defined], ca.SX(0, 1), piggyback
         definitions = solver.definitions
         if solver.defined:
-            (expressions,), substituted = ca.substitute_inplace([defined], [definitions], piggyback, False)
+            expressions, substituted = substituted_in_turn(defined, definitions, piggyback)
         pivots = tuple(replace(p, coefficient=c)
                        for c, p in zip(split(substituted[2]), solver.pivots, strict=True))
         order = self.order
@@ -311,7 +312,7 @@ class System:
         if not alone:
             return {}
         residuals, symbols = (stack(list(column)) for column in zip(*alone.values(), strict=True))
-        both = ca.Function("alone", [symbols], [residuals, ca.sum2(ca.jacobian(residuals, symbols))])
+        both = ca.Function("alone", [symbols], [residuals, ca.sum2(jacobian(residuals, symbols))])
         values, slopes = (np.array(v).ravel() for v in both(0))
         return {s: -float(value / slope) for s, value, slope in zip(alone, values, slopes, strict=True)
                 if slope and np.isfinite(value)}
@@ -345,7 +346,7 @@ def _system(flat: Flat, chain: Chain, result: Pantelides, derived: frozenset[int
     k = 1
     while wanted := [place for place, i in enumerate(rows) if result.order[i] >= k]:
         stacked, rows = last[wanted], [rows[place] for place in wanted]
-        last = ca.jtimes(stacked, low, high) + ca.jtimes(stacked, flat.time, flat.rate)
+        last = derivative_along(stacked, low, high) + derivative_along(stacked, flat.time, flat.rate)
         residuals.append(last)
         every += [(i, k) for i in rows]
         k += 1

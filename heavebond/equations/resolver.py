@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import NAMES_LISTED, Place, suggest
 from heavebond.core.units import FREQUENCY, ONE, Dimension, Unit, declared_unit, dimension_text
 from heavebond.language.definition import Domain
+from heavebond.language.external_functions import derivative_along
 from heavebond.language.symbols import Context, evaluate, indicator, split, stack
 from heavebond.text.dimensions import SECOND, TRUTH, counted, dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, Slice, constant, names
@@ -221,7 +222,7 @@ class Resolver:
             raise ExpressionProblem("derivative-too-high", f"more than {len(self.columns) - 1} derivatives of a variable "
                                     "are not available here", 0, hint="Leave out a `der`.")
         low, high = ca.vertcat(*self.columns[:-1]), ca.vertcat(*self.columns[1:])
-        return ca.jtimes(expression, low, high) + ca.jtimes(expression, self.time, self.rate)
+        return derivative_along(expression, low, high) + derivative_along(expression, self.time, self.rate)
 
 
 def _end_of(name: Name, end: str) -> str:

@@ -20,6 +20,7 @@ from heavebond.core.errors import Place, Problems
 from heavebond.core.units import DIMENSIONLESS
 from heavebond.equations.events import FlatEvent, FlatReset, Held
 from heavebond.equations.parameters import FlatParameter, Parameters
+from heavebond.language.external_functions import opened
 from heavebond.language.symbols import CORNERS, places, split, stack
 
 FLOOR_MOVES = "Write it in `then:` of a `when:`, which sets a held variable at every sample or crossing."
@@ -48,9 +49,12 @@ def clocked(residual: ca.SX, time: ca.SX, constants: set[int], corners: bool = F
     """A scalar residual that depends on the time, without comparisons of the time with constants (the hashes of their
     symbols), the instants at which these change, and whether it still has a kink in a variable. With `corners` the choice of
     `max`, `min` and `abs` by the time is such a comparison, too."""
-    symbols = ca.symvar(residual)
-    walk = _Walk(time, constants, corners)
-    rebuilt = walk.rebuilt(ca.Function("residual", [stack(symbols)], [residual]), symbols)
+    walk, whole = _Walk(time, constants, corners), opened([residual])
+    parts = []
+    for part in (*whole.columns, *split(whole.args)):
+        symbols = ca.symvar(part)
+        parts.append(walk.rebuilt(ca.Function("residual", [stack(symbols)], [part]), symbols))
+    rebuilt, = whole.closed(parts[:1], stack(parts[1:]))
     return (rebuilt, walk.found, walk.kinked) if walk.found else (residual, [], True)
 
 

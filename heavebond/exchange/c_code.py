@@ -14,6 +14,7 @@ from heavebond.core.quoting import c_comment, c_string
 from heavebond.core.version import VERSION
 from heavebond.core.writable import write_text
 from heavebond.exchange.portable import Portable, portable
+from heavebond.language.external_functions import exported_text
 from heavebond.language.model import Model
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import DELAY_ROWS
@@ -61,15 +62,21 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
         parts.append(_source("limits.c"))
     if steps:
         parts += [_source("run.c").replace("model_", f"{prefix}_"), _source("c_run.c").replace("model_", f"{prefix}_")]
-    for function in functions:
-        generator.add(function)
+    try:
+        for function in functions:
+            generator.add(function)
+        code = generator.dump()
+    except RuntimeError as error:  # CasADi writes no code for a Python function
+        exported_text(str(error))
+        raise
+    programs = exported_text(code)
 
     # add statements to generated functions that prevent warnings of unused arguments
     def add(match: re.Match[str]) -> str:
         names = [argument.split()[-1].strip("*") for argument in match[2].split(",")]
         return match[1] + "".join(f" (void) {name};" for name in names if name in UNUSED)
 
-    used = re.sub(r"^((?:static|CASADI_SYMBOL_EXPORT) [^\n;{}()]*\(([^\n()]+)\) ?\{)$", add, generator.dump(),
+    used = re.sub(r"^((?:static|CASADI_SYMBOL_EXPORT) [^\n;{}()]*\(([^\n()]+)\) ?\{)$", add, code,
                   flags=re.MULTILINE)
     # sizes, and values at the start; C does not permit arrays of length 0
     sizes = {"x": exported.states, "z": exported.algebraic, "p": exported.parameters, "u": exported.inputs,
@@ -87,7 +94,7 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
                       *([*_event_arrays(exported, prefix), *_start_arrays(exported, prefix),
                          *_delay_arrays(exported, prefix)] if whole or steps else []),
                       *(_limit_arrays(exported, prefix) if whole or steps or exported.limited else []),
-                      *(part.replace("MODEL", prefix) for part in parts)])
+                      *(part.replace("MODEL", prefix) for part in parts), *([programs] if programs else [])])
 
 
 def _source(name: str) -> str:

@@ -14,6 +14,7 @@ from heavebond.core.errors import ModelError
 from heavebond.core.units import COMMON, ONE, Unit, is_generic, read_unit, unit
 from heavebond.estimation.experiment import USES
 from heavebond.language.definition import ATTACHES, Component, Parameter, SignalPort
+from heavebond.language.external_functions import SIGNATURES
 from heavebond.language.layout import MIRRORED
 from heavebond.language.library import Library
 from heavebond.language.reading import INTERPOLATIONS
@@ -238,15 +239,20 @@ def component_file(known: Library) -> Schema:
 
 def function_file() -> Schema:
     """A function."""
-    quantity = _object({"unit": UNIT, "doc": TEXT, "count": COUNT}, ["unit"])
+    quantity = _object({"unit": UNIT, "doc": TEXT, "count": COUNT, "nominal": QUANTITY}, ["unit"])
     return _object({
         "function": _said("its name, in small letters with `_`", {"type": "string"}), "summary": _said("a sentence"),
         "restrictions": _said("neglected effects"), "source": _said("source of the law"),
         "inputs": _each(quantity, "arguments in this order"),
         "outputs": _each(quantity, "results"),
         "constants": _each(_object({"unit": UNIT, "value": QUANTITY, "doc": TEXT}, ["unit", "value"]), "numbers of the law"),
-        "equations": _said("one line `name = formula` for each output and step, its name after #", {"type": "string"})},
-        ["function", "summary", "inputs", "outputs", "equations"])
+        "equations": _said("one line `name = formula` for each output and step, its name after #", {"type": "string"}),
+        "is": {"enum": ["external"], "description": "a function in a program"},
+        "file": _said("C source, shared library or Python file", {"type": "string"}),
+        "call": _said("name of the function in the file, by default its own", {"type": "string"}),
+        "signature": {"enum": list(SIGNATURES), "description": "how the arguments are passed"},
+        "derivatives": _said("function of the same file that gives the derivatives", {"type": "string"})},
+        ["function", "summary", "inputs", "outputs"])
 
 
 def _effect(domain: Schema) -> Schema:

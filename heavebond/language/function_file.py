@@ -8,6 +8,15 @@
       r = ...      # a local name for later lines
       k = ...      # an output
 
+An external function has a program in place of `equations`:
+
+    function: pump_map
+    is: external
+    file: pump.c           # .c, a shared library, or .py
+    call: flow             # the function in the file, by default the name of the function
+    signature: values      # or 20-sim
+    derivatives: slopes    # a function of the same file; without it differences, with `nominal` of each input
+
 Every line defines one name, from inputs, constants and the names of the lines above it. Units are checked as in a
 component. An input or output with `count: n` is a list, with `count: [n, m]` a matrix; the lengths are the lengths of a
 call's arguments.
@@ -19,17 +28,20 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 
 from heavebond.core.errors import ModelError, Place, Problems, listing, suggest
 from heavebond.core.units import DIMENSIONLESS, ONE, Dimension, UnitProblem, check_unit, dimension_text
 from heavebond.language import reading
 from heavebond.language.equation_lines import equation_lines
+from heavebond.language.external_functions import FORMS, SIGNATURES
 from heavebond.text.dimensions import ANY, number_dimension
 from heavebond.text.expression import (
     FUNCTIONS,
     Call,
     Expr,
     ExpressionProblem,
+    External,
     Function,
     Name,
     Number,
@@ -44,6 +56,8 @@ from heavebond.text.shapes import check_steps, whole_number
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
 
 FUNCTION_KEYS = ("function", "summary", "restrictions", "source", "inputs", "outputs", "constants", "equations")
+EXTERNAL_KEYS = ("function", "is", "summary", "restrictions", "source", "file", "call", "signature", "derivatives", "inputs",
+                 "outputs")
 # a function is a relation between numbers: it has no derivative, no time and no jump that would need an event
 REFUSED = {"der": "a function relates values at one instant", "floor": "it jumps without an event that stops the integrator"}
 ELEMENTS = ("Write a formula of whole lists (`y = x[2..n] - x[1..n - 1]`) or the elements in brackets (`y = [a, b]`,\n"
@@ -52,32 +66,39 @@ ELEMENTS = ("Write a formula of whole lists (`y = x[2..n] - x[1..n - 1]`) or the
 SNAKE_CASE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
-def parse_function(source: Source) -> Function:
-    """Convert a function file to a value; ModelError with all mistakes in its form, names and units."""
-    return _Parser(source).function()
+def parse_function(source: Source, allow_native: bool = False) -> Function:
+    """Convert a function file to a value; the program of an external function may be executed with `allow_native` only.
+    ModelError with all mistakes in its form, names and units."""
+    return _Parser(source, allowed=allow_native).function()
 
 
 @dataclass
 class _Parser:
     source: Source
     problems: Problems = field(default_factory=Problems)
+    allowed: bool = False
 
     def function(self) -> Function:
         root, problems = self.source.root, self.problems
         head = root.items.get("function")
         name = reading.text(head, "function", problems)
-        reading.known_keys(root, FUNCTION_KEYS, f"function '{name}'", problems,
-                           required=("function", "summary", "inputs", "outputs", "equations"))
+        external = "is" in root.items
+        reading.known_keys(root, EXTERNAL_KEYS if external else FUNCTION_KEYS, f"function '{name}'", problems,
+                           required=("function", "summary", "inputs", "outputs", "file" if external else "equations"))
         if isinstance(head, Scalar):
             self._check_name(head)
         inputs, outputs, constants = (
-            reading.declarations(root.items.get(key), key, partial(self._quantity, valued=key == "constants"), problems)
+            reading.declarations(root.items.get(key), key, partial(
+                self._quantity, valued=key == "constants",
+                sized=external and key == "inputs" and "derivatives" not in root.items), problems)
             for key in ("inputs", "outputs", "constants"))
         place = head.place if isinstance(head, Scalar) else root.place
         function_read = Function(name, reading.text(root.items.get("summary"), "summary", problems), place, self.source.path,
-                                 inputs, outputs, constants, self._steps(root.items.get("equations")),
+                                 inputs, outputs, constants,
+                                () if external else self._steps(root.items.get("equations")),
                                  reading.text(root.items.get("restrictions"), "restrictions", problems),
-                                 reading.text(root.items.get("source"), "source", problems))
+                                 reading.text(root.items.get("source"), "source", problems),
+                                self._external(root, name) if external else None)
         for key, group in (("inputs", inputs), ("outputs", outputs)):
             if key in root.items and not group:
                 problems.add("function-empty", f"function '{name}' has no {key}", root.items[key].place,
@@ -95,23 +116,52 @@ class _Parser:
             self.problems.add("name-bad", f"'{head.text}' cannot name a function", head.place,
                               hint="The name of a function has small letters, digits and `_`, as in `oil_with_air`.")
 
-    def _quantity(self, key: Scalar, entry: Mapping, valued: bool) -> Quantity:
-        needed = ("unit", "value") if valued else ("unit",)
+    def _external(self, root: Mapping, name: str) -> External | None:
+        """The program of an external function; problems are collected."""
+        problems, items = self.problems, root.items
+        reading.choice(items.get("is"), "is", ("external",), problems)
+        file = reading.text(items.get("file"), "file", problems)
+        place = items["file"].place if "file" in items else root.place
+        suffix = Path(file).suffix.lower()
+        if suffix == ".fmu":
+            problems.add("external-fmu", f"'{file}' is an FMU, which has a state of its own and is no function", place,
+                         hint=f"Use it as a part of the diagram: `is: {file}`.")
+        elif file and suffix not in FORMS:
+            problems.add("external-file", f"'{file}' is neither C, a shared library nor Python", place,
+                         hint=f"A file of an external function ends in {', '.join(FORMS)}.")
+        call = reading.text(items.get("call"), "call", problems) or name
+        slopes = reading.text(items.get("derivatives"), "derivatives", problems)
+        for key, text in (("call", call), ("derivatives", slopes)):
+            if text and not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", text):
+                problems.add("name-bad", f"'{text}' cannot be the name of a function in a program",
+                             (items.get(key) or root).place, hint="Write letters, digits and `_`.")
+        signature = reading.choice(items.get("signature"), "signature", SIGNATURES, problems) or SIGNATURES[0]
+        if suffix == ".py" and signature != SIGNATURES[0]:
+            problems.add("external-signature", "a Python function takes its arguments one by one", items["signature"].place,
+                         hint="Remove `signature:`.")
+        return External((self.source.path.parent / file).absolute(), call, signature, slopes, self.allowed)
+
+    def _quantity(self, key: Scalar, entry: Mapping, valued: bool, sized: bool) -> Quantity:
+        number_key = "value" if valued else "nominal"
+        needed = ("unit", number_key) if valued or sized else ("unit",)
         reading.known_keys(entry, (*needed, "doc", *(() if valued else ("count",))), f"'{key.text}'", self.problems, needed)
         unit = reading.unit(entry.items.get("unit"), self.problems) or DIMENSIONLESS
         number_read = None
-        if valued and "value" in entry.items:
-            value = reading.value(entry.items["value"], f"value of {key.text}", self.problems)
+        if number_key in entry.items and len(needed) > 1:
+            value = reading.value(entry.items[number_key], f"{number_key} of {key.text}", self.problems)
             number_read = constant(value.expr) if value is not None else None
             if value is not None and number_read is None:
-                self.problems.add("not-a-quantity", f"value of {key.text} must be a plain quantity", value.place,
+                self.problems.add("not-a-quantity", f"{number_key} of {key.text} must be a plain quantity", value.place,
                                   hint="Write a number with its unit.")
             if value is not None and number_read is not None:
                 try:
                     check_unit(value.expr.unit if isinstance(value.expr, Number) else None, unit, number_read, value.text)
                 except UnitProblem as problem:
-                    self.problems.add(problem.code, f"value of {key.text}: {problem.message}", value.place,
+                    self.problems.add(problem.code, f"{number_key} of {key.text}: {problem.message}", value.place,
                                       hint=problem.hint)
+            if sized and number_read is not None and not number_read > 0:
+                self.problems.add("value-out-of-range", f"the nominal size of {key.text} must be above zero",
+                                  entry.items[number_key].place, hint="Write a usual size of it, as in `nominal: 100 bar`.")
         return Quantity(key.text, unit, key.place, reading.text(entry.items.get("doc"), "doc", self.problems), number_read,
                         tuple(e for e in reading.sizes(entry, self.problems) if e is not None))
 
@@ -152,6 +202,8 @@ class _Checker:
             self._step(step)
         if not self.problems.found:
             self._check_shapes()
+        if function.external is not None:
+            return
         step_names = {step.name for step in function.steps}
         for output in function.outputs.values():
             if output.name not in step_names:

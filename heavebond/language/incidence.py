@@ -9,6 +9,7 @@ from typing import NamedTuple, cast
 
 import casadi as ca
 
+from heavebond.language.external_functions import jacobian
 from heavebond.language.symbols import split, stack
 
 # Kinds of occurrence. Equations can be solved explicitly for unknowns of kinds up to DEFINITE.
@@ -36,14 +37,14 @@ def classify(residuals: ca.SX, unknowns: ca.SX, constants: set[int], bounds: Map
     INDEFINITE linear, but the coefficient may pass through zero | NONLINEAR (also if a sign or a comparison depends on
     the unknown, whose derivative is zero).
     """
-    jacobian = ca.jacobian(residuals, unknowns)
+    slopes = jacobian(residuals, unknowns)
     rows: list[list[Entry]] = [[] for _ in range(residuals.numel())]
-    row_of, column_of = jacobian.sparsity().get_triplet()
+    row_of, column_of = slopes.sparsity().get_triplet()
     occurring = sorted(set(column_of))  # the equations may depend on few of many unknowns
     hashes = {column: s.element_hash() for column, s in zip(occurring, split(unknowns[occurring]), strict=True)}
     stepped = _stepped(residuals, {s: column for column, s in hashes.items()})
     # CasADi's stubs call the entries SXElem; they are scalar SX
-    coefficients = cast(list[ca.SX], jacobian.nonzeros())
+    coefficients = cast(list[ca.SX], slopes.nonzeros())
     kinds = [NONLINEAR if (row, column) in stepped else _kind(entry, hashes[column], constants)
              for entry, row, column in zip(coefficients, row_of, column_of, strict=True)]
     signs = iter(intervals([e for e, kind in zip(coefficients, kinds, strict=True) if kind is None], bounds))
@@ -83,7 +84,8 @@ def _stepped(residuals: ca.SX, column_of: Mapping[int, int]) -> set[tuple[int, i
         else:
             held = [work[i] for i in inputs]
             inside, steps = (nothing.union(*(h[side] for h in held)) for side in (0, 1))
-            work[outputs[0]] = (inside, inside if op in STEPS else steps)
+            for output in outputs:  # of a call: several
+                work[output] = (inside, inside if op in STEPS else steps)
     return stepped_entries
 
 
@@ -133,6 +135,10 @@ def intervals(expressions: Sequence[ca.SX], bounds: Mapping[int, Interval]) -> l
         elif op == ca.OP_CONST:
             value = function.instruction_constant(k)
             work[outputs[0]] = (value, value)
+        elif op == ca.OP_CALL:
+            for output in outputs:
+                work[output], factors[output] = EVERYTHING, _Factors(1.0, {(k, output): (EVERYTHING, 1)})
+            continue
         else:
             interval_found = _operate(op, [work[i] for i in inputs], len(set(inputs)) < len(inputs))
             product = _multiplied(op, [factors[i] for i in inputs])
@@ -152,7 +158,7 @@ class _Factors:
     """A product: its sign, and each factor by its instruction, with its interval and its exponent."""
 
     sign: float
-    powers: dict[int, tuple[Interval, int]]
+    powers: dict[object, tuple[Interval, int]]
 
     def narrowed(self, known: Interval) -> Interval:
         """The interval of the product, with a repeated factor, as in x*(m*x), treated as a square."""

@@ -6,6 +6,8 @@ import os
 import re
 from collections.abc import Iterable, Iterator
 from collections.abc import Mapping as Dictionary
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -29,6 +31,26 @@ HEAD_BYTES = 400
 _EFFECT = re.compile(r"""^["']?effect["']?[ \t]*:""", re.MULTILINE)
 
 
+# whether the programs of external functions in files that are read from now on may be executed
+_native: ContextVar[bool] = ContextVar("native", default=False)
+
+
+@contextmanager
+def native_code(allowed: bool = True) -> Iterator[None]:
+    """Context in which diagrams are loaded with the permission to compile and run the programs of their external functions.
+    The permission belongs to the diagrams that are loaded in it, also in later calls with them."""
+    before = _native.set(allowed or _native.get())
+    try:
+        yield
+    finally:
+        _native.reset(before)
+
+
+def native_allowed() -> bool:
+    """True in a context of `native_code`."""
+    return _native.get()
+
+
 @cache
 def bundled(folder: str) -> Path:
     """The folder `components` or `models`: inside an installed package, or next to it in a working copy."""
@@ -47,11 +69,13 @@ OwnFunction = tuple[str, Path, tuple[int, int]]  # name, file, its time of chang
 @dataclass(frozen=True, eq=False)
 class Functions(Dictionary[str, Function]):
     """The functions of files by name, each read at its first use: the user's, in the present state of their files, and
-    the library's. `twice`: names in two of the user's files. Created by `_functions`."""
+    the library's. `twice`: names in two of the user's files; `allow_native`: the programs of external functions may be
+    executed. Created by `_functions`."""
 
     own: tuple[OwnFunction, ...]
     twice: tuple[tuple[str, tuple[Path, Path]], ...]
     files: dict[str, Path]
+    allow_native: bool = False
     _read: dict[str, Function] = field(default_factory=dict)
     _reading: list[str] = field(default_factory=list)
 
@@ -63,7 +87,7 @@ class Functions(Dictionary[str, Function]):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Unpickle to the existing object for the same files: components are cached by it."""
-        return _functions, (self.own, self.twice)
+        return _functions, (self.own, self.twice, self.allow_native)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.files)
@@ -90,7 +114,8 @@ class Functions(Dictionary[str, Function]):
             self._reading.append(name)
             try:
                 with calling(self):
-                    self._read[name] = parse_function(read(path, shown_path(path), bundled=is_bundled(path)))
+                    self._read[name] = parse_function(read(path, shown_path(path), bundled=is_bundled(path)),
+                                                      self.allow_native)
             finally:
                 self._reading.pop()
         return self._read[name]
@@ -222,13 +247,14 @@ def library(folders: Iterable[Path] = ()) -> Library:
         for name, path in known.items():
             files[kind].setdefault(name, path)
     return Library(domains(), files["component"], twice["component"],
-                   _functions(user_functions, tuple(twice["function"].items())))
+                   _functions(user_functions, tuple(twice["function"].items()), _native.get()))
 
 
 @lru_cache(maxsize=64)
-def _functions(own: tuple[OwnFunction, ...], twice: tuple[tuple[str, tuple[Path, Path]], ...]) -> Functions:
+def _functions(own: tuple[OwnFunction, ...], twice: tuple[tuple[str, tuple[Path, Path]], ...], native: bool = False
+               ) -> Functions:
     """The library's functions with the user's before them; the same object for unchanged files."""
-    return Functions(own, twice, {**_bundled_files()["function"], **{name: path for name, path, _ in own}})
+    return Functions(own, twice, {**_bundled_files()["function"], **{name: path for name, path, _ in own}}, native)
 
 
 def joined_functions(folder: Path, inherited: Functions, own: Functions) -> Functions:
@@ -239,7 +265,7 @@ def joined_functions(folder: Path, inherited: Functions, own: Functions) -> Func
     if not local:
         return inherited
     every = {**{entry[0]: entry for entry in inherited.own}, **local}
-    return _functions(tuple(every.values()), tuple({**dict(inherited.twice), **dict(own.twice)}.items()))
+    return _functions(tuple(every.values()), tuple({**dict(inherited.twice), **dict(own.twice)}.items()), own.allow_native)
 
 
 def _stamp(path: Path) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from heavebond.core.quantities import number_or_text
 from heavebond.language import reading
 from heavebond.language.definition import Body, Component, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.language.layout import read_layout
-from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, shown_path
+from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, native_code, shown_path
 from heavebond.language.sections import (
     Clock,
     Condition,
@@ -170,20 +170,23 @@ class Buildable(Protocol):
 ModelOrFile: TypeAlias = Model | Buildable | str | Path
 
 
-def load(name: str | Path) -> Model:
-    """Load a diagram: the path of a file, or the `name` of a bundled one (`cmc_ahc`, `cmc_ahc/passive`).
+def load(name: str | Path, *, allow_native: bool = False) -> Model:
+    """Load a diagram: the path of a file, or the `name` of a bundled one (`cmc_ahc`, `cmc_ahc/passive`). The programs of its
+    external functions may be executed with `allow_native` only; the permission stays with the diagram.
 
     Raises UsageError if the file does not exist, ModelError with the lines that are wrong.
     """
-    return _load(find(name), ())
+    with native_code(allow_native):
+        return _load(find(name), ())
 
 
-def loads(text: str, folder: Path | str = ".") -> Model:
-    """Load a diagram from a `text`; files and components in it are looked up in `folder`.
+def loads(text: str, folder: Path | str = ".", *, allow_native: bool = False) -> Model:
+    """Load a diagram from a `text`; files and components in it are looked up in `folder`. `allow_native` as of `load`.
 
     Raises ModelError with the lines that are wrong.
     """
-    return from_source(parse(text, Path(folder) / "text.yaml", "text"), ())
+    with native_code(allow_native):
+        return from_source(parse(text, Path(folder) / "text.yaml", "text"), ())
 
 
 def loaded(model: ModelOrFile) -> Model:

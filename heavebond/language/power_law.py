@@ -21,8 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from heavebond.core.errors import ModelError
 from heavebond.core.units import ONE, Dimension, Unit, solved, times
 from heavebond.language.definition import Component, Domain, FrameRelation, Parameter
+from heavebond.language.external_functions import NOT_ALLOWED
 from heavebond.language.incidence import UNIT
 from heavebond.language.lists import written_out
 from heavebond.language.symbols import split, stack
@@ -90,7 +92,12 @@ def check_power(component: Component, domains: Mapping[str, Domain], seed: int =
     exempt = _exempt(component)
     if exempt:
         return PowerReport(component.name, 0, exempt=exempt)
-    reports = [_Trial(component, domains, bound, seed).report() for bound in _bindings(component, domains)]
+    try:
+        reports = [_Trial(component, domains, bound, seed).report() for bound in _bindings(component, domains)]
+    except ModelError as error:
+        if error.problems[0].code != NOT_ALLOWED:
+            raise
+        return PowerReport(component.name, 0, exempt=f"{error.problems[0].message}; give --allow-native")
     failed = [r for r in reports if not r.holds]
     worst = max(failed or reports, key=lambda r: max(r.imbalance, -r.dissipation))
     tried = min(r.tried for r in reports)

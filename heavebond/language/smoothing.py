@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from heavebond.language.external_functions import opened
 from heavebond.language.symbols import stack
 
 TURNS = {ca.OP_FMIN, ca.OP_FMAX, ca.OP_FABS}  # continuous, with a kink
@@ -65,7 +66,12 @@ def without_rounding(column: ca.SX) -> tuple[ca.SX, list[ca.SX]]:
 
 
 def _rebuilt(column: ca.SX, symbols: Sequence[ca.SX], operate: Callable[[int, Sequence[ca.SX]], ca.SX]) -> ca.SX:
-    """A column (m,) in its symbols with every operation by `operate`."""
+    """A column (m,) in its symbols with every operation by `operate`; calls of external functions remain."""
+    whole = opened([column])
+    if whole.calls:
+        results = stack(y for _, symbols_of in whole.calls for y in symbols_of.values())
+        again = _rebuilt(stack([*whole.columns, whole.args]), [*symbols, results], operate)
+        return whole.closed([again[:column.numel()]], again[column.numel():])[0]
     function = ca.Function("column", list(symbols), [column])
     symbol_elements = [ca.vec(s).nz for s in symbols]
     work: dict[int, ca.SX] = {}

@@ -11,6 +11,7 @@ from typing import cast
 import casadi as ca
 
 from heavebond.core.limits import TERMS
+from heavebond.language.external_functions import called
 from heavebond.text.expression import (
     Binary,
     Call,
@@ -31,6 +32,7 @@ from heavebond.text.expression import (
     names,
     too_long,
 )
+from heavebond.text.shapes import declared
 
 NONSMOOTH = {"min", "max", "abs", "sign", "floor", "if_else"}
 # relative to the largest element of a matrix: rounding error of a computed symmetric or singular matrix
@@ -259,6 +261,10 @@ def _function_call(expr: FunctionCall, context: Context) -> ca.SX:
 def stepwise(function: Function, args: Iterable[ca.SX]) -> dict[str, ca.SX]:
     """The value of every name in a function: its inputs, its constants and its steps."""
     values = dict(zip(function.inputs, args, strict=True))
+    if function.external is not None:
+        sizes = _sizes(function, values)
+        return values | called(function, list(values.values()),
+                               {q.name: declared(q, sizes) for q in function.outputs.values()})
     values.update({name: ca.SX(constant.value or 0.0) for name, constant in function.constants.items()})
     # checked when its file was read: it calls no der, and knows every name
     context = Context(lambda text, name: _element(values, text, name), lambda expression: expression,

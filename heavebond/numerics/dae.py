@@ -21,6 +21,7 @@ from heavebond.core.units import UnitProblem, check_unit, interval_text, parse_q
 from heavebond.equations.flatten import Flat, flatten, without_zeros
 from heavebond.equations.reduce import Reduced, reduce_flattened
 from heavebond.equations.resolver import Resolver
+from heavebond.language.external_functions import opened
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.impulses import with_impulses
@@ -567,6 +568,11 @@ def from_begin(expressions: Sequence[ca.SX], time: ca.SX, begin: float) -> list[
     driven = np.flatnonzero(ca.which_depends(together, time, 1, True)).tolist()
     if not driven:
         return columns
+    whole = opened([together[driven]])
+    if whole.calls:
+        parts = from_begin([*whole.columns, whole.args], time, begin)
+        together[driven] = whole.closed(parts[:1], parts[1])[0]
+        return list(ca.vertsplit(together, [0, *np.cumsum(sizes).tolist()]))
     chosen, = ca.cse([together[driven]])
     symbols = ca.symvar(chosen)
     function = ca.Function("f", [stack(symbols)], [chosen])

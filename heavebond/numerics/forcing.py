@@ -17,6 +17,7 @@ from itertools import product
 import casadi as ca
 import numpy as np
 
+from heavebond.language.external_functions import opened
 from heavebond.language.incidence import STEPS
 from heavebond.language.symbols import split, stack
 from heavebond.numerics.dae import Array, Assembly
@@ -238,7 +239,8 @@ def switch_arguments(parts: list[ca.SX], time: ca.SX) -> tuple[list[ca.SX], list
     """The expressions whose sign changes at kinks and jumps of functions of time: as they are written; with each condition
     inside taken both ways, up to MOST_BRANCHES expressions, most of which are straight lines in time (a sign change in an
     inactive branch has no effect); and the arguments of powers and exponentials in the same way."""
-    together = ca.cse(stack(parts))
+    whole_parts = opened(parts)
+    together = ca.cse(stack([*whole_parts.columns, whole_parts.args]))
     symbols = ca.symvar(together)
     function = ca.Function("f", [stack(symbols)], [together])
     moves = {time.element_hash()}
@@ -346,6 +348,8 @@ def _curved(terms: list[ca.SX], time: ca.SX) -> list[bool]:
             degrees[outputs[0]] = max(each) if op in STRAIGHT or not any(each) else \
                 each[1] if op == ca.OP_IF_ELSE_ZERO else each[0] if op == ca.OP_DIV and not each[1] else \
                 min(sum(each), 2) if op == ca.OP_MUL else 2
+        if op == ca.OP_CALL:
+            degrees.update(dict.fromkeys(outputs, 2 * int(any(each))))
         waves.pop(outputs[0], None)
         results[outputs[0]] = k
         if wave is not None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from heavebond.core.cancellation import check
 from heavebond.core.errors import StartError
+from heavebond.language.external_functions import naming_results
 from heavebond.language.symbols import uniform
 from heavebond.numerics import mechanism_messages, start_messages
 from heavebond.numerics.dae import Array, Assembly
@@ -67,7 +68,8 @@ def start(assembly: Assembly, t: float | None = None, u: Array | None = None, eq
     problem = StartSearch(equations or StartEquations(assembly), assembly, t, u)
     try:
         followed = problem.following(near) if near is not None else None
-        return problem.finished(problem.solve() if followed is None else followed)
+        with naming_results():
+            return problem.finished(problem.solve() if followed is None else followed)
     except StartError as error:
         if wrong := mechanism_messages.unassembled(assembly):
             raise StartError([wrong]) from error

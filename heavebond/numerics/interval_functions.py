@@ -51,6 +51,8 @@ def bounds_function(function: ca.Function) -> ca.Function:
             work[outputs[0]] = _Range(begin, end) if inputs[0] == 0 else _point(constants[inputs[1]])
         elif op == ca.OP_CONST:
             work[outputs[0]] = _point(ca.SX(function.instruction_constant(k)))
+        elif op == ca.OP_CALL:
+            work.update(dict.fromkeys(outputs, _Range(*UNBOUNDED, finite=False)))
         else:
             work[outputs[0]] = _bounded(op, [work[i] for i in inputs], len(inputs) == 2 and inputs[0] == inputs[1])
     return ca.Function("bounds", [begin, end, p], [stack(low), stack(high)])

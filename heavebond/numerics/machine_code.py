@@ -192,8 +192,10 @@ class Evaluated:
 
 
 def _operations(function: ca.Function) -> int:
-    """How many operations a function has; too many to compile where that is not known."""
+    """How many operations a function has; too many to compile where that is not known, or if it calls Python."""
     try:
+        if any(inner.class_name() == "CallbackInternal" for inner in function.find_functions()):
+            return COMPILING.max_operations + 1
         return int(function.n_instructions())
     except RuntimeError:
         return COMPILING.max_operations

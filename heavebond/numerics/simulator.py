@@ -16,6 +16,7 @@ from heavebond.core.cancellation import check
 from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, UsageError
 from heavebond.core.limits import RATE
 from heavebond.equations.buffered import Buffered
+from heavebond.language.external_functions import naming_results
 from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
 from heavebond.numerics.dae import (
@@ -306,7 +307,7 @@ class Simulator:
             return type(self)(assembly, times=self.time, tolerances=self.tolerances, quadratures=self.quadratures,
                               factors=self.factors, sensitivities=self.parameters, driven=self.pieces if
                               self.assembly.flat.inputs else None, allow_fmu=True, dense=self.dense).run()
-        with self._turn:
+        with self._turn, naming_results():
             if self.assembly.sizes != self._base_sizes and parameters != self._sized_for:
                 self._take_sizes(self._base_sizes)  # sizes that fit one run are not those of another
             self._sized_for = parameters

@@ -104,8 +104,11 @@ def _show_function(function: Function, page: _Lines) -> dict[str, object]:
                     for q in group.values()]
             for line in columns(rows, page.width):
                 page.add(line.rstrip())
-    page.add("\nEquations", style="bold")
-    width = max(len(step.text.strip()) for step in function.steps)
+    if function.external is not None:
+        page.add(f"\nThe program `{function.external.call}` in {function.external.path.name}; it needs --allow-native")
+    else:
+        page.add("\nEquations", style="bold")
+    width = max((len(step.text.strip()) for step in function.steps), default=0)
     for step in function.steps:
         text = step.text.strip()
         page.add(f"  {text.ljust(width)}  # {step.label}" if step.label else f"  {text}")
@@ -115,6 +118,7 @@ def _show_function(function: Function, page: _Lines) -> dict[str, object]:
     return {"function": {
         "name": function.name, "summary": function.summary, "restrictions": function.restrictions, "source": function.source,
         "file": str(function.path), "usage": function.usage,
+        **({"program": str(function.external.path), "call": function.external.call} if function.external else {}),
         **{key.lower(): {q.name: {"unit": q.unit.text, "doc": q.doc, **({"value": q.value} if q.value is not None else {})}
                          for q in group.values()} for key, group in groups.items()},
         "equations": [{"text": step.text.strip(), "label": step.label} for step in function.steps]}}

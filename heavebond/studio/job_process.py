@@ -21,6 +21,7 @@ from typing import Any
 
 from heavebond.core.cancellation import check, clear_signal, is_interrupt, listening
 from heavebond.core.writable import confined
+from heavebond.language.library import native_code
 from heavebond.studio.workers import reasons
 
 EVERY = 0.1  # s between two progress reports
@@ -107,8 +108,10 @@ def serve(pipe: Connection, kind: str, path: str, options: Mapping[str, Any]) ->
         os.setsid()  # the server handles Ctrl-C
     with contextlib.suppress(OSError, AttributeError):
         os.nice(5)
+    options = dict(options)
+    allowed = bool(options.pop("allow_native", False))
     # the opened folder; without one, the folder for results
     root = Path(str(options.get("root") or options.get("folder") or Path(path).parent))
-    with listening(), confined(root):
+    with listening(), confined(root), native_code(allowed):
         JobProcess(pipe).serve(kind, path, options)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
+from heavebond.language.library import native_allowed
 from heavebond.studio.contents import Entry
 from heavebond.studio.job_process import QUIT, STOP, WRITE, serve
 
@@ -48,7 +49,8 @@ class LongJob:
         self._loop = asyncio.get_running_loop()
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs, kind, str(path), dict(given)))
+        options = {**given, "allow_native": native_allowed()}  # the permission of the server, not of the page
+        self._process = context.Process(target=serve, args=(theirs, kind, str(path), options))
         self._process.start()
         theirs.close()
         threading.Thread(target=_listen, args=(self._pipe, self._loop, self._hear), daemon=True).start()

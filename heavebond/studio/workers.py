@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
 from heavebond.core.errors import HeavebondError, Problem
+from heavebond.language.library import native_allowed, native_code
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
@@ -159,7 +160,7 @@ class Worker:
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        process = context.Process(target=work, args=(theirs,), daemon=True)
+        process = context.Process(target=work, args=(theirs, native_allowed()), daemon=True)
         process.start()
         theirs.close()
         self._process = process
@@ -189,9 +190,14 @@ class Worker:
         self._killed = False
 
 
-def work(pipe: Connection) -> None:
-    """The worker's loop, until the server ends."""
+def work(pipe: Connection, allow_native: bool = False) -> None:
+    """The worker's loop, until the server ends; diagrams may run the programs of external functions with `allow_native`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server handles Ctrl-C and ends its workers
+    with native_code(allow_native):
+        _work(pipe)
+
+
+def _work(pipe: Connection) -> None:
     from heavebond.studio.bench import tasks
 
     known = tasks()

@@ -33,6 +33,7 @@ from heavebond.text.syntax import Compare as Compare
 from heavebond.text.syntax import Elements as Elements
 from heavebond.text.syntax import Equation as Equation
 from heavebond.text.syntax import Expr as Expr
+from heavebond.text.syntax import External as External
 from heavebond.text.syntax import Function as Function
 from heavebond.text.syntax import FunctionCall as FunctionCall
 from heavebond.text.syntax import Logic as Logic

@@ -296,6 +296,8 @@ def check_steps(function: Function, sizes: Mapping[str, int], column: int, *, ex
     def length(name: Name) -> Shape:
         return indexed(shapes.get(name.base), name, lambda part: max(number(part.high) - number(part.low) + 1, 1))
 
+    if function.external is not None:
+        return shapes | {q.name: declared(q, sizes) for q in function.outputs.values()}
     for step in function.steps:
         try:
             shapes[step.name] = step_shape = Lengths(length, exact=exact).of(step.expr)

@@ -158,7 +158,7 @@ class Quantity:
 
     The unit may be generic (`$U`); each call determines it. `sizes` is the length of a list, or the rows and columns of a
     matrix. A name in the sizes of an input is a whole number that is determined by the arguments of each call. `value` is
-    the value of a constant, in SI.
+    the value of a constant, or the nominal size of an input of an external function, in SI.
     """
 
     name: str
@@ -185,9 +185,22 @@ class Step:
     place: Place
 
 
+@dataclass(frozen=True)
+class External:
+    """The program of an external function: its file, the name of the function in it, how its arguments are passed, the name
+    of the function of its derivatives (empty: differences), and whether the program may be executed."""
+
+    path: Path
+    call: str
+    signature: str = "values"
+    derivatives: str = ""
+    allowed: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Function:
-    """A function of a file: steps compute the outputs from the inputs; each step defines a name for the later steps."""
+    """A function of a file: steps compute the outputs from the inputs; each step defines a name for the later steps. An
+    external function has no steps but a program."""
 
     name: str
     summary: str
@@ -199,6 +212,7 @@ class Function:
     steps: tuple[Step, ...]
     restrictions: str = ""
     source: str = ""
+    external: External | None = None
 
     @property
     def usage(self) -> str:

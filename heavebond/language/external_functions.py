@@ -1,0 +1,613 @@
+"""Functions outside the language: C source files, shared libraries and Python files as functions of CasADi.
+
+The arguments of a call are one vector x (n,) in SI, lists and matrices row by row, its results one vector y (m,). A call is
+one operation of an expression. Its derivatives are given by another function of the same file, or are central differences
+with steps of STEPS times the larger of |x_i| and its nominal size. The second and third derivatives, which index reduction
+and Jacobians of sensitivities need, are differences of these.
+
+Nothing is compiled, loaded or executed without permission: see `External.allowed`.
+"""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import hashlib
+import importlib.util
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any, cast
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from heavebond.core.errors import HeavebondError, ModelError, Problem
+from heavebond.text.shapes import Shape, elements
+from heavebond.text.syntax import Function
+
+Array = NDArray[np.float64]
+COMPILERS = ("gcc", "clang", "cc")
+# the third root of the rounding error balances it with the truncation of a central difference; for differences of
+# differences the steps are wider
+STEPS = (6e-6, 3e-4, 3e-3)
+LARGEST_DERIVATIVE = 20_000  # numbers of a third derivative, which is left out if it has more
+LIBRARIES = (".so", ".dll", ".dylib")
+FORMS = (".c", *LIBRARIES, ".py")
+SIGNATURES = ("values", "20-sim")
+FLAGS = ("-O2", "-ffp-contract=off", "-Werror=implicit-function-declaration", "-Werror=incompatible-pointer-types",
+         "-Werror=int-conversion")
+LONGEST = 120  # s that a compiler may take
+NOT_ALLOWED = "native-not-allowed"
+VALUES = 4  # elements of a list that a message shows
+LINES = 12  # lines of the compiler that a message shows
+
+
+@dataclass(frozen=True)
+class ForeignFunction:
+    """A function of CasADi that calls a program: the C text of its wrapper (empty for a Python function), the sizes of its
+    inputs, and the arguments of the first result that was not a number, after them the number of such results."""
+
+    function: Function
+    casadi: ca.Function
+    text: str
+    sizes: tuple[int, ...]
+    record: Any  # ctypes array or list (n + 1,)
+
+    def lost(self) -> str:
+        """A sentence on the first result that was not a number; empty if there is none."""
+        if not self.record[len(self.record) - 1]:
+            return ""
+        texts, at = [], 0
+        for quantity, size in zip(self.function.inputs.values(), self.sizes, strict=True):
+            unit = "" if quantity.unit.text == "1" or "$" in quantity.unit.text else f" {quantity.unit.text}"
+            values = [f"{self.record[k]:.6g}" for k in range(at, at + min(size, VALUES))]
+            more = ", ..." if size > VALUES else ""
+            texts.append(f"{quantity.name} = " + (f"[{', '.join(values)}{more}]" if quantity.sizes else values[0]) + unit)
+            at += size
+        return f"{self.function.name} gave a result that is not a number for {', '.join(texts)}"
+
+
+_made: dict[tuple[object, ...], ForeignFunction] = {}
+_folder: list[str] = []
+
+
+@contextmanager
+def naming_results() -> Iterator[None]:
+    """Context: add to an error which external functions gave results that are not numbers, and for which arguments."""
+    for foreign in _made.values():
+        foreign.record[len(foreign.record) - 1] = 0
+    try:
+        yield
+    except HeavebondError as error:
+        if sentences := [text for foreign in _made.values() if (text := foreign.lost())]:
+            first, *others = error.problems
+            error.problems = (replace(first, notes=(*sentences, *first.notes)), *others)
+            error.args = ("\n\n".join(map(str, error.problems)),)
+        raise
+
+
+def refused(function: Function) -> Problem:
+    """The problem of a function whose program must not be executed, at its file."""
+    external = function.external
+    assert external is not None
+    what = "compiles and runs" if external.path.suffix == ".c" else "runs"
+    return Problem(NOT_ALLOWED, f"{function.name} {what} {external.path.name}, which can do whatever a program can",
+                   function.place, "If you trust the file, add `--allow-native` to the command, or in Python "
+                   "`hb.load(file, allow_native=True)`.")
+
+
+def called(function: Function, args: Sequence[ca.SX], outputs: dict[str, Shape]) -> dict[str, ca.SX]:
+    """Each output of a call; `outputs` are their shapes. ModelError if the program must not run or cannot be loaded."""
+    external = function.external
+    assert external is not None
+    if not external.allowed:
+        raise ModelError([refused(function)])
+    columns = [ca.vec(ca.densify(arg).T) for arg in args]
+    foreign = _loaded(function, [arg.shape for arg in args], outputs)
+    result, = foreign.casadi.call([ca.vertcat(*columns)], False, True)
+    values, at = {}, 0
+    for name, shape in outputs.items():
+        part = result[at:at + elements(shape)]
+        at += elements(shape)
+        values[name] = ca.reshape(part, shape[1], shape[0]).T if isinstance(shape, tuple) else part
+    return values
+
+
+def _loaded(function: Function, shapes: Sequence[tuple[int, int]], outputs: dict[str, Shape]) -> ForeignFunction:
+    external = function.external
+    assert external is not None
+    try:
+        content = external.path.read_bytes()
+    except OSError as error:
+        raise ModelError([Problem("native-missing", f"{external.path.name} of {function.name} cannot be read",
+                                  function.place, "`file:` counts from the folder of the function's file.",
+                                  (error.strerror or "",))]) from error
+    sizes = [h.value or 1.0 for h in function.inputs.values()]
+    nominal = [size for size, shape in zip(sizes, shapes, strict=True) for _ in range(shape[0] * shape[1])]
+    key = (str(external.path), hashlib.sha256(content).hexdigest(), function.name, external.call, external.signature,
+           external.derivatives, tuple(shapes), tuple(outputs.items()), tuple(nominal))
+    if key not in _made:
+        count = sum(map(elements, outputs.values()))
+        name = f"hb_{function.name}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
+        _made[key] = _of_python(function, name, shapes, outputs, count, nominal) if external.path.suffix == ".py" else \
+            _of_c(function, name, shapes, outputs, count, nominal)
+    return _made[key]
+
+
+# -- C -----------------------------------------------------------------------------------------------------------------
+def _of_c(function: Function, name: str, shapes: Sequence[tuple[int, int]], outputs: dict[str, Shape], count: int,
+          nominal: Sequence[float]) -> ForeignFunction:
+    external = function.external
+    assert external is not None
+    wrapper = _wrapper(function, name, shapes, outputs, count, nominal)
+    library = external.path.suffix in LIBRARIES
+    head = _prototypes(function, outputs) if library else f'#include "{external.path}"\n'
+    path = _compiled(function, head + wrapper.replace("INT", "long long int"), name,
+                     [str(external.path), f"-Wl,-rpath,{external.path.parent}"] if library else [])
+    # names in the global scope: compiled equations of a model call the function directly
+    loaded = ctypes.CDLL(path, mode=ctypes.RTLD_GLOBAL)
+    record = (ctypes.c_double * (len(nominal) + 1)).in_dll(loaded, f"{name}_lost")
+    text = "" if library else wrapper.replace("INT", "int")
+    return ForeignFunction(function, ca.external(name, path), text, _sizes(shapes), record)
+
+
+def exported_text(code: str) -> str:
+    """The C of the external functions that C code calls, to be added at its end: the sources with the files that they
+    include, each once, and the wrappers. ModelError for a program without a C source."""
+    called_ones = [foreign for foreign in _made.values() if foreign.casadi.name() in code]
+    sources, included = list[str](), set[Path]()
+    for foreign in called_ones:
+        external = foreign.function.external
+        assert external is not None
+        if not foreign.text:
+            raise ModelError([not_exported(foreign.function)])
+        if external.path.resolve() not in included:
+            sources.append(f"/* {external.path.name} */\n{source_text(external.path, included)}")
+    return "\n".join([*sources, *(foreign.text for foreign in called_ones)])
+
+
+def not_exported(function: Function) -> Problem:
+    """The problem of a function that cannot be part of C code."""
+    external = function.external
+    assert external is not None
+    kind = "a Python function" if external.path.suffix == ".py" else "a function of a compiled library"
+    return Problem("native-not-exported", f"{function.name} is {kind}; it cannot be part of C code or of an FMU",
+                   function.place, f"Write {external.path.name} in C, and give the source: `file: {external.path.stem}.c`.")
+
+
+def _sizes(shapes: Sequence[tuple[int, int]]) -> tuple[int, ...]:
+    return tuple(rows * columns for rows, columns in shapes)
+
+
+def source_text(path: Path, included: set[Path] | None = None) -> str:
+    """A C source with the files that it includes by `#include "..."` from its folder, each once."""
+    included = set() if included is None else included
+    included.add(path.resolve())
+
+    def inserted(match: re.Match[str]) -> str:
+        inner = (path.parent / match.group(1)).resolve()
+        if not inner.is_file():
+            return match.group(0)
+        return "" if inner in included else source_text(inner, included)
+
+    return re.sub(r'^[ \t]*#[ \t]*include[ \t]+"([^"\n]+)"[^\n]*$', inserted, path.read_text("utf-8", "replace"),
+                  flags=re.MULTILINE)
+
+
+def _compiled(function: Function, text: str, name: str, more: Sequence[str]) -> str:
+    """The path of the library that the C compiler makes of a text; ModelError with the messages of the compiler."""
+    external = function.external
+    assert external is not None
+    compiler = next((c for c in COMPILERS if shutil.which(c)), None)
+    if compiler is None:
+        raise ModelError([Problem("native-no-compiler", f"{function.name} needs a C compiler; this computer has none",
+                                  function.place, f"Install one of {', '.join(COMPILERS)}.")])
+    if not _folder:
+        _folder.append(tempfile.mkdtemp(prefix="heavebond_"))
+        atexit.register(shutil.rmtree, _folder[0], ignore_errors=True)
+    source, target = Path(_folder[0]) / f"{name}.c", Path(_folder[0]) / f"{name}.so"
+    source.write_text(text, "utf-8")
+    command = [compiler, *FLAGS, "-I", str(external.path.parent), "-shared", "-fPIC", "-o", str(target), str(source), *more,
+               "-lm"]
+    try:
+        answer = subprocess.run(command, capture_output=True, timeout=LONGEST, check=False, text=True, errors="replace")
+        messages = answer.stderr
+        failed = answer.returncode != 0
+    except (OSError, subprocess.SubprocessError) as error:
+        messages, failed = str(error), True
+    if failed:
+        lines = [line.replace(str(external.path.parent) + "/", "").replace(str(source), f"call of {function.name}")
+                 for line in messages.splitlines() if line.strip()]
+        raise ModelError([Problem("native-not-compiled", f"{external.path.name} of {function.name} does not compile",
+                                  function.place, _expected(function), tuple(lines[:LINES]))])
+    return str(target)
+
+
+def _expected(function: Function) -> str:
+    """The declaration in C that a call expects."""
+    external = function.external
+    assert external is not None
+    if external.signature == "20-sim":
+        form = f"int {external.call}(double *inarr, int inputs, double *outarr, int outputs, int major)"
+        return f"`{external.call}` must be `{form}`."
+    inputs = [f"const double *{n}, int {n}_n" if q.sizes else f"double {n}" for n, q in function.inputs.items()]
+    if len(function.outputs) == 1 and not next(iter(function.outputs.values())).sizes:
+        return f"`{external.call}` must be `double {external.call}({', '.join(inputs)})`."
+    results = [f"double *{n}" for n in function.outputs]
+    return f"`{external.call}` must be `void {external.call}({', '.join([*inputs, *results])})`."
+
+
+def _prototypes(function: Function, outputs: dict[str, Shape]) -> str:
+    """The declarations of the functions of a library."""
+    external = function.external
+    assert external is not None
+    if external.signature == "20-sim":
+        names = [external.call, *([external.derivatives] if external.derivatives else [])]
+        return "".join(f"int {name}(double *inarr, int inputs, double *outarr, int outputs, int major);\n" for name in names)
+    inputs = ["const double *, int" if q.sizes else "double" for q in function.inputs.values()]
+    plain = len(outputs) == 1 and next(iter(outputs.values())) is None
+    declared = f"double {external.call}({', '.join(inputs)});\n" if plain else \
+        f"void {external.call}({', '.join([*inputs, *['double *'] * len(outputs)])});\n"
+    return declared + (f"void {external.derivatives}({', '.join([*inputs, 'double *'])});\n" if external.derivatives else "")
+
+
+def _wrapper(function: Function, name: str, shapes: Sequence[tuple[int, int]], outputs: dict[str, Shape], m: int,
+             nominal: Sequence[float]) -> str:
+    """The functions that CasADi calls, with the type of its integers as INT."""
+    external, n = function.external, len(nominal)
+    assert external is not None
+    given, at = [], 0
+    for quantity, shape in zip(function.inputs.values(), shapes, strict=True):
+        size = shape[0] * shape[1]
+        given.append(f"x + {at}, {size}" if quantity.sizes else f"x[{at}]")
+        at += size
+    if external.signature == "20-sim":
+        def call(name: str, target: str, size: int) -> str:
+            return (f"double a[{n}]; int k; for (k = 0; k < {n}; ++k) a[k] = x[k];\n"
+                    f"  if ({name}(a, {n}, {target}, {size}, 1) != 0) for (k = 0; k < {size}; ++k) {target}[k] = NAN;")
+
+        value = call(external.call, "y", m)
+        begun = re.search(r"\bint\s+Initialize\s*\(\s*(void)?\s*\)", source_text(external.path)) \
+            if external.path.suffix == ".c" else None
+        if begun:
+            value = "static int begun; if (!begun) { begun = 1; Initialize(); }\n  " + value
+        slope = call(external.derivatives, "r", m * n) if external.derivatives else ""
+    else:
+        places = np.cumsum([0, *map(elements, outputs.values())]).tolist()
+        if len(outputs) == 1 and next(iter(outputs.values())) is None:
+            value = f"y[0] = {external.call}({', '.join(given)});"
+        else:
+            value = f"{external.call}({', '.join([*given, *(f'y + {k}' for k in places[:-1])])});"
+        slope = f"{external.derivatives}({', '.join([*given, 'r'])});" if external.derivatives else ""
+    sizes = [m, m * n, m * n * n]
+    if m * n**3 > LARGEST_DERIVATIVE:
+        sizes.pop()
+    if external.derivatives:  # row by row into CasADi's columns
+        jacobian = f"double r[{m * n}]; int i, j;\n  {slope}\n" \
+            f"  for (i = 0; i < {m}; ++i) for (j = 0; j < {n}; ++j) d[i + j*{m}] = r[i*{n} + j];"
+    else:
+        jacobian = f"{name}_differences({name}_value, {m}, {STEPS[0]!r}, x, d, place);"
+    derived = [f"{name}_jacobian", *(f"{name}_derivative_{k + 2}" for k in range(len(sizes) - 1))]
+    steps = STEPS[0 if external.derivatives else 1:]
+    inner = "".join(f"""static void {derived[k + 1]}(const double *x, double *d) {{
+  double place[{2 * size}];
+  {name}_differences({derived[k]}, {size}, {steps[k]!r}, x, d, place);
+}}
+""" for k, size in enumerate(sizes[1:]))
+    entries = "".join(f"""int {'jac_' * (k + 1)}{name}(const double **arg, double **res, INT *iw, double *w, int mem) {{
+  double x[{n}]; (void) iw; (void) w; (void) mem;
+  {name}_arguments(arg, x);
+  if (res[0]) {one}(x, res[0]);
+  return 0;
+}}
+""" for k, one in enumerate(derived))
+    return f"""
+#include <math.h>
+static const double {name}_nominal[] = {{{', '.join(map(repr, map(float, nominal)))}}};
+double {name}_lost[{n + 1}];
+static void {name}_value(const double *x, double *y) {{
+  int i_, lost_ = 0;
+  {{ {value} }}
+  for (i_ = 0; i_ < {m}; ++i_) if (!(y[i_] - y[i_] == 0)) lost_ = 1;
+  if (lost_ && {name}_lost[{n}]++ == 0) for (i_ = 0; i_ < {n}; ++i_) {name}_lost[i_] = x[i_];
+}}
+static void {name}_differences(void (*f)(const double *, double *), int m, double step, const double *x, double *d,
+                               double *place) {{
+  double a[{n}], *high = place, *low = place + m, h;
+  int i, j;
+  for (j = 0; j < {n}; ++j) a[j] = x[j];
+  for (j = 0; j < {n}; ++j) {{
+    h = step * fmax(fabs(x[j]), {name}_nominal[j]);
+    a[j] = x[j] + h; f(a, high);
+    a[j] = x[j] - h; f(a, low);
+    a[j] = x[j];
+    for (i = 0; i < m; ++i) d[i + j*m] = (high[i] - low[i]) / (2*h);
+  }}
+}}
+static void {name}_jacobian(const double *x, double *d) {{
+  double place[{2 * m}]; (void) place;
+  {jacobian}
+}}
+{inner}static void {name}_arguments(const double **arg, double *x) {{
+  int k;
+  for (k = 0; k < {n}; ++k) x[k] = arg[0] ? arg[0][k] : 0;
+}}
+int {name}(const double **arg, double **res, INT *iw, double *w, int mem) {{
+  double x[{n}]; (void) iw; (void) w; (void) mem; (void) {name}_differences;
+  {name}_arguments(arg, x);
+  if (res[0]) {name}_value(x, res[0]);
+  return 0;
+}}
+{entries}""" + _sparsities(name, n, sizes)
+
+
+def _sparsities(name: str, n: int, sizes: Sequence[int]) -> str:
+    """The shapes of inputs and outputs of the function of sizes[0] results and of its derivatives, as CasADi reads them."""
+    def dense(rows: int, columns: int) -> list[int]:
+        return [rows, columns, 1]
+
+    def empty(rows: int, columns: int) -> list[int]:
+        return [rows, columns, *[0] * (columns + 1)]
+
+    # a derivative has the outputs as further inputs, on which it does not depend
+    parts, entered, left = [(name, [dense(n, 1)], [dense(sizes[0], 1)])], [(n, 1)], [(sizes[0], 1)]
+    for k, size in enumerate(sizes):
+        further = entered[1:] + left
+        blocks = [(rows * columns, a * b) for rows, columns in left for a, b in entered]
+        entered, left = [(n, 1), *further], blocks
+        parts.append(("jac_" * (k + 1) + name, [dense(n, 1), *(empty(*shape) for shape in further)],
+                      [dense(size, n), *(empty(*shape) for shape in blocks[1:])]))
+    lines = []
+    for called_name, entering, leaving in parts:
+        lines += [f"INT {called_name}_n_in(void) {{ return {len(entering)}; }}",
+                  f"INT {called_name}_n_out(void) {{ return {len(leaving)}; }}"]
+        for side, patterns in (("in", entering), ("out", leaving)):
+            lines.append(f"const INT *{called_name}_sparsity_{side}(INT i) {{")
+            lines += [f"  static const INT s{k}[] = {{{', '.join(map(str, p))}}};" for k, p in enumerate(patterns)]
+            lines += [f"  if (i == {k}) return s{k};" for k in range(len(patterns))]
+            lines += ["  return 0;", "}"]
+    return "\n".join(lines) + "\n"
+
+
+# -- Python ------------------------------------------------------------------------------------------------------------
+def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]], outputs: dict[str, Shape], m: int,
+               nominal: Sequence[float]) -> ForeignFunction:
+    external = function.external
+    assert external is not None
+    specification = importlib.util.spec_from_file_location(name, external.path)
+    assert specification is not None and specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    try:
+        specification.loader.exec_module(module)
+        value = getattr(module, external.call)
+        slope = getattr(module, external.derivatives) if external.derivatives else None
+    except Exception as error:  # of the user's file: whatever it raises
+        raise ModelError([Problem("native-not-loaded", f"{external.path.name} of {function.name} cannot be loaded",
+                                  function.place, f"It must define a function `{external.call}`.",
+                                  (f"{type(error).__name__}: {error}",))]) from error
+    record = [0.0] * (len(nominal) + 1)
+
+    def arguments(x: Array) -> list[Any]:
+        given, at = list[Any](), 0
+        for quantity, shape in zip(function.inputs.values(), shapes, strict=True):
+            size = shape[0] * shape[1]
+            part = x[at:at + size]
+            given.append(float(part[0]) if not quantity.sizes else part.reshape(shape) if len(quantity.sizes) > 1 else part)
+            at += size
+        return given
+
+    def values(x: Array) -> Array:
+        try:
+            found = value(*arguments(x))
+            y = np.concatenate([np.ravel(np.asarray(part, float)) for part in (found if len(outputs) > 1 else [found])])
+        except (ArithmeticError, ValueError):
+            y = np.full(m, np.nan)
+        if len(y) != m:
+            raise RuntimeError(f"{function.name} gives {len(y)} numbers in place of {m}")
+        if not all(map(isfinite, y)):
+            if not record[-1]:
+                record[:-1] = x.tolist()
+            record[-1] += 1
+        return y
+
+    size = np.array(nominal)
+
+    def differences(of: Callable[[Array], Array], step: float) -> Callable[[Array], Array]:
+        def jacobian(x: Array) -> Array:
+            steps = step * np.maximum(np.abs(x), size)
+            return np.stack([(of(x + h * e) - of(x - h * e)).ravel(order="F") / (2 * h)
+                             for h, e in zip(steps, np.eye(len(x)), strict=True)], axis=1)
+        return jacobian
+
+    steps = list(STEPS)
+    jacobian = differences(values, steps.pop(0)) if slope is None else \
+        lambda x: np.asarray(slope(*arguments(x)), float).reshape(m, len(x))
+    second = differences(jacobian, steps.pop(0))
+    n = len(nominal)
+    orders = [values, jacobian, second, differences(second, steps.pop(0))]
+    whole = _PythonFunction(name, orders, [ca.Sparsity.dense(n, 1)], [ca.Sparsity.dense(m, 1)])
+    return ForeignFunction(function, whole, "", _sizes(shapes), record)
+
+
+class _PythonFunction(ca.Callback):
+    """One order of derivatives of a function of x (n,): its values, its Jacobian, the Jacobian of that."""
+
+    def __init__(self, name: str, orders: Sequence[Callable[[Array], Array]], inputs: Sequence[ca.Sparsity],
+                 outputs: Sequence[ca.Sparsity]):
+        ca.Callback.__init__(self)
+        self.orders, self.inputs, self.outputs, self.kept = orders, inputs, outputs, list[ca.Function]()
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self.inputs)
+
+    def get_n_out(self) -> int:
+        return len(self.outputs)
+
+    def get_sparsity_in(self, k: int) -> ca.Sparsity:
+        return self.inputs[k]
+
+    def get_sparsity_out(self, k: int) -> ca.Sparsity:
+        return self.outputs[k]
+
+    def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
+        found = ca.DM(self.orders[0](np.array(given[0]).ravel()))
+        return [found, *(ca.DM(pattern.size1(), pattern.size2()) for pattern in self.outputs[1:])]
+
+    def has_jacobian(self) -> bool:
+        return len(self.orders) > 1
+
+    def get_jacobian(self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Any) -> ca.Function:
+        n, rows = self.inputs[0].numel(), self.outputs[0].numel()
+        inputs = [*self.inputs, *(ca.Sparsity(p.size1(), p.size2()) for p in self.outputs)]
+        outputs = [ca.Sparsity(y.numel(), x.numel()) for y in self.outputs for x in self.inputs]
+        outputs[0] = ca.Sparsity.dense(rows, n)
+        jacobian = _PythonFunction(name, self.orders[1:], inputs, outputs)
+        self.kept.append(jacobian)
+        return jacobian
+
+
+def _elements(matrix: ca.SX) -> list[ca.SX]:
+    """The elements of a matrix that are not zero by structure."""
+    return cast(list[ca.SX], matrix.nonzeros())  # CasADi's stubs call them SXElem; they are scalar SX
+
+
+def _column(elements: Iterable[ca.SX]) -> ca.SX:
+    items = list(elements)
+    return ca.vertcat(*items) if items else ca.SX(0, 1)
+
+
+# -- calls in expressions ----------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Opened:
+    """Columns in which each result of a call is a symbol, and `args`, one column with the arguments of all calls in turn,
+    in these symbols. Use it to rebuild expressions operation by operation: `closed` makes the calls again, with arguments
+    that were rebuilt in the same way."""
+
+    columns: list[ca.SX]
+    args: ca.SX
+    calls: list[tuple[ca.Function, dict[int, ca.SX]]]  # the function and the symbol of each of its results, by number
+
+    def closed(self, columns: Sequence[ca.SX], args: ca.SX) -> list[ca.SX]:
+        """The columns with the calls, whose arguments are `args`."""
+        if not self.calls:
+            return list(columns)
+        symbols, values, at = list[ca.SX](), list[ca.SX](), 0
+        for function, results in self.calls:
+            given = []
+            for k in range(function.n_in()):
+                pattern = function.sparsity_in(k)
+                part = args[at:at + pattern.nnz()]
+                given.append(ca.SX(pattern, ca.substitute(part, ca.vertcat(*symbols), ca.vertcat(*values)) if symbols
+                                   else part))
+                at += pattern.nnz()
+            results_of = function.call(given, False, True)
+            outputs = _column(e for y in results_of for e in _elements(y))
+            symbols += results.values()
+            values += [outputs[k] for k in results]
+        return ca.substitute(list(columns), [ca.vertcat(*symbols)], [ca.vertcat(*values)])
+
+
+def opened(columns: Sequence[ca.SX]) -> Opened:
+    """Replace the calls in columns by symbols of their results."""
+    if not _made:
+        return Opened(list(columns), ca.SX(0, 1), [])
+    new: dict[int, ca.SX] = {}
+    kept = list[ca.SX]()  # their hashes are valid as long as they exist
+    calls: dict[int, tuple[ca.Function, dict[int, ca.SX], list[ca.SX]]] = {}
+    for column in columns:
+        waiting = _elements(column)
+        while waiting:
+            node = waiting[-1]
+            if node.element_hash() in new:
+                waiting.pop()
+                continue
+            if node.is_constant() or node.is_symbolic():
+                new[node.element_hash()] = node
+                kept.append(node)
+                continue
+            call = node.dep(0) if node.is_output() else None
+            source = node if call is None else call
+            parts = [source.dep(k) for k in range(source.n_dep())]
+            missing = [part for part in parts if part.element_hash() not in new]
+            if missing:
+                waiting += missing
+                continue
+            kept.append(node)
+            inner = [new[part.element_hash()] for part in parts]
+            if call is not None:
+                kept.append(call)
+                function, results, _ = calls.setdefault(call.element_hash(), (call.which_function(), {}, inner))
+                number = node.which_output()
+                if number not in results:
+                    results[number] = ca.SX.sym(f"{function.name()}_{len(calls)}_{number}")
+                new[node.element_hash()] = results[number]
+            elif all(a.element_hash() == b.element_hash() for a, b in zip(parts, inner, strict=True)):
+                new[node.element_hash()] = node
+            else:
+                new[node.element_hash()] = ca.SX.binary(node.op(), *inner) if len(inner) == 2 else \
+                    ca.SX.unary(node.op(), inner[0])
+    if not calls:
+        return Opened(list(columns), ca.SX(0, 1), [])
+    replaced = [ca.SX(column.sparsity(), _column(new[e.element_hash()] for e in _elements(column)))
+                if column.nnz() else column for column in columns]
+    return Opened(replaced, _column(e for _, _, args in calls.values() for e in args),
+                  [(function, results) for function, results, _ in calls.values()])
+
+
+def substituted_in_turn(symbols: ca.SX, definitions: ca.SX, columns: Sequence[ca.SX]) -> tuple[ca.SX, list[ca.SX]]:
+    """The definitions of symbols, each in the symbols before it, and columns, with all symbols substituted; as CasADi's
+    `substitute_inplace`, which loses calls."""
+    whole = opened([definitions, *columns])
+    if not whole.calls:
+        (expressions,), replaced = ca.substitute_inplace([symbols], [definitions], list(columns), False)
+        return expressions, replaced
+    definitions, *others = whole.columns
+    (expressions,), replaced = ca.substitute_inplace([symbols], [definitions], [*others, whole.args], False)
+    first, *rest = whole.closed([expressions, *replaced[:-1]], replaced[-1])
+    return first, rest
+
+
+def derivative_along(column: ca.SX, symbols: ca.SX, direction: ca.SX) -> ca.SX:
+    """The derivative of a column (m,) by symbols (n,) times a direction (n,)."""
+    return ca.mtimes(jacobian(column, symbols), direction) if opened([column]).calls else \
+        ca.jtimes(column, symbols, direction)
+
+
+def jacobian(column: ca.SX, symbols: ca.SX) -> ca.SX:
+    """The derivatives of a column (m,) by symbols (n,), with a zero wherever an element does not depend on a symbol; CasADi
+    joins the derivatives of several symbols in one call, whose zeros are not known."""
+    whole = opened([column])
+    if not whole.calls:
+        return ca.jacobian(column, symbols)
+    results, slopes, at = ca.SX(0, 1), ca.SX(0, symbols.numel()), 0
+    for function, numbered in whole.calls:
+        given, places = [], list[int]()
+        for k in range(function.n_in()):
+            pattern = function.sparsity_in(k)
+            offset = sum(function.numel_in(i) for i in range(k))
+            places += [offset + i for i in pattern.find()]
+            given.append(ca.SX(pattern, whole.args[at:at + pattern.nnz()]))
+            at += pattern.nnz()
+        args = _column(e for g in given for e in _elements(g))
+        along = ca.jacobian(args, symbols) + ca.mtimes(ca.jacobian(args, results), slopes)
+        slope = function.jacobian()
+        outputs = function.call(given, False, True)
+        found = slope.call([*given, *(y if slope.nnz_in(function.n_in() + k) else ca.SX(y.size1(), y.size2())
+                                      for k, y in enumerate(outputs))], False, True)
+        n_in = function.n_in()
+        rows = ca.vertcat(*(ca.horzcat(*found[o * n_in:(o + 1) * n_in]) for o in range(function.n_out())))
+        numbers = [sum(function.numel_out(i) for i in range(o)) + i for o in range(function.n_out())
+                   for i in function.sparsity_out(o).find()]
+        results = ca.vertcat(results, *numbered.values())
+        slopes = ca.vertcat(slopes, ca.mtimes(rows[[numbers[k] for k in numbered], places], along))
+    total = ca.jacobian(whole.columns[0], symbols) + ca.mtimes(ca.jacobian(whole.columns[0], results), slopes)
+    return whole.closed([ca.sparsify(total)], whole.args)[0]
