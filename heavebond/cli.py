@@ -1,8 +1,8 @@
 """Entry point of the command line: the commands, and the handling of errors (message, exit code, JSON).
 
-Exit codes: 0 success; 1 an error in the model, the data or a run; 2 wrong usage; 70 an internal error of heavebond; 130
-interrupted by Ctrl-C, 143 by SIGTERM; 141 the reader of the output closed the pipe. A run is an error if its verdict fails
-(see `run_verdict`).
+Exit codes: 0 success; 1 an error in the model, the data or a run; 2 wrong usage; 3 a model with placeholders; 70 an
+internal error of heavebond; 130 interrupted by Ctrl-C, 143 by SIGTERM; 141 the reader of the output closed the pipe. A run
+is an error if its verdict fails (see `run_verdict`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NAMES = ("check", "draw", "run", "plot", "animate", "compare", "fit", "localize"
          "sensitivity", "library", "demo", "export", "import", "new", "studio")
 FUNCTIONS = {"try": "try_effect", "import": "import_model"}
 SERVING = ("studio",)  # commands that run until they are interrupted: no progress lines
-FINE, AT_FAULT, WRONG_USAGE, OWN_FAULT, SIGNALLED = 0, 1, 2, 70, 128
+FINE, AT_FAULT, WRONG_USAGE, INCOMPLETE, OWN_FAULT, SIGNALLED = 0, 1, 2, 3, 70, 128
 
 
 class CommandTable(MutableMapping[str, click.Command]):
@@ -146,7 +146,9 @@ class Commands(click.Group):
         except click.ClickException as error:
             raise UsageError([Problem("usage", error.format_message())]) from None
         sys.stdout.flush()
-        return (FINE, answer) if isinstance(answer, dict) else (int(answer or 0), {})
+        if isinstance(answer, dict):
+            return INCOMPLETE if answer.get("placeholders") else FINE, answer
+        return int(answer or 0), {}
 
 
 def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem], figures: dict[str, object]
@@ -160,7 +162,10 @@ def _judged(heard: list[tuple[str, Verdict]], code: int, problems: list[Problem]
         elif found.findings:
             warn(f"warning: {found.text}" if len(heard) == 1 else f"warning: {name}: {found.text}")
     figures = {**figures, "validity": verdicts_as_dict(heard)}
-    return (AT_FAULT if code == FINE and verdict_of_all(heard).failed else code), problems, figures
+    whole = verdict_of_all(heard)
+    if code == FINE and any(finding.kind == "placeholder" for finding in whole.findings):
+        code = INCOMPLETE
+    return (AT_FAULT if code in (FINE, INCOMPLETE) and whole.failed else code), problems, figures
 
 
 def _interrupted() -> tuple[list[Problem], int]:
@@ -282,5 +287,6 @@ def _forget_output() -> None:
 def main() -> None:
     """Model machines from diagrams, simulate them and compare them with measurements.
 
-    Exit codes: 0 fine, 1 the model or the data is at fault, 2 wrong usage, 70 a fault of heavebond itself.
+    Exit codes: 0 fine, 1 the model or the data is at fault, 2 wrong usage, 3 parts of the model are placeholders without a
+    law, 70 a fault of heavebond itself.
     """

@@ -562,6 +562,7 @@ def test_public_models_pass_the_check(tmp_path: Path, name: str) -> None:
     made = import_emx(MODELS / f"{name}.emx", frozenset(library().names()))
     made.write(tmp_path)
     answer = CliRunner().invoke(main, ["check", str(tmp_path / f"{name}.yaml")])
-    assert answer.exit_code == 0, answer.output
+    lawless = any("\nplaceholder:" in text for text in made.files.values())
+    assert answer.exit_code == (3 if lawless else 0), answer.output
     for part in {u.submodel for u in made.untranslated if "is not translated" in u.reason}:
         assert part in answer.output

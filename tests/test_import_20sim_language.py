@@ -508,3 +508,58 @@ def test_held_inputs_are_written_in_the_order_of_the_ports(tmp_path: Path) -> No
     (text,) = (p.read_text() for p in tmp_path.rglob("plant.yaml"))
     assert re.findall(r"^  (\w+)_sampled: ", text, re.MULTILINE) == names
     assert run["Plant.y"][-1] == pytest.approx(15 * 0.1 * sum(0.1 * k for k in range(10)), abs=1e-6)
+
+
+GAS = """\
+static int ready;
+int Initialize(void) { ready = 1; return 0; }
+int pressure(double *inarr, int inputs, double *outarr, int outputs, int major)
+{ outarr[0] = ready*3*inarr[0]*inarr[1]; return inputs != 2 || outputs != 1; }
+int both(double *inarr, int inputs, double *outarr, int outputs, int major)
+{ outarr[0] = inarr[0] + 1; outarr[1] = 2*inarr[0]; return 0; }
+"""
+
+
+def emx(path: Path, parts: str, connections: str) -> Path:
+    """A model in a file."""
+    path.write_text(f"""<?xml version="1.0"?><Document><Model version="4.6"><Sidops><![CDATA[model 0 0
+ type Mainmodel
+ end;
+ implementation bg
+ submodels
+{parts} end;
+ connections
+{connections} end;
+ implementation_end;
+]]></Sidops></Model></Document>""")
+    return path
+
+
+def test_a_function_of_a_library_is_replaced_by_its_source(tmp_path: Path) -> None:
+    """Scalar and vector arguments and results, and a global parameter of another file."""
+    (tmp_path / "gas.c").write_text(GAS)
+    file = emx(tmp_path / "m.emx", part("Source", "signal out m", "equations\n m = time;") + part(
+        "Gas", "signal in m; signal out p; signal out q [2]", "parameters\n real global T;\nequations\n"
+        " p = dll ('gas.dll', 'pressure', [m; T]);\n q = dll ('gas.dll', 'both', m);")
+        + part("Use", "signal in p; signal in q [2]; signal out y; signal out w", "equations\n y = p; w = q[2] + 10*q[1];"),
+        "Source\\m -> Gas\\m; Gas\\p -> Use\\p; Gas\\q -> Use\\q;")
+    other = emx(tmp_path / "Parameters.emx", part("Values", "signal out y", "parameters\n real global T = 5.0;\nequations\n"
+                                                  " y = T;"), "")
+    with pytest.raises(ModelError, match="--function pressure=source"):
+        hb.import_model(file, tmp_path / "out", strict=True, global_files=[other])
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(hb.UsageError, match="It calls pressure, both"):
+        hb.import_model(file, tmp_path / "out", functions={"presure": tmp_path / "gas.c"})
+    made = hb.import_model(file, tmp_path / "out", global_files=[other], strict=True,
+                           functions={"pressure": tmp_path / "gas.c", "both": tmp_path / "gas.c"})
+    run = hb.simulate(hb.load(made.path, allow_native=True), "1 s", every="0.1 s")
+    np.testing.assert_allclose(run["Use.y"], 15*run.time, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(run["Use.w"], 2*run.time + 10*(run.time + 1), rtol=1e-12)
+
+
+def test_placeholders_have_an_exit_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    emx(tmp_path / "m.emx", part("Gas", "signal out p", "equations\n p = dll ('gas.dll', 'pressure', time);")
+        + part("Use", "signal in p; signal out y", "equations\n y = 2*p;"), "Gas\\p -> Use\\p;")
+    for words in (["import", "m.emx"], ["check", "m/m.yaml"], ["run", "m/m.yaml"]):
+        assert CliRunner().invoke(main, words).exit_code == 3

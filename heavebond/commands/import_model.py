@@ -6,25 +6,33 @@ from pathlib import Path
 
 import click
 
-from heavebond.commands.arguments import json_option
+from heavebond.commands.arguments import json_option, settings_of
 
 
 @click.command("import", short_help="Translate a 20-sim model (.emx) into a diagram with its components.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path),
               help="Output folder; by default named after the model.")
+@click.option("--function", "functions", metavar="NAME=FILE.c", multiple=True,
+              help="C source in place of the function NAME of a compiled library (dll). May be repeated.")
+@click.option("--globals", "global_files", metavar="FILE.emx", multiple=True, type=click.Path(path_type=Path),
+              help="Another 20-sim model whose global parameters this one uses. May be repeated.")
+@click.option("--strict", is_flag=True, help="Write nothing if a submodel has no law after the translation.")
 @json_option
-def import_model(file: Path, output: Path | None) -> dict[str, object]:
+def import_model(file: Path, output: Path | None, functions: tuple[str, ...], global_files: tuple[Path, ...], strict: bool
+                 ) -> dict[str, object]:
     """Translate the 20-sim model FILE (.emx) into a folder with a diagram and component files.
 
-    Elements that cannot be translated are listed with submodel and line. Nothing in the file is executed.
+    Elements that cannot be translated are listed with submodel and line; a submodel with such elements becomes a placeholder
+    without a law, and the exit code is 3. Nothing in the file is executed.
     """
     from heavebond.commands import terminal
     from heavebond.core.quoting import visible
     from heavebond.import_20sim import importer
 
     with terminal.working("translating"):
-        imported = importer.import_model(file, output or "")
+        imported = importer.import_model(file, output or "", functions=settings_of("--function", functions),
+                                         global_files=global_files, strict=strict)
     written = imported.files
     console = terminal.output()
     console.print(f"wrote {written[0]} and {len(written) - 1} components", soft_wrap=True, markup=False)
@@ -34,7 +42,8 @@ def import_model(file: Path, output: Path | None) -> dict[str, object]:
     for path in imported.left_over:
         console.print(visible(f"no longer part of the model: {path} (from an earlier import; delete it if unused)"),
                       soft_wrap=True, markup=False)
-    console.print(f"next: heavebond check {written[0]}", soft_wrap=True, markup=False)
+    permission = " --allow-native" if functions else ""
+    console.print(f"next: heavebond check {written[0]}{permission}", soft_wrap=True, markup=False)
     return {"model": written[0].stem, "files": [str(path) for path in written],
-            "left_over": [str(path) for path in imported.left_over],
+            "left_over": [str(path) for path in imported.left_over], "placeholders": list(imported.placeholders),
             "untranslated": [{"submodel": u.submodel, "line": u.line, "reason": u.reason} for u in imported.untranslated]}

@@ -15,6 +15,7 @@ from heavebond.commands.arguments import (
     check_picture,
     check_writable,
     json_option,
+    native_option,
     picture_option,
     set_option,
     settings_of,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 @picture_option("Draw free signals and outputs: optimal run, collocation, and the diagram's own run")
 @click.option("--save", "saved", metavar="FILE", type=click.Path(path_type=Path),
               help="Write the verifying run with the input (.csv, .parquet, .mat, .nc), of a study with one case.")
+@native_option
 @json_option
 def optimal(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[str, ...], evaluate: str | None,
             periodic: bool, ends: tuple[str, ...], duration: str | None, intervals: int | None, hold: bool,

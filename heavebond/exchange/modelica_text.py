@@ -89,6 +89,9 @@ def written(expressions: Iterable[ca.SX], names: Mapping[int, Term], fresh: Call
     uses, reads = dict[int, int](), list[list[int]]()
     for k in range(function.n_instructions()):
         op, inputs, outputs = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_CALL:
+            raise UsageError([Problem("export-function", "an external function cannot be written in Modelica", None,
+                                      "Export the diagram as an FMU or as C, which contain its source.")])
         read = [] if op in (ca.OP_INPUT, ca.OP_CONST) else [register[i] for i in inputs]
         reads.append(read)
         for source in read:

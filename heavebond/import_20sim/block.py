@@ -13,6 +13,7 @@ from heavebond.import_20sim.emx_file import EmxFile
 from heavebond.import_20sim.equations import Builder
 from heavebond.import_20sim.evaluate import fold
 from heavebond.import_20sim.expressions_parser import Unreadable
+from heavebond.import_20sim.external import Programs
 from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import camel, identifier, labels
 from heavebond.import_20sim.sampling import Sampling
@@ -89,7 +90,9 @@ def _known_values(component: Component, builder: Builder, values: Mapping[str, f
 class Translator:
     """The tree of submodels of one model as components and blocks."""
 
-    def __init__(self, emx: EmxFile, comments: Mapping[int, str], library: frozenset[str], sampling: Sampling):
+    def __init__(self, emx: EmxFile, comments: Mapping[int, str], library: frozenset[str], sampling: Sampling,
+                 programs: Programs):
+        self.programs = programs
         self.emx, self.comments, self.library, self.sampling = emx, comments, library, sampling
         self.components: list[tuple[str, Component]] = []  # by dotted path of the new diagram
         self.blocks: list[tuple[str, Block]] = []
@@ -181,7 +184,8 @@ class Translator:
                           id(submodel) in self.sampling.discrete, self.sampling.held.get(id(submodel), ()), [
                               label[len(prefix):] for name in self.emx.plotted for label in labels(name)
                               if label.startswith(prefix)],
-                          lambda name: self.emx.stated(f"{prefix}{name}"), self.sampling.sampled.get(id(submodel), ()))
+                          lambda name: self.emx.stated(f"{prefix}{name}"), self.sampling.sampled.get(id(submodel), ()),
+                          self.programs)
         component = builder.build()
         sampled = None if id(submodel) in self.sampling.discrete else self.sampling.sampled.get(id(submodel), ())
         if sampled != () and not component.untranslated:

@@ -39,7 +39,7 @@ from heavebond.import_20sim.declarations import Symbols
 from heavebond.import_20sim.evaluate import spread
 from heavebond.import_20sim.execution import Env, Execution
 from heavebond.import_20sim.expressions_parser import Unreadable
-from heavebond.import_20sim.external import External
+from heavebond.import_20sim.external import External, Programs
 from heavebond.import_20sim.jumps import Kept, keep_values_before_jumps
 from heavebond.import_20sim.knots import collected, knot_equations, knot_value, one_junction
 from heavebond.import_20sim.matrices import Matrix
@@ -47,7 +47,7 @@ from heavebond.import_20sim.memory import Memory
 from heavebond.import_20sim.momentary import with_conditions_before
 from heavebond.import_20sim.names import camel, identifier
 from heavebond.import_20sim.passed_conditions import moves, passed
-from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, Statement, Submodel
+from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statement, Submodel, While
 from heavebond.import_20sim.splitting import read_held, share_repeated, split_deep
 
 # functions of the solution of the equations
@@ -66,7 +66,7 @@ class Builder(Execution):
                  known: Mapping[str, float] = MappingProxyType({}), texts: Mapping[str, str] = MappingProxyType({}),
                  folder: Path | None = None, discrete: bool = False, held: Iterable[str] = (),
                  plotted: Collection[str] = (), stated: Callable[[str], float | None] = lambda _: None,
-                 sampled: Collection[str] = ()):
+                 sampled: Collection[str] = (), programs: Programs | None = None):
         super().__init__()
         self.discrete, self.held_inputs, self.plotted, self.sampled = discrete, held, plotted, sampled
         self.submodel, self.comments = submodel, comments
@@ -78,7 +78,7 @@ class Builder(Execution):
         self.evaluate.final = self._final
         everything = (*submodel.parameters, *self.source.parameters, *self.source.constants)
         declared = {identifier(d.name): d.value.name for d in everything if d.kind == "string" and d.value is not None}
-        outside = External(self.made, self.memory, folder, {**declared, **texts})
+        outside = External(self.made, self.memory, folder, {**declared, **texts}, programs or Programs(), self._results_of)
         self.evaluate.table, self.evaluate.external = outside.table, outside.function
         self.labels: dict[str, str] = {}  # the quantities by the names of their elements
         self.triggers: Env = {}  # variables that are events
@@ -118,6 +118,20 @@ class Builder(Execution):
             split_deep(component)
             share_repeated(component)
         return component
+
+    def _results_of(self, call: Expr) -> int:
+        """The number of elements that a statement assigns from a call; 1 for a call within an expression."""
+        waiting: list[object] = [self.source.equations, self.source.code, self.source.initial]
+        while waiting:
+            item = waiting.pop()
+            if isinstance(item, Assign):
+                if item.right == call:
+                    return sum(len(row) for row in self.evaluate(item.left))
+            elif isinstance(item, (list, tuple)):
+                waiting += item
+            elif isinstance(item, (If, For, While)):
+                waiting += vars(item).values()
+        return 1
 
     # -- statements --------------------------------------------------------------------------------------------------
     def _equations(self) -> None:

@@ -3,7 +3,9 @@ whose laws its manual states. No library is called."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
 
 from heavebond.import_20sim import formula_text as f
@@ -12,19 +14,63 @@ from heavebond.import_20sim.evaluate import EXTERNAL, Evaluator
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.memory import Memory
-from heavebond.import_20sim.names import identifier
+from heavebond.import_20sim.names import identifier, snake
 from heavebond.import_20sim.sidops_tree import Expr
 from heavebond.import_20sim.tables import Grid, Table, read_grid, read_table
+from heavebond.language.external_functions import source_text
+from heavebond.language.library import library_functions
+from heavebond.text.expression import FUNCTIONS
 
 # libraries and functions in lower case; profiles by their share of the stroke, with first and second derivative
 TABLE, PROFILES = "table2d.dll", "motionprofiles.dll"
 
 
-class External:
-    """The tables and library functions of one component; `texts` are the names of files and functions."""
+@dataclass
+class Programs:
+    """C sources that replace functions of compiled libraries, by the lower-case names of the functions. `called` are the
+    functions of the imported model, each with the numbers of its arguments and results, by their names in the diagram;
+    `without` the functions for which no source is given."""
 
-    def __init__(self, component: Component, memory: Memory, folder: Path | None, texts: Mapping[str, str]):
+    sources: Mapping[str, Path] = field(default_factory=dict)
+    called: dict[str, tuple[str, int, int]] = field(default_factory=dict)
+    without: dict[str, None] = field(default_factory=dict)
+
+    def call(self, function: str, args: list[Expr], results: int) -> list[Expr] | None:
+        """The results of a call; None if there is no source."""
+        if function.lower() not in self.sources:
+            self.without[function] = None
+            return None
+        base = snake(identifier(function)) or "program"
+        name, number = base, 2
+        entry = function, len(args), results
+        while (name in FUNCTIONS or name in library_functions() or name in self.called) and self.called.get(name) != entry:
+            name, number = f"{base}_{number}", number + 1
+        self.called[name] = entry
+        return [f.call(name if results == 1 else f"{name}.y_{k + 1}", *args) for k in range(results)]
+
+    def files(self) -> dict[str, str]:
+        """The files of the functions and of their sources, by their names in the folder of the import."""
+        written = {}
+        for name, (function, arguments, results) in self.called.items():
+            source = self.sources[function.lower()]
+            inputs = [f"  x_{k + 1}: {{unit: 1, nominal: 1, doc: argument {k + 1}}}" for k in range(arguments)]
+            outputs = [f"  y_{k + 1}: {{unit: 1, doc: result {k + 1}}}" for k in range(results)]
+            written[f"components/{name}.yaml"] = "\n".join([
+                f"function: {name}", "is: external",
+                f"summary: Function {function} of a compiled library of the 20-sim model.", f"file: {source.name}",
+                f"call: {function}", "signature: 20-sim", "inputs:", *inputs, "outputs:", *outputs, ""])
+            written[f"components/{source.name}"] = source_text(source)
+        return written
+
+
+class External:
+    """The tables and library functions of one component; `texts` are the names of files and functions, `programs` the
+    functions with C sources, `results` gives the number of results that a statement takes from a call."""
+
+    def __init__(self, component: Component, memory: Memory, folder: Path | None, texts: Mapping[str, str],
+                 programs: Programs, results: Callable[[Expr], int]):
         self.made, self.memory, self.folder, self.texts = component, memory, folder, texts
+        self.programs, self.results = programs, results
         self.unread = False  # whether a table of two inputs could not be read
 
     def _text(self, name: Expr) -> str:
@@ -65,6 +111,13 @@ class External:
                 return [[f.number(0)]] * 3
             if name == "profileramp":
                 return [[share], [f.number(1)], [f.number(0)]]
+        function = self._text(call.args[1]) if len(call.args) == 3 else ""
+        if re.fullmatch(r"[A-Za-z_]\w*", function, re.ASCII):
+            args = [e for row in evaluate(call.args[2]) for e in row]
+            if (found := self.programs.call(function, args, self.results(call))) is not None:
+                return [[e] for e in found]
+            raise Unreadable(call.line, f"`{call.name}`: {EXTERNAL['dll']}; import it again with its C source, "
+                             f"`--function {function}=source.c`")
         raise Unreadable(call.line, f"`{call.name}`: {EXTERNAL['dll']}")
 
     def _read(self, call: Expr, arguments: list[Expr]) -> Expr:

@@ -107,7 +107,8 @@ def _text(expr: Expr) -> tuple[str, int]:
                 f" + sum(({v}[j + 1] - {v}[j])*{t} for j in 1..{m} - 1)"
                 f" + sum(sum(({cell})*{s}*{t} for j in 1..{m} - 1) for i in 1..{n}_n - 1)"), ADD
     if op == "call":
-        return f"{expr.name}({', '.join(_value(e) for e in expr.args)})", ATOM
+        name, dot, output = expr.name.partition(".")  # a result of a function with several ones
+        return f"{name}({', '.join(_value(e) for e in expr.args)}){dot}{output}", ATOM
     if op == "if":
         return f"if_else({text(truth(expr.args[0]))}, {_value(expr.args[1])}, {_value(expr.args[2])})", ATOM
     if op not in LEVEL:

@@ -10,7 +10,7 @@ which states are known and one equation of each free port determines its flow, o
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,7 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from heavebond.core.errors import ModelError, Place, Problem, UsageError
+from heavebond.core.errors import ModelError, Place, Problem, UsageError, listing
 from heavebond.core.presentation import brief, count
 from heavebond.core.quoting import file_stem
 from heavebond.core.writable import write_text
@@ -28,6 +28,7 @@ from heavebond.import_20sim.choices import OPPOSITE, names, rebuilt
 from heavebond.import_20sim.component import Component, Item, without_unit
 from heavebond.import_20sim.emx_file import EmxFile, read_emx
 from heavebond.import_20sim.evaluate import MEMBERS, fold
+from heavebond.import_20sim.external import Programs
 from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import identifier, labels, snake
@@ -85,47 +86,69 @@ class Imported:
 @dataclass(frozen=True)
 class ImportedModel:
     """The written files of an import, the diagram `path` first, and the constructs that are not translated; `left_over` are
-    components of an earlier import that are no longer part of the model."""
+    components of an earlier import that are no longer part of the model, `placeholders` the files of components without a
+    law."""
 
     path: Path
     files: tuple[Path, ...]
     untranslated: tuple[Untranslated, ...]
     left_over: tuple[Path, ...] = ()
+    placeholders: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return brief(self, str(self.path), f"{count(len(self.files) - 1, 'component')}",
                      *(f"not translated: {u.submodel}, line {u.line}: {u.reason}" for u in self.untranslated[:8]))
 
 
-def import_model(file: str | Path, folder: str | Path = "") -> ImportedModel:
+def import_model(file: str | Path, folder: str | Path = "", *, functions: Mapping[str, str | Path] | None = None,
+                 global_files: Iterable[str | Path] = (), strict: bool = False) -> ImportedModel:
     """Translate a 20-sim model (.emx) into a diagram with component files, in a `folder`, by default named after the model.
 
-    `file` is the path of the model; nothing in it is executed. `hb.load(imported.path)` reads the diagram. Raises UsageError
-    for another kind of file, ModelError for one that cannot be read.
+    `file` is the path of the model; nothing in it is executed. `functions` are C sources that replace functions of compiled
+    libraries, by the name of the function; `global_files` other .emx files whose global parameters the model uses. With
+    `strict`, a submodel without a law is an error and nothing is written. `hb.load(imported.path)` reads the
+    diagram. Raises UsageError for another kind of file, ModelError for one that cannot be read.
     """
     file = Path(file)
     if file.suffix.lower() != ".emx":
         raise UsageError([Problem("emx-suffix", f"'{file}' is not a 20-sim model", None, "Name a file that ends in .emx.")])
     if not file.is_file():
         raise UsageError([Problem("file", f"cannot find the file '{file}'")])
-    imported = import_emx(file, frozenset(known_library().names()))
+    sources = {name.lower(): Path(source) for name, source in (functions or {}).items()}
+    for name, source in sources.items():
+        if source.suffix != ".c" or not source.is_file():
+            raise UsageError([Problem("import-function", f"'{source}' of the function {name} is not a C source", None,
+                                      "Give the path of its file, `--function NAME=FILE.c`.")])
+    programs = Programs(sources)
+    imported = import_emx(file, frozenset(known_library().names()), programs, [Path(other) for other in global_files])
+    if unused := [name for name in sources if name not in {function.lower() for function, *_ in programs.called.values()}]:
+        calls = [function for function, *_ in programs.called.values()] + [*programs.without]
+        raise UsageError([Problem("import-function", f"the model does not call a function '{unused[0]}' of a library", None,
+                                  f"It calls {listing(calls)}." if calls else "It calls none.")])
+    placeholders = tuple(name for name, text in imported.files.items() if re.search("^placeholder:", text, re.MULTILINE))
+    if strict and placeholders:
+        raise ModelError([Problem("import-incomplete", f"{u.submodel}: {u.reason}", Place(file.name, u.line),
+                                  "Without --strict the rest of the model is translated.") for u in imported.untranslated])
     target = Path(folder) if str(folder) else Path(imported.name)
     left_over, written = imported.left_over(target), imported.write(target)
-    return ImportedModel(written[0], tuple(written), tuple(imported.untranslated), tuple(left_over))
+    return ImportedModel(written[0], tuple(written), tuple(imported.untranslated), tuple(left_over), placeholders)
 
 
-def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
+def import_emx(path: Path, library: frozenset[str] = frozenset(), programs: Programs | None = None,
+               global_files: Iterable[Path] = ()) -> Imported:
     """Translate a file; `library` contains the component names that the result must not use. Raises ModelError."""
-    emx = read_emx(path)
+    emx, programs = read_emx(path), programs or Programs()
     root = parse_sidops(emx.sidops, path.name, emx.first_line)
     if root.ports or root.equations is not None:  # the whole model is a part
         root.name = path.stem
         emx.within(identifier(path.stem))
         root = Submodel("model", root.line, submodels=[root])
+    for other in global_files:
+        _enter_globals(root, other)
     if emx.start:
         shift_time(root, emx.start)
     comments = tokenise(emx.sidops, path.name, emx.first_line).comments
-    translator = Translator(emx, comments, library, sampling(root, emx.sample_times))
+    translator = Translator(emx, comments, library, sampling(root, emx.sample_times), programs)
     translator.enter_texts(root)
     translator.enter_constants(root)
     top = translator.block(root, "", "")
@@ -133,7 +156,34 @@ def import_emx(path: Path, library: frozenset[str] = frozenset()) -> Imported:
         why = "the model has no submodels and no equations"
         raise ModelError([Problem("emx-structure", why, Place(path.name, root.line))])
     translator.finish()
-    return _Writer(emx, translator, top, library).imported()
+    imported = _Writer(emx, translator, top, library).imported()
+    imported.files.update(programs.files())
+    return imported
+
+
+def _enter_globals(root: Submodel, path: Path) -> None:
+    """Enter the global constants and parameters with values of another file as global relations of the model."""
+    if path.suffix.lower() != ".emx" or not path.is_file():
+        raise UsageError([Problem("import-globals", f"cannot find the 20-sim model '{path}'", None,
+                                  "Name an .emx file that declares the global parameters.")])
+    emx = read_emx(path)
+    if root.relations is None:
+        root.relations = Equations()
+    known = {item.name for item in (*root.relations.constants, *root.relations.parameters)}
+    waiting = [parse_sidops(emx.sidops, path.name, emx.first_line)]
+    while waiting:
+        submodel = waiting.pop(0)
+        waiting += submodel.submodels
+        for section in (submodel.relations, submodel.equations):
+            for group, target in ((section.constants, root.relations.constants),
+                                  (section.parameters, root.relations.parameters)) if section is not None else ():
+                for item in group:
+                    shared = item.is_global or section is submodel.relations
+                    if shared and item.value is not None and item.name not in known:
+                        stated = emx.stated(identifier(item.name))
+                        value = item.value if stated is None or item.size else f.number(stated)
+                        target.append(replace(item, value=value))
+                        known.add(item.name)
 
 
 class _Writer:

@@ -20,6 +20,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -77,13 +78,19 @@ class ForeignFunction:
 
 _made: dict[tuple[object, ...], ForeignFunction] = {}
 _folder: list[str] = []
+_watched: ContextVar[bool] = ContextVar("watched", default=False)
 
 
 @contextmanager
 def naming_results() -> Iterator[None]:
-    """Context: add to an error which external functions gave results that are not numbers, and for which arguments."""
+    """Context: add to an error which external functions gave results that are not numbers, and for which arguments. In a
+    context within another one, the outer one does so."""
+    if _watched.get():
+        yield
+        return
     for foreign in _made.values():
         foreign.record[len(foreign.record) - 1] = 0
+    token = _watched.set(True)
     try:
         yield
     except HeavebondError as error:
@@ -92,6 +99,8 @@ def naming_results() -> Iterator[None]:
             error.problems = (replace(first, notes=(*sentences, *first.notes)), *others)
             error.args = ("\n\n".join(map(str, error.problems)),)
         raise
+    finally:
+        _watched.reset(token)
 
 
 def refused(function: Function) -> Problem:

@@ -28,6 +28,7 @@ from heavebond.core.reporting import cancellable
 from heavebond.equations.connect import connect
 from heavebond.equations.parameters import formula_order
 from heavebond.language.definition import Value
+from heavebond.language.external_functions import naming_results
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.language.sections import Condition
 from heavebond.language.symbols import split, stack
@@ -124,7 +125,8 @@ def run_by_auto(simulator: Simulator, parameters: Mapping[str, float | str] | No
     that integrated with filled nodes is raised, else the first error."""
     simulator.explains = False  # what helps needs no reason
     try:
-        return _changed_where_it_stops(simulator, parameters, allow_fmu)
+        with naming_results():
+            return _changed_where_it_stops(simulator, parameters, allow_fmu)
     finally:
         simulator.explains = True
 
