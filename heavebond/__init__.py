@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         StartError,
         UsageError,
     )
+    from heavebond.core.native_permission import native_code
     from heavebond.diagnosis.attempt import attempt
     from heavebond.diagnosis.candidates.places import candidates
     from heavebond.diagnosis.diagnose import Diagnosis, diagnose
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     from heavebond.exchange.export import export
     from heavebond.import_20sim.importer import ImportedModel, import_model
     from heavebond.language.diagram import Diagram
-    from heavebond.language.library import native_code
     from heavebond.language.model import Model, load, loads
     from heavebond.laws.find import FoundLaw, Laws, find_laws
     from heavebond.linear.design import design_gains, design_lqg, filter_coefficients, lqg
@@ -101,7 +101,7 @@ _EXPORTS = {
     "estimation.fitting": ("Fit", "fit"),
     "localise.misfit": ("Localization", "localize"),
     "language.diagram": ("Diagram",),
-    "language.library": ("native_code",),
+    "core.native_permission": ("native_code",),
     "language.model": ("load", "loads", "Model"),
     "laws.find": ("find_laws", "FoundLaw", "Laws"),
     "monitoring.estimates": ("StateEstimate",),

@@ -6,14 +6,13 @@ import os
 import re
 from collections.abc import Iterable, Iterator
 from collections.abc import Mapping as Dictionary
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
 from stat import S_ISREG
 
 from heavebond.core.errors import ModelError, Place, Problem, Problems, either
+from heavebond.core.native_permission import native_allowed
 from heavebond.core.units import DIMENSIONLESS
 from heavebond.language import laws, reading
 from heavebond.language.component_file import parse_component
@@ -29,26 +28,6 @@ _HEAD = re.compile(r"""^(component|function):[ \t]+["']?([^"'#\n]+?)["']?[ \t]*(
 _EXTENDS = re.compile(r"""^["']?extends["']?[ \t]*:""", re.MULTILINE)
 HEAD_BYTES = 400
 _EFFECT = re.compile(r"""^["']?effect["']?[ \t]*:""", re.MULTILINE)
-
-
-# whether the programs of external functions in files that are read from now on may be executed
-_native: ContextVar[bool] = ContextVar("native", default=False)
-
-
-@contextmanager
-def native_code(allowed: bool = True) -> Iterator[None]:
-    """Context in which diagrams are loaded with the permission to compile and run the programs of their external functions.
-    The permission belongs to the diagrams that are loaded in it, also in later calls with them."""
-    before = _native.set(allowed or _native.get())
-    try:
-        yield
-    finally:
-        _native.reset(before)
-
-
-def native_allowed() -> bool:
-    """True in a context of `native_code`."""
-    return _native.get()
 
 
 @cache
@@ -247,7 +226,7 @@ def library(folders: Iterable[Path] = ()) -> Library:
         for name, path in known.items():
             files[kind].setdefault(name, path)
     return Library(domains(), files["component"], twice["component"],
-                   _functions(user_functions, tuple(twice["function"].items()), _native.get()))
+                   _functions(user_functions, tuple(twice["function"].items()), native_allowed()))
 
 
 @lru_cache(maxsize=64)

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from heavebond.core import facade
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, UsageError, listing, suggest
+from heavebond.core.native_permission import native_code
 from heavebond.core.presentation import brief, count
 from heavebond.core.quantities import number_or_text
 from heavebond.language import reading
 from heavebond.language.definition import Body, Component, End, FileInput, Formula, Instance, Value, Wire
 from heavebond.language.layout import read_layout
-from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, native_code, shown_path
+from heavebond.language.library import Library, bundled, is_bundled, joined_functions, library, shown_path
 from heavebond.language.sections import (
     Clock,
     Condition,

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from heavebond.core.cancellation import check, clear_signal, is_interrupt, listening
+from heavebond.core.native_permission import native_code
 from heavebond.core.writable import confined
-from heavebond.language.library import native_code
 from heavebond.studio.workers import reasons
 
 EVERY = 0.1  # s between two progress reports

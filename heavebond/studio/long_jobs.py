@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from heavebond.core.errors import HeavebondError, Problem, UsageError
-from heavebond.language.library import native_allowed
+from heavebond.core.native_permission import native_allowed
 from heavebond.studio.contents import Entry
 from heavebond.studio.job_process import QUIT, STOP, WRITE, serve
 

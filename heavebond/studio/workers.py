@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
 from heavebond.core.errors import HeavebondError, Problem
-from heavebond.language.library import native_allowed, native_code
+from heavebond.core.native_permission import native_allowed, native_code
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
