@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from heavebond.core.errors import HeavebondError, Problem, Problems, UsageError, suggest
-from heavebond.core.native_permission import native_code
 from heavebond.core.numerals import NUMBER as NUMBER_FORM
 from heavebond.core.numerals import whole
 
@@ -59,6 +58,8 @@ def json_option(command: Command) -> Command:
 def native_option(command: Command) -> Command:
     """--allow-native; diagrams that the command loads have the permission."""
     def permit(ctx: click.Context, _: click.Parameter, allowed: bool) -> None:
+        from heavebond.core.native_permission import native_code
+
         if allowed:
             ctx.with_resource(native_code())
 
