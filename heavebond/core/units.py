@@ -505,6 +505,10 @@ def other_unit(given: Unit, wanted: Unit) -> str:
     """Correction for a unit of another dimension."""
     if (intended := as_meant(given, wanted)) is not given:
         return f"{given.text} is the gram; write `{intended.text}` for the acceleration of gravity, 9.80665 m/s**2."
+    if wanted.dimension == unit("kg").dimension and given.dimension == unit("N").dimension:
+        return f"{given.text} is a force: a mass is its weight over 9.80665 m/s**2, in {wanted.text}."
+    if given.dimension == unit("kg").dimension and wanted.dimension == unit("N").dimension:
+        return f"{given.text} is a mass: its weight is 9.80665 m/s**2 times the mass, in {wanted.text}."
     return f"Write it in {wanted.text} or in a multiple of it."
 
 

@@ -40,9 +40,11 @@ def check_bounds(name: str, parameter: Parameter, number: float, value: Value, p
         problems.add("value-not-finite", f"{name} = {value.text.lstrip('= ')} has no finite value", value.place,
                      hint=NOT_FINITE)
     else:
+        share = parameter.unit.text == "1" and parameter.high == 1 and not parameter.integer and \
+            (parameter.low or 0) <= number / 100 <= 1
         problems.add("parameter-bound", f"{name} = {value_text} is not allowed; it must be {bounds_text(parameter)}",
                      value.place, notes=[f"{parameter.name}: {parameter.doc}"] if parameter.doc else [],
-                     hint="Give a value in that range.")
+                     hint=f"Write `{number:g} %` for a share." if share else "Give a value in that range.")
 
 
 def bounds_text(parameter: Parameter) -> str:

@@ -304,8 +304,9 @@ class _Parser:
         last = self.tokens[self.position - 1]
         name = Name(tuple(parts), token.column, last.column + len(last.text) - token.column)
         if self.peek().text == "(":
+            known = parts[-1] if isinstance(parts[-1], str) and parts[-1] in self.functions else ""
             raise ExpressionProblem("function-unknown", f"there is no function '{name.text}'", name.column, name.length,
-                                    self._known_functions())
+                                    f"Write `{known}`." if known else self._known_functions())
         return name
 
     def _index(self) -> Expr:

@@ -418,7 +418,7 @@ class _Builder:
                 continue
             if key.text in items:
                 first = keys[key.text].place.line
-                self.problems.add("duplicate-key", f"'{key.text}' stands twice, first in line {first}", key.place,
+                self.problems.add("duplicate-key", f"'{key.text}' is written twice, first in line {first}", key.place,
                                   hint="Keep one of the two, or join them.")
                 continue
             if isinstance(value, Scalar) and not value.text and not value.quoted and not value.block:
