@@ -246,7 +246,7 @@ def test_python_is_not_exported(tmp_path: Path) -> None:
     ("nominal: 0.1 m, ", "", "key-missing"), ("nominal: 0.1 m", "nominal: 0.1 s", "unit"),
     ("nominal: 0.1 m", "nominal: 0 m", "value-out-of-range"),
     ("file: law.c", "file: law.c\nequations: F = c*s", "key-unknown"),
-    ("file: law.c", "file: law.c\nsignature: fortran", "choice"), ("is: external", "is: internal", "choice"),
+    ("file: law.c", "file: law.c\nsignature: fortran", "signature-unknown"), ("is: external", "is: internal", "is-unknown"),
     ("file: law.c", "file: law.c\ncall: a b", "name-bad")])
 def test_mistakes_in_the_file_of_a_program(old: str, new: str, code: str, tmp_path: Path) -> None:
     path = folder(tmp_path, FORMS["differences"].replace(old, new))

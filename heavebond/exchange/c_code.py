@@ -70,6 +70,11 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
         exported_text(str(error))
         raise
     programs = exported_text(code)
+    if programs:
+        code += _with_places(functions)
+        for function in functions:
+            code = re.sub(rf"^CASADI_SYMBOL_EXPORT int {function.name()}\(", f"static int {function.name()}_called(", code,
+                          count=1, flags=re.MULTILINE)
 
     # add statements to generated functions that prevent warnings of unused arguments
     def add(match: re.Match[str]) -> str:
@@ -95,6 +100,29 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
                          *_delay_arrays(exported, prefix)] if whole or steps else []),
                       *(_limit_arrays(exported, prefix) if whole or steps or exported.limited else []),
                       *(part.replace("MODEL", prefix) for part in parts), *([programs] if programs else [])])
+
+
+def _with_places(functions: Iterable[ca.Function]) -> str:
+    """For each function NAME a function of this name that calls NAME_called with the memory that calls of external functions
+    need."""
+    texts = []
+    for function in functions:
+        n_in, n_out, name = function.n_in(), function.n_out(), function.name()
+        sizes = [max(size, 1) for size in (function.sz_arg(), function.sz_res(), function.sz_iw(), function.sz_w())]
+        texts.append(f"""
+CASADI_SYMBOL_EXPORT int {name}(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem) {{
+  const casadi_real *arg_[{sizes[0]}] = {{0}};
+  casadi_real *res_[{sizes[1]}] = {{0}};
+  casadi_int iw_[{sizes[2]}];
+  casadi_real w_[{sizes[3]}];
+  int k;
+  (void) iw; (void) w;
+  for (k = 0; k < {n_in}; ++k) arg_[k] = arg[k];
+  for (k = 0; k < {n_out}; ++k) res_[k] = res[k];
+  return {name}_called(arg_, res_, iw_, w_, mem);
+}}
+""")
+    return "".join(texts)
 
 
 def _source(name: str) -> str:
