@@ -219,7 +219,8 @@ def optimal(model: ModelOrFile | Assembly, task: OptimalProblem, *, progress: Pr
         if solution.status.startswith(("Infeasible", "Restoration")):
             raise SimulationError([Problem(
                 "optimal-infeasible", f"no input within the ranges of {listing(list(task.free))} was found that satisfies "
-                "the limits", None, "Relax a limit, widen a range, or take more intervals.")])
+                "the limits", None, "Relax a limit, widen a range, take more intervals, or begin from a diagram "
+                "whose run is calmer: the search ends at the nearest point that does not improve.")])
         say("the verifying run")
         results.append(result := _verified(task, programme, solution, before, guess))
         say(f"grid {number}: cost {result.cost:.5g}" + "".join(f"; {doubt}" for doubt in result.doubts))
