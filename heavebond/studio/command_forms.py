@@ -21,11 +21,11 @@ from heavebond.core.errors import Problem, UsageError
 from heavebond.studio.contents import Entry
 
 # the commands by the kind of document; the others have a place of their own in the studio
-COMMANDS = {"model": ("check", "run", "modes", "linear", "sensitivity", "sweep", "energy", "signal", "export"),
+COMMANDS = {"model": ("check", "run", "modes", "linear", "design", "sensitivity", "sweep", "energy", "signal", "export"),
             "experiment": ("compare", "fit", "candidates", "laws", "errors"), "study": ("study", "optimal")}
 # options that name files or other computers, or that permit to execute what a file contains
 EXCLUDED = ("json", "output", "save", "write", "folder", "report", "sankey", "activity", "scheduler", "processes", "decide",
-            "allow_fmu", "resume", "schema")
+            "allow_fmu", "resume", "schema", "in_place")
 FORMS = {"export": ("fmu", "c")}
 SHORTEST, LONGEST = 1, 500  # characters of a value
 
