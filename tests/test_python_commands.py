@@ -63,7 +63,7 @@ def test_the_page_has_every_command() -> None:
         named = re.findall(r"`([A-Za-z_]\w*)[`(]", functions)
         assert named or "command only" in functions, command
         assert set(named) <= set(hb.__all__), named
-    others = {"run", "plot", "try", "laws", "linear", "import", "demo", "studio"}
+    others = {"run", "plot", "design", "try", "laws", "linear", "import", "demo", "studio"}
     assert set(NAMES) - others <= set(hb.__all__)
 
 

@@ -126,7 +126,7 @@ class Monitoring(facade.Displayed):
             found = self[name]
             raise UsageError([Problem("estimate-missing", f"there is no estimate of the record '{name}'"
                                       + (f": {found.reason}" if found.outcome == UNUSABLE else ""), None,
-                                      "Monitor the folder with `estimates=True`, which keeps those of all records.")])
+                                      "Monitor the folder with `estimates=True`, which keeps all estimates.")])
         return self.estimates[name]
 
     def window(self, name: str) -> Experiment:
@@ -285,7 +285,7 @@ def _check_one_file(experiment: Experiment, record: Record) -> None:
     apart += [name for name in experiment.outputs
               if (record.origins.get(name, Origin()).file or experiment.outputs[name].origin.file) is not None]
     if apart:
-        raise UsageError([Problem("monitor-files", f"{listing(apart)} of the experiment have files of their own, and each "
+        raise UsageError([Problem("monitor-files", f"{listing(apart)} of the experiment are in separate files, and each "
                                   "record of a folder is one file", None, "Put all columns of a record into one file.")])
 
 

@@ -39,9 +39,9 @@ def moving_horizon(estimator: Estimator, record: Record | None = None, *, horizo
     the whole record).
 
     Windows follow each other at half of their length; the estimate of a sample is from the first window that contains it.
-    The standard deviations of the result are those of the filter, which uses no later samples. `innovations` of the result
-    are the residuals over their noise. Raises UsageError for a horizon of fewer than two samples, SimulationError if IPOPT
-    finds no solution, and the errors of `Estimator.run`.
+    The standard deviations of the result are the deviations of the filter, which uses no later samples. `innovations` of the
+    result are the residuals over their noise. Raises UsageError for a horizon of fewer than two samples, SimulationError if
+    IPOPT finds no solution, and the errors of `Estimator.run`.
     """
     samples = estimator.sampled(record)
     time, count = samples.time, len(samples.time)
