@@ -99,6 +99,7 @@ def test_the_window_of_a_change_begins_at_the_estimated_state_with_the_parameter
     found = hb.monitor(fleet / "rig.yaml", fleet / "records", processes=1)
     window = found.window("softer")
     record = window.records["softer"]
+    assert record.begin is not None
     assert record.begin == pytest.approx(found["softer"].earliest)
     stiffness = window.free["spring.c"].range
     assert stiffness.nominal is not None and stiffness.high - stiffness.low < 20  # it was 40 .. 60 N/m
