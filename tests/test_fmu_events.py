@@ -249,3 +249,24 @@ def test_stick_slip_in_model_exchange(version: int, tmp_path: Path) -> None:
     for output in ("place", "force"):
         # the error of CVode, at the tolerance above, grows while the friction falls with the speed
         assert np.abs(found[output] - run.display[output]).max() < 1e-5 * np.ptp(run.display[output])
+
+
+@pytest.mark.parametrize(("name", "until", "version"), [
+    ("thermostat", 43200.0, 2), pytest.param("pwm_drive", 6e-3, 3, marks=pytest.mark.long)])
+def test_model_exchange_switches_at_the_instants_of_the_run(name: str, until: float, version: int, tmp_path: Path) -> None:
+    """At the same output times. Between two output times of another program the interpolated result passes over the kink at
+    an instant of switching: with points every 100 s, the temperature of the thermostat by 3e-3 of its range."""
+    model, path = hb.load(circuit(f"circuits/{name}.yaml")), tmp_path / "m.fmu"
+    export_fmu(model, path, version=version)
+    run = hb.simulate(model, until, rtol=1e-11)
+    switched = np.unique([t for t, _ in run.events if 0 < t < until])
+    found = fmpy.simulate_fmu(str(path), fmi_type="ModelExchange", stop_time=until, output_interval=float(run.time[1]),
+                              relative_tolerance=1e-10)
+    assert len(switched) > 5
+    # the instants follow from the states, with the errors of two integrators
+    distance = np.abs(found["time"][:, None] - switched[None, :]).min(axis=0)
+    assert distance.max() < 1e-6 * until
+    last = np.searchsorted(found["time"], run.time + 1e-9 * until, side="right") - 1
+    for output in model.show:
+        # CVode of FMPy at 1e-10 a step against 1e-11: 1.3e-7 for the thermostat, 4e-9 for the drive
+        assert np.abs(found[output][last] - run.display[output]).max() < 1e-6 * np.ptp(run.display[output]), output
