@@ -5,7 +5,7 @@ The reduced equations with white process noise of states and random walks of par
 
     dx = f(t, x, z, q, u) dt + dw,   0 = g(t, x, z, q, u),   dq = dv,   y_k = h(t_k, x, z, q, u) + e_k.
 
-Between two samples the mean follows one or more collocation steps (see `collocation`), and the covariance of s = (x, q)
+Between two samples the mean follows one or more collocation steps (see `radau_step`), and the covariance of s = (x, q)
 follows their exact derivatives, P := Phi P Phi' + Q. At a sample
 
     e = y - h,   S = H P H' + R,   K = P H' S^-1,   s := s + K e,   P := (I - K H) P (I - K H)' + K R K',
@@ -35,8 +35,8 @@ from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Record
 from heavebond.estimation.records import measure
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.ltv_model import Known, known_of
-from heavebond.monitoring.collocation import Collocation, Point
 from heavebond.monitoring.estimates import StateEstimate
+from heavebond.monitoring.radau_step import Point, RadauStep
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.initialise import Start, start, tangent
 from heavebond.numerics.inputs import Pieced, pieced
@@ -50,13 +50,13 @@ class FilterConstants:
     error: error of the integration in the outputs, rms over the noise, up to which the steps are long enough. Origin: its
         square is the share of the innovations that it adds, 1/400. Doubled: 1/100.
     most_steps: most steps between two samples. Origin: a bound on the time. Doubled: slower for machines of high frequency.
-    looked: samples of the reference record on which the number of steps is determined. Origin: some periods of most motions.
-        Doubled: twice the time at the beginning.
+    compared: samples of the reference record on which the number of steps is determined. Origin: some periods of most
+        motions. Doubled: twice the time at the beginning.
     """
 
     error: float = 0.05
     most_steps: int = 64
-    looked: int = 1000
+    compared: int = 1000
 
 
 FILTER = FilterConstants()
@@ -93,7 +93,7 @@ class SampledRecord:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What the reference record determines: the span (n,) of each state in nominal sizes, the longest step (s), and the
+    """The properties of the reference record: the span (n,) of each state in nominal sizes, the longest step (s), and the
     number of steps between two samples."""
 
     span: Array
@@ -104,11 +104,11 @@ class Reference:
 class Estimator:
     """Extended Kalman filter of the machine of an experiment.
 
-    `walks` maps names of states to the intensity of their process noise, and names of free parameters to that of their
-    random walks: the standard deviation after one second, in SI or as text with a unit (`{"load.v": "1 mm/s", "valve.q_r":
-    "0 L/min"}`). A parameter with intensity 0 is estimated as a constant; its range under `free:` is the prior. States
-    without an intensity have no process noise. `start_deviation` is the standard deviation of the initial states, as a share
-    of the span of each state in a run of the `record` (by default the first one of the experiment).
+    `walks` maps names of states to the intensity of their process noise, and names of free parameters to the intensity of
+    their random walks: the standard deviation after one second, in SI or as text with a unit (`{"load.v": "1 mm/s",
+    "valve.q_r": "0 L/min"}`). A parameter with intensity 0 is estimated as a constant; its range under `free:` is the
+    prior. States without an intensity have no process noise. `start_deviation` is the standard deviation of the initial
+    states, as a share of the span of each state in a run of the `record` (by default the first one of the experiment).
 
     For a running machine call `step` at every sample. `run` filters a record. Raises UsageError for unknown names, for units
     of another dimension, and for machines with events or delays.
@@ -117,7 +117,7 @@ class Estimator:
     def __init__(self, experiment: ExperimentOrFile, *, walks: Mapping[str, float | str] | None = None,
                  record: str | None = None, start_deviation: float | str = INPUT_ESTIMATION.start_deviation,
                  reference: Reference | None = None):
-        """`reference` is that of another estimator of the same record, if it is known."""
+        """`reference` is the reference of another estimator of the same record, if one exists."""
         self.experiment = experiment = with_noise(load_experiment(experiment))
         if record is not None and record not in experiment.records:
             raise UsageError([Problem("record-unknown", f"the experiment has no record '{record}'", None,
@@ -130,8 +130,8 @@ class Estimator:
                                       "Give a share, for example 0.02.")])
         self.known, self.noise = _walks(self.assembly, experiment, walks or {})
         self.outputs = list(experiment.outputs)
-        self.collocation = Collocation(self.assembly, [self.assembly.expression(o.shown.expr)
-                                                       for o in experiment.outputs.values()], self.known, self.noise)
+        self.radau = RadauStep(self.assembly, [self.assembly.expression(o.shown.expr) for o in experiment.outputs.values()],
+                               self.known, self.noise)
         self.equations = self.assembly.once("start", lambda: StartEquations(self.assembly))
         self._near: Start | None = None
         self.reference = reference or self._reference()
@@ -142,15 +142,15 @@ class Estimator:
     def begin(self, time: float, u: Array) -> None:
         """Begin at the start of the diagram at a time, with the pieces `u` of the inputs."""
         first = self._near = start(self.assembly, time, u, self.equations, self._near)
-        values = self.assembly.p[self.collocation.places]
+        values = self.assembly.p[self.radau.places]
         directions = np.zeros((len(first.p), len(self.known)))
-        directions[self.collocation.places, range(len(self.known))] = [
+        directions[self.radau.places, range(len(self.known))] = [
             prior.slope(v) for prior, v in zip(self.known, values, strict=True)]
-        moved = tangent(self.equations, first, u, directions).x / self.assembly.x_nominal[:, None]
+        start_slopes = tangent(self.equations, first, u, directions).x / self.assembly.x_nominal[:, None]
         n, k = len(first.x), len(self.known)
         covariance = np.eye(n + k)
-        covariance[:n, :n] = moved @ moved.T + np.diag((self.share * self.reference.span) ** 2)
-        covariance[:n, n:], covariance[n:, :n] = moved, moved.T
+        covariance[:n, :n] = start_slopes @ start_slopes.T + np.diag((self.share * self.reference.span) ** 2)
+        covariance[:n, n:], covariance[n:, :n] = start_slopes, start_slopes.T
         self.time, self.p = time, first.p
         self.point = Point(first.x / self.assembly.x_nominal, first.z / self.assembly.z_nominal,
                            np.array([prior.place_of(v) for prior, v in zip(self.known, values, strict=True)]), covariance)
@@ -159,7 +159,7 @@ class Estimator:
         """Integrate to a time with these inputs."""
         assert self.time is not None
         for begin, h, u in steps_between(self.time, time, inputs, self.reference.longest):
-            self.point = self.collocation.step(self.point, self.p, u, begin, h)
+            self.point = self.radau.step(self.point, self.p, u, begin, h)
         self.time = time
 
     def correct(self, values: Array, deviations: Array, inputs: Pieced) -> tuple[Array, Array]:
@@ -167,7 +167,7 @@ class Estimator:
         the normalised innovations."""
         assert self.time is not None
         u = inputs.at(np.array([self.time]))[:, 0]
-        self.point, predicted, innovations = self.collocation.correct(self.point, self.p, u, self.time, values, deviations)
+        self.point, predicted, innovations = self.radau.correct(self.point, self.p, u, self.time, values, deviations)
         return predicted, innovations
 
     # -- a record --------------------------------------------------------------------------------------------------
@@ -226,7 +226,7 @@ class Estimator:
         units = {name: flat.unknowns[j].unit.text for name, (j, _) in zip(self.assembly.state_names,
                                                                           self.assembly.reduced.states, strict=True)}
         return units | {prior.name: flat.parameters[j].unit.text
-                        for prior, j in zip(self.known, self.collocation.places, strict=True)}
+                        for prior, j in zip(self.known, self.radau.places, strict=True)}
 
     # -- a running machine -----------------------------------------------------------------------------------------
     def step(self, time: float, inputs: Mapping[str, float], outputs: Mapping[str, float]) -> Estimate:
@@ -292,15 +292,15 @@ class Estimator:
         measured = measure(self.experiment, replace(self.record, use="test"))
         run = simulate_over(self.assembly, measured.grid)
         span = np.ptp(run.x, axis=1) / self.assembly.x_nominal
-        grid = measured.grid[:FILTER.looked]
+        grid = measured.grid[:FILTER.compared]
         inputs = self.inputs(self.record, float(measured.grid[0]), float(measured.grid[-1]))
         interval = float(np.median(np.diff(measured.grid)))
         noise, q = np.sqrt(np.mean(measured.deviations**2, axis=1)), np.array([
-            prior.place_of(v) for prior, v in zip(self.known, self.assembly.p[self.collocation.places], strict=True)])
+            prior.place_of(v) for prior, v in zip(self.known, self.assembly.p[self.radau.places], strict=True)])
         nothing, unknown = np.full(len(self.outputs), np.nan), np.zeros((len(span) + len(q),) * 2)
 
         def outputs(point: Point, time: float) -> Array:
-            return self.collocation.correct(point, run.start.p, inputs.at(np.array([time]))[:, 0], time, nothing, noise)[1]
+            return self.radau.correct(point, run.start.p, inputs.at(np.array([time]))[:, 0], time, nothing, noise)[1]
 
         exact = [Point(x / self.assembly.x_nominal, z / self.assembly.z_nominal, q, unknown)
                  for x, z in zip(run.x.T[:len(grid)], run.z.T[:len(grid)], strict=True)]
@@ -310,7 +310,7 @@ class Estimator:
             point, error, longest = exact[0], 0.0, interval / steps
             for i, (begin, end) in enumerate(zip(grid[:-1].tolist(), grid[1:].tolist(), strict=True), 1):
                 for at, h, u in steps_between(begin, end, inputs, longest):
-                    point = self.collocation.step(point, run.start.p, u, at, h)
+                    point = self.radau.step(point, run.start.p, u, at, h)
                 error += float(np.mean(((outputs(point, end) - expected[i]) / noise) ** 2))
             if np.sqrt(error / len(grid)) <= FILTER.error:
                 return Reference(span, longest, steps)
@@ -339,14 +339,14 @@ def _walks(assembly: Assembly, experiment: Experiment, walks: Mapping[str, float
     problems = Problems()
     states = dict(zip(assembly.state_names, assembly.reduced.states, strict=True))
     noise, known, of_known = np.zeros(len(states)), list[Known](), list[float]()
-    for name, given in walks.items():
+    for name, intensity in walks.items():
         if name in states:
-            value = si_value(given, assembly.flat.unknowns[states[name][0]].unit.text, name)
+            value = si_value(intensity, assembly.flat.unknowns[states[name][0]].unit.text, name)
             position = list(states).index(name)
             noise[position] = (value / assembly.x_nominal[position]) ** 2
         elif name in experiment.free:
             index = assembly.parameter_indices([name])[0]
-            value = si_value(given, assembly.flat.parameters[index].unit.text, name)
+            value = si_value(intensity, assembly.flat.parameters[index].unit.text, name)
             prior = known_of(experiment.free[name], float(assembly.p[index]))
             known.append(prior)
             of_known.append((value / prior.slope(float(assembly.p[index]))) ** 2)

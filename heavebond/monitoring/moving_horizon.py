@@ -5,7 +5,7 @@ Over a window of samples a .. b the states X, the parameters q and the process n
     |xi|^2 + sum |w_j|^2 + sum ((y_k - h(X_k, q_k)) / sigma_k)^2,   (X_a, q_a) = s_a + L xi,
 
 where s_a and L L' are the estimate of the Kalman filter at the first sample and its covariance (the arrival cost), and the
-collocation equations of every step (see `collocation`) are constraints: X_(j+1) is the end of step j plus sigma_w sqrt(h)
+collocation equations of every step (see `radau_step`) are constraints: X_(j+1) is the end of step j plus sigma_w sqrt(h)
 w_j. IPOPT solves the problem with exact derivatives. Parameters stay within their ranges. In contrast to the filter, all
 steps of the window are linearised about the final estimate, and the estimate of a sample uses later samples of its window.
 If the window is the whole record and there is no process noise, the result is the least squares fit of parameters and start.
@@ -23,9 +23,9 @@ from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError, UsageError
 from heavebond.core.quantities import si_value
 from heavebond.estimation.experiment import Record
-from heavebond.monitoring.collocation import Point
 from heavebond.monitoring.estimates import StateEstimate
 from heavebond.monitoring.kalman_filter import Estimator, SampledRecord, steps_between
+from heavebond.monitoring.radau_step import Point
 from heavebond.numerics.dae import Array
 
 ITERATIONS = 300  # most iterations of IPOPT
@@ -73,7 +73,7 @@ def moving_horizon(estimator: Estimator, record: Record | None = None, *, horizo
 def _window(estimator: Estimator, samples: SampledRecord, points: list[Point], begin: int, end: int,
             arrival: Point, uses_first: bool) -> tuple[Array, Array]:
     """The states (N, n+k) in nominal sizes and units of q, and the outputs (N, m), at the samples begin .. end."""
-    equations, known = estimator.collocation, estimator.known
+    equations, known = estimator.radau, estimator.known
     n, n_z, k = equations.n, equations.n_z, equations.k
     size, stages = n + n_z, len(equations.stage_times)
     steps, nodes = [], [0]  # the steps of the window, and the node at which each sample is

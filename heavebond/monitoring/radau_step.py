@@ -1,4 +1,4 @@
-"""One step of the assembled equations by collocation with its exact derivatives, for state estimation.
+"""A Radau step of the assembled equations with its exact derivatives, for state estimation.
 
 The reduced equations x' = f(t, x, z, p, u), 0 = g(t, x, z, p, u) are integrated over a step h by the method Radau IIA with
 three stages, of order 5, which is stable for stiff machines and meets the algebraic equations at the end of each step:
@@ -27,12 +27,12 @@ from heavebond.language.symbols import stack
 from heavebond.localise.ltv_model import Known
 from heavebond.numerics.dae import Array, Assembly
 
-SMALLER = "A smaller process noise keeps the estimate near the motion of the model."
+LESS_NOISE = "A smaller process noise keeps the estimate near the motion of the model."
 
 
 @dataclass(frozen=True)
-class CollocationConstants:
-    """The constants of a step by collocation.
+class RadauConstants:
+    """The constants of a Radau step.
 
     stages: stages of the method. Origin: order 5 needs one step between most samples. Doubled: higher order, four times the
         time.
@@ -49,7 +49,7 @@ class CollocationConstants:
     halvings: int = 10
 
 
-COLLOCATION = CollocationConstants()
+RADAU = RadauConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,16 +63,16 @@ class Point:
     covariance: Array
 
 
-class Collocation:
+class RadauStep:
     """Steps of an assembly, and corrections by the samples of its `outputs`.
 
     `known` are the priors of the estimated parameters, `noise` (n+k,) the squares of the process noise per second of x in
     nominal sizes and of q."""
 
     def __init__(self, assembly: Assembly, outputs: Sequence[ca.SX], known: Sequence[Known], noise: Array):
-        for kind, there in (("events", assembly.flat.events), ("delays", assembly.flat.delays)):
-            if there:
-                names = listing([item.name for item in there], 4)
+        for kind, items in (("events", assembly.flat.events), ("delays", assembly.flat.delays)):
+            if items:
+                names = listing([item.name for item in items], 4)
                 raise UsageError([Problem(f"estimation-{kind}", f"state estimation does not support {kind}, and this "
                                           f"diagram has {names}", None, "Measure the outputs of sampled blocks and make "
                                           "them inputs of the experiment; replace a delay by a lag.")])
@@ -81,44 +81,45 @@ class Collocation:
         self.places = assembly.parameter_indices([prior.name for prior in known])
         q, values = ca.SX.sym("q", self.k), ca.SX(p)
         for j, prior in zip(self.places, known, strict=True):
-            own = q[known.index(prior)]
-            values[j] = prior.centre * ca.exp(prior.deviation * own) if prior.logarithmic else \
-                prior.centre + prior.deviation * own
+            normalised = q[known.index(prior)]
+            values[j] = prior.centre * ca.exp(prior.deviation * normalised) if prior.logarithmic else \
+                prior.centre + prior.deviation * normalised
         scaled = [ca.SX.sym("x", self.n), ca.SX.sym("z", self.n_z)]
         x_nominal, z_nominal = ca.SX(ca.DM(assembly.x_nominal)), ca.SX(ca.DM(assembly.z_nominal))
         right = ca.substitute([assembly.ode / x_nominal, assembly.alg, stack(list(outputs))], [x, z, rate, p],
                               [scaled[0] * x_nominal, scaled[1] * z_nominal, ca.SX(1), values])
         self.rates = ca.Function("rates", [t, *scaled, q, p, u], [ca.densify(row) for row in right])
-        self.stage_times = ca.collocation_points(COLLOCATION.stages, "radau")
+        self.stage_times = ca.collocation_points(RADAU.stages, "radau")
         coefficients, _, weights = ca.collocation_coeff(self.stage_times)
-        begin, h = ca.SX.sym("x_0", self.n), ca.SX.sym("h")
+        x_0, h = ca.SX.sym("x_0", self.n), ca.SX.sym("h")
         stages = [(ca.SX.sym("X", self.n), ca.SX.sym("Z", self.n_z)) for _ in self.stage_times]
-        columns = ca.horzcat(begin, *(s for s, _ in stages))
+        columns = ca.horzcat(x_0, *(s for s, _ in stages))
         rows = []
         for i, (tau, (at_x, at_z)) in enumerate(zip(self.stage_times, stages, strict=True)):
             ode, alg, _ = self.rates(t + tau * h, at_x, at_z, q, p, u)
             rows += [columns @ ca.SX(coefficients[:, i]) - h * ode, alg]
         unknowns, residual = stack([s for pair in stages for s in pair]), stack(rows)
-        given = [begin, q, p, u, t, h]
-        self.residual = ca.Function("residual", [unknowns, *given], [residual])
-        self._step = Buffered(self._stepping(unknowns, given, residual, np.array(weights).ravel(), noise))
+        arguments = [x_0, q, p, u, t, h]
+        self.residual = ca.Function("residual", [unknowns, *arguments], [residual])
+        self._step = Buffered(self._stepping(unknowns, arguments, residual, np.array(weights).ravel(), noise))
         self._correct = Buffered(self._correcting(len(outputs)))
 
-    def _stepping(self, unknowns: ca.SX, given: list[ca.SX], residual: ca.SX, weights: Array, noise: Array) -> ca.Function:
+    def _stepping(self, unknowns: ca.SX, arguments: list[ca.SX], residual: ca.SX, weights: Array, noise: Array
+                  ) -> ca.Function:
         """(x, z, q, covariance, p, u, t, h) to x, z and the covariance after a step, and the last correction."""
         n, size, k = self.n, self.n + self.n_z, self.k
-        newton = ca.rootfinder("newton", "newton", {"x": unknowns, "p": stack(given), "g": residual}, {
-            "error_on_fail": False, "abstol": 0.0, "abstolStep": 10 * COLLOCATION.tolerance, "line_search": False,
-            "max_iter": COLLOCATION.corrections, "linear_solver": "csparse"})
-        slopes = ca.Function("slopes", [unknowns, *given], [
-            residual, ca.jacobian(residual, unknowns), ca.jacobian(residual, stack(given[:2]))])
+        newton = ca.rootfinder("newton", "newton", {"x": unknowns, "p": stack(arguments), "g": residual}, {
+            "error_on_fail": False, "abstol": 0.0, "abstolStep": 10 * RADAU.tolerance, "line_search": False,
+            "max_iter": RADAU.corrections, "linear_solver": "csparse"})
+        slopes = ca.Function("slopes", [unknowns, *arguments], [
+            residual, ca.jacobian(residual, unknowns), ca.jacobian(residual, stack(arguments[:2]))])
         x, z, q, p, u, t, h = (ca.MX.sym(name, part.numel()) for name, part in (
-            ("x", given[0]), ("z", ca.SX(self.n_z, 1)), *zip("qputh", given[1:], strict=True)))
+            ("x", arguments[0]), ("z", ca.SX(self.n_z, 1)), *zip("qputh", arguments[1:], strict=True)))
         covariance = ca.MX.sym("covariance", n + k, n + k)
-        near = newton(ca.repmat(ca.vertcat(x, z), len(weights), 1), ca.vertcat(x, q, p, u, t, h))
-        value, matrix, by_start = slopes(near, x, q, p, u, t, h)
+        solution = newton(ca.repmat(ca.vertcat(x, z), len(weights), 1), ca.vertcat(x, q, p, u, t, h))
+        value, matrix, by_start = slopes(solution, x, q, p, u, t, h)
         solved = ca.solve(matrix, ca.densify(ca.horzcat(value, -by_start)), "csparse")
-        end = near - solved[:, 0]
+        end = solution - solved[:, 0]
         phis = [ca.vertcat(solved[i * size:i * size + n, 1:], ca.horzcat(ca.MX.zeros(k, n), ca.MX.eye(k)))
                 for i in range(len(weights))]
         total = phis[-1] @ covariance @ phis[-1].T
@@ -136,67 +137,68 @@ class Collocation:
         arguments = [ca.SX.sym(name, self.rates.size1_in(j)) for j, name in enumerate("txzqpu")]
         _, alg, values = self.rates(*arguments)
         s = stack([arguments[1], arguments[3]])
-        looked = ca.Function("looked", arguments, [alg, ca.jacobian(alg, arguments[2]), ca.jacobian(alg, s), values,
-                                                   ca.jacobian(values, arguments[2]), ca.jacobian(values, s)])
-        p_one, s_one, row = (ca.SX.sym("P", n + k, n + k), ca.SX.sym("s", n + k), ca.SX.sym("h", 1, n + k))
+        linearised = ca.Function("linearised", arguments, [
+            alg, ca.jacobian(alg, arguments[2]), ca.jacobian(alg, s), values, ca.jacobian(values, arguments[2]),
+            ca.jacobian(values, s)])
+        p_before, s_before, row = (ca.SX.sym("P", n + k, n + k), ca.SX.sym("s", n + k), ca.SX.sym("h", 1, n + k))
         e = ca.SX.sym("e")
-        towards = p_one @ row.T
-        variance = row @ towards + 1
-        gain = towards / variance
-        # the form of P. D. Joseph, by which the covariance stays one
-        shorter = p_one - gain @ towards.T
-        one = ca.Function("one", [s_one, p_one, row, e], [
-            s_one + gain * e, shorter + (gain - shorter @ row.T) @ gain.T, e / ca.sqrt(variance)])
+        cross = p_before @ row.T
+        variance = row @ cross + 1
+        gain = cross / variance
+        # P. D. Joseph's form keeps the covariance symmetric and positive semidefinite
+        reduced = p_before - gain @ cross.T
+        update = ca.Function("update", [s_before, p_before, row, e], [
+            s_before + gain * e, reduced + (gain - reduced @ row.T) @ gain.T, e / ca.sqrt(variance)])
         x, z, q, p, u, t = (ca.MX.sym(name, arguments["txzqpu".index(name)].numel()) for name in "xzqput")
         covariance = ca.MX.sym("covariance", n + k, n + k)
         y, weight = ca.MX.sym("y", count), ca.MX.sym("weight", count)
-        follows = z
+        algebraic = z
         if n_z:  # an input that jumps at t changes z there
-            residuals = ca.SX.sym("z", n_z)
-            others = [a for j, a in enumerate(arguments) if j != 2]
+            unknowns = ca.SX.sym("z", n_z)
+            knowns = [a for j, a in enumerate(arguments) if j != 2]
             newton = ca.rootfinder("loops", "newton", {
-                "x": residuals, "p": stack(others), "g": self.rates(*arguments[:2], residuals, *arguments[3:])[1]}, {
-                    "error_on_fail": False, "abstol": 0.0, "abstolStep": 10 * COLLOCATION.tolerance,
-                    "max_iter": COLLOCATION.corrections, "linear_solver": "csparse"})
-            follows = newton(z, ca.vertcat(t, x, q, p, u))
-        at, at_z, at_s, predicted, by_z, by_s = looked(t, x, follows, q, p, u)
+                "x": unknowns, "p": stack(knowns), "g": self.rates(*arguments[:2], unknowns, *arguments[3:])[1]}, {
+                    "error_on_fail": False, "abstol": 0.0, "abstolStep": 10 * RADAU.tolerance,
+                    "max_iter": RADAU.corrections, "linear_solver": "csparse"})
+            algebraic = newton(z, ca.vertcat(t, x, q, p, u))
+        at, at_z, at_s, predicted, by_z, by_s = linearised(t, x, algebraic, q, p, u)
         if n_z:
-            moved = ca.solve(at_z, ca.densify(ca.horzcat(at, at_s)), "csparse")
-            follows = follows - moved[:, 0]
-            predicted, by_s = predicted - by_z @ moved[:, 0], by_s - by_z @ moved[:, 1:]
+            solved = ca.solve(at_z, ca.densify(ca.horzcat(at, at_s)), "csparse")
+            algebraic = algebraic - solved[:, 0]
+            predicted, by_s = predicted - by_z @ solved[:, 0], by_s - by_z @ solved[:, 1:]
         state, rows, innovations = ca.vertcat(x, q), ca.densify(by_s) * ca.repmat(weight, 1, n + k), []
         begin, p_now = state, covariance
         errors = (y - predicted) * weight
         for c in range(count):
-            state, p_now, v = one(state, p_now, rows[c, :], errors[c] - rows[c, :] @ (state - begin))
+            state, p_now, v = update(state, p_now, rows[c, :], errors[c] - rows[c, :] @ (state - begin))
             innovations.append(v)
         return ca.Function("correct", [x, z, q, covariance, p, u, t, y, weight], [
-            state[:n], follows, state[n:], p_now, predicted, ca.vertcat(*innovations)])
+            state[:n], algebraic, state[n:], p_now, predicted, ca.vertcat(*innovations)])
 
     def step(self, point: Point, p: Array, u: Array, t: float, h: float, *, halved: int = 0) -> Point:
         """One step from t over h with the parameters p (SI; entries of estimated ones are not used) and the pieces `u` of
-        the inputs. SimulationError if no step is found."""
+        the inputs. Raises SimulationError if the equations of the step cannot be solved."""
         try:
             x, z, covariance, correction = self._step(point.x, point.z, point.q, point.covariance, p, u, t, h).values()
-            if correction[0, 0] < COLLOCATION.tolerance:
+            if correction[0, 0] < RADAU.tolerance:
                 return Point(x[:, 0], z[:, 0], point.q, covariance)
         except RuntimeError:  # a singular matrix
             pass
-        if halved == COLLOCATION.halvings:
+        if halved == RADAU.halvings:
             raise SimulationError([Problem("estimation-step", "the equations could not be integrated from the estimated "
                                            f"state at t = {t:.6g} s", None,
-                                           f"{SMALLER} `heavebond compare` shows if the model runs at all.")])
+                                           f"{LESS_NOISE} `heavebond compare` shows if the model runs at all.")])
         middle = self.step(point, p, u, t, h / 2, halved=halved + 1)
         return self.step(middle, p, u, t + h / 2, h / 2, halved=halved + 1)
 
     def correct(self, point: Point, p: Array, u: Array, t: float, values: Array, deviations: Array
                 ) -> tuple[Point, Array, Array]:
-        """The estimate after samples (m,) of the outputs (SI, nan: not sampled), the outputs before them, and the normalised
-        innovations (nan: not sampled)."""
+        """Return the estimate after samples (m,) of the outputs (SI, nan: not sampled), the outputs predicted before them,
+        and the normalised innovations (nan: not sampled)."""
         on = np.isfinite(values)
         x, z, q, covariance, predicted, innovations = self._correct(
             point.x, point.z, point.q, point.covariance, p, u, t, np.where(on, values, 0.0), on / deviations).values()
         if not (np.isfinite(predicted).all() and np.isfinite(covariance).all()):
             raise SimulationError([Problem("estimation-value", "an output has no value in the estimated state at "
-                                           f"t = {t:.6g} s", None, SMALLER)])
+                                           f"t = {t:.6g} s", None, LESS_NOISE)])
         return Point(x[:, 0], z[:, 0], q[:, 0], covariance), predicted[:, 0], np.where(on, innovations[:, 0], np.nan)
