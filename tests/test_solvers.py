@@ -273,7 +273,7 @@ def test_a_diagram_says_by_what_its_plain_runs_are_made(tmp_path: Path) -> None:
 def test_a_name_that_is_no_solver(tmp_path: Path) -> None:
     with pytest.raises(hb.UsageError, match="Did you mean 'cvodes'"):
         hb.simulate(hb.load("quarter_car"), solver="cvode")
-    with pytest.raises(hb.ModelError, match="There are idas, cvodes, rosenbrock, auto") as caught:
+    with pytest.raises(hb.ModelError, match="There are idas, cvodes, rosenbrock, euler, rk4, backward") as caught:
         hb.loads("model: m\nsimulate: {until: 1 s, solver: zzz}\n", tmp_path)
     assert caught.value.problems[0].place is not None
 
@@ -306,7 +306,7 @@ def test_the_command_line_tells_it() -> None:
     assert wrong.exit_code != 0
     for words in ("screw.a.tau", "--solver idas", "auto"):
         assert words in " ".join(str(wrong.exception).split()) + wrong.output
-    assert set(SOLVERS) == {"idas", "cvodes", "rosenbrock", "auto"}
+    assert set(SOLVERS) == {"idas", "cvodes", "rosenbrock", "auto", "euler", "rk4", "backward-euler"}
 
 
 @pytest.mark.long

@@ -44,7 +44,9 @@ if TYPE_CHECKING:
 @click.option("--rtol", metavar="NUMBER", type=Number(0, 0.1, min_open=True), default=1e-8, show_default=True,
               help="Relative tolerance of the integrator.")
 @click.option("--solver", metavar="NAME",
-              help="Integration method: auto (the default), idas, cvodes, or rosenbrock (compiled).")
+              help="Integration method: auto (the default), idas, cvodes, rosenbrock (compiled), or with a fixed --step "
+                   "euler, rk4, backward-euler.")
+@click.option("--step", metavar="TIME", help="Step of euler, rk4 and backward-euler, e.g. --step '1 ms'.")
 @click.option("--allow-fmu", is_flag=True,
               help="Run the programs in the FMUs of the diagram. Do so only with FMUs you trust.")
 @click.option("--verify", "verified", is_flag=True, help="Repeat with tighter tolerances and a tenth of the widths of all "
@@ -55,7 +57,7 @@ if TYPE_CHECKING:
 @json_option
 def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | None, every: str | None,
         plotted: tuple[str, ...], saved: tuple[Path, ...], output: Path | None, rtol: float, solver: str | None,
-        allow_fmu: bool, verified: bool, within: float) -> dict[str, object]:
+        step: str | None, allow_fmu: bool, verified: bool, within: float) -> dict[str, object]:
     """Simulate the diagram MODEL and show minimum, maximum, RMS and final value of each output.
 
     MODEL is a YAML file or the name of a bundled diagram (cmc_ahc, cmc_ahc/passive).
@@ -81,7 +83,8 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
         with terminal.working("assembling"):
             assembly = assembled(loaded, "--plot", formulas)
         with terminal.working("integrating"):
-            result = simulate(assembly, until, every=every, begin=begin, rtol=rtol, solver=solver, allow_fmu=allow_fmu)
+            result = simulate(assembly, until, every=every, begin=begin, rtol=rtol, solver=solver, step=step,
+                              allow_fmu=allow_fmu)
     listed = list(assembly.model.show) or assembly.state_names or [u.name for u in assembly.flat.unknowns]
     names = list(dict.fromkeys([*listed, *plotted]))
     figures: dict[str, dict[str, float | str]] = {name: {**numbers.as_dict(), "unit": result.unit(name)}
@@ -171,6 +174,6 @@ def _statistics(result: Result) -> str:
              f"start {seconds['start']:.2g} s",
              f"integration {seconds['integration']:.2g} s"]
     if "nsteps" in statistics:
-        parts.append(f"{statistics['nsteps']} steps")
+        parts.append(f"{statistics['nsteps']} steps" + (f" of {statistics['step']:g} s" if "step" in statistics else ""))
     parts += [clock.text for clock in result.assembly.model.clocks.values()]
     return "; ".join(parts)

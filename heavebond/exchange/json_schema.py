@@ -112,6 +112,7 @@ def diagram() -> Schema:
                                  {"when": FORMULA, "at_most": TIME}, ["when", "at_most"],
                                  "the condition for the end of a run, and its latest end")]},
                              "largest_step": _said("longest step of the integrator", TIME),
+                             "step": _said("step of the solvers with a fixed step", TIME),
                              "solver": _said("the integrator of a run [default: auto]", {"enum": list(SOLVERS)})},
                             description="begin and end of a run, the time between output points, and the integrator"),
         "view": _each({"anyOf": [view_shape(kind) for kind in SHAPES]}, "shapes that `heavebond animate` moves"),

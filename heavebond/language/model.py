@@ -70,6 +70,7 @@ class Model:
     solver: Scalar | None = None
     ends: Formula | None = None  # condition for the end of a run; without one it ends at `until`
     largest_step: Value | None = None
+    step: Value | None = None
     view: dict[str, ViewShape] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
     approximate: bool = False  # components with delayed variables are replaced by their approximations
@@ -400,7 +401,7 @@ def _changed(base: Model, source: Source, problems: Problems) -> Model:
         show={**base.show, **read_show(root.items.get("show"), problems)},
         begin=plan.begin or base.begin, until=plan.until or base.until, every=plan.every or base.every,
         solver=plan.solver or base.solver, ends=plan.ends if plan.until or plan.ends else base.ends,
-        largest_step=plan.largest_step or base.largest_step,
+        largest_step=plan.largest_step or base.largest_step, step=plan.step or base.step,
         view={**base.view, **read_view(root.items.get("view"), problems)},
         files=(*base.files, source.path))
 

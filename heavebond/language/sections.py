@@ -20,7 +20,8 @@ from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
 SECOND = declared_unit("s")
 STARTS = ("steady", "rest")
-SOLVERS = ("idas", "cvodes", "rosenbrock", "auto")
+FIXED_STEP = ("euler", "rk4", "backward-euler")  # solvers with a fixed step
+SOLVERS = ("idas", "cvodes", "rosenbrock", *FIXED_STEP, "auto")
 
 
 @dataclass(frozen=True)
@@ -235,6 +236,7 @@ class Plan:
     solver: Scalar | None = None
     ends: Formula | None = None
     largest_step: Value | None = None
+    step: Value | None = None
 
 
 def read_clocks(node: Node | None, problems: Problems) -> dict[str, Clock]:
@@ -275,7 +277,7 @@ def read_plan(node: Node | None, problems: Problems) -> Plan:
     entries = reading.mapping(node, "simulate", problems)
     if entries is None:
         return Plan()
-    reading.known_keys(entries, ("from", "until", "every", "solver", "largest_step"), "simulate", problems)
+    reading.known_keys(entries, ("from", "until", "every", "solver", "largest_step", "step"), "simulate", problems)
     items, ends = dict(entries.items), None
     if isinstance(until := items.get("until"), Mapping):
         reading.known_keys(until, ("when", "at_most"), "until", problems, ("when", "at_most"))
@@ -284,7 +286,7 @@ def read_plan(node: Node | None, problems: Problems) -> Plan:
         if (longest := until.items.get("at_most")) is not None:
             items["until"] = longest
     times = {name: reading.value(item, name, problems) for name, item in items.items()
-             if name in ("from", "until", "every", "largest_step")}
+             if name in ("from", "until", "every", "largest_step", "step")}
     for name, value in times.items():
         if value is not None:
             _check_time(name, value, problems, any_sign=name == "from" or (name == "until" and "from" in times))
@@ -294,7 +296,7 @@ def read_plan(node: Node | None, problems: Problems) -> Plan:
         problems.add("solver-unknown", f"'{name}' is not a solver", solver.place,
                      hint=suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")
     return Plan(times.get("from"), times.get("until"), times.get("every"), solver if isinstance(solver, Scalar) else None,
-                ends, times.get("largest_step"))
+                ends, times.get("largest_step"), times.get("step"))
 
 
 def _ending(node: Node | None, problems: Problems) -> Formula | None:

@@ -55,6 +55,17 @@ def largest_step_of(model: Model) -> float:
     return _from_model(model.largest_step) or 0.0
 
 
+def step_of(model: Model, step: Time | None) -> float:
+    """The step (s) of a solver with a fixed step; UsageError if there is none."""
+    length = seconds(step, "step") if step is not None else _from_model(model.step)
+    if length is None or not length > 0:
+        raise UsageError([Problem("step-missing" if length is None else "time-not-positive",
+                                  "a solver with a fixed step needs a step above 0 s", None,
+                                  "Type for example `--step '1 ms'` (in Python `step='1 ms'`, in the diagram `simulate: "
+                                  "{step: 1 ms}`).")])
+    return length
+
+
 def with_begin(model: Model, begin: Time) -> Model:
     """The diagram with runs that begin at another time."""
     value = seconds(begin, "begin")

@@ -111,9 +111,10 @@ class Result(facade.Displayed):
     def verdict(self) -> Verdict:
         """The verdict on the values of this run: `print(result.verdict)` shows it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
-        findings = [*self._true_at_start(), *self._placeholders(), *self._joined(), *self._reversed(), *self._filled(),
-                    *self._unfit(), *self._rounded(), *self._stepped_over(), *self._unstable_start(),
-                    *self._time_formulas(), *self._passed_jumps(), *self._rates(), *self._dense_events(),
+        findings = [*self._true_at_start(), *self._placeholders(), *self._fixed_step(), *self._joined(),
+                    *self._reversed(), *self._filled(), *self._unfit(), *self._rounded(), *self._stepped_over(),
+                    *self._unstable_start(), *self._time_formulas(), *self._passed_jumps(), *self._rates(),
+                    *self._dense_events(),
                     *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
@@ -199,6 +200,13 @@ class Result(facade.Displayed):
         return [Finding("placeholder", path, path, float(self.time[0]), 0.0, None, "",
                         f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
                 for path, leaf in leaves.items() if leaf.component.placeholder]
+
+    def _fixed_step(self) -> list[Finding]:
+        """Finding on a solver with a fixed step."""
+        step = self.statistics.get("step")
+        return [Finding("fixed-step", str(self.statistics["solver"]), "", float(self.time[0]), step, None, "s",
+                        "Repeat the run with half the step, or by `--solver auto`, to see its error")
+                ] if isinstance(step, float) else []
 
     def _joined(self) -> list[Finding]:
         """Findings on parts with two ports, both on one node."""

@@ -86,6 +86,8 @@ class Finding:
             return f"{self.name} is sampled every {value} and reads {self.part}, which has other instants"
         if self.kind == "placeholder":
             return f"{self.name} has no law: it is a placeholder"
+        if self.kind == "fixed-step":
+            return f"{self.name} has no error control: its step is {value}"
         if self.kind == "joined":
             return f"{self.name} has both ports on the same node, '{self.part}'"
         if self.kind == "filled":
@@ -109,9 +111,9 @@ class Finding:
 
 
 # whether a run with such a finding is worthless
-KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False,
-         "growth": False, "scale": False, "rounding": False, "undetermined": False, "true-at-start": False,
-         "unstable-start": False, "placeholder": False, "joined": False, "reversed": False, "filled": False, "front": False,
+KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False, "growth":
+         False, "scale": False, "rounding": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
+         "placeholder": False, "fixed-step": False, "joined": False, "reversed": False, "filled": False, "front": False,
          "time-formula": False, "narrow": False, "dense-events": False, "rates": False, "jump": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 

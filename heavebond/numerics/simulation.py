@@ -54,16 +54,17 @@ T = TypeVar("T")
 def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every: Time | None = None,
              begin: Time | None = None, parameters: Mapping[str, float | str] | None = None, also: Iterable[str] = (),
              sensitivities: Iterable[str] = (), rtol: float = 1e-8, atol: float = 1e-10,
-             solver: str | None = None, allow_fmu: bool = False) -> Result:
+             solver: str | None = None, step: Time | None = None, allow_fmu: bool = False) -> Result:
     """Simulate a diagram from `begin` to `until`, with an output point every `every`.
 
     Integrates x' = f(t, x, z), 0 = g(t, x, z) from consistent initial values; all signals of the result have shape (N,).
     Times are in s or text (`"2 min"`) and default to `simulate:` of the diagram (`from:` for `begin`, else 0 s);
     `parameters` overrides values by name, in SI or as text with a unit. `also` names positions that no equation uses;
     `sensitivities` names parameters for `result.sensitivity`. The error of each step is controlled to `rtol` and to `atol`
-    times the nominal size of each unknown. `solver` is idas, cvodes, rosenbrock or auto (see `solvers` and `run_by_auto`),
-    by default the solver of the diagram, else auto. FMUs are executed with `allow_fmu` only. `model` is a diagram, the path
-    or bundled name of one, or an Assembly, which is used without assembling it again.
+    times the nominal size of each unknown. `solver` is idas, cvodes, rosenbrock, auto (see `solvers` and `run_by_auto`), or
+    with a fixed `step` euler, rk4 or backward-euler; by default the solver of the diagram, else auto. FMUs are executed
+    with `allow_fmu` only. `model` is a diagram, the path or bundled name of one, or an Assembly, which is used without
+    assembling it again.
 
     Warns (RunWarning) unless the verdict of the run (`result.verdict`) is clean. Raises ModelError for an invalid
     diagram, UsageError for wrong arguments or an unsuitable solver, StartError if no consistent initial values exist
@@ -78,7 +79,7 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     written = assembly.model.solver
     solver_name = solver or (written.text if written else "auto")
     simulator = Simulator(assembly, until, every=every, tolerances=Tolerances(rtol, atol), sensitivities=sensitivities,
-                          solver=solver_name, allow_fmu=allow_fmu, dense=True)
+                          solver=solver_name, allow_fmu=allow_fmu, dense=True, step=step)
     simulator.expect(parameters)
     try:
         result = run_by_auto(simulator, parameters, allow_fmu) if solver_name == "auto" else _run_as_asked(simulator,
@@ -86,7 +87,7 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     except LimitPassed as error:
         result = resolved(error, simulator.time, lambda times, dense: Simulator(
             assembly, times=times, tolerances=simulator.tolerances, sensitivities=simulator.parameters, allow_fmu=allow_fmu,
-            dense=dense).run(parameters))
+            dense=dense, solver=solver_name if simulator.step else None, step=simulator.step or None).run(parameters))
     report_verdict(assembly.model.name, result.verdict)
     return result
 

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.cancellation import check
-from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, UsageError
+from heavebond.core.errors import HeavebondError, Problem, SimulationError, StartError, UsageError, listing
 from heavebond.core.limits import RATE
 from heavebond.equations.buffered import Buffered
 from heavebond.language.external_functions import naming_results
+from heavebond.language.sections import FIXED_STEP
 from heavebond.language.symbols import stack
 from heavebond.numerics.co_simulation import check_allowed
 from heavebond.numerics.dae import (
@@ -46,7 +47,7 @@ from heavebond.numerics.jumps import EventEquations
 from heavebond.numerics.kinks import passed_jumps
 from heavebond.numerics.looks import Looks
 from heavebond.numerics.narrow_functions import NARROW, NarrowFunctions, missed
-from heavebond.numerics.output_times import DENSE_POINTS, POINTS, Time, grid, largest_step_of, refined
+from heavebond.numerics.output_times import DENSE_POINTS, POINTS, Time, grid, largest_step_of, refined, step_of
 from heavebond.numerics.physical_limits import WATCHED, check_limits, limited
 from heavebond.numerics.result import ForwardSensitivities, Result, Settle, Stayed
 from heavebond.numerics.sampled_integration import SampledIntegration, sampled_integration
@@ -81,12 +82,12 @@ class Simulator:
                  times: Array | None = None, tolerances: Tolerances | None = None,
                  quadratures: ca.SX | None = None, factors: Factors | None = None, sensitivities: Iterable[str] = (),
                  free_start: bool = False, like: Simulator | None = None, driven: Pieced | None = None,
-                 solver: str | None = None, allow_fmu: bool = False, dense: bool = False):
+                 solver: str | None = None, allow_fmu: bool = False, dense: bool = False, step: Time | None = None):
         """IDAS integrates unless another `solver` is requested, independently of the solver in the diagram; `auto` is
         resolved here (see `chosen`), while its alternatives after a failure are in `run_by_auto`. `factors` are factors in
         the quadratures; `free_start` adds the states at the first time to the sensitivities (see `run_from`); functions of
         another simulator (`like`) are reused if they apply; `driven` are inputs that replace those of records. With `dense`
-        a result has points between its output points (see `Result.dense`)."""
+        a result has points between its output points (see `Result.dense`). `step` is for solvers with a fixed step."""
         self.assembly, self._turn = assembly, RLock()
         self._sized = {tuple(sorted(assembly.sizes.items())): assembly}
         self._base_sizes, self._sized_for = dict(assembly.sizes), None
@@ -113,8 +114,15 @@ class Simulator:
         self.start_equations = assembly.once("start", lambda: StartEquations(assembly))
         self.integrals = 0 if quadratures is None else quadratures.numel() * (1 + len(self.sensitivities))
         self.charts = charts = StateChoices(assembly)
-        self.dense = dense and self._may_be_dense
         self.solver: Choice = chosen(solver, assembly, charts.needed)
+        fixed = self.solver.name in FIXED_STEP
+        if step is not None and not fixed:
+            raise UsageError([Problem("step-unused", f"{self.solver.name} chooses its steps itself; a step was specified",
+                                      None, f"Specify a solver with a fixed step ({listing(FIXED_STEP)}), or leave the "
+                                      "step out. `simulate: {largest_step: ...}` limits the steps of the others.")])
+        self.step = step_of(assembly.model, step) if fixed else 0.0
+        self.looks_between = self.looks_between and not fixed
+        self.dense = dense and self._may_be_dense and not fixed
         self.asked = solver not in (None, AUTO)  # for a solver by its name
         self._felt, self.longest, self.kinks, self.unknown_forcing = None, 0.0, np.zeros(0), ()
         self._place_stops()
@@ -190,7 +198,7 @@ class Simulator:
     @property
     def _cut(self) -> bool:
         """True if runs are integrated in stretches: a multistep method would carry its history across a kink."""
-        kinked = len(self.kinks) and self.solver.name != "rosenbrock"
+        kinked = len(self.kinks) and self.solver.name not in ("rosenbrock", *FIXED_STEP)
         return bool(self.assembly.flat.events or self.charts.needed or kinked or self.assembly.flat.delays)
 
     @property
@@ -246,7 +254,8 @@ class Simulator:
         # an integrator stops where an input changes: the last one counts the kinks
         dae = {**augmented.dae, "u": stack([augmented.dae["u"],
                                             ca.SX.sym("kinks")])} if self._counts_kinks else augmented.dae
-        return replace(augmented, dae=dae, longest=min(self.longest or self.largest, self.largest or self.longest))
+        longest = self.step or min(self.longest or self.largest, self.largest or self.longest)
+        return replace(augmented, dae=dae, longest=longest)
 
     def _moving(self, assembly: Assembly) -> list[int]:
         """The parameters (indices) that vary along the sensitivities, including those that depend on the start or are
@@ -402,6 +411,7 @@ class Simulator:
         seconds = {"start": started - began, "integration": clock.perf_counter() - started}
         statistics = {"solver": self.solver.name, "why": self.solver.why, "seconds": seconds,
                       "start_steps": first.steps, **found.statistics,
+                      **({"step": self.step} if self.step else {}),
                       **({"sizes": {name: size.value for name, size in self.assembly.sizes.items()}}
                          if self.assembly.sizes else {}),
                       **({"rounded": hidden} if hidden else {}),
@@ -696,6 +706,7 @@ class Simulator:
         except SimulationError as error:
             return error
         return SimulationError([Problem("solver-gave-up", f"{self.solver.name} gave up where {DEFAULT} goes through", None,
+                                        (f"Make the step shorter than {self.step:g} s. " if self.step else "") +
                                         RETYPE.format(DEFAULT) + ".")])
 
     def _trace(self, x: Array, z: Array, quadratures: Array, statistics: dict[str, object]) -> Trace:

@@ -2,11 +2,12 @@
 
 `auto`, the default of plain runs, takes CVODES for x' = f and IDAS for x' = f, 0 = g, and changes where they stop (see
 `simulation`). `idas` (variable-order BDF for x' = f, 0 = g) takes every diagram. `cvodes` is the same family of methods for
-x' = f alone: fewer evaluations and less bookkeeping a step, and its Newton iteration ends at a tenth of the error test. That
-of IDAS ends at a third, which can keep it at order 1, where its error test rejects every second step. `rosenbrock` is a
-one-step method of order 5 (linearly implicit, L-stable), compiled to machine code before its first step, since interpreted
-it is slower than IDAS; it pays where one grid of times is run often. C. W. Gear, 1971; A. C. Hindmarsh et al., SUNDIALS,
-2005, doi:10.1145/1089014.1089020; E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, 1996, IV.7.
+x' = f alone: fewer evaluations and less bookkeeping a step, and its Newton iteration ends at a tenth of the error test.
+That of IDAS ends at a third, which can keep it at order 1, where its error test rejects every second step. `rosenbrock` is
+a one-step method of order 5 (linearly implicit, L-stable), compiled to machine code before its first step, since
+interpreted it is slower than IDAS; it pays where one grid of times is run often. The methods of `fixed_step` have no error
+control. C. W. Gear, 1971; A. C. Hindmarsh et al., SUNDIALS, 2005, doi:10.1145/1089014.1089020; E. Hairer and G. Wanner,
+Solving Ordinary Differential Equations II, 1996, IV.7.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ import casadi as ca
 
 from heavebond.core.errors import Place, Problem, UsageError, listing, suggest
 from heavebond.equations.buffered import Buffered
-from heavebond.language.sections import SOLVERS
+from heavebond.language.sections import FIXED_STEP, SOLVERS
 from heavebond.numerics import machine_code
 from heavebond.numerics.dae import Array, Assembly, Integrand
+from heavebond.numerics.fixed_step import FixedStep
 from heavebond.numerics.idas import MOST_STEPS, Idas, Tolerances, in_unit_of_time, integrator_options, time_unit
 from heavebond.numerics.machine_code import COMPILERS, MACHINE_CODE, Evaluated, Made, compiled
 
@@ -88,26 +90,29 @@ def _check(name: str, assembly: Assembly, changes_states: bool) -> None:
                                   suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")])
     if name == "cvodes" and (algebraic := assembly.algebraic_names):
         raise UsageError([algebraic_left(algebraic, place)])
-    if name != "rosenbrock":
+    if name in ("euler", "rk4") and (algebraic := assembly.algebraic_names):
+        raise UsageError([algebraic_left(algebraic, place, name)])
+    if name != "rosenbrock" and name not in FIXED_STEP:
         return
     if assembly.flat.events or assembly.flat.delays or changes_states:
         feature = "has events" if assembly.flat.events else "has delayed variables" if assembly.flat.delays else \
             "may change its states along a run (a mechanism that turns over)"
         alternative = "idas" if assembly.algebraic_names else "cvodes"
         raise UsageError([Problem(
-            "solver-cut", f"rosenbrock cannot run this diagram: it {feature}", place, RETYPE.format(alternative) + ".",
-            ("It is compiled for the times of one run; such a run is cut where nobody knows beforehand.",))])
-    if machine_code.compiler() is None:
+            "solver-cut", f"{name} cannot run this diagram: it {feature}", place, RETYPE.format(alternative) + ".",
+            ("Its steps are those of its grid; an event between two steps would be missed." if name in FIXED_STEP else
+             "It is compiled for the times of one run; such a run is cut where nobody knows beforehand.",))])
+    if name == "rosenbrock" and machine_code.compiler() is None:
         raise UsageError([Problem(
             "compiler-missing", "rosenbrock needs a C compiler, and there is none on this computer", place,
             f"Install one (Debian, Ubuntu: sudo apt install gcc). {RETYPE.format('auto')} to do without.",
             (f"Looked for {listing(COMPILERS)} on the PATH.",))])
 
 
-def algebraic_left(names: list[str], place: Place | None = None) -> Problem:
-    """Why CVODES cannot be used."""
+def algebraic_left(names: list[str], place: Place | None = None, solver: str = "cvodes") -> Problem:
+    """Why CVODES or another solver for x' = f cannot be used."""
     number, them = ("algebraic unknowns", "them") if len(names) > 1 else ("an algebraic unknown", "it")
-    return Problem("solver-algebraic", f"cvodes cannot run this diagram, which has {number}: {listing(names, 4)}", place,
+    return Problem("solver-algebraic", f"{solver} cannot run this diagram, which has {number}: {listing(names, 4)}", place,
                    f"{RETYPE.format('idas')}, the default, which solves for {them} on its way, or `auto`.")
 
 
@@ -116,6 +121,8 @@ def integrator(solver: str, integrand: Integrand, stops: Array, tolerances: Tole
     """An integrator of a name that `chosen` gave."""
     if solver in (DEFAULT, STRICT):
         return Idas(integrand, stops, tolerances, most_steps, solver == STRICT)
+    if solver in FIXED_STEP:
+        return FixedStep(solver, integrand, stops)
     return Explicit(solver, integrand, stops, tolerances, most_steps)
 
 

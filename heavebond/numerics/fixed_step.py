@@ -1,0 +1,115 @@
+"""Integration with a fixed step and without error control: Euler, Runge-Kutta of order 4, backward Euler.
+
+They reproduce the results of programs that use these methods, where a model depends on the step. The steps begin at
+multiples of the step from the start of the run. Values at output times between two steps are interpolated: linearly, for
+Runge-Kutta by the cubic polynomial with the values and rates at both ends. E. Hairer, S. P. Nørsett and G. Wanner, Solving
+Ordinary Differential Equations I, 1993, II.1 and II.6; E. Hairer and G. Wanner, II, 1996, IV.3.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from heavebond.core.errors import Problem, UsageError
+from heavebond.equations.buffered import Buffered
+from heavebond.numerics.dae import Array, Integrand
+
+MOST_STEPS = 100_000_000  # some minutes
+# Share of a step that is rounding: a stop that is no further from the end of a step is this end.
+SAME = 1e-6
+# Newton's method of backward Euler ends when its last change, in nominal sizes and relative to larger values, is below this:
+# it converges quadratically, so that the error is then of rounding.
+CONVERGED = 1e-10
+MOST_ITERATIONS = 50
+
+
+class FixedStep:
+    """An integration with steps of `integrand.longest`, called as the other integrators are. RuntimeError if a value
+    overflows or if Newton's method of backward Euler fails."""
+
+    def __init__(self, solver: str, integrand: Integrand, stops: Array):
+        dae, self._stops, self._step = integrand.dae, np.asarray(stops, float), integrand.longest
+        if (stops[-1] - stops[0]) / self._step > MOST_STEPS:
+            raise UsageError([Problem("step-too-short", f"a step of {self._step:g} s makes "
+                                      f"{(stops[-1] - stops[0]) / self._step:.3g} steps; the most is {MOST_STEPS}", None,
+                                      "Make the step longer, or the run shorter.")])
+        t, x, z, p, u = (dae[name] for name in ("t", "x", "z", "p", "u"))
+        self._sizes = {"x0": x.numel(), "z0": z.numel(), "p": p.numel(), "u": u.numel()}
+        rates, h = ca.Function("rates", [t, x, z, p, u], [dae["ode"]]), self._step
+        self._rates = Buffered(rates)
+        self._implicit, self._cubic = solver == "backward-euler", solver == "rk4"
+        if self._implicit:
+            before, both = ca.SX.sym("before", x.numel()), ca.vertcat(x, z)
+            residual = ca.vertcat(x - before - h * dae["ode"], dae["alg"])
+            self._next = Buffered(ca.Function("residual", [t, before, both, p, u], [
+                ca.densify(residual), ca.densify(ca.jacobian(residual, both))]))
+            return
+        slope = first = rates(t, x, z, p, u)
+        if self._cubic:
+            second = rates(t + h / 2, x + h / 2 * first, z, p, u)
+            third = rates(t + h / 2, x + h / 2 * second, z, p, u)
+            slope = (first + 2 * second + 2 * third + rates(t + h, x + h * third, z, p, u)) / 6
+        self._next = Buffered(ca.Function("step", [t, x, z, p, u], [ca.densify(x + h * slope)]))
+
+    def size1_in(self, name: str) -> int:
+        """The number of numbers in an input."""
+        return self._sizes[name]
+
+    def stats(self) -> dict[str, Any]:
+        """The number of steps of the last call."""
+        return {"nsteps": self._steps}
+
+    def __call__(self, **arguments: Any) -> dict[str, Array]:
+        """The states and algebraic unknowns (n, N) at the stops after the first."""
+        x, z, p = (np.asarray(arguments[name], float).ravel() for name in ("x0", "z0", "p"))
+        stops, h = self._stops - self._stops[0], self._step
+        u = np.asarray(arguments["u"], float).reshape(self._sizes["u"], len(stops) - 1)
+        xf, zf = np.empty((len(x), len(stops) - 1)), np.empty((len(z), len(stops) - 1))
+        j, k = 1, 0
+        while j < len(stops):
+            begin, x_before, z_before = self._stops[0] + k * h, x, z
+            end = self._stops[0] + (k + 1) * h
+            # the piece of the measured inputs at the instant that the method reads first
+            piece = int(np.searchsorted(stops, (k + 1 - SAME if self._implicit else k + SAME) * h, side="right")) - 1
+            pieces = u[:, min(piece, u.shape[1] - 1)]
+            if self._implicit:
+                x, z = self._solved(end, x, z, p, pieces)
+            else:
+                x = self._next(begin, x, z, p, pieces)["o0"].ravel()
+            if not np.all(np.isfinite(x)):
+                raise RuntimeError(f"a value became infinite or not a number at t = {end:.6g}")
+            k += 1
+            while j < len(stops) and stops[j] <= (k + SAME) * h:
+                share = stops[j] / h - (k - 1)
+                if share >= 1 - SAME:
+                    xf[:, j - 1], zf[:, j - 1] = x, z
+                else:
+                    xf[:, j - 1] = x_before + share * (x - x_before)
+                    zf[:, j - 1] = z_before + share * (z - z_before)
+                    if self._cubic:
+                        slopes = [h * self._rates(t, at, z, p, pieces)["o0"].ravel() - (x - x_before)
+                                  for t, at in ((begin, x_before), (end, x))]
+                        xf[:, j - 1] += share * (1 - share) * ((1 - share) * slopes[0] - share * slopes[1])
+                j += 1
+        self._steps = k
+        return {"xf": xf, "zf": zf}
+
+    _steps = 0
+
+    def _solved(self, t: float, before: Array, z: Array, p: Array, u: Array) -> tuple[Array, Array]:
+        """The states and algebraic unknowns at the end of a step of backward Euler, by Newton's method from those at its
+        begin."""
+        both = np.concatenate([before, z])
+        for _ in range(MOST_ITERATIONS):
+            found = self._next(t, before, both, p, u)
+            try:
+                change = np.linalg.solve(found["o1"], -found["o0"].ravel())
+            except np.linalg.LinAlgError:
+                raise RuntimeError(f"the equations of the step to t = {t:.6g} are singular") from None
+            both = both + change
+            if np.all(np.abs(change) <= CONVERGED * (1 + np.abs(both))):
+                return both[:len(before)], both[len(before):]
+        raise RuntimeError(f"Newton's method does not converge in the step to t = {t:.6g}")

@@ -1,0 +1,113 @@
+"""Solvers with a fixed step beside the recursions that they stand for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from diagrams import BALL, FLOOR
+
+import heavebond as hb
+from heavebond import cli
+
+# A damper of 1 kg/s brakes a mass of 1 kg: v' = -v.
+DECAY = """
+model: decay
+components:
+  brake: {is: Damper, d: 1 N*s/m}
+  load: {is: Mass, m: 1 kg}
+  wall: {is: Fixed}
+nodes: {load: [brake.a, load.a], wall: [brake.b, wall.a]}
+initial: {load.x: 0 m, load.v: 1 m/s}
+simulate: {until: 2 s, every: 0.1 s}
+"""
+STEP = 0.1
+GROWTH = {"euler": 1 - STEP, "rk4": 1 - STEP + STEP**2 / 2 - STEP**3 / 6 + STEP**4 / 24, "backward-euler": 1 / (1 + STEP)}
+ROUNDING = 1e-13  # 20 products, and the last change of Newton's method
+
+
+def run(text: str = DECAY, **options: object) -> hb.Result:
+    """A run whose verdict names the missing error control."""
+    with pytest.warns(hb.RunWarning, match="has no error control: its step is"):
+        return hb.simulate(hb.loads(text), **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("solver", GROWTH)
+def test_each_step_of_a_decay_multiplies_by_the_stability_function(solver: str) -> None:
+    found = run(solver=solver, step=STEP)
+    assert found.statistics["nsteps"] == 20
+    assert np.allclose(found["load.v"], GROWTH[solver] ** np.arange(21), rtol=ROUNDING, atol=0)
+
+
+@pytest.mark.parametrize("solver", GROWTH)
+def test_the_output_times_do_not_change_the_steps(solver: str) -> None:
+    coarse, fine = run(solver=solver, step=STEP), run(solver=solver, step=STEP, every=0.03, until=1.99)
+    at = np.array([0.3, 0.6, 0.9, 1.2])
+    assert np.allclose(np.interp(at, fine.time, fine["load.v"]), np.interp(at, coarse.time, coarse["load.v"]), rtol=ROUNDING)
+    # the error of linear and of cubic interpolation: h²/8 max|v''|, h⁴/384 max|v''''|; the method adds its own
+    between = GROWTH[solver] ** (fine.time / STEP)
+    assert np.abs(fine["load.v"] - between).max() < (STEP**4 / 384 * 1.1 + STEP**5 if solver == "rk4" else STEP**2 / 8 * 1.1)
+
+
+@pytest.mark.parametrize(("solver", "order"), [("euler", 1), ("rk4", 4), ("backward-euler", 1)])
+def test_the_error_falls_with_the_order_of_the_method(solver: str, order: int) -> None:
+    driven = DECAY.replace("wall: {is: Fixed}", 'wall: {is: PositionSource, u: "=sin(2*time/1 s)*0.2 m"}')
+    exact = hb.simulate(hb.loads(driven), rtol=1e-12, atol=1e-13)["load.x"][-1]
+    errors = [abs(run(driven, solver=solver, step=h)["load.x"][-1] - exact) for h in (0.1, 0.05)]
+    assert abs(np.log2(errors[0] / errors[1]) - order) < 0.15  # the next term of the error, of relative size h
+
+
+def test_backward_euler_solves_algebraic_unknowns_and_explicit_methods_refuse_them() -> None:
+    # two progressive dampers in series: the speed between them is an algebraic unknown
+    series = DECAY.replace("brake: {is: Damper, d: 1 N*s/m}",
+                           "brake: {is: NonlinearDamper, d: 1 N*s/m, k: -1, v_k: 1 m/s}\n"
+                           "  other: {is: NonlinearDamper, d: 2 N*s/m, k: -2, v_k: 1 m/s}").replace(
+        "wall: [brake.b, wall.a]", "between: [brake.b, other.a], wall: [other.b, wall.a]")
+    assembly = hb.assemble(hb.loads(series))
+    assert assembly.algebraic_names
+    exact = hb.simulate(assembly)
+    errors = []
+    for step in (0.02, 0.01):
+        with pytest.warns(hb.RunWarning, match="backward-euler has no error control"):
+            speeds = hb.simulate(assembly, solver="backward-euler", step=step)["load.v"]
+        errors.append(np.abs(speeds - exact["load.v"]).max())
+    assert errors[1] < 0.01 and abs(errors[0] / errors[1] - 2) < 0.1  # of order 1; the next term is of relative size h
+    for solver in ("euler", "rk4"):
+        with pytest.raises(hb.UsageError, match=f"{solver} cannot run this diagram, which has") as caught:
+            hb.simulate(assembly, solver=solver, step=0.01)
+        assert "--solver idas" in caught.value.problems[0].hint
+
+
+def test_a_diagram_with_events_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bouncing_floor.yaml").write_text(FLOOR, encoding="utf-8")
+    for solver in GROWTH:
+        with pytest.raises(hb.UsageError, match=f"{solver} cannot run this diagram: it has events"):
+            hb.simulate(hb.loads(BALL, tmp_path), solver=solver, step=1e-3)
+
+
+def test_the_step_is_read_from_the_diagram_and_missing_steps_are_named() -> None:
+    with pytest.raises(hb.UsageError, match="needs a step above 0 s") as caught:
+        hb.simulate(hb.loads(DECAY), solver="rk4")
+    assert "--step '1 ms'" in caught.value.problems[0].hint
+    with pytest.raises(hb.UsageError, match="cvodes chooses its steps itself"):
+        hb.simulate(hb.loads(DECAY), step=0.1)
+    written = DECAY.replace("every: 0.1 s", "every: 0.1 s, solver: euler, step: 50 ms")
+    assert run(written).statistics["step"] == 0.05
+    assert run(written, step="100 ms").statistics["step"] == 0.1
+
+
+def test_a_step_beyond_the_limit_of_stability_is_named() -> None:
+    with pytest.raises(hb.SimulationError, match="euler gave up") as caught:
+        hb.simulate(hb.loads(DECAY.replace("d: 1 N", "d: 100 kN")), 60, solver="euler", step=0.1)
+    assert "Make the step shorter than 0.1 s" in caught.value.problems[0].hint
+
+
+def test_the_command_takes_a_step(tmp_path: Path) -> None:
+    path = tmp_path / "decay.yaml"
+    path.write_text(DECAY, encoding="utf-8")
+    told = CliRunner().invoke(cli.main, ["run", str(path), "--solver", "euler", "--step", "0.1 s"])
+    assert told.exit_code == 0
+    for words in ("solver euler (asked for)", "20 steps of 0.1 s"):
+        assert words in " ".join(told.output.split())
