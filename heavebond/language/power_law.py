@@ -10,11 +10,12 @@ the equations do not determine stay random, so the points cover all motions, not
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice, product
 from math import inf, isfinite, sqrt
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -498,20 +499,15 @@ class _Evaluation:
         results = [np.zeros(function.size_out(k), order="F") for k in range(function.n_out())]
         self.results = tuple(r.ravel(order="K") if r.shape[1] == 1 else r for r in results)
         self.buffer, self.evaluate = function.buffer()
-        _bind(self.buffer.set_arg, self.given)
-        _bind(self.buffer.set_res, results)
+        bindings: list[tuple[Any, list[Any]]] = [(self.buffer.set_arg, self.given), (self.buffer.set_res, results)]
+        for bind, arrays in bindings:
+            for k, values in enumerate(arrays):
+                bind(k, memoryview(values.ravel(order="K")))
 
     def __call__(self, y: Array, p: Array, t: float) -> tuple[Array, ...]:
         self.given[0][:], self.given[1][:], self.given[2][:] = y, p, t
         self.evaluate()
         return self.results
-
-
-def _bind(bind: Callable[..., None], arrays: Iterable[Array]) -> None:
-    for k, values in enumerate(arrays):
-            bind(k,
-                 memoryview(values.ravel(order="K")))  # type: ignore[arg-type]  # arrays are buffers; typing knows it later
-            bind(k, memoryview(values.ravel(order="K")))  # type: ignore[arg-type]
 
 
 def _least(matrix: Array, right: Array) -> Array:
