@@ -22,8 +22,8 @@ from click.testing import CliRunner
 import heavebond as hb
 from heavebond.cli import main
 from heavebond.core.errors import HeavebondError, UsageError
+from heavebond.language.edits import with_values
 from heavebond.studio.bench import Bench, view
-from heavebond.studio.diagram_edits import with_values
 from heavebond.studio.folder import BUNDLED, Folder, bundled_machines, version
 from heavebond.studio.job import Job
 from heavebond.studio.page_safety import Guard, policy
