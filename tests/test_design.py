@@ -83,6 +83,7 @@ def test_gains_of_a_sampled_controller_count_its_hold() -> None:
     ([], {"crossover": 1.0}, "design-free"), (["control.K_p", "control.K_i"], {"crossover": 1.0}, "design-margin"),
     (["control.K_p", "control.K_i"], {"crossover": "1 Hz", "phase_margin": 60}, "design-not-reached"),
     (["control.K_p", "plant.k"], {"crossover": "1 Hz", "phase_margin": 60}, "loop-none"),
+    (["control.K_p"], {"crossover": "-1 Hz"}, "must be above 0"), (["control.K_p"], {"bandwidth": 0.0}, "must be above 0"),
     (["control.K_p"], {"crossover": "1 m"}, "unit"), (["control.K"], {"crossover": "1 Hz"}, "parameter-unknown")])
 def test_mistakes_are_named(free: list[str], options: dict[str, object], said: str) -> None:
     with pytest.raises(hb.HeavebondError, match=said):
@@ -113,6 +114,13 @@ def test_filters_have_the_response_of_scipy(kind: str, band: str, cut_off: list[
         hb.filter_coefficients("butterworth", 2, [600], period=1e-3)
     with pytest.raises(hb.UsageError, match="filter-unknown"):
         hb.filter_coefficients("elliptic", 2, [600])
+    with pytest.raises(hb.UsageError, match="one cut-off frequency above 0 Hz"):
+        hb.filter_coefficients("bessel", 2, [-5])
+
+
+def test_a_crossover_above_half_the_sampling_rate_is_refused() -> None:
+    with pytest.raises(hb.UsageError, match="half the sampling rate of the loop, 25 Hz"):
+        hb.design_gains(hb.loads(SAMPLED), "control.y", ["control.K_p"], crossover="30 Hz")
 
 
 def test_lqg_is_that_of_python_control() -> None:
@@ -164,6 +172,11 @@ def test_the_command_writes_an_observer_controller_that_holds_the_cart(block: st
     assert all(abs(mode.value) < 1 if sample else mode.value.real < 0 for mode in modes.modes) or "stable" in repr(modes)
     held = hb.simulate(designed)
     assert abs(held["cart.x"].magnitude[-1]) < 1e-4  # from 10 mm; without control the cart stays there
+    for weigh, disturbance, message in (
+            ("cart.x=10 N", "cart.f=1 N", "is in N"), ("cart.x=10 mm", "cart.f=1 m", "is in m"),
+            ("cart.x=0 mm", "cart.f=1 N", "must be above 0")):
+        run = CliRunner().invoke(main, [*words[:4], "--weigh", weigh, "--disturbance", disturbance])
+        assert run.exit_code == 2 and message in run.output
 
 
 def test_the_command_writes_gains_and_filters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,6 +203,11 @@ simulate: {until: 1 s, every: 10 ms}
 """, encoding="utf-8")
     run = CliRunner().invoke(main, ["design", "smooth.yaml", "--filter", "smooth", "--cut-off", "5 Hz", "--in-place"])
     assert run.exit_code == 0, run.output
+    system = hb.state_space("smooth.yaml", ["source.y"], ["smooth.y"])
+    assert abs(system.response(2j * np.pi * 5)[0, 0, 0]) == pytest.approx(np.sqrt(0.5), rel=1e-6)
+    run = CliRunner().invoke(main, ["design", "smooth.yaml", "--filter", "smooth", "--cut-off", "5 Hz", "--order", "3",
+                                    "--in-place"])
+    assert run.exit_code == 0, run.output  # the number of coefficients changes from 3 to 4
     system = hb.state_space("smooth.yaml", ["source.y"], ["smooth.y"])
     assert abs(system.response(2j * np.pi * 5)[0, 0, 0]) == pytest.approx(np.sqrt(0.5), rel=1e-6)
     run = CliRunner().invoke(main, ["design", "loop.yaml", "--loop", "control.y", "--filter", "smooth"])

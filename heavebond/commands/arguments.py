@@ -125,14 +125,14 @@ def with_settings(model: Model, settings: Iterable[str]) -> Model:
     return model.with_parameters(values) if values else model
 
 
-def settings_of(option: str, settings: Iterable[str]) -> dict[str, str]:
-    """`PATH=VALUE` of an option as a mapping; UsageError for a text of another form."""
+def settings_of(option: str, settings: Iterable[str], example: str = "gas.c='40 kN/m'") -> dict[str, str]:
+    """`PATH=VALUE` of an option as a mapping; UsageError with an example for a text of another form."""
     values = {}
     for text in settings:
         path, sign, value = (part.strip() for part in text.partition("="))
         if not sign or not path or not value:
             raise UsageError([Problem("set-form", f"{option} {text}: this is not PATH=VALUE", None,
-                                      f"Write for example {option} gas.c='40 kN/m'.")])
+                                      f"Write for example {option} {example}.")])
         values[path] = value
     return values
 

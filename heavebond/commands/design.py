@@ -129,15 +129,16 @@ def _loop(diagram: Model, loop: str, free: Sequence[str], crossover: str | None,
     result = design_gains(diagram, loop, free, crossover=crossover, bandwidth=bandwidth, phase_margin=phase_margin, at=at,
                           points=points)
 
-    def told(found: Crossings) -> dict[str, object]:
-        margins = {"gain_up": found.gain_up, "gain_down": found.gain_down, "phase": found.least_phase,
-                   "delay": found.least_delay}
-        return {"verdict": found.verdict, **{name: None if margin is None else [margin.value, margin.frequency]
+    def margins_of(crossings: Crossings) -> dict[str, object]:
+        margins = {"gain_up": crossings.gain_up, "gain_down": crossings.gain_down, "phase": crossings.least_phase,
+                   "delay": crossings.least_delay}
+        return {"verdict": crossings.verdict, **{name: None if margin is None else [margin.value, margin.frequency]
                                              for name, margin in margins.items()}}
 
     return design_items(diagram, result), result.values, {
         "crossover": result.crossover, "bandwidth": result.bandwidth, "phase_margin": result.phase_margin,
-        "margins": {"design": told(result.crossings), **{name: told(found) for name, found in result.points.items()}}}
+        "margins": {"design": margins_of(result.crossings),
+                    **{name: margins_of(crossings) for name, crossings in result.points.items()}}}
 
 
 def _filter(diagram: Model, block: str, kind: str, order: int, cut_off: str | None, band: str, ripple: float,
@@ -164,7 +165,8 @@ def _filter(diagram: Model, block: str, kind: str, order: int, cut_off: str | No
                                time_unit=known.get(f"{block}.T", 1.0))
     rows = [(f"{'z' if period else 's'}^{len(a) - 1 - k}", f"{x:.10g}", f"{y:.10g}") for k, (x, y) in enumerate(
         zip(b, a, strict=True))]
-    lists: dict[str, Tree] = {f"{block}.{name}": [repr(float(x)) for x in numbers] for name, numbers in (("b", b), ("a", a))}
+    lists: dict[str, Tree] = {f"{block}.n": str(len(a))}
+    lists |= {f"{block}.{name}": [repr(float(x)) for x in numbers] for name, numbers in (("b", b), ("a", a))}
     return [ResultTable(f"{block}: {kind} {band} of order {order}", ("power", "numerator b", "denominator a"), rows),
             Line(f"sampled every {period:g} s" if period else f"time unit {known.get(f'{block}.T', 1.0):g} s")], \
         lists, {"b": b.tolist(), "a": a.tolist(), "period": period}
@@ -172,22 +174,19 @@ def _filter(diagram: Model, block: str, kind: str, order: int, cut_off: str | No
 
 def _lqg(diagram: Model, block: str, weigh: Sequence[str], effort: str, disturbances: Sequence[str], noise: str,
          at: str | None) -> tuple[list[Item], dict[str, Tree], dict[str, object]]:
-    from heavebond.core.units import UnitProblem, parse_quantity
+    from heavebond.core.quantities import si_value
     from heavebond.linear.design import design_lqg
     from heavebond.reports.result_tables import Line, ResultTable
 
     def numbers(option: str, texts: Sequence[str]) -> list[float]:
-        try:
-            return [parse_quantity(text)[0] for text in texts]
-        except UnitProblem as problem:
-            raise UsageError([Problem(problem.code, f"{option}: {problem.message}", None, problem.hint)]) from None
+        return [si_value(text, "1", option) for text in texts]
 
-    sizes = [dict(zip(asked, numbers(option, list(asked.values())), strict=True)) for option, asked in (
-        ("--weigh", settings_of("--weigh", weigh)), ("--disturbance", settings_of("--disturbance", disturbances)))]
-    if not all(sizes):
+    deviations = settings_of("--weigh", weigh, "load.x='1 mm'")
+    densities = settings_of("--disturbance", disturbances, "load.f='10 N'")
+    if not deviations or not densities:
         raise UsageError([Problem("design-weights", "a regulator needs --weigh, and its filter --disturbance", None,
                                   "Write for example --weigh load.x='1 mm' --disturbance force.u='10 N'.")])
-    result: ObserverController = design_lqg(diagram, block, sizes[0], numbers("--effort", listed([effort])), sizes[1],
+    result: ObserverController = design_lqg(diagram, block, deviations, numbers("--effort", listed([effort])), densities,
                                             numbers("--noise", listed([noise])), at=at)
     rows = [(f"{regulator:.5g}", f"{observer:.5g}") for regulator, observer in zip(*result.poles, strict=True)]
     per = "" if result.period is not None else " 1/s"

@@ -62,44 +62,44 @@ def monitor(experiment: str, folder: Path, walks: tuple[str, ...], rate: str, re
                                   "Give another folder with --output.")])
     make_folder(target)
     with connected(scheduler) as cluster, terminal.working("monitoring") as progress:
-        found = monitored(loaded, folder, walks=settings_of("--walk", walks), rate=rate, record=record,
-                          start_deviation=start_deviation, estimates=estimates, processes=processes, executor=cluster,
-                          progress=progress)
-    terminal.show(monitoring_items(found))
+        monitoring = monitored(loaded, folder, walks=settings_of("--walk", walks, "load.v='1 mm/s'"), rate=rate,
+                               record=record, start_deviation=start_deviation, estimates=estimates, processes=processes,
+                               executor=cluster, progress=progress)
+    terminal.show(monitoring_items(monitoring))
     files = [target / "monitor.parquet"]
     try:
-        found.save(files[0])
+        monitoring.save(files[0])
     except UsageError as error:
         if error.problems[0].code != "pyarrow-missing":
             raise
         files = [target / "monitor.csv"]
-        found.save(files[0])
+        monitoring.save(files[0])
         terminal.warn("monitor.csv is written in place of Parquet: pip install 'heavebond[parquet]'")
-    files += [save(found.plot(r.name), target / f"{r.name}.png") for r in found.changed]
-    for name, estimate in found.estimates.items() if estimates else ():
+    files += [save(monitoring.plot(r.name), target / f"{r.name}.png") for r in monitoring.changed]
+    for name, estimate in monitoring.estimates.items() if estimates else ():
         files.append(target / f"{name}_estimate.parquet")
         with new_file(files[-1]) as fresh:
             estimate.to_pandas().to_parquet(fresh, engine="pyarrow")
-    diagnoses = _diagnosed(found, number, seconds, processes, target, files)
+    diagnoses = _diagnosed(monitoring, number, seconds, processes, target, files)
     files.append(target / "monitor.html")
-    write_text(files[-1], monitoring_page(found, {name: answer["words"] for name, answer in diagnoses.items()}))
+    write_text(files[-1], monitoring_page(monitoring, {name: answer["words"] for name, answer in diagnoses.items()}))
     for path in files:
         terminal.output().print(f"wrote {path}", soft_wrap=True)
-    figures: dict[str, object] = {"experiment": loaded.name, **found.as_dict(), "diagnoses": diagnoses,
+    figures: dict[str, object] = {"experiment": loaded.name, **monitoring.as_dict(), "diagnoses": diagnoses,
                                   "files": list(map(str, files))}
-    if found.partial:
+    if monitoring.partial:
         terminal.output().print("ended early: these are the records that were filtered so far", soft_wrap=True)
-    if found.changed or found.unusable:
-        names = [r.name for r in (*found.changed, *found.unusable)]
-        problem = DataError([Problem("records-changed", f"{len(found.changed)} of {len(found.records)} records left the "
-                                     f"model, and {len(found.unusable)} could not be used", None,
+    if monitoring.changed or monitoring.unusable:
+        names = [r.name for r in (*monitoring.changed, *monitoring.unusable)]
+        problem = DataError([Problem("records-changed", f"{len(monitoring.changed)} of {len(monitoring.records)} records "
+                                     f"left the model, and {len(monitoring.unusable)} could not be used", None,
                                      f"See {files[-1]} ({listing(names, 8)}).")])
         problem.figures = figures
         raise problem
     return figures
 
 
-def _diagnosed(found: Monitoring, number: int, seconds: float, processes: int | None, target: Path, files: list[Path]
+def _diagnosed(monitoring: Monitoring, number: int, seconds: float, processes: int | None, target: Path, files: list[Path]
                ) -> dict[str, dict[str, object]]:
     """The diagnoses of the first records that leave the model, by record; their reports are added to `files`."""
     from heavebond.commands import terminal
@@ -109,10 +109,10 @@ def _diagnosed(found: Monitoring, number: int, seconds: float, processes: int | 
     from heavebond.reports.report import report
 
     answers: dict[str, dict[str, object]] = {}
-    for record in found.changed[:number]:
+    for record in monitoring.changed[:number]:
         try:
             with terminal.working(f"diagnosing {record.name}") as progress:
-                result = diagnose(found.window(record.name), seconds=seconds, number=processes, progress=progress)
+                result = diagnose(monitoring.window(record.name), seconds=seconds, number=processes, progress=progress)
         except HeavebondError as error:
             terminal.warn(f"{record.name} cannot be diagnosed: {error.problems[0].message}")
             continue
@@ -120,7 +120,7 @@ def _diagnosed(found: Monitoring, number: int, seconds: float, processes: int | 
         terminal.output().print(f"{record.name}: {' '.join(result.tree.words)}", soft_wrap=True)
         files.append(target / f"{record.name}_report.html")
         write_text(files[-1], report(result, result.localization))
-    if len(found.changed) > number:
-        terminal.output().print(f"{len(found.changed) - number} records that left the model are not diagnosed: give "
-                                f"--diagnose {len(found.changed)}", soft_wrap=True)
+    if len(monitoring.changed) > number:
+        terminal.output().print(f"{len(monitoring.changed) - number} records that left the model are not diagnosed: give "
+                                f"--diagnose {len(monitoring.changed)}", soft_wrap=True)
     return answers

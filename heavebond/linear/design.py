@@ -3,8 +3,8 @@
 Gains. A loop that is cut at a signal is linear in the gains k of its controller, L = sum k_i L_i, where L_i is the loop with
 the gain i alone. Prescribed are the crossover w_c and the phase margin, L(j w_c) = exp(j (phase margin - pi)): two equations
 for a proportional gain with an integral or a derivative gain. With all three, the integral part at w_c is a tenth of the
-proportional part, T_i = 10/w_c. The loops L_i are those of the diagram, with its samples, holds and delays, so that nothing
-is lost by discretisation.
+proportional part, T_i = 10/w_c. The loops L_i are those of the diagram, with its samples, holds and delays, so that no
+approximation by a continuous controller is made.
 
 K. J. Astrom, T. Haegglund, Advanced PID Control, ISA 2006, chapter 7 (loop shaping); K. J. Astrom, R. M. Murray, Feedback
 Systems, 2nd ed., Princeton 2021, chapters 8 (observers) and 12 (loop shaping).
@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from heavebond.core.errors import Problem, UsageError, listing
-from heavebond.core.presentation import brief
-from heavebond.core.quantities import number_or_text
+from heavebond.core.errors import Problem, UsageError, listing, suggest
+from heavebond.core.presentation import brief, count
+from heavebond.core.quantities import number_or_text, si_value
 from heavebond.core.units import UnitProblem, check_unit, parse_quantity, unit
 from heavebond.language.model import Model, ModelOrFile, loaded
 from heavebond.linear.linear_system import Complex, StateSpace, StateSpaces
@@ -78,9 +78,9 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
     """Gains of a loop from its crossover, or the bandwidth of the closed loop, and its phase margin.
 
     `free` are one to three gains in the order proportional, integral or derivative; or proportional, integral, derivative.
-    One gain has the crossover alone. Frequencies are in Hz or text (`"2 Hz"`), the phase margin is in degrees or text. `at`
-    is the operating point of `loop_margins`; `points` are values of parameters, by name, with which the margins are computed
-    as well. Raises UsageError if the loop is not linear in the gains, or if no gains reach the values.
+    The crossover alone determines one gain. Frequencies are in Hz or text (`"2 Hz"`), the phase margin is in degrees or
+    text. `at` is the operating point of `loop_margins`. The margins are also computed for the `points`, which are values of
+    parameters by name. Raises UsageError if the loop is not linear in the gains, or if no gains reach the values.
     """
     diagram = loaded(model)
     names = list(free)
@@ -96,11 +96,16 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
         parts = [loop.response(2j * np.pi * frequency)[0, 0, 0] / size for loop, size in zip(singles, sizes, strict=True)]
         return _gains(parts, margin, names, frequency)
 
-    if crossover is not None:
-        frequency = _number(crossover, "Hz", "crossover")
-    else:
-        assert bandwidth is not None
-        frequency = _crossover_for(_number(bandwidth, "Hz", "bandwidth"), gains_at, singles, sizes)
+    subject, prescribed = ("crossover", crossover) if crossover is not None else ("bandwidth", bandwidth)
+    assert prescribed is not None
+    frequency, highest = _number(prescribed, "Hz", subject), singles[0].highest
+    if not 0 < frequency < highest:
+        sampled = f"half the sampling rate of the loop, {highest:.4g} Hz" if highest < np.inf else "infinity"
+        raise UsageError([Problem("design-frequency", f"the {subject} is {frequency:.4g} Hz: it must be above 0 and below "
+                                  f"{sampled}", None, f"Give another --{subject}, for example '"
+                                  f"{min(0.5, highest / 10):.2g} Hz'.")])
+    if subject == "bandwidth":
+        frequency = _crossover_for(frequency, gains_at, singles, sizes)
     gains = gains_at(frequency)
     values = dict(zip(names, gains.tolist(), strict=True))
     closed = state_spaces.at(values)
@@ -131,11 +136,12 @@ def _check_gains(names: Sequence[str], crossover: object, bandwidth: object, pha
                                   "Name one to three: proportional, integral, derivative.")])
     if (crossover is None) == (bandwidth is None):
         raise UsageError([Problem("design-frequency", "a design needs either a crossover or a bandwidth", None,
-                                  "Give for example crossover='0.5 Hz'.")])
+                                  "Give for example --crossover '0.5 Hz' (in Python crossover='0.5 Hz').")])
     if (phase_margin is None) != (len(names) == 1):
-        raise UsageError([Problem("design-margin", "one gain has the crossover alone" if len(names) == 1 else
-                                  "two or three gains need a phase margin", None, "Free a second gain, or leave out the "
-                                  "phase margin." if len(names) == 1 else "Give for example phase_margin='60 deg'.")])
+        raise UsageError([Problem("design-margin", "one gain cannot meet a crossover and a phase margin" if len(names) == 1
+                                  else "two or three gains need a phase margin", None,
+                                  "Free a second gain, or leave out the phase margin." if len(names) == 1 else
+                                  "Give for example --phase-margin '60 deg' (in Python phase_margin='60 deg').")])
 
 
 def _number(value: float | str, base: str, subject: str, *, degrees: bool = False) -> float:
@@ -173,7 +179,7 @@ def _gains(parts: Sequence[complex], margin: float | None, names: Sequence[str],
     if first * last < 0 or first < 0:
         reach = float(np.degrees(np.angle(-columns[0])))
         raise UsageError([Problem(
-            "design-not-reached", f"no gains of one sign reach the phase margin at {frequency:.4g} Hz: with the "
+            "design-not-reached", f"no positive gains reach the phase margin at {frequency:.4g} Hz: with the "
             f"proportional part alone it is {reach:.4g} degrees ({names[0]} would be {first:.4g}, {names[-1]} {last:.4g})",
             None,
             "Free a derivative gain for more phase, an integral gain for less, or change the crossover or the margin.")])
@@ -238,14 +244,19 @@ def filter_coefficients(kind: str, order: int, cut_off: Sequence[float], band: s
     """
     from scipy.signal import bessel, iirfilter
 
-    if kind not in FILTERS or band not in BANDS:
-        raise UsageError([Problem("filter-unknown", f"'{kind}' or '{band}' is not known", None,
-                                  f"Types: {listing(FILTERS)}. Bands: {listing(BANDS)}.")])
+    for subject, word, words in (("type", kind, FILTERS), ("band", band, BANDS)):
+        if word not in words:
+            raise UsageError([Problem("filter-unknown", f"unknown filter {subject} '{word}'", None,
+                                      suggest(word, words) or f"Write one of {listing(words)}.")])
+    if order < 1:
+        raise UsageError([Problem("filter-order", f"the order of the filter is {order}", None, "Give 1 or more.")])
     frequencies = np.asarray(cut_off, float).ravel()
     needed = 2 if band.startswith("band") else 1
-    if order < 1 or len(frequencies) != needed or not (frequencies > 0).all() or (np.diff(frequencies) <= 0).any():
-        raise UsageError([Problem("filter-cut-off", f"a {band} filter of order {order} needs {needed} rising frequencies "
-                                  "above 0 and an order of 1 or more", None, "Give for example --cut-off '2 Hz'.")])
+    if len(frequencies) != needed or not (frequencies > 0).all() or (np.diff(frequencies) <= 0).any():
+        amount, example = ("one cut-off frequency", "2 Hz") if needed == 1 else \
+            ("two cut-off frequencies, the lower one first, both", "2 Hz, 5 Hz")
+        raise UsageError([Problem("filter-cut-off", f"a {band} filter needs {amount} above 0 Hz", None,
+                                  f"Give for example --cut-off '{example}'.")])
     if period is not None and frequencies.max() >= 0.5 / period:
         raise UsageError([Problem("filter-nyquist", f"the cut-off {frequencies.max():.4g} Hz is not below half the sampling "
                                   f"rate, {0.5 / period:.4g} Hz", None, "Give a lower frequency, or sample faster.")])
@@ -304,44 +315,61 @@ def lqg(plant: tuple[Array, Array, Array], weights: tuple[Array, Array], noise: 
             observer = np.linalg.solve(v + c @ p @ c.T, c @ p @ a.T).T
     except (np.linalg.LinAlgError, ValueError) as error:
         raise UsageError([Problem(
-            "design-riccati", f"a Riccati equation has no stabilising solution ({error})", None, "The inputs must move, and "
-            "the outputs must see, every state that does not decay. Weights of inputs and noise of outputs must be above 0.")
+            "design-riccati", f"a Riccati equation has no stabilising solution ({error})", None, "Every state that "
+            "does not decay must be controllable by the inputs and observable by the outputs. Weights of inputs and "
+            "noise of outputs must be above 0.")
         ]) from None
     poles = (np.linalg.eigvals(a - b @ gain).astype(complex), np.linalg.eigvals(a - observer @ c).astype(complex))
     return ObserverController(tuple(states), a - b @ gain - observer @ c, observer, -gain, gain, observer, poles, period)
 
 
-def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float], effort: Sequence[float],
-               disturbances: Mapping[str, float], noise: Sequence[float], *, at: Time | None = None) -> ObserverController:
+def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float | str], effort: Sequence[float],
+               disturbances: Mapping[str, float | str], noise: Sequence[float], *, at: Time | None = None
+               ) -> ObserverController:
     """An LQG controller for the block `LinearSystem` or `DiscreteStateSpace` of a diagram, from the linearised machine
     without that block.
 
-    `weigh` are signals or formulas and the deviations in SI that count as 1 (Bryson's rule), `effort` the same for the
-    outputs of the block, `disturbances` signals or forces at which white noise enters and the roots of its spectral density
-    in SI, and `noise` the same for the inputs of the block. A sampled plant is discretised exactly with its delays.
+    `weigh` are signals or formulas and the deviations that count as 1 (Bryson's rule), `effort` the same for the outputs of
+    the block, `disturbances` signals or forces to which white noise is added and the roots of its spectral density for 1 Hz,
+    and `noise` the same for the inputs of the block. Plain numbers are in SI; a text has the unit of its signal. A sampled
+    plant is discretised exactly with its delays. Raises UsageError for units of another dimension, and for numbers that are
+    not above 0.
     """
     diagram = loaded(model)
     plain = StateSpaces(diagram, [], []).points.assembly
     signals = [n for n in plain.flat.names if n.startswith((f"{block}.u[", f"{block}.y["))]
-    given, taken = ([n for n in signals if n.startswith(f"{block}.{port}[")] for port in "yu")
+    block_outputs, block_inputs = ([n for n in signals if n.startswith(f"{block}.{port}[")] for port in "yu")
     matrices = [n for n in plain.parameter_names if n.startswith((f"{block}.C[", f"{block}.D["))]
-    if not given or not taken or not matrices:
+    if not block_outputs or not block_inputs or not matrices:
         raise UsageError([Problem("design-block", f"'{block}' has no matrices with inputs u and outputs y", None,
                                   "Name a LinearSystem or a DiscreteStateSpace.")])
-    for subject, sizes, ports in (("effort", effort, given), ("noise", noise, taken)):
+    for subject, sizes, ports in (("effort", effort, block_outputs), ("noise", noise, block_inputs)):
         if len(sizes) != len(ports) or not min(sizes, default=0) > 0:
-            raise UsageError([Problem("design-sizes", f"{subject} needs {len(ports)} numbers above 0", None,
-                                      f"They are for {listing(ports)}.")])
-    outputs = [*taken, *(f"({text})" for text in weigh)]
-    system = StateSpaces(diagram, [*given, *disturbances], outputs, at).at(dict.fromkeys(matrices, 0.0))
-    kept = [k for k, name in enumerate(system.states) if not name.startswith(f"{block}.")]
-    scale = system.sizes[kept]
-    a = system.a[np.ix_(kept, kept)] * scale / scale[:, None]
-    b, c = system.b[kept] / scale[:, None], system.c[:, kept] * scale
+            raise UsageError([Problem("design-sizes", f"{subject} needs {count(len(ports), 'number')} above 0", None,
+                                      f"Give one for each of {listing(ports)}, for example "
+                                      f"--{subject} '{', '.join(['1'] * len(ports))}'.")])
+    outputs = [*block_inputs, *(f"({text})" for text in weigh)]
+    system = StateSpaces(diagram, [*block_outputs, *disturbances], outputs, at).at(dict.fromkeys(matrices, 0.0))
+    weigh_sizes = _sizes("weigh", weigh, system.units[2][len(block_inputs):])
+    disturbance_sizes = _sizes("disturbance", disturbances, system.units[1][len(block_outputs):])
+    machine = [k for k, name in enumerate(system.states) if not name.startswith(f"{block}.")]
+    scale = system.sizes[machine]
+    a = system.a[np.ix_(machine, machine)] * scale / scale[:, None]
+    b, c = system.b[machine] / scale[:, None], system.c[:, machine] * scale
     length = 1.0 if system.period is None else system.period
-    m, k = len(given), len(taken)
-    weighed = c[k:] / np.array(list(weigh.values()))[:, None]
-    added = b[:, m:] * np.array(list(disturbances.values()))
+    m, k = len(block_outputs), len(block_inputs)
+    weighed = c[k:] / weigh_sizes[:, None]
+    entry = b[:, m:] * disturbance_sizes
     return lqg((a, b[:, :m], c[:k]), (length * weighed.T @ weighed, length * np.diag(1 / np.asarray(effort) ** 2)),
-               (added @ added.T / (1.0 if system.period is None else length), np.diag(np.asarray(noise) ** 2) / length),
-               period=system.period, states=[system.states[j] for j in kept])
+               (entry @ entry.T / (1.0 if system.period is None else length), np.diag(np.asarray(noise) ** 2) / length),
+               period=system.period, states=[system.states[j] for j in machine])
+
+
+def _sizes(subject: str, values: Mapping[str, float | str], units: Sequence[str]) -> Array:
+    """The values of some signals in SI."""
+    sizes = [si_value(value, unit, f"{subject} {name}") for (name, value), unit in zip(values.items(), units, strict=True)]
+    for (name, value), size in zip(values.items(), sizes, strict=True):
+        if not 0 < size < np.inf:
+            raise UsageError([Problem("design-sizes", f"{subject} {name}: the size is {value}; it must be above 0", None,
+                                      f"Write for example --{subject} {name}='1 UNIT', with the unit of the signal.")])
+    return np.array(sizes)

@@ -1,14 +1,15 @@
 """Detection of the sample from which on innovations are no longer white with unit variance.
 
-A bank of cumulative sums (CUSUM) watches the normalised innovations v of a record, each N(0, 1) if the model is right. The
-one for the size of all innovations adds the log likelihood ratio of the standard deviation s against 1,
+A bank of cumulative sums (CUSUM) monitors the normalised innovations v of a record, each N(0, 1) if the model is right.
+The sum for the size of all innovations adds the log likelihood ratio of the standard deviation s against 1,
 
-    S := max(0, S + (v^2 (1 - 1/s^2) - ln s^2)/2),
+    S := max(0, S + (v^2 (1 - 1/s^2) - ln s^2)/2).
 
-two for the mean of each channel that of a mean of +d or -d against 0, S := max(0, S +- d v - d^2/2). An alarm is raised when
-one of them exceeds its threshold. The thresholds follow from the rate of false alarms: each sum is a Markov chain on
-[0, threshold), and the probability that it stays there for all samples of a record follows from powers of its transition
-matrix. Every sum has an equal share of the rate (Bonferroni), so that the rate of the bank is at most the stated one.
+Two sums for the mean of each channel add the log likelihood ratio of a mean of +d or -d against 0,
+S := max(0, S +- d v - d^2/2). An alarm is raised when one of the sums exceeds its threshold. The thresholds follow from
+the rate of false alarms: each sum is a Markov chain on [0, threshold), and the probability that it stays there for all
+samples of a record follows from powers of its transition matrix. Every sum has an equal share of the rate (Bonferroni),
+so that the rate of the bank is at most the stated one.
 
 The time of the change maximises the generalised likelihood ratio. From sample j on until the alarm the innovations have
 another standard deviation s_j,
@@ -39,7 +40,8 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class DetectionConstants:
-    """The constants of the detection of changes. They shape which changes are found soonest, not the rate of false alarms.
+    """The constants of the detection of changes. They determine which changes are detected soonest, not the rate of
+    false alarms.
 
     scale: standard deviation of innovations for which the sum of their size is optimal. Origin: a doubled mean square.
         Doubled: small increases are found later, large ones sooner.
@@ -152,12 +154,12 @@ def alarm_rate(kind: str, samples: int, limit: float) -> float:
         distribution(places[None, :] - places[:, None] - width / 2)
     between[:, 0] = distribution(np.asarray(width / 2 - places, float))
     staying = np.eye(m)[0]
-    power, left = between, samples
-    while left:
-        if left & 1:
+    power, exponent = between, samples
+    while exponent:
+        if exponent & 1:
             staying = staying @ power
-        left >>= 1
-        power = power @ power if left else power
+        exponent >>= 1
+        power = power @ power if exponent else power
     return float(1 - staying.sum())
 
 

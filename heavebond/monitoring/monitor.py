@@ -79,9 +79,9 @@ class MonitoredRecord:
 class Monitoring(facade.Displayed):
     """The records of a folder, each with its outcome, in the order of their names.
 
-    `rate` is the stated probability of a false alarm in a record; `walks` and `start_deviation` are those of the filter;
-    `estimates` are the estimates by record, of those that left the model, or of all if they were requested; `partial` is
-    true if Ctrl-C ended the work before all records were filtered."""
+    `rate` is the stated probability of a false alarm in a record; `walks` and `start_deviation` are the settings of the
+    filter; `estimates` are the estimates by record, for changed records only, or for all records if they were requested;
+    `partial` is true if Ctrl-C ended the work before all records were filtered."""
 
     experiment: Experiment
     records: tuple[MonitoredRecord, ...]
@@ -123,9 +123,9 @@ class Monitoring(facade.Displayed):
     def estimate(self, name: str) -> StateEstimate:
         """The estimate of a record; UsageError if it is not kept."""
         if name not in self.estimates:
-            found = self[name]
+            record = self[name]
             raise UsageError([Problem("estimate-missing", f"there is no estimate of the record '{name}'"
-                                      + (f": {found.reason}" if found.outcome == UNUSABLE else ""), None,
+                                      + (f": {record.reason}" if record.outcome == UNUSABLE else ""), None,
                                       "Monitor the folder with `estimates=True`, which keeps all estimates.")])
         return self.estimates[name]
 
@@ -134,18 +134,18 @@ class Monitoring(facade.Displayed):
         record begins at the state that is estimated there, and the free parameters have the values that the time before the
         change determines, with an interval of two standard deviations as their range. Without enough samples before the
         change the whole record is used. Raises UsageError for a record that does not leave the model."""
-        found = self[name]
-        if found.outcome != CHANGED:
+        record = self[name]
+        if record.outcome != CHANGED:
             raise UsageError([Problem("record-unchanged", f"the record '{name}' does not leave the model", None,
                                       f"Changed records: {listing([r.name for r in self.changed] or ['none'], 12)}.")])
         template = next(iter(self.experiment.records.values()))
-        whole = replace(_of_file(template, Path(found.file)), use="fit")
+        whole = replace(_of_file(template, Path(record.file)), use="fit")
         experiment = replace(self.experiment, name=f"{self.experiment.name}, {name}", records={name: whole})
         free = [parameter for parameter in experiment.free if not parameter.startswith("initial.")]
         estimator = Estimator(self.experiment, walks={**dict.fromkeys(free, 0.0), **self.walks}, record=template.name,
                               start_deviation=self.start_deviation)
         try:
-            before = estimator.run(replace(whole, end=found.earliest))
+            before = estimator.run(replace(whole, end=record.earliest))
         except DataError:
             return experiment
         at = {variable: float(values[-1]) for variable, values in before.values.items()}
@@ -154,7 +154,7 @@ class Monitoring(facade.Displayed):
             experiment.free[parameter].range, low=at[parameter] - widths[parameter], high=at[parameter] + widths[parameter],
             nominal=at[parameter])) for parameter in free}
         model = experiment.model.with_parameters({parameter: at[parameter] for parameter in free})
-        model = replace(model, initial=replace(model.initial, mode=""))  # it is in motion there
+        model = replace(model, initial=replace(model.initial, mode=""))  # the machine moves at the begin of the window
         experiment = replace(experiment, model=model, free={**experiment.free, **ranges},
                              records={name: replace(whole, begin=float(before.time[-1]))})
         return experiment.with_record_values({name: {f"initial.{state}": at[state]
@@ -195,7 +195,7 @@ class Monitoring(facade.Displayed):
 
 @dataclass(frozen=True)
 class _Task:
-    """What every group of records needs."""
+    """The settings that are common to all groups of records."""
 
     experiment: Experiment
     walks: Mapping[str, float | str]
@@ -257,15 +257,16 @@ def monitor(experiment: ExperimentOrFile, folder: str | Path, *, walks: Mapping[
         except KeyboardInterrupt:
             clear_signal()
             partial = True
-    found = [done[file] for file in files if file in done]
-    return Monitoring(task.experiment, tuple(r for r, _ in found), alarm_rate,
-                      {r.name: e for r, e in found if e is not None}, task.walks, share, partial)
+    finished = [done[file] for file in files if file in done]
+    return Monitoring(task.experiment, tuple(r for r, _ in finished), alarm_rate,
+                      {r.name: e for r, e in finished if e is not None}, task.walks, share, partial)
 
 
 def _files(folder: Path) -> list[Path]:
     """The records of a folder by name; UsageError if there are none, or several with one name."""
     if not folder.is_dir():
-        hint = f"Give the folder of the file: {folder.parent}." if folder.is_file() else "Give the folder of the records."
+        hint = f"Give the folder of the file: {folder.parent}." if folder.is_file() else \
+            "Give an existing folder with the records (files of one experiment each)."
         raise UsageError([Problem("folder-missing", f"'{folder}' is not a folder", None, hint)])
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in RECORD_SUFFIXES and f.is_file())
     if not files:
@@ -281,11 +282,11 @@ def _files(folder: Path) -> list[Path]:
 def _check_one_file(experiment: Experiment, record: Record) -> None:
     """UsageError if channels of the experiment are in other files than the record."""
     inputs = {**experiment.inputs, **record.inputs}
-    apart = [name for name, given in inputs.items() if given.file != Path()]
-    apart += [name for name in experiment.outputs
+    separate = [name for name, source in inputs.items() if source.file != Path()]
+    separate += [name for name in experiment.outputs
               if (record.origins.get(name, Origin()).file or experiment.outputs[name].origin.file) is not None]
-    if apart:
-        raise UsageError([Problem("monitor-files", f"{listing(apart)} of the experiment are in separate files, and each "
+    if separate:
+        raise UsageError([Problem("monitor-files", f"{listing(separate)} of the experiment are in separate files, and each "
                                   "record of a folder is one file", None, "Put all columns of a record into one file.")])
 
 
@@ -314,15 +315,15 @@ def _filtered(estimator: Estimator, task: _Task, file: Path) -> tuple[MonitoredR
     except HeavebondError as error:
         return MonitoredRecord(file.stem, str(file), UNUSABLE, error.problems[0].message), None
     test = estimate.consistency
-    kept = estimate if task.keep else None
+    requested = estimate if task.keep else None
     row = MonitoredRecord(file.stem, str(file), IN_MODEL, "", test.samples, test.nis / test.samples,
                           test.low / test.samples, test.high / test.samples)
     frozen = frozen_notes(task.experiment, record, _channels(task.experiment, estimate))
     if frozen:
-        return replace(row, outcome=UNUSABLE, reason=frozen[0]), kept
+        return replace(row, outcome=UNUSABLE, reason=frozen[0]), requested
     change = find_change(estimate.time, estimate.innovations, task.rate)
     if change is None:
-        return row, kept
+        return row, requested
     return replace(row, outcome=CHANGED, alarm=change.alarm, change=change.time, earliest=change.low, latest=change.high,
                    statistic=change.statistic), estimate
 

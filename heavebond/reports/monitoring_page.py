@@ -48,10 +48,10 @@ def _ordered(found: Monitoring) -> list[MonitoredRecord]:
 
 
 def _row(record: MonitoredRecord) -> tuple[str, ...]:
-    def told(value: float, digits: int = 6) -> str:
+    def formatted(value: float, digits: int = 6) -> str:
         return number(value, digits) if math.isfinite(value) else ""
 
-    between = f"{told(record.low, 4)} .. {told(record.high, 4)}" if math.isfinite(record.low) else ""
-    interval = f"{told(record.earliest)} .. {told(record.latest)}" if math.isfinite(record.earliest) else ""
-    return (record.name, record.outcome, record.statistic, told(record.nis, 4), between,
-            told(record.change), interval, told(record.alarm))
+    between = f"{formatted(record.low, 4)} .. {formatted(record.high, 4)}" if math.isfinite(record.low) else ""
+    interval = f"{formatted(record.earliest)} .. {formatted(record.latest)}" if math.isfinite(record.earliest) else ""
+    return (record.name, record.outcome, record.statistic, formatted(record.nis, 4), between,
+            formatted(record.change), interval, formatted(record.alarm))
