@@ -85,6 +85,8 @@ def test_algebraic_unknowns_are_collocated_with_the_states() -> None:
     ({"push.u": "-1 .. 1 N"}, {"at_end": {"cart.y": "1 m"}}, "signal-unknown"),
     ({"push.u": "-1 .. 1 N"}, {"at_end": {"cart.x": "1 s"}}, "unit-wrong"),
     ({"push.u": "-1 .. 1 N"}, {"end": "0 s"}, "evaluate-empty"),
+    ({"push.u": "-1 .. 1 N"}, {"duration": "-1 .. 2 s"}, "duration-range"),
+    ({"push.u": "-1 .. 1 N"}, {"duration": "1 .. 2 m"}, "unit-wrong"),
 ])
 def test_mistakes_are_named(free: dict[str, str], options: dict[str, object], said: str) -> None:
     with pytest.raises(hb.UsageError, match=said):

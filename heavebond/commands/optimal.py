@@ -76,8 +76,12 @@ def optimal(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[s
     try:
         loaded = load_study(study)
     except ModelError as error:
-        if not free or error.problems[0].code != "not-a-study":
+        if error.problems[0].code != "not-a-study":
             raise
+        if not free:
+            raise UsageError([Problem("free-missing", f"'{study}' is not a study, and no signal is free", None,
+                                      "For a diagram add for example --free motor.u='-24 .. 24 V' --cost 'rms(load.x)'. A "
+                                      "study begins with `study: name`.")]) from None
     results: dict[str, tuple[Assembly, Optimal]] = {}
     with blamed_on_settings(settings), terminal.working("optimal input") as progress:
         from heavebond.language.model import load
@@ -111,13 +115,13 @@ def _task(written: OptimalProblem | None, free: Sequence[str], cost: str | None,
 
     if written is None and cost is None:
         raise UsageError([Problem("cost-missing", "no cost is given", None, "Add for example --cost 'rms(load.x)'.")])
-    asked = optimal_task(settings_of("--free", free), cost or "", limits=limits, at_end=settings_of("--at-end", ends),
-                         duration=duration)
+    from_options = optimal_task(settings_of("--free", free, "motor.u='-24 .. 24 V'"), cost or "", limits=limits,
+                                at_end=settings_of("--at-end", ends, "load.x='0.3 m'"), duration=duration)
     if written is None:
-        return asked
-    return replace(written, free={**written.free, **asked.free}, cost=cost or written.cost,
-                   limits=(*written.limits, *limits), at_end={**written.at_end, **asked.at_end},
-                   duration=asked.duration or written.duration)
+        return from_options
+    return replace(written, free={**written.free, **from_options.free}, cost=cost or written.cost,
+                   limits=(*written.limits, *limits), at_end={**written.at_end, **from_options.at_end},
+                   duration=from_options.duration or written.duration)
 
 
 def _files(title: str, results: Mapping[str, Optimal], output: Path | None, saved: Path | None) -> list[Path]:

@@ -20,7 +20,7 @@ from heavebond.core.errors import Problem, SimulationError, UsageError, listing,
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
 from heavebond.core.quantities import ranges
-from heavebond.core.units import Range, UnitProblem, check_unit, parse_quantity
+from heavebond.core.units import Range, UnitProblem, check_unit, parse_quantity, read_unit
 from heavebond.equations.flatten import Flat, flatten, unclocked
 from heavebond.equations.reduce import reduce_flattened
 from heavebond.language.model import ModelOrFile
@@ -218,9 +218,10 @@ def optimal(model: ModelOrFile | Assembly, task: OptimalProblem, *, progress: Pr
         solution = Transcription(programme, breaks, (x, z, w)).solve(size, partial(_said, say, number))
         if solution.status.startswith(("Infeasible", "Restoration")):
             raise SimulationError([Problem(
-                "optimal-infeasible", f"no input within the ranges of {listing(list(task.free))} was found that satisfies "
-                "the limits", None, "Relax a limit, widen a range, take more intervals, or begin from a diagram "
-                "whose run is calmer: the search ends at the nearest point that does not improve.")])
+                "optimal-infeasible", f"the search found no input within the ranges of {listing(list(task.free))} that "
+                "satisfies the limits and the values at the end", None, "Relax a limit, widen a range, allow more time, or "
+                "give more intervals. Another start may also help: change the law of the free signal in the diagram so that "
+                "the run of the diagram is near the solution.")])
         say("the verifying run")
         results.append(result := _verified(task, programme, solution, before, guess))
         say(f"grid {number}: cost {result.cost:.5g}" + "".join(f"; {doubt}" for doubt in result.doubts))
@@ -252,9 +253,10 @@ def free_assembly(own: Assembly, task: OptimalProblem, *, events: bool = True) -
                                     "controller."))
         elif unknown is not None and own.flat.unknowns[unknown].unit.dimension != span.unit.dimension:
             problems.append(Problem("unit-wrong", f"{name} is in {own.flat.unknowns[unknown].unit.text}; its range is in "
-                                    f"{span.unit.text}", None, "Give a range in its unit."))
+                                    f"{span.unit.text}", None, f"Give a range in {own.flat.unknowns[unknown].unit.text}."))
         elif not span.low < span.high:
-            problems.append(Problem("range-empty", f"the range of {name} is empty", None, "Write for example `-1 .. 1`."))
+            problems.append(Problem("range-empty", f"the range of {name} is empty", None,
+                                    "Write the lower limit first, for example `-1 .. 1`."))
     for subject, value, known in (("start", task.start, STARTS), ("interpolation", task.interpolation, INTERPOLATIONS)):
         if value not in known:
             problems.append(Problem("option-unknown", f"{subject}: '{value}' is unknown", None,
@@ -279,13 +281,20 @@ def _horizon(own: Assembly, task: OptimalProblem) -> tuple[float, float]:
     """The horizon in s; its middle length if its end is free."""
     begin = own.begin if task.begin is None else task.begin
     if task.duration is not None:
+        if task.duration.unit.dimension != read_unit("s").dimension:
+            raise UsageError([Problem("unit-wrong", f"the duration is in {task.duration.unit.text}; s is needed", None,
+                                      "Write for example `0.3 .. 2 s`.")])
+        if not 0 < task.duration.low < task.duration.high:
+            raise UsageError([Problem("duration-range", f"the duration {task.duration.low:g} .. {task.duration.high:g} s is "
+                                      "not a rising range above 0", None, "Write for example `0.3 .. 2 s`.")])
         if own.flat.inputs:
             raise UsageError([Problem("duration-record", "the duration cannot be free with a measured input", None,
                                       "Give the end of the horizon instead.")])
         return begin, begin + (task.duration.low + task.duration.high) / 2
     end = task.end if task.end is not None else float(grid(own.model, None, None)[-1])
     if not own.begin <= begin < end:
-        raise UsageError([Problem("evaluate-empty", f"nothing lies between {begin:g} s and {end:g} s", None,
+        raise UsageError([Problem("evaluate-empty", f"the horizon from {begin:g} s to {end:g} s is empty or begins before "
+                                  f"the run of the diagram, at {own.begin:g} s", None,
                                   "Give a horizon such as `evaluate: {from: 0 s, to: 10 s}`.")])
     return begin, end
 
