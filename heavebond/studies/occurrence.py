@@ -1,4 +1,4 @@
-"""The scatter diagram of a study: how often the levels of some axes occur together, and the means that follow from it.
+"""The scatter diagram of a study: the share of each combination of the levels of some axes, and the weighted means.
 
     occurrence:
       of: [H_s, T_p]
@@ -7,7 +7,7 @@
 
 With the shares w_i of the combinations of levels (w_i >= 0, any common factor), the mean of a quantity x is
 sum(w_i x_i)/sum(w_i), and the availability is sum(w_i a_i)/sum(w_i), where a_i is 1 if all required comparisons hold in
-combination i and 0 if not. Where a sample is drawn for each combination, x_i and a_i are its means. For the sea, DNV-RP-C205
+combination i and 0 if not. If a sample is drawn for each combination, x_i and a_i are its means. For the sea, DNV-RP-C205
 (section 3.6) defines scatter diagrams of significant wave height and period.
 """
 
@@ -41,7 +41,7 @@ class Requirement:
 
     @property
     def text(self) -> str:
-        """The comparison as it is written."""
+        """The comparison as text."""
         return f"{self.quantity} {self.sign} {self.unit.written(self.limit)}"
 
     def holds(self, value: float) -> bool:
@@ -52,7 +52,7 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Occurrence:
-    """A scatter diagram: the numbers of its axes, the share of each combination of their levels, and what is required."""
+    """A scatter diagram: the numbers of its axes, the share of each combination of their levels, and the requirements."""
 
     axes: tuple[int, ...]
     shares: Mapping[tuple[int, ...], float]
@@ -83,11 +83,11 @@ def read_occurrence(node: Node | None, axes: Sequence[Axis], quantities: Sequenc
     shares: dict[tuple[int, ...], float] = {}
     share_node = entry.items.get("share")
     if share_node is not None and numbers and len(numbers) == len(words):
-        for index, given in read_cases(share_node, "share", [axes[k] for k in numbers], problems):
-            if given.unit.dimension or not 0 <= given.value < math.inf:
-                problems.add("occurrence-share", "share: a share is a number of at least 0 without a unit", given.place,
+        for index, share in read_cases(share_node, "share", [axes[k] for k in numbers], problems):
+            if share.unit.dimension or not 0 <= share.value < math.inf:
+                problems.add("occurrence-share", "share: a share is a number of at least 0 without a unit", share.place,
                              hint="Write for example `12`, `3 %`, or `-` for a combination that never occurs.")
-            shares[index] = given.value
+            shares[index] = share.value
         if not problems and not sum(shares.values()) > 0:
             problems.add("occurrence-never", "share: no combination occurs", share_node.place,
                          hint="Write a number above 0 for at least one of them.")
@@ -113,9 +113,9 @@ def read_occurrence(node: Node | None, axes: Sequence[Axis], quantities: Sequenc
 
 
 def check_units(occurrence: Occurrence, units: Mapping[str, Unit], problems: Problems) -> None:
-    """Report limits whose unit is not that of their quantity."""
-    for wanted in occurrence.required:
-        if wanted.unit.dimension != units[wanted.quantity].dimension:
-            problems.add("unit-wrong", f"{wanted.quantity} is in {units[wanted.quantity].text}; its limit is in "
-                         f"{wanted.unit.text}", wanted.place,
-                         hint=f"Write the limit in {units[wanted.quantity].text} or in a multiple of it.")
+    """Report limits whose unit has another dimension than their quantity."""
+    for requirement in occurrence.required:
+        if requirement.unit.dimension != units[requirement.quantity].dimension:
+            problems.add("unit-wrong", f"{requirement.quantity} is in {units[requirement.quantity].text}; its limit is in "
+                         f"{requirement.unit.text}", requirement.place,
+                         hint=f"Write the limit in {units[requirement.quantity].text} or in a multiple of it.")

@@ -2,7 +2,7 @@
 
 A cart, a drive or a tank without outlet adds up every small force or flow that the model lacks. Over a long record the
 simulated position leaves the measured one, and each law with a restoring force reduces this drift, whether the machine has
-it or not. The drift is therefore no evidence. With the linear system along the run of the fitted base model,
+the law or not. The drift is therefore not evidence for a law. With the linear system along the run of the fitted base model,
 
     dx_(i+1) = phi_i dx_i,      dy_i = C_i dx_i,
 
@@ -62,7 +62,7 @@ def with_horizons(experiment: Experiment, values: Mapping[str, float]) -> Experi
     along: dict[str, _Along] = {}
     for record in sorted(experiment.records.values(), key=lambda r: r.use != "fit"):
         if record.use != "fit" and not all(a.carried.shape[1] for a in along.values()):
-            return experiment  # a machine that forgets its state
+            return experiment  # a machine whose initial state decays
         try:
             along[record.name] = _along(experiment, record, values)
         except (HeavebondError, np.linalg.LinAlgError):  # the model cannot be linearised along this run
@@ -74,8 +74,8 @@ def with_horizons(experiment: Experiment, values: Mapping[str, float]) -> Experi
             not all(np.all(np.isfinite(h.responses)) for h in horizons.values()) or \
             sum(int(horizons[a.record.name].segment[-1]) + 1 for a in fitted) < SEGMENTS:
         return experiment
-    total, left = np.sum([_energies(a, horizons[a.record.name]) for a in fitted], axis=0)
-    return replace(experiment, horizons=horizons) if total - left >= DRIFT * total else experiment
+    total, remaining = np.sum([_energies(a, horizons[a.record.name]) for a in fitted], axis=0)
+    return replace(experiment, horizons=horizons) if total - remaining >= DRIFT * total else experiment
 
 
 def horizon_words(experiment: Experiment) -> list[str]:
@@ -102,16 +102,16 @@ def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) 
     flat = response.reshape(-1, n)
     size = np.sqrt(np.maximum((flat**2).sum(axis=0), 1 / LARGE))
     basis, sizes, directions = np.linalg.svd(flat / size, full_matrices=False)
-    seen = sizes > SEEN * sizes[0]
-    last = basis[2 * len(flat) // 3:, seen]
+    observable = sizes > SEEN * sizes[0]
+    last = basis[2 * len(flat) // 3:, observable]
     _, shares, within = np.linalg.svd(last, full_matrices=False)
-    kept = within[shares**2 >= CARRIED].T
-    carried = (directions[seen].T / sizes[seen]) @ kept / size[:, None]
+    slow = within[shares**2 >= CARRIED].T
+    carried = (directions[observable].T / sizes[observable]) @ slow / size[:, None]
     return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, carried)
 
 
 def _length(along: _Along) -> float:
-    """The length (s) of the segments that a record asks for."""
+    """The length (s) of the segments for the motion of a record."""
     model, d = along.model, along.carried.shape[1]
     if not d:
         return 0.0
