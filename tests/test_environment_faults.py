@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import pickle
 import subprocess
@@ -180,3 +181,18 @@ def test_an_assembly_and_a_run_can_be_pickled(tmp_path: Path) -> None:
         assert other.figures([name]) == run.figures([name])
     with ProcessPoolExecutor(1) as pool:
         assert pool.submit(_last, assembly).result() == _last(assembly)
+
+
+@pytest.mark.parametrize(("content", "code", "words"), [
+    (gzip.compress(b"<Document/>"), "emx-binary", "it is compressed by gzip"),
+    (b"PK\x03\x04" + bytes(60), "emx-binary", "it is a ZIP archive"),
+    (bytes((71 * k * k + 13 * k) % 256 for k in range(1000)), "emx-binary", "it may be encrypted or compressed"),
+    (b"parameters\n  real c = 1;\nequations\n  p.e = c*p.f;\n", "emx-xml", "it does not begin as XML"),
+    (b"", "emx-xml", "it is empty")])
+def test_a_compressed_or_encrypted_emx_file_is_named_as_that(content: bytes, code: str, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.emx"
+    path.write_bytes(content)
+    with pytest.raises(hb.ModelError, match=words) as caught:
+        read_emx(path)
+    assert caught.value.problems[0].code == code
+    assert "save it as a plain .emx file" in caught.value.problems[0].hint

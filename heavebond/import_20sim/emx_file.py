@@ -13,7 +13,12 @@ from heavebond.import_20sim.names import labels
 MOST_BYTES = 50_000_000
 DEEPEST = 100
 MOST_ELEMENTS = 1_000_000
-UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # byte order marks
+# beginnings of compressed files
+COMPRESSED = {b"PK\x03\x04": "a ZIP archive", b"\x1f\x8b": "compressed by gzip", b"7z\xbc\xaf": "a 7-Zip archive"}
+MOST_CONTROL = 0.05  # share of control characters at the beginning of a text; random bytes have 0.11
+SAVE_AS_TEXT = ("Unpack it, or open it in 20-sim and save it as a plain .emx file. A model encrypted by its author can be "
+                "read by 20-sim only: ask the author for the open model.")
+UTF_16 = (b"\xff\xfe", b"\xfe\xff", b"<\0", b"\0<")  # byte order marks, and the beginning without one
 CONTROL = bytes(c if c >= 32 or c in b"\t\n\r" else 32 for c in range(256))  # control characters, which XML does not permit
 
 
@@ -139,8 +144,22 @@ def _number(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _refused(path: Path, line: int, code: str, why: str) -> ModelError:
-    return ModelError([Problem(code, f"'{path.name}' is not read: {why}", Place(path.name, max(1, line)))])
+def _refused(path: Path, line: int, code: str, why: str, hint: str = "") -> ModelError:
+    return ModelError([Problem(code, f"'{path.name}' is not read: {why}", Place(path.name, max(1, line)), hint)])
+
+
+def _check_text(path: Path, content: bytes) -> None:
+    """ModelError if a file is compressed or encrypted, or a text that is not XML."""
+    head = content[:4096]
+    packed = next((what for mark, what in COMPRESSED.items() if content.startswith(mark)), None)
+    binary = content[:2] not in UTF_16 and sum(c < 32 and c not in b"\t\n\r" for c in head) > MOST_CONTROL * len(head)
+    if packed or binary:
+        raise _refused(path, 1, "emx-binary", f"it is {packed}" if packed else
+                       "it is not text; it may be encrypted or compressed", SAVE_AS_TEXT)
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if content[:2] not in UTF_16 and not text.startswith(b"<"):
+        raise _refused(path, 1, "emx-xml", "it does not begin as XML" if text else "it is empty",
+                       "A 20-sim model is XML with a <Sidops> text. " + SAVE_AS_TEXT)
 
 
 def _well_encoded(content: bytes) -> bytes:
@@ -172,7 +191,9 @@ def read_emx(path: Path) -> EmxFile:
                        "which a 20-sim model does not")
 
     parser.StartDoctypeDeclHandler, parser.EntityDeclHandler = refuse, refuse
-    content = _well_encoded(path.read_bytes())
+    raw = path.read_bytes()
+    _check_text(path, raw)
+    content = _well_encoded(raw)
     try:
         parser.Parse(content, True)
     except (expat.ExpatError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
