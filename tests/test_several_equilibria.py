@@ -72,8 +72,8 @@ def test_a_stable_steady_start_and_a_machine_that_is_free_to_move_get_no_such_wa
 
 @pytest.mark.parametrize("name", ["cmc_ahc/designed", "cmc_ahc/modern"])
 def test_a_start_of_a_search_follows_the_last_one_to_the_start_from_the_guess(name: str) -> None:
-    """Each solves the same equations to 1e-9 of the sizes of their terms, of which the string makes up to 1e-7 of a metre; the
-    difference of both is up to twice as large."""
+    """Each solves the same equations to 1e-9 of the sizes of their terms, of which the string makes up to 1e-7 of a metre;
+    the difference of both is up to twice as large."""
     assembly = hb.assemble(hb.load(name))
     first = start(assembly)
     for share in (0.97, 1.0, 1.05):
