@@ -90,7 +90,17 @@ def drawn_in(y: Array, x: float) -> float:
 MODULATED = "SciPy, 1e-10; 1e-5 for the integration over several swings"
 SWING = "closed form; 1e-5 for the integration over several swings"
 T, LOAD = np.array([[1, 2], [3, 4]]), np.diag([4, 5])
+def winding(t: np.ndarray) -> np.ndarray:
+    """The current of a winding that heats itself behind its leads, by SciPy."""
+    def current(temperature: np.ndarray) -> np.ndarray:
+        return 12/(0.05 + 4*(1 + 0.0039*(temperature - 293.15)))
+    rates = solve_ivp(lambda _, y: current(y)**2*4*(1 + 0.0039*(y - 293.15))/38.5, (0, t[-1]), [293.15], t_eval=t,
+                      rtol=1e-10)
+    return np.asarray(current(rates.y[0]))
+
+
 CASES = [
+    Case("resistor_with_heat_port", "winding.i", winding, "SciPy"),
     Case("resistor", "load.i", lambda t: 3 + 0*t, LAW),
     Case("conductance", "store.u", lambda t: 12*np.exp(-2*t), RUN),
     Case("brush_contact", "winding.i", lambda t: 2.5 + 0*t, "(12 V - 2 V)/4 ohm; tanh(2.5 A/50 mA) is 1", 1e-6),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import test_library_drivetrain as drivetrain
 from examples import Array, Case, check, without_example
+from scipy.integrate import solve_ivp
 
 import heavebond as hb
 from heavebond.linear.linearisation import Linearisation, start_point
@@ -67,7 +68,19 @@ def crank(t: Array) -> Array:
 STEADY_SLIDE = 300*(1 + 0.8*np.exp(-(0.01/0.02)**2)) + 50*0.01
 STEADY_TURN = 30*(1 + 0.8*np.exp(-(0.1/0.2)**2)) + 5*0.1
 
+def bouncing(t: np.ndarray, inertia: float, c: float, d: float, x_0: float, low: float, high: float, push: float = 0.0
+             ) -> np.ndarray:
+    """A body from rest at x_0 between elastic stops, whose damping force is at most the elastic force, by SciPy."""
+    def rates(_: float, y: np.ndarray) -> list[float]:
+        s, closing = (low - y[0], -y[1]) if y[0] < low else (max(y[0] - high, 0.0), y[1])
+        force = c*s + float(np.clip(d*closing, -c*s, c*s))
+        return [y[1], (push + (force if y[0] < low else -force))/inertia]
+    return np.asarray(solve_ivp(rates, (0, t[-1]), [x_0, 0], t_eval=t, rtol=1e-10, atol=1e-12, max_step=1e-4).y[0])
+
+
 CASES = [
+    Case("elastic_gap", "ball.x", lambda t: bouncing(t, 1, 1e4, 1e3, 0.05, 0.0, np.inf, -9.81), "SciPy", 1e-5),
+    Case("elastic_backlash", "wheel.phi", lambda t: bouncing(t, 5, 2e4, 50, np.pi/2, -np.pi/8, np.pi/8), "SciPy", 1e-5),
     Case("backlash", "part.F", lambda t: 1e4*outside(x(t), 5e-3) + 20*v(t), LAW),
     Case("bilinear_spring", "part.F", lambda t: 1e4*(x(t) + 0.5*np.minimum(x(t) - 3e-3, 0)), LAW),
     Case("constant_force", "load.v", lambda t: 1.5*t, RUN),

@@ -17,8 +17,8 @@ from heavebond.records.saved_runs import SUFFIXES, SavedRun, write_run
 
 SOURCE = Path(hb.__file__).parent
 # what these write is read by themselves, in a temporary folder
-OWN = {"exchange/fmu_export.py", "laws/find.py", "localise/ltv_model.py", "numerics/compiled_cvodes.py",
-       "numerics/solvers.py"}
+OWN = {"exchange/fmu_export.py", "language/external_functions.py", "laws/find.py", "localise/ltv_model.py",
+       "numerics/compiled_cvodes.py", "numerics/solvers.py"}
 APPENDED = {"core/kept_lines.py"}  # line by line, each complete by itself
 IN_MEMORY = {"reports/notebook.py"}  # a picture that a notebook shows
 WRITERS = re.compile(r"\.write_text\(|\.write_bytes\(|open\([^)\n]*[\"'][wxa]b?[\"']|\.to_csv\(|\.to_parquet\(|savemat\(|"

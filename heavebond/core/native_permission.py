@@ -12,7 +12,10 @@ _allowed: ContextVar[bool] = ContextVar("native code allowed", default=False)
 @contextmanager
 def native_code(allowed: bool = True) -> Iterator[None]:
     """Context in which diagrams are loaded with the permission to compile and run the programs of their external functions.
-    The permission belongs to the diagrams that are loaded in it, also in later calls with them."""
+
+    The permission belongs to the diagrams that are loaded in it, also in later calls with them; with `allowed` False, only
+    that of an outer context does. Without it, a diagram with external functions raises ModelError.
+    """
     token = _allowed.set(allowed or _allowed.get())
     try:
         yield

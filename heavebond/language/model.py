@@ -173,9 +173,9 @@ ModelOrFile: TypeAlias = Model | Buildable | str | Path
 
 
 def load(name: str | Path, *, allow_native: bool = False) -> Model:
-    """Load a diagram: the path of a file, or the `name` of a bundled one (`cmc_ahc`, `cmc_ahc/passive`). The programs of its
-    external functions may be executed with `allow_native` only; the permission stays with the diagram.
+    """Load a diagram: the path of a file, or the `name` of a bundled one (`cmc_ahc`, `cmc_ahc/passive`).
 
+    The programs of its external functions may be executed with `allow_native` only; the permission stays with the diagram.
     Raises UsageError if the file does not exist, ModelError with the lines that are wrong.
     """
     with native_code(allow_native):

@@ -77,8 +77,9 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
                  points: Mapping[str, Mapping[str, float | str]] | None = None) -> LoopDesign:
     """Gains of a loop from its crossover, or the bandwidth of the closed loop, and its phase margin.
 
-    `free` are one to three gains in the order proportional, integral or derivative; or proportional, integral, derivative.
-    The crossover alone determines one gain. Frequencies are in Hz or text (`"2 Hz"`), the phase margin is in degrees or
+    `signal` is the one at which the loop is cut. `free` are one to three gains in the order proportional, integral or
+    derivative; or proportional, integral, derivative.
+    The crossover alone determines one gain. Frequencies are in Hz or text (`"2 Hz"`), `phase_margin` is in degrees or
     text. `at` is the operating point of `loop_margins`. The margins are also computed for the `points`, which are values of
     parameters by name. Raises UsageError if the loop is not linear in the gains, or if no gains reach the values.
     """
@@ -235,12 +236,13 @@ def _bandwidth(loop: StateSpace, crossover: float) -> float:
 def filter_coefficients(kind: str, order: int, cut_off: Sequence[float], band: str = "lowpass", *, ripple: float = 1.0,
                         attenuation: float = 40.0, period: float | None = None, time_unit: float = 1.0
                         ) -> tuple[Array, Array]:
-    """Numerator and denominator (n,) of a filter by its type, the highest power first: in s with the `time_unit` in s, or
-    with a sampling `period` in s in z (bilinear transform with the cut-off exact).
+    """Numerator and denominator (n,) of a filter of a `kind` and `order`, the highest power first.
 
-    `cut_off` are one frequency or two (bands) in Hz; `ripple` is the passband ripple of `chebyshev 1` and `attenuation` the
-    stopband attenuation of `chebyshev 2`, in dB. A Bessel filter has its -3 dB point at the cut-off. Source: SciPy's
-    `scipy.signal.iirfilter`. Raises UsageError for another type, and for frequencies beyond half the sampling rate.
+    The polynomials are in s with the `time_unit` in s, or with a sampling `period` in s in z (bilinear transform with the
+    cut-off exact). `band` is "lowpass", "highpass", "bandpass" or "bandstop". `cut_off` are one frequency or two (bands) in
+    Hz; `ripple` is the passband ripple of `chebyshev 1` and `attenuation` the stopband attenuation of `chebyshev 2`, in dB.
+    A Bessel filter has its -3 dB point at the cut-off. Source: SciPy's `scipy.signal.iirfilter`. Raises UsageError for another
+    type, and for frequencies beyond half the sampling rate.
     """
     from scipy.signal import bessel, iirfilter
 
@@ -297,9 +299,9 @@ def lqg(plant: tuple[Array, Array, Array], weights: tuple[Array, Array], noise: 
     """Linear quadratic regulator with a Kalman filter for the plant x' = A x + B u, y = C x with `plant` = (A, B, C).
 
     `weights` (Q, R) are the weights of x' Q x + u' R u, `noise` (W, V) the intensities of the process noise in x' and of the
-    noise of y. With a `period` in s the plant is x[k+1] = A x[k] + B u[k] and the four matrices are those of a sample; the
-    filter predicts, so that u[k] follows from y up to k - 1. Raises UsageError if a Riccati equation has no stabilising
-    solution.
+    noise of y, `states` the names of x. With a `period` in s the plant is x[k+1] = A x[k] + B u[k] and the four matrices are
+    those of a sample; the filter predicts, so that u[k] follows from y up to k - 1. Raises UsageError if a Riccati equation
+    has no stabilising solution.
     """
     from scipy.linalg import solve_continuous_are, solve_discrete_are
 
@@ -326,9 +328,9 @@ def lqg(plant: tuple[Array, Array, Array], weights: tuple[Array, Array], noise: 
 def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float | str], effort: Sequence[float],
                disturbances: Mapping[str, float | str], noise: Sequence[float], *, at: Time | None = None
                ) -> ObserverController:
-    """An LQG controller for the block `LinearSystem` or `DiscreteStateSpace` of a diagram, from the linearised machine
-    without that block.
+    """An LQG controller for a block of a diagram, from the linearised machine without that block.
 
+    The `block` is a `LinearSystem` or a `DiscreteStateSpace`; `at` is the operating point of `state_space`.
     `weigh` are signals or formulas and the deviations that count as 1 (Bryson's rule), `effort` the same for the outputs of
     the block, `disturbances` signals or forces to which white noise is added and the roots of its spectral density for 1 Hz,
     and `noise` the same for the inputs of the block. Plain numbers are in SI; a text has the unit of its signal. A sampled

@@ -61,11 +61,11 @@ class SizeConstants:
     """
 
     small: float = 1e-4
+    algebraic: float = 1e-2
+    rounding: float = 30.0
     motion: float = 1e-3
     still: float = 3.0
     resolved: float = 1e-5
-    algebraic: float = 1e-2
-    rounding: float = 30.0
     noise: float = 1e-12
     zero: float = 1e-19
     max_repeats: int = 3

@@ -165,6 +165,9 @@ def optimal_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence
                  reference: Mapping[str, float | str] | None = None) -> OptimalProblem:
     """A problem for `optimal`: minimise `cost` over functions of time for the signals in `free`, such that `limits` hold.
 
+    `begin` and `end` are the horizon; with a range `duration` its length is free. `start` is "diagram" (the states of the
+    diagram's own run at the begin) or "periodic"; `at_end` prescribes variables at the end. The inputs have `intervals` on
+    the first grid, with an `interpolation` that is "linear" or "hold"; `reference` are the parameters of `ref(...)`.
     `optimal_task({"controller.u": "-1 .. 1"}, "deviation(WOB)", limits=["peak(extension) < 3.8 m"], begin="24 s",
     end="36 s", start="periodic")`. Raises UsageError for a range or a time that cannot be read; `optimal` raises it for
     unknown names and wrong units.
@@ -178,8 +181,8 @@ def optimal_task(free: Mapping[str, Range | str], cost: str, *, limits: Sequence
 def optimal(model: ModelOrFile | Assembly, task: OptimalProblem, *, progress: Progress | None = None) -> Optimal:
     """Compute the input of least cost by direct collocation, and verify it by a run.
 
-    `model` is a diagram or an Assembly (with its parameter values); `task` comes from `optimal_task` or a study. Raises
-    UsageError for mistakes in the task and for equations that jump at events or have delays, and SimulationError if the
+    `model` is a diagram or an Assembly (with its parameter values); `task` comes from `optimal_task` or a study. `progress`
+    is called with the number of the grid. Raises UsageError for mistakes in the task and for equations that jump at events or have delays, and SimulationError if the
     diagram's own run, from which the search begins, or the verifying run fails, or if no input satisfies the limits.
     """
     say = progress or (lambda text: None)
