@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from heavebond.core.errors import Problems
+from heavebond.core.numerals import whole
 from heavebond.language import reading
 from heavebond.language.definition import Layout, Note, PartPlace
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence
@@ -46,10 +47,8 @@ def _items(entries: Mapping, key: str, problems: Problems) -> list[tuple[str, No
 def _numbers(node: Node, count: int) -> list[int] | None:
     """Whole numbers of a list within the sheet; None if one is something else."""
     texts = [item.text for item in node.items if isinstance(item, Scalar)] if isinstance(node, Sequence) else []
-    try:
-        numbers = [int(text) for text in texts[:count]]
-    except ValueError:
-        return None
+    sizes = [whole(text.removeprefix("-")) for text in texts[:count]]
+    numbers = [-size if text.startswith("-") else size for text, size in zip(texts, sizes, strict=False) if size is not None]
     return numbers if len(numbers) == count and all(abs(n) <= FARTHEST for n in numbers) else None
 
 

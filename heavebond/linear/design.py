@@ -241,8 +241,8 @@ def filter_coefficients(kind: str, order: int, cut_off: Sequence[float], band: s
     The polynomials are in s with the `time_unit` in s, or with a sampling `period` in s in z (bilinear transform with the
     cut-off exact). `band` is "lowpass", "highpass", "bandpass" or "bandstop". `cut_off` are one frequency or two (bands) in
     Hz; `ripple` is the passband ripple of `chebyshev 1` and `attenuation` the stopband attenuation of `chebyshev 2`, in dB.
-    A Bessel filter has its -3 dB point at the cut-off. Source: SciPy's `scipy.signal.iirfilter`. Raises UsageError for another
-    type, and for frequencies beyond half the sampling rate.
+    A Bessel filter has its -3 dB point at the cut-off. Source: SciPy's `scipy.signal.iirfilter`. Raises UsageError for
+    another type, and for frequencies beyond half the sampling rate.
     """
     from scipy.signal import bessel, iirfilter
 

@@ -182,8 +182,9 @@ def optimal(model: ModelOrFile | Assembly, task: OptimalProblem, *, progress: Pr
     """Compute the input of least cost by direct collocation, and verify it by a run.
 
     `model` is a diagram or an Assembly (with its parameter values); `task` comes from `optimal_task` or a study. `progress`
-    is called with the number of the grid. Raises UsageError for mistakes in the task and for equations that jump at events or have delays, and SimulationError if the
-    diagram's own run, from which the search begins, or the verifying run fails, or if no input satisfies the limits.
+    is called with the number of the grid. Raises UsageError for mistakes in the task and for equations that jump at events
+    or have delays, and SimulationError if the diagram's own run, from which the search begins, or the verifying run fails,
+    or if no input satisfies the limits.
     """
     say = progress or (lambda text: None)
     own = assemble(model)

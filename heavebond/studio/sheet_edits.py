@@ -132,8 +132,8 @@ def turn(diagram: Diagram, job: Job, action: Entry) -> Entry:
             raise UsageError([Problem("part-upright", f"the symbol of '{name}' cannot be mirrored")])
     else:
         def order(matrix: Matrix) -> tuple[int, bool]:
-            words = _words(matrix)
-            return (int(words[0]) - degrees) % 360 or 360, (len(words) > 1) != mirrored
+            turn, *mirror = _words(matrix)
+            return (int(turn) - degrees) % 360 or 360, bool(mirror) != mirrored
         chosen = min(allowed, key=order)
     return {"text": with_places(diagram, diagram.text, {name: [*place[:2], *_words(chosen)]}, drawn), "part": name}
 
