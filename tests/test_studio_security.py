@@ -422,7 +422,7 @@ def test_the_processes_of_all_tabs_are_limited(echoing: None) -> None:
     asyncio.run(work())
 
 
-def _echo(pipe: Any) -> None:
+def _echo(pipe: Any, _native: bool) -> None:
     """A worker that answers with the name of the task."""
     while True:
         try:
