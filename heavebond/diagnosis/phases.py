@@ -227,7 +227,8 @@ def search(state: State, task: Task) -> Iterator[State]:
 
     If the machine integrates errors that are most of the misfit, the search takes at most half of the time. If its effects
     then leave more than noise, the free parameters are fitted again within segments of the records, and the search is
-    repeated there.
+    repeated there. If it found no effect and the fitted parameters leave only noise within the segments, the result on the
+    whole records is kept.
     """
     last = state.models[-1].comparison
     task.say("examining the drift of the model")
@@ -246,6 +247,8 @@ def search(state: State, task: Task) -> Iterator[State]:
                seconds=task.budget.left(state.kept) / 2,
                before=Comparison(cut, state.models[0].comparison.records)) if cut.free else None
     models = first_entries(cut, base, None if base is not None else Comparison(cut, last.records))
+    if not whole.selection and near_noise(models[-1]):
+        return  # separate starts explain the misfit, so the segments cannot show an effect: the whole records tell more
     within = replace(state, experiment=cut, base=base, models=tuple(models))
     found = within
     for found in _search(within, task, state.kept):
