@@ -16,7 +16,7 @@ from random import Random
 
 from heavebond.language.definition import Component, Parameter
 from heavebond.language.library import library
-from heavebond.text.expression import Binary, Expr, Name
+from heavebond.text.expression import Binary, Expr, Name, Number
 
 DOMAINS = ("translational", "rotational", "hydraulic", "pneumatic", "thermal", "electrical", "bond")
 # components of a folder of their own: a block of parts, things that switch
@@ -359,7 +359,9 @@ class _Maker:
 
 
 def _number(count: Expr, given: dict[str, str]) -> int:
-    """How many a `count` such as `n` or `n*m` makes."""
+    """How many a `count` such as `3`, `n` or `n*m` makes."""
+    if isinstance(count, Number):
+        return int(count.value)
     if isinstance(count, Name):
         return int(given.get(count.text, "1"))
     assert isinstance(count, Binary)

@@ -115,7 +115,7 @@ def fitting_sizes(assembly: Assembly, reached: Mapping[str, float], origins: Map
     the run."""
     span = float(np.ptp(columns[0]))
     every = [*assembly.state_names, *assembly.algebraic_names]
-    whole, in_step = (dict(zip(every, _rounding(assembly, columns, time), strict=True))
+    whole, in_step = (dict(zip(every, _rounding(assembly, columns, time).tolist(), strict=True))
                       for time in (span, span / max(steps, 1)))
     nominal = dict(zip(every, [*assembly.x_nominal, *assembly.z_nominal], strict=True))
     largest = dict(zip(every, np.abs(np.concatenate([columns[1], columns[2]])).max(axis=1), strict=True))
@@ -160,6 +160,6 @@ def _rounding(assembly: Assembly, columns: Sequence[Array], time: float) -> Arra
             generator = (slope[:n_x, :n_x] - f_z @ back @ slope[n_x:, :n_x]) * scale / scale[:, None] * time
             with np.errstate(over="ignore", invalid="ignore"):
                 whole = expm(np.block([[generator, np.eye(n_x)], [np.zeros((n_x, 2 * n_x))]]))[:n_x, n_x:]
-            in_time = np.nan_to_num(np.abs(whole) @ (rates / scale) * scale * time, nan=np.inf)
+                in_time = np.nan_to_num(np.abs(whole) @ (rates / scale) * scale * time, nan=np.inf, posinf=np.inf)
         largest = np.maximum(largest, np.concatenate([in_time, loops]))
     return largest
