@@ -93,7 +93,7 @@ def test_the_level_of_a_closed_tank_is_compared_within_segments_of_about_a_perio
     assert "within segments of" in horizon_words(cut)[0] and not horizon_words(plain)
 
 
-@pytest.mark.parametrize(("chi2", "within_segments"), [(1.0, [False]), (50.0, [False, True])])
+@pytest.mark.parametrize(("chi2", "within_segments"), [(1.0, [False]), (3.0, [False]), (50.0, [False, True])])
 def test_segments_are_searched_if_the_effects_do_not_explain_the_whole_records(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chi2: float, within_segments: list[bool]) -> None:
     plain = written(tmp_path, CLOSED, 0.3)

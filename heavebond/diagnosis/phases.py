@@ -65,6 +65,7 @@ from heavebond.localise.misfit import Localization, localize
 # smallest and largest share of the time kept for the closing phases. LAST_RUNS: number of runs that the fit of the selected
 # effects to all samples takes.
 FITTING, KEPT, MOST_KEPT, LAST_RUNS = 0.4, 0.1, 0.4, 6.0
+SLIGHT = 4.0  # chi-square per sample of a residual of twice the noise: a drift of this size hardly suggests a false effect
 
 
 @dataclass(frozen=True)
@@ -227,8 +228,8 @@ def search(state: State, task: Task) -> Iterator[State]:
 
     If the machine integrates errors that are most of the misfit, the search takes at most half of the time. If its effects
     then leave more than noise, the free parameters are fitted again within segments of the records, and the search is
-    repeated there. If it found no effect and the fitted parameters leave only noise within the segments, the result on the
-    whole records is kept.
+    repeated there. The result on the whole records is kept if the fitted parameters alone leave only noise within the
+    segments, and the effects on the whole records, if any, leave little more than noise (`SLIGHT`).
     """
     last = state.models[-1].comparison
     task.say("examining the drift of the model")
@@ -247,7 +248,8 @@ def search(state: State, task: Task) -> Iterator[State]:
                seconds=task.budget.left(state.kept) / 2,
                before=Comparison(cut, state.models[0].comparison.records)) if cut.free else None
     models = first_entries(cut, base, None if base is not None else Comparison(cut, last.records))
-    if not whole.selection and near_noise(models[-1]):
+    chosen = whole.selection[-1].chosen if whole.selection else None
+    if near_noise(models[-1]) and (chosen is None or max(chosen.chi2_fit, chosen.chi2_held_out) <= SLIGHT):
         return  # separate starts explain the misfit, so the segments cannot show an effect: the whole records tell more
     within = replace(state, experiment=cut, base=base, models=tuple(models))
     found = within
