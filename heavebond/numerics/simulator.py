@@ -398,7 +398,8 @@ class Simulator:
                 assembly, first, start_tangent = restarted
             unresolved: Array = np.zeros(0)
             for number in range(NARROW.passes):
-                if again is None or not self.looks_between:
+                # stops at the passages of one run are not those of the next run of a search
+                if again is None or not self.looks_between or not self.dense:
                     break
                 unresolved = self._stepped_over(assembly, first, found)
                 if not len(unresolved) or number == NARROW.passes - 1:
