@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -48,8 +50,20 @@ def test_the_controller_is_sampled(regular: hb.Result) -> None:
 
 
 def test_a_wave_beyond_the_stroke_ends_the_published_machine_with_the_name_of_the_end_stop() -> None:
-    with pytest.warns(hb.RunWarning, match="the piston is past the end of its stroke. Add an EndStop"):
-        run = hb.simulate(hb.load("cmc_ahc"), "12 s", parameters={"wave.a": 4.0})
+    """The stiffness of the oil grows without bound as the chamber empties: on some processors the integrator gives up before
+    the volume passes its limit. Both errors name the end stop."""
+    run, told = None, []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            run = hb.simulate(hb.load("cmc_ahc"), "12 s", parameters={"wave.a": 4.0})
+        except hb.SimulationError as error:
+            told = [str(error)]
+    text = "\n".join([*told, *(str(w.message) for w in caught)])
+    assert "ahc.cylinder.V_B" in text
+    assert "the piston is past the end of its stroke. Add an EndStop" in text
+    if run is None:
+        return
     assert run.ended is not None and run.ended.name == "ahc.cylinder.V_B"
     assert run.time[-1] == run.ended.time < 9 and run.verdict.status == "failed"
 
