@@ -348,7 +348,7 @@ def test_a_body_a_tenth_of_a_millikelvin_above_the_ambient(solver: str) -> None:
 def test_the_verdict_states_what_rounding_hides_of_a_motion_about_a_large_value() -> None:
     for above, accuracy in ((1e-9, 3e-4), (1e-11, 0.03), (1e-12, 0.3)):
         begin = 293.15 + above
-        with pytest.warns(UserWarning, match="rounding changes it by 6.5.*e-14 K"):
+        with pytest.warns(UserWarning, match="its error is up to 6.5.*e-14 K"):
             run = hb.simulate(hb.loads(COOLING.replace("293.1501", repr(begin))))
         finding, = run.verdict.findings
         assert finding.kind == "rounding" and finding.value == pytest.approx(above, rel=0.1)

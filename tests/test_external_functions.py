@@ -252,3 +252,24 @@ def test_mistakes_in_the_file_of_a_program(old: str, new: str, code: str, tmp_pa
     path = folder(tmp_path, FORMS["differences"].replace(old, new))
     with pytest.raises(hb.HeavebondError, match=code):
         hb.simulate(hb.load(path / "rig.yaml", allow_native=True))
+
+
+def test_programs_with_functions_of_one_name_are_apart(tmp_path: Path) -> None:
+    """A changed source or included file, another folder and a library that was built again: each run calls its own."""
+    def stiffness(path: Path) -> float:
+        run = hb.simulate(hb.load(path / "rig.yaml", allow_native=True), "10 ms")
+        return float(run.si["F"][0] / run.si["x"][0])
+
+    sources = [SOURCE.replace("c*s*(1 +", f"{k}*c*s*(1 +") for k in (1, 2, 3)]
+    first, second = folder(tmp_path / "first", FORMS["differences"]), folder(tmp_path / "second", FORMS["differences"])
+    (second / "law.c").write_text(sources[1])
+    assert stiffness(first) == pytest.approx(125) and stiffness(second) == pytest.approx(250)
+    (first / "law.c").write_text(sources[2])
+    assert stiffness(first) == pytest.approx(375)
+    (first / "shape.h").write_text("#define HARDENING 2.0\n")
+    assert stiffness(first) == pytest.approx(450)
+    library = folder(tmp_path / "library", FORMS["library"])
+    for k, source in enumerate(sources):
+        (library / "law.c").write_text(source)
+        subprocess.run([str(compiler()), "-shared", "-fPIC", "-o", "law.so", "law.c"], cwd=library, check=True)
+        assert stiffness(library) == pytest.approx(125*(k + 1))

@@ -14,9 +14,11 @@ import atexit
 import ctypes
 import hashlib
 import importlib.util
+import os
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -39,6 +41,9 @@ COMPILERS = ("gcc", "clang", "cc")
 # the third root of the rounding error balances it with the truncation of a central difference; for differences of
 # differences the steps are wider
 STEPS = (6e-6, 3e-4, 3e-3)
+# a program calls its own functions, not functions of the same name in a program that was loaded before
+OWN_NAMES = ("-Wl,-Bsymbolic",) if sys.platform.startswith("linux") else ()
+MOST_LOST = 2000  # recent results of a Python function that are not numbers, after which a run ends
 LARGEST_DERIVATIVE = 20_000  # numbers of a third derivative, which is left out if it has more
 LIBRARIES = (".so", ".dll", ".dylib")
 FORMS = (".c", *LIBRARIES, ".py")
@@ -134,14 +139,14 @@ def _loaded(function: Function, shapes: Sequence[tuple[int, int]], outputs: dict
     external = function.external
     assert external is not None
     try:
-        content = external.path.read_bytes()
+        program = digest(external.path)
     except OSError as error:
         raise ModelError([Problem("native-missing", f"{external.path.name} of {function.name} cannot be read",
                                   function.place, "`file:` counts from the folder of the function's file.",
                                   (error.strerror or "",))]) from error
     sizes = [h.value or 1.0 for h in function.inputs.values()]
     nominal = [size for size, shape in zip(sizes, shapes, strict=True) for _ in range(shape[0] * shape[1])]
-    key = (str(external.path), hashlib.sha256(content).hexdigest(), function.name, external.call, external.signature,
+    key = (str(external.path), program, function.name, external.call, external.signature,
            external.derivatives, tuple(shapes), tuple(outputs.items()), tuple(nominal))
     if key not in _made:
         count = sum(map(elements, outputs.values()))
@@ -158,11 +163,12 @@ def _of_c(function: Function, name: str, shapes: Sequence[tuple[int, int]], outp
     assert external is not None
     wrapper = _wrapper(function, name, shapes, outputs, count, nominal)
     library = external.path.suffix in LIBRARIES
-    head = _prototypes(function, outputs) if library else f'#include "{external.path}"\n'
-    path = _compiled(function, head + wrapper.replace("INT", "long long int"), name,
-                     [str(external.path), f"-Wl,-rpath,{external.path.parent}"] if library else [])
+    head = _pointers(function, name, outputs) if library else f'#include "{external.path}"\n'
+    path = _compiled(function, head + wrapper.replace("INT", "long long int"), name)
     # names in the global scope: compiled equations of a model call the function directly
-    loaded = ctypes.CDLL(path, mode=ctypes.RTLD_GLOBAL)
+    loaded = ctypes.CDLL(path, mode=ctypes.RTLD_GLOBAL | getattr(os, "RTLD_DEEPBIND", 0))
+    if library:
+        _connect(function, name, loaded)
     record = (ctypes.c_double * (len(nominal) + 1)).in_dll(loaded, f"{name}_lost")
     text = "" if library else wrapper.replace("INT", "int")
     return ForeignFunction(function, ca.external(name, path), text, _sizes(shapes), record)
@@ -211,7 +217,13 @@ def source_text(path: Path, included: set[Path] | None = None) -> str:
                   flags=re.MULTILINE)
 
 
-def _compiled(function: Function, text: str, name: str, more: Sequence[str]) -> str:
+def digest(path: Path) -> str:
+    """The digest of a program, of a C source with the files that it includes; OSError if it cannot be read."""
+    content = source_text(path).encode() if path.suffix == ".c" else path.read_bytes()
+    return hashlib.sha256(content).hexdigest()
+
+
+def _compiled(function: Function, text: str, name: str) -> str:
     """The path of the library that the C compiler makes of a text; ModelError with the messages of the compiler."""
     external = function.external
     assert external is not None
@@ -224,8 +236,8 @@ def _compiled(function: Function, text: str, name: str, more: Sequence[str]) -> 
         atexit.register(shutil.rmtree, _folder[0], ignore_errors=True)
     source, target = Path(_folder[0]) / f"{name}.c", Path(_folder[0]) / f"{name}.so"
     source.write_text(text, "utf-8")
-    command = [compiler, *FLAGS, "-I", str(external.path.parent), "-shared", "-fPIC", "-o", str(target), str(source), *more,
-               "-lm"]
+    command = [compiler, *FLAGS, *OWN_NAMES, "-I", str(external.path.parent), "-shared", "-fPIC", "-o", str(target),
+               str(source), "-lm"]
     try:
         answer = subprocess.run(command, capture_output=True, timeout=LONGEST, check=False, text=True, errors="replace")
         messages = answer.stderr
@@ -254,18 +266,42 @@ def _expected(function: Function) -> str:
     return f"`{external.call}` must be `void {external.call}({', '.join([*inputs, *results])})`."
 
 
-def _prototypes(function: Function, outputs: dict[str, Shape]) -> str:
-    """The declarations of the functions of a library."""
+def _pointers(function: Function, name: str, outputs: dict[str, Shape]) -> str:
+    """The pointers to the functions of a library, under the names of the functions. A library is not linked, since the
+    system takes a library that was built again for the one that it has loaded under this path."""
     external = function.external
     assert external is not None
     if external.signature == "20-sim":
+        kinds = ["int (*{})(double *inarr, int inputs, double *outarr, int outputs, int major);"] * 2
+    else:
+        inputs = ["const double *, int" if q.sizes else "double" for q in function.inputs.values()]
+        plain = len(outputs) == 1 and next(iter(outputs.values())) is None
+        value = f"double (*{{}})({', '.join(inputs)});" if plain else \
+            f"void (*{{}})({', '.join([*inputs, *['double *'] * len(outputs)])});"
+        kinds = [value, f"void (*{{}})({', '.join([*inputs, 'double *'])});"]
+    names = [external.call, *([external.derivatives] if external.derivatives else [])]
+    return "".join(f"{kind.format(f'{name}_{k}')}\n#define {called_name} {name}_{k}\n"
+                   for k, (kind, called_name) in enumerate(zip(kinds, names, strict=False)))
+
+
+def _connect(function: Function, name: str, loaded: ctypes.CDLL) -> None:
+    """Give the functions of a library to its wrapper. The library is loaded from a copy under a name of its own, or, if
+    it needs files beside it, from its place. ModelError if it cannot be loaded or lacks a function."""
+    external = function.external
+    assert external is not None
+    try:
+        copy = shutil.copyfile(external.path, Path(_folder[0]) / f"{name}_library{external.path.suffix}")
+        try:
+            library = ctypes.CDLL(str(copy))
+        except OSError:
+            library = ctypes.CDLL(str(external.path))
         names = [external.call, *([external.derivatives] if external.derivatives else [])]
-        return "".join(f"int {name}(double *inarr, int inputs, double *outarr, int outputs, int major);\n" for name in names)
-    inputs = ["const double *, int" if q.sizes else "double" for q in function.inputs.values()]
-    plain = len(outputs) == 1 and next(iter(outputs.values())) is None
-    declared = f"double {external.call}({', '.join(inputs)});\n" if plain else \
-        f"void {external.call}({', '.join([*inputs, *['double *'] * len(outputs)])});\n"
-    return declared + (f"void {external.derivatives}({', '.join([*inputs, 'double *'])});\n" if external.derivatives else "")
+        for k, called_name in enumerate(names):
+            entry = ctypes.cast(getattr(library, called_name), ctypes.c_void_p)
+            ctypes.c_void_p.in_dll(loaded, f"{name}_{k}").value = entry.value
+    except (OSError, AttributeError) as error:
+        raise ModelError([Problem("native-not-loaded", f"{external.path.name} of {function.name} cannot be loaded",
+                                  function.place, _expected(function), (str(error),))]) from error
 
 
 def _wrapper(function: Function, name: str, shapes: Sequence[tuple[int, int]], outputs: dict[str, Shape], m: int,
@@ -403,6 +439,7 @@ def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]],
                                   function.place, f"It must define a function `{external.call}`.",
                                   (f"{type(error).__name__}: {error}",))]) from error
     record = [0.0] * (len(nominal) + 1)
+    recent = 0.0  # results that are not numbers, less a fiftieth of the others
 
     def arguments(x: Array) -> list[Any]:
         given, at = list[Any](), 0
@@ -414,6 +451,7 @@ def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]],
         return given
 
     def values(x: Array) -> Array:
+        nonlocal recent
         try:
             found = value(*arguments(x))
             y = np.concatenate([np.ravel(np.asarray(part, float)) for part in (found if len(outputs) > 1 else [found])])
@@ -425,6 +463,12 @@ def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]],
             if not record[-1]:
                 record[:-1] = x.tolist()
             record[-1] += 1
+            recent += 1
+            if recent > MOST_LOST:
+                recent = 0.0
+                raise RuntimeError(f"{function.name} gives no numbers")
+        else:
+            recent = max(recent - 0.02, 0.0)
         return y
 
     size = np.array(nominal)

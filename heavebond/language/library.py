@@ -27,6 +27,7 @@ from heavebond.text.yaml_source import Mapping, Scalar, parse, read, read_text, 
 _HEAD = re.compile(r"""^(component|function):[ \t]+["']?([^"'#\n]+?)["']?[ \t]*(?:#.*)?$""", re.MULTILINE)
 _EXTENDS = re.compile(r"""^["']?extends["']?[ \t]*:""", re.MULTILINE)
 HEAD_BYTES = 400
+_EXTERNAL = re.compile(r"""^["']?is["']?[ \t]*:[ \t]*["']?external\b""", re.MULTILINE)
 _EFFECT = re.compile(r"""^["']?effect["']?[ \t]*:""", re.MULTILINE)
 
 
@@ -42,7 +43,8 @@ def _resolved(folder: str) -> Path:
     return bundled(folder).resolve()
 
 
-OwnFunction = tuple[str, Path, tuple[int, int]]  # name, file, its time of change and size
+# name, file, its time of change and size; of an external function also the digest of its program
+OwnFunction = tuple[str, Path, tuple[int | str, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +223,7 @@ def library(folders: Iterable[Path] = ()) -> Library:
                 twice[kind][name] = (files[kind][name], path)
             else:
                 files[kind][name] = path
-    user_functions = tuple((name, path, _stamp(path)) for name, path in files["function"].items())
+    user_functions = tuple((name, path, _function_stamp(path)) for name, path in files["function"].items())
     for kind, known in _bundled_files().items():
         for name, path in known.items():
             files[kind].setdefault(name, path)
@@ -250,6 +252,29 @@ def joined_functions(folder: Path, inherited: Functions, own: Functions) -> Func
 def _stamp(path: Path) -> tuple[int, int]:
     status = path.stat()
     return status.st_mtime_ns, status.st_size
+
+
+def _function_stamp(path: Path) -> tuple[int | str, ...]:
+    """The state of a function's file and of its program with the files that it includes."""
+    stamp = _stamp(path)
+    try:
+        if (program := _program(path, stamp)) is None:
+            return stamp
+        from heavebond.language.external_functions import digest  # import CasADi only for external functions
+
+        return *stamp, digest(program)
+    except (OSError, ModelError):  # an error of the function, if it is called
+        return stamp
+
+
+@lru_cache(maxsize=1024)
+def _program(path: Path, stamp: tuple[int, int]) -> Path | None:
+    """The program that the file of an external function names."""
+    text = read_text(path)
+    if not _EXTERNAL.search(text):
+        return None
+    file = read(path, shown_path(path)).root.items.get("file")
+    return path.parent / file.text if isinstance(file, Scalar) else None
 
 
 def is_bundled(path: Path) -> bool:

@@ -263,7 +263,8 @@ class Result(facade.Displayed):
                 for name, size in unfit.items() if (u := unknowns.get(name)) is not None]
 
     def _rounded(self) -> list[Finding]:
-        """States that move so little about a large value that its rounding hides a part of their motion."""
+        """States that move so little about a large value that rounding, or the relative tolerance of a run that could not be
+        repeated, hides a part of their motion."""
         rounded = self.statistics.get("rounded", {})
         assert isinstance(rounded, Mapping)
         units = dict(zip(self.assembly.state_names, (self.assembly.flat.unknowns[j].unit.text if not order else ""

@@ -76,7 +76,7 @@ class Finding:
             return f"{self.name} stays at {value}, far below the size {readable(self.limit or 0.0, self.unit)} of its " \
                 "absolute tolerance, so that it is not accurate; the run with a tolerance that fits failed"
         if self.kind == "rounding":
-            return f"{self.name} moves by {value} only, and rounding changes it by {readable(self.limit or 0.0, self.unit)}"
+            return f"{self.name} moves by {value} only, and its error is up to {readable(self.limit or 0.0, self.unit)}"
         if self.kind == "narrow":
             return f"{self.name} acts within one step of the integrator, as at {t}"
         if self.kind == "time-formula":

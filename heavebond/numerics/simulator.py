@@ -393,7 +393,9 @@ class Simulator:
                 except (StartError, SimulationError):  # the run before stands, and its verdict names these unknowns
                     check()
                     self._take_sizes(before)
-                    unfit = {name: size.value for name, size in fitting.sizes.items()}
+                    unfit = {name: size.value for name, size in fitting.sizes.items() if not size.origin}
+                    hidden = {**hidden, **{name: (size.value, self.tolerances.rtol * abs(size.origin))
+                                           for name, size in fitting.sizes.items() if size.origin}}
                     break
                 assembly, first, start_tangent = restarted
             unresolved: Array = np.zeros(0)

@@ -121,10 +121,12 @@ def fitting_sizes(assembly: Assembly, reached: Mapping[str, float], origins: Map
     largest = dict(zip(every, np.abs(np.concatenate([columns[1], columns[2]])).max(axis=1), strict=True))
     sizes = {}
     for name, value in reached.items():
-        size = float(10.0 ** np.ceil(np.log10(max(value, in_step.get(name, 0.0) / atol))))
+        resolvable, before = in_step.get(name, 0.0) / atol, assembly.sizes.get(name)
+        if before is not None and before.origin and resolvable > value:
+            continue  # rounding limits its size, and a repetition has fitted it
+        size = float(10.0 ** np.ceil(np.log10(max(value, resolvable))))
         least = SIZES.still if name in origins else SIZES.rounding
         if value > least * whole.get(name, 0.0) and (name in origins or size < nominal.get(name, np.inf)):
-            before = assembly.sizes.get(name)
             sizes[name] = Size(min(size, nominal.get(name, size)), origins.get(name, before.origin if before else 0.0))
     hidden = {}
     for name, value in moved.items():
