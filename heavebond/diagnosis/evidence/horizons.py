@@ -94,6 +94,8 @@ def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) 
         model = sourced.about(at, [known_of(free, start[name]) for name, free in experiment.free.items()])
     n = model.phi.shape[1]
     x, response = np.eye(n), np.empty((*model.c.shape[:2], n))
+    if not n:  # a machine without states
+        return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, x)
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable machine
         for i in range(len(model.time)):
             response[i] = model.c[i, :, :n] @ x
