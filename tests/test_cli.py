@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import re
@@ -503,3 +504,24 @@ def test_lines_of_a_table_are_broken_between_words(width: int, monkeypatch: pyte
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= width
     assert all(word in " ".join(lines).split() for cell in row for word in cell.split())
+
+
+def test_options_in_messages_are_options_of_a_command() -> None:
+    """A hint such as `Give --from before --to` needs options of these names."""
+    options = {option for name in cli.NAMES for parameter in cli.main.commands[name].params
+               for option in (*parameter.opts, *parameter.secondary_opts)}
+    unknown = []
+    for path in sorted(Path(heavebond.__file__).parent.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                words = re.findall(r"(?<![\w-])--[a-z][a-z-]*[a-z]", node.value)
+                unknown += [f"{path.name}:{node.lineno}: {word}" for word in words if word not in options]
+    others = {"--help", "--version", "--nthreads"}  # of click, of dask
+    assert [text for text in unknown if text.split()[1] not in others and "__init__.py:1" not in text] == []
+
+
+def test_the_package_is_run_by_its_name(tmp_path: Path) -> None:
+    run, wrong = (subprocess.run([sys.executable, "-m", "heavebond", word, "Spring"], cwd=tmp_path, capture_output=True,
+                                 text=True) for word in ("library", "librar"))
+    assert run.returncode == 0 and "Linear translational spring" in run.stdout
+    assert wrong.returncode == 2 and "Did you mean 'library'" in wrong.stderr

@@ -84,6 +84,9 @@ def test_gains_of_a_sampled_controller_count_its_hold() -> None:
     (["control.K_p", "control.K_i"], {"crossover": "1 Hz", "phase_margin": 60}, "design-not-reached"),
     (["control.K_p", "plant.k"], {"crossover": "1 Hz", "phase_margin": 60}, "loop-none"),
     (["control.K_p"], {"crossover": "-1 Hz"}, "must be above 0"), (["control.K_p"], {"bandwidth": 0.0}, "must be above 0"),
+    (["control.K_p", "control.K_i"], {"crossover": "1 Hz", "phase_margin": 400}, "below 180 deg"),
+    (["control.K_p", "control.K_i"], {"crossover": "1 Hz", "phase_margin": "0 deg"}, "above 0"),
+    (["control.K_p", "plant.k"], {"crossover": "1 Hz", "phase_margin": 60}, "not gains in series"),
     (["control.K_p"], {"crossover": "1 m"}, "unit"), (["control.K"], {"crossover": "1 Hz"}, "parameter-unknown")])
 def test_mistakes_are_named(free: list[str], options: dict[str, object], said: str) -> None:
     with pytest.raises(hb.HeavebondError, match=said):
@@ -116,6 +119,32 @@ def test_filters_have_the_response_of_scipy(kind: str, band: str, cut_off: list[
         hb.filter_coefficients("elliptic", 2, [600])
     with pytest.raises(hb.UsageError, match="one cut-off frequency above 0 Hz"):
         hb.filter_coefficients("bessel", 2, [-5])
+
+
+def test_a_filter_whose_coefficients_lose_its_response_is_refused() -> None:
+    """Poles of a Butterworth filter at 2 Hz, sampled at 1 kHz, are near z = 1. From order 7 on, rounding of the polynomial
+    to 16 digits moves them; with order 8 two of them are outside the unit circle."""
+    for order in (8, 12):
+        with pytest.raises(hb.UsageError, match="accurate up to order 6") as error:
+            hb.filter_coefficients("butterworth", order, [2], period=1e-3)
+        assert "filter-rounding" in str(error.value)
+    _, a = hb.filter_coefficients("butterworth", 6, [2], period=1e-3)
+    assert np.abs(np.roots(a)).max() < 1
+    assert len(hb.filter_coefficients("butterworth", 12, [2], period=1e-1)[1]) == 13
+    with pytest.raises(hb.UsageError, match="filter-rounding"):
+        hb.filter_coefficients("butterworth", 60, [5])
+
+
+def test_a_design_that_makes_the_loop_unstable_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plant of negative gain: any positive gain makes the loop unstable. The table is shown, the file is not written."""
+    monkeypatch.chdir(tmp_path)
+    Path("loop.yaml").write_text(PID.replace("k: 2 1/s", "k: -2 1/s"), encoding="utf-8")
+    run = CliRunner().invoke(main, ["design", "loop.yaml", "--loop", "control.y", "--free", "control.K_p", "--crossover",
+                                    "1 Hz", "--write", "designed.yaml", "--json", "told.json"])
+    assert run.exit_code == 1 and "design-unstable" in run.output and "growing mode" in run.output
+    assert not Path("designed.yaml").exists()
+    told = json.loads(Path("told.json").read_text(encoding="utf-8"))
+    assert told["verdict"] == "unstable" and not told["ok"] and told["values"]["control.K_p"]
 
 
 def test_a_crossover_above_half_the_sampling_rate_is_refused() -> None:
@@ -212,3 +241,29 @@ simulate: {until: 1 s, every: 10 ms}
     assert abs(system.response(2j * np.pi * 5)[0, 0, 0]) == pytest.approx(np.sqrt(0.5), rel=1e-6)
     run = CliRunner().invoke(main, ["design", "loop.yaml", "--loop", "control.y", "--filter", "smooth"])
     assert "design-task" in run.output
+
+
+def test_lists_of_numbers_keep_equal_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`1, 1` for one input are two numbers, not one."""
+    monkeypatch.chdir(tmp_path)
+    text = CART.replace("BLOCK", "DiscreteStateSpace").replace("PER", "").replace("SAMPLE", ", T_s: 50 ms")
+    Path("cart.yaml").write_text(text, encoding="utf-8")
+    command = ["design", "cart.yaml", "--lqg", "observer", "--weigh", "cart.x=10 mm", "--disturbance", "cart.f=1 N"]
+    for option in ("--noise", "--effort"):
+        run = CliRunner().invoke(main, [*command, option, "1, 1"])
+        assert run.exit_code == 2 and "design-sizes" in run.output
+    run = CliRunner().invoke(main, [*command, "--lqg", "observe"])
+    assert "design-block" in run.output and "DiscreteStateSpace: observer." in run.output
+
+
+def test_a_state_that_the_weights_do_not_contain_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a weight of the speed only, the regulator brakes the cart and leaves its position where it is: a pole at 0."""
+    monkeypatch.chdir(tmp_path)
+    for block, per, sample in (("LinearSystem", " 1/s", ""), ("DiscreteStateSpace", "", ", T_s: 50 ms")):
+        text = CART.replace("BLOCK", block).replace("PER", per).replace("SAMPLE", sample)
+        Path("cart.yaml").write_text(text, encoding="utf-8")
+        run = CliRunner().invoke(main, ["design", "cart.yaml", "--lqg", "observer", "--weigh", "cart.v=1 m/s",
+                                        "--disturbance", "cart.f=1 N"])
+        assert run.exit_code == 2
+        assert "design-not-decaying" in run.output or "design-riccati" in run.output
+        assert "cart.x" in run.output or "design-riccati" in run.output

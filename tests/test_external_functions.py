@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import heavebond as hb
+from heavebond.cli import NAMES, main
 from heavebond.numerics.machine_code import compiler
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
@@ -273,3 +275,45 @@ def test_programs_with_functions_of_one_name_are_apart(tmp_path: Path) -> None:
         (library / "law.c").write_text(source)
         subprocess.run([str(compiler()), "-shared", "-fPIC", "-o", "law.so", "law.c"], cwd=library, check=True)
         assert stiffness(library) == pytest.approx(125*(k + 1))
+
+
+WITHOUT_DIAGRAM = {"plot", "signal", "library", "demo", "import", "new"}  # these evaluate no equations
+
+
+def test_every_command_that_evaluates_a_diagram_takes_the_permission() -> None:
+    for name in NAMES:
+        options = {option for parameter in main.commands[name].params for option in parameter.opts}
+        assert ("--allow-native" in options) is (name not in WITHOUT_DIAGRAM), name
+
+
+EXPERIMENT = """\
+experiment: rig
+model: rig.yaml
+records: {one: {file: one.csv, use: fit}}
+time: {column: t, unit: s}
+outputs: {body.x: {column: x, unit: m, noise: 1 mm}}
+free: {damper.d: 0.5 N*s/m +- 20 %}
+"""
+
+
+@pytest.mark.parametrize("words", [
+    ["errors", "rig_experiment.yaml"], ["monitor", "rig_experiment.yaml", "records", "--processes", "2"],
+    ["design", "rig.yaml", "--loop", "body.f", "--free", "damper.d", "--crossover", "1 Hz"],
+    pytest.param(["laws", "rig_experiment.yaml", "--at", "body"], marks=pytest.mark.long)], ids=lambda words: words[0])
+def test_a_command_runs_programs_with_permission_only(words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+                                                      ) -> None:
+    """Two records of the rig itself, with noise: no error, no change. Its force is no loop, which `design` finds only after
+    it has evaluated the program."""
+    path = folder(tmp_path, FORMS["differences"])
+    monkeypatch.chdir(path)
+    (path / "rig_experiment.yaml").write_text(EXPERIMENT)
+    (path / "records").mkdir()
+    run = hb.simulate(hb.load(path / "rig.yaml", allow_native=True))
+    for seed, name in enumerate(("one.csv", "records/two.csv", "records/three.csv")):
+        noise = 1e-3 * np.random.default_rng(seed).normal(size=len(run.time))
+        np.savetxt(name, np.column_stack([run.time, run.si["x"] + noise]), delimiter=",", header="t,x", comments="")
+    forbidden = CliRunner().invoke(main, words)
+    assert forbidden.exit_code == 1 and "native-not-allowed" in forbidden.output
+    allowed = CliRunner().invoke(main, [*words, "--allow-native"])
+    assert "native-not-allowed" not in allowed.output
+    assert allowed.exit_code == (2 if words[0] == "design" else 0), allowed.output

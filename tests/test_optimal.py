@@ -84,6 +84,10 @@ def test_algebraic_unknowns_are_collocated_with_the_states() -> None:
     ({"push.u": "-1 .. 1 N"}, {"start": "rest"}, "option-unknown"),
     ({"push.u": "-1 .. 1 N"}, {"at_end": {"cart.y": "1 m"}}, "signal-unknown"),
     ({"push.u": "-1 .. 1 N"}, {"at_end": {"cart.x": "1 s"}}, "unit-wrong"),
+    ({"push.u": "-1 .. 1 N"}, {"at_end": {"cart.x": "=1 m"}}, "is a formula; a number with a unit is needed"),
+    ({"push.u": "-1 .. 1 N"}, {"limits": ["peak(cart.v)"]}, "limit:1: a limit is a comparison"),
+    ({"push.u": "-1 .. 1 N"}, {"limits": ["peak(cart.v) < 1 m"]}, "limit:1: '<' compares m/s and m"),
+    ({"push.u": "-1 .. 1 N"}, {"limits": ["peak(cart.w) < 1 m"]}, "limit:1: "),
     ({"push.u": "-1 .. 1 N"}, {"end": "0 s"}, "evaluate-empty"),
     ({"push.u": "-1 .. 1 N"}, {"duration": "-1 .. 2 s"}, "duration-range"),
     ({"push.u": "-1 .. 1 N"}, {"duration": "1 .. 2 m"}, "unit-wrong"),
@@ -103,9 +107,25 @@ def test_a_sampled_block_in_the_equations_is_refused() -> None:
   hold: {is: SampleHold, T_s: 10 ms, u: =1 N - cart.x*1 N/m}""")
     with pytest.raises(hb.UsageError, match="optimal-events"):
         hb.optimal(hb.loads(text), hb.optimal_task({"hold.u": "-1 .. 1 N"}, "rms(cart.x)"))
+    # the cost does not depend on the cart, the value at the end does
+    with pytest.raises(hb.UsageError, match="optimal-events"):
+        hb.optimal(hb.loads(text), hb.optimal_task({"hold.u": "-20 .. 20 N"}, "integral(hold.u**2)",
+                                                   at_end={"cart.x": "1 m"}))
     # in front of the actuator the block has no influence
     assert hb.optimal(hb.loads(text), hb.optimal_task({"push.u": "-20 .. 20 N"}, "integral(push.u**2)", at_end=REST,
                                                       intervals=10)).collocated == pytest.approx(48, rel=1e-6)
+
+
+def test_a_periodic_motion_with_a_value_at_the_end_begins_there() -> None:
+    """A cart that is at 1 m at the end of each period needs no force: it is there all the time. From rest at 0 it would be
+    3 m^2 s^2/T^3 = 12 N^2 s."""
+    options = {"at_end": {"cart.x": "1 m"}, "intervals": 10}
+    assert hb.optimal(cart(), hb.optimal_task({"push.u": "-20 .. 20 N"}, "integral(push.u**2)", **options)).cost == \
+        pytest.approx(12, rel=1e-3)
+    periodic = hb.optimal(cart(), hb.optimal_task({"push.u": "-20 .. 20 N"}, "integral(push.u**2)", start="periodic",
+                                                  **options))
+    assert periodic.verified and periodic.cost == pytest.approx(0, abs=1e-6)
+    assert periodic.run.si["cart.x"] == pytest.approx(1, abs=1e-6)
 
 
 def test_the_command_computes_each_case_of_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

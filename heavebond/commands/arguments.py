@@ -116,7 +116,12 @@ def parameter_option(more: str) -> Callable[[Command], Command]:
 
 def listed(texts: Iterable[str]) -> list[str]:
     """The names in texts such as `a.x,b.y`, each once."""
-    return list(dict.fromkeys(name.strip() for text in texts for name in text.split(",") if name.strip()))
+    return list(dict.fromkeys(name for text in texts for name in list_items(text)))
+
+
+def list_items(text: str) -> list[str]:
+    """The items of a text such as `1, 1, 2`, in their order; equal ones are kept."""
+    return [item.strip() for item in text.split(",") if item.strip()]
 
 
 def with_settings(model: Model, settings: Iterable[str]) -> Model:

@@ -14,12 +14,14 @@ from heavebond.commands.arguments import (
     blamed_on_settings,
     check_new,
     json_option,
+    list_items,
     listed,
+    native_option,
     set_option,
     settings_of,
     with_settings,
 )
-from heavebond.core.errors import Problem, UsageError
+from heavebond.core.errors import ModelError, Problem, UsageError, listing
 
 if TYPE_CHECKING:
     from heavebond.language.model import Model
@@ -67,6 +69,7 @@ if TYPE_CHECKING:
 @click.option("--write", "written", metavar="FILE", type=click.Path(path_type=Path),
               help="Write a diagram that extends DIAGRAM with the values (.yaml, must be new).")
 @click.option("--in-place", is_flag=True, help="Write the values into DIAGRAM; comments and layout are kept.")
+@native_option
 @json_option
 def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str | None, bandwidth: str | None,
            phase_margin: str | None, filtered: str | None, kind: str, order: int, cut_off: str | None, band: str,
@@ -87,6 +90,7 @@ def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str |
     """
     from heavebond.commands import terminal
     from heavebond.language.model import load
+    from heavebond.linear.stability import UNSTABLE
     from heavebond.numerics.dae import assemble
 
     if sum(task is not None for task in (loop, filtered, lqg)) != 1:
@@ -110,6 +114,13 @@ def design(model: str, loop: str | None, free: tuple[str, ...], crossover: str |
             assert lqg is not None
             items, texts, figures = _lqg(diagram, lqg, weigh, effort, disturbances, noise, at)
     terminal.show(items)
+    if figures.get("verdict") == UNSTABLE:
+        problem = ModelError([Problem("design-unstable", "the closed loop with the designed gains is unstable; nothing is "
+                                      "written", None, "Lower the crossover, or give a larger phase margin. If the machine "
+                                      "reverses the sign of the command, reverse it in the diagram: the gains of a design "
+                                      "are positive.")])
+        problem.figures = {"model": diagram.name, **figures, "values": texts, "files": []}
+        raise problem
     files = _written(diagram, Path(model), texts, settings_of("--set", settings), written, in_place)
     for path in files:
         terminal.output().print(f"wrote {path}", soft_wrap=True)
@@ -136,6 +147,7 @@ def _loop(diagram: Model, loop: str, free: Sequence[str], crossover: str | None,
                                              for name, margin in margins.items()}}
 
     return design_items(diagram, result), result.values, {
+        "verdict": result.crossings.verdict,
         "crossover": result.crossover, "bandwidth": result.bandwidth, "phase_margin": result.phase_margin,
         "margins": {"design": margins_of(result.crossings),
                     **{name: margins_of(crossings) for name, crossings in result.points.items()}}}
@@ -149,11 +161,13 @@ def _filter(diagram: Model, block: str, kind: str, order: int, cut_off: str | No
     from heavebond.reports.result_tables import Line, ResultTable
 
     known = assemble(diagram).parameter_values
-    if f"{block}.a[1]" not in known or f"{block}.b[1]" not in known:
+    blocks = sorted({n.removesuffix(".a[1]") for n in known if n.endswith(".a[1]") and n[:-4] + "b[1]" in known})
+    if block not in blocks:
+        which = f": {listing(blocks)}" if blocks else "; this diagram has none"
         raise UsageError([Problem("design-block", f"'{block}' has no coefficients a and b", None,
-                                  "Name a TransferFunction or a DiscreteTransferFunction.")])
+                                  f"Name a TransferFunction or a DiscreteTransferFunction{which}.")])
     frequencies = []
-    for text in listed([cut_off or ""]):
+    for text in list_items(cut_off or ""):
         try:
             number, read = parse_quantity(text)
             check_unit(read, unit("Hz"), number, text)
@@ -186,8 +200,8 @@ def _lqg(diagram: Model, block: str, weigh: Sequence[str], effort: str, disturba
     if not deviations or not densities:
         raise UsageError([Problem("design-weights", "a regulator needs --weigh, and its filter --disturbance", None,
                                   "Write for example --weigh load.x='1 mm' --disturbance force.u='10 N'.")])
-    result: ObserverController = design_lqg(diagram, block, deviations, numbers("--effort", listed([effort])), densities,
-                                            numbers("--noise", listed([noise])), at=at)
+    result: ObserverController = design_lqg(diagram, block, deviations, numbers("--effort", list_items(effort)), densities,
+                                            numbers("--noise", list_items(noise)), at=at)
     rows = [(f"{regulator:.5g}", f"{observer:.5g}") for regulator, observer in zip(*result.poles, strict=True)]
     per = "" if result.period is not None else " 1/s"
     texts: dict[str, Tree] = {f"{block}.n": str(len(result.a))}

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
-from heavebond.commands.arguments import check_picture, json_option, picture_option
+from heavebond.commands.arguments import check_picture, json_option, native_option, picture_option
 
 
 @click.command(short_help="Show the errors of a sequence of experiments.")
 @click.argument("experiments", nargs=-1, required=True)
 @picture_option("Draw the errors on fitted and held-out data, and the noise level")
+@native_option
 @json_option
 def errors(experiments: tuple[str, ...], output: Path | None) -> dict[str, object]:
     """Compare several EXPERIMENTS on the same records, each model with the values of its diagram.

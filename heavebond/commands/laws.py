@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from heavebond.commands.arguments import check_picture, check_writable, json_option, picture_option
+from heavebond.commands.arguments import check_picture, check_writable, json_option, native_option, picture_option
 
 
 @click.command(short_help="Find a formula for the law that a model lacks.")
@@ -20,6 +20,7 @@ from heavebond.commands.arguments import check_picture, check_writable, json_opt
               help="Design the input that distinguishes formulas which the records cannot, and write it as a CSV file to "
               "drive the machine with.")
 @picture_option("Draw the formula over its variable with the input that the records ask for")
+@native_option
 @json_option
 def laws(experiment: str, at: tuple[str, ...], written: Path | None, decide: Path | None, output: Path | None
          ) -> dict[str, object]:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from heavebond.commands.arguments import Number, Whole, json_option, scheduler_option, settings_of
+from heavebond.commands.arguments import Number, Whole, json_option, native_option, scheduler_option, settings_of
 from heavebond.core.errors import DataError, Problem, listing
+from heavebond.core.presentation import count
 
 if TYPE_CHECKING:
     from heavebond.monitoring.monitor import Monitoring
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path, file_okay=False),
               help="Folder for table, page and pictures [default: EXPERIMENT_monitor].")
 @scheduler_option
+@native_option
 @json_option
 def monitor(experiment: str, folder: Path, walks: tuple[str, ...], rate: str, record: str | None, start_deviation: str,
             number: int, seconds: float, estimates: bool, processes: int | None, output: Path | None,
@@ -121,6 +123,7 @@ def _diagnosed(monitoring: Monitoring, number: int, seconds: float, processes: i
         files.append(target / f"{record.name}_report.html")
         write_text(files[-1], report(result, result.localization))
     if len(monitoring.changed) > number:
-        terminal.output().print(f"{len(monitoring.changed) - number} records that left the model are not diagnosed: give "
-                                f"--diagnose {len(monitoring.changed)}", soft_wrap=True)
+        rest = len(monitoring.changed) - number
+        terminal.output().print(f"{count(rest, 'record')} that left the model {'is' if rest == 1 else 'are'} not diagnosed: "
+                                f"give --diagnose {len(monitoring.changed)}", soft_wrap=True)
     return answers

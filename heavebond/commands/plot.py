@@ -40,8 +40,8 @@ def plot(files: tuple[str, ...], signals: tuple[str, ...], columns: tuple[str, .
     window = (seconds(begin, "--from") if begin else float(min(run.time[0] for run in overlay.runs.values())),
               seconds(end, "--until") if end else float(max(run.time[-1] for run in overlay.runs.values())))
     if window[0] >= window[1]:
-        raise UsageError([Problem("window-empty", f"no samples lie between {window[0]:g} s to {window[1]:g} s", None,
-                                  "Give --from before --to.")])
+        raise UsageError([Problem("window-empty", f"no samples lie between {window[0]:g} s and {window[1]:g} s", None,
+                                  "Give a --from that is before --until.")])
     from heavebond.pictures.plot import plot_runs, save
 
     path = save(plot_runs(overlay.runs, chosen, title=title, window=window, measured=overlay.measured), output)

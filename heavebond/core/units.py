@@ -286,7 +286,7 @@ def dimension_text(dimension: Dimension) -> str:
     for name in ("1", "m", "m/s", "m/s**2", "kg", "s", "N", "N/m", "N*s/m", "N*m", "Pa", "Pa/s", "m**2", "m**3",
                  "m**3/s", "m**3/(s*Pa)", "W", "J", "kg/s", "kg/m**3", "K", "1/s", "A", "V", "1/m", "s/m",
                  "N/s", "N*s", "N/m**2", "m/s**3", "kg*m**2", "kg*m", "Pa*s", "Pa*s/m**3", "Pa/m", "W/K", "J/kg",
-                 "J/(kg*K)"):
+                 "J/(kg*K)", "ohm", "V*s", "V/s", "V*s/m", "V/m", "A/V", "A/s", "1/V", "1/(V*s)", "m/V", "m/(V*s)"):
         if _common(name) == dimension:
             return name
     over = [_power(b, e) for b, e in dimension if e > 0]
@@ -370,6 +370,9 @@ def is_lost(text: str, number: float) -> bool:
 
 def parse_quantity(text: str) -> tuple[float, Unit | None]:
     """`42 kN/m` to (42000.0, unit); the unit is None if none is written. Raises UnitProblem."""
+    if text.lstrip().startswith("="):
+        raise UnitProblem("not-a-quantity", f"'{text.strip()}' is a formula; a number with a unit is needed here",
+                          AS_QUANTITY)
     if len(text) > QUANTITY:
         raise UnitProblem("not-a-quantity", f"'{text[:30]} ...' is too long for a number with a unit", AS_QUANTITY)
     quantity_match = _QUANTITY.match(text)
@@ -410,7 +413,7 @@ def _is_unit(text: str) -> bool:
     return True
 
 
-AS_QUANTITY = "Write for example `42 kN/m`, or a formula that begins with `=`."
+AS_QUANTITY = "Write for example `42 kN/m`."
 
 
 def parse_range(text: str) -> Range:

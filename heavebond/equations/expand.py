@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, listing, suggest
@@ -319,7 +320,8 @@ class _Opener:
             unit = "" if parameter.integer or parameter.unit.text == "1" else f" {parameter.unit.text}"
             self.problems.add("parameter-missing", f"'{path}' ({component.name}) needs a value for {name}"
                               + (f" ({parameter.doc})" if parameter.doc else ""), place,
-                              hint=f"Add `{name}: ...{unit}`.")
+                              hint=f"Add `{name}: ...{unit}`." if "$" not in unit else
+                              f"Add `{name}: NUMBER UNIT` {_open_unit(parameter.unit.text, path, component)}.")
 
     def _unknown_settings(self, instance: Instance, component: Component, missing: list[str]) -> bool:
         """True if there are settings that the component does not have; each gives a problem."""
@@ -390,3 +392,13 @@ def default(parameter: Parameter, path: str) -> Bound | None:
         neutral = Value(Number(parameter.neutral, None, 0), "neutral", parameter.place, si=True)
         return Bound(neutral, "", parameter.place)
     return None
+
+
+def _open_unit(unit: str, path: str, component: Component) -> str:
+    """The unit of a parameter that contains open units (`$Y/$U`), by the signals that determine these."""
+    signals = {name: next((f"{path}.{port}" for port, signal in component.signals.items() if signal.unit.text == name), "")
+               for name in dict.fromkeys(re.findall(r"\$\w+", unit))}
+    if signals.get(unit):
+        return f"in the unit of {signals[unit]}"
+    clauses = [f"{name} is the unit of {signal}" for name, signal in signals.items() if signal]
+    return f"with a unit of the form {unit}" + (f", where {' and '.join(clauses)}" if clauses else "")

@@ -43,11 +43,18 @@ class DesignConstants:
     linear: relative difference between the loop with the designed gains and the sum of the loops of single gains, at the
         crossover, above which the loop is not linear in the gains. Origin: rounding of margins. Doubled: nothing.
     bandwidth: tolerance of the bandwidth, relative. Origin: three digits. Doubled: nothing.
+    rounding: difference between the response of a filter by its coefficients and by its poles and zeros, above which the
+        coefficients are refused. Origin: the width of a line in a Bode plot. Doubled: nothing; an order more multiplies the
+        difference by 10 to 1000.
+    decay: rate of a pole of the regulator, as a share of the largest pole, from which it counts as decaying. Origin:
+        rounding of eigenvalues. Doubled: nothing.
     """
 
     integral: float = 0.1
     linear: float = 1e-6
     bandwidth: float = 1e-4
+    rounding: float = 1e-3
+    decay: float = 1e-7
 
 
 DESIGN = DesignConstants()
@@ -87,10 +94,13 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
     names = list(free)
     _check_gains(names, crossover, bandwidth, phase_margin)
     margin = None if phase_margin is None else np.radians(_number(phase_margin, "deg", "phase_margin", degrees=True))
+    if margin is not None and not 0 < margin < np.pi:
+        raise UsageError([Problem("design-margin", f"the phase margin is {np.degrees(margin):.4g} deg: it must be above 0 "
+                                  "and below 180 deg", None, "Give for example --phase-margin '60 deg'.")])
     state_spaces = loops(diagram, signal, at)
     known = state_spaces.points.assembly.parameter_values
     state_spaces.points.assembly.parameter_indices(names)
-    singles = [open_loop(state_spaces.at({**dict.fromkeys(names, 0.0), name: known[name] or 1.0})) for name in names]
+    singles = [_single(state_spaces, names, name, known[name] or 1.0) for name in names]
     sizes = [known[name] or 1.0 for name in names]
 
     def gains_at(frequency: float) -> Array:
@@ -125,6 +135,20 @@ def design_gains(model: ModelOrFile, signal: str, free: Sequence[str], *, crosso
                       at_points)
 
 
+def _single(state_spaces: StateSpaces, names: Sequence[str], name: str, size: float) -> StateSpace:
+    """The open loop with one of the free gains, the others 0."""
+    try:
+        return open_loop(state_spaces.at({**dict.fromkeys(names, 0.0), name: size}))
+    except UsageError as error:
+        if error.problems[0].code != "loop-none" or len(names) == 1:
+            raise
+        others = listing([other for other in names if other != name])
+        raise UsageError([Problem("loop-none", f"with {name} alone, and {others} = 0, the loop is open: a signal added at "
+                                  "the cut does not return", error.problems[0].place, "Free gains that are added to each "
+                                  "other, such as control.K_p and control.K_i of one controller in this loop; not gains in "
+                                  "series.", error.problems[0].notes)]) from None
+
+
 def loop_at(model: Model, signal: str, settings: Mapping[str, float | str], at: Time | None = None) -> Crossings:
     """The crossings of the loop through a signal, with values of parameters."""
     closed = loops(model.with_parameters(dict(settings)), signal, at).at()
@@ -133,8 +157,9 @@ def loop_at(model: Model, signal: str, settings: Mapping[str, float | str], at: 
 
 def _check_gains(names: Sequence[str], crossover: object, bandwidth: object, phase_margin: object) -> None:
     if not 1 <= len(names) <= 3:
-        raise UsageError([Problem("design-free", f"{len(names)} gains are free", None,
-                                  "Name one to three: proportional, integral, derivative.")])
+        raise UsageError([Problem("design-free", f"{count(len(names), 'gain')} {'is' if len(names) == 1 else 'are'} free; "
+                                  "one to three are needed", None, "Name proportional, integral and derivative gain, or one "
+                                  "or two of these, e.g. --free control.K_p,control.K_i.")])
     if (crossover is None) == (bandwidth is None):
         raise UsageError([Problem("design-frequency", "a design needs either a crossover or a bandwidth", None,
                                   "Give for example --crossover '0.5 Hz' (in Python crossover='0.5 Hz').")])
@@ -271,8 +296,27 @@ def filter_coefficients(kind: str, order: int, cut_off: Sequence[float], band: s
         types = {"butterworth": "butter", "chebyshev 1": "cheby1", "chebyshev 2": "cheby2"}
         options |= {"rp": ripple, "rs": attenuation, "ftype": types[kind]}
     function: Callable[..., tuple[Array, Array]] = bessel if kind == "bessel" else iirfilter
-    b, a = function(order, edge if needed == 2 else float(edge[0]), **options)
-    return np.pad(np.real(b), (len(a) - len(b), 0)), np.real(a)
+    def coefficients(degree: int) -> tuple[Array, Array, float]:
+        """Numerator, denominator, and the largest difference of their response from the response by poles and zeros."""
+        b, a = function(degree, edge if needed == 2 else float(edge[0]), **options)
+        zeros, poles, gain = function(degree, edge if needed == 2 else float(edge[0]), **{**options, "output": "zpk"})
+        highest = 10 * edge.max() if period is None else min(10 * edge.max(), 0.5 / period)
+        sweep = np.concatenate([[0.0], np.geomspace(edge.min() / 10, highest, 200)])
+        at = 1j * sweep if period is None else np.exp(2j * np.pi * sweep * period)
+        factors = [np.prod(at[:, None] - np.asarray(roots)[None, :], axis=1) for roots in (zeros, poles)]
+        with np.errstate(all="ignore"):
+            difference = float(np.abs(np.polyval(b, at) / np.polyval(a, at) - gain * factors[0] / factors[1]).max())
+        return np.pad(np.real(b), (len(a) - len(b), 0)), np.real(a), difference
+
+    b, a, difference = coefficients(order)
+    if not difference <= DESIGN.rounding:
+        possible = next((n for n in range(order - 1, 0, -1) if coefficients(n)[2] <= DESIGN.rounding), 0)
+        sampled = "" if period is None else " Or sample more slowly: the poles are near z = 1."
+        raise UsageError([Problem("filter-rounding", f"rounding of the coefficients changes the response of this filter of "
+                                  f"order {order} by {difference:.2g}", None, "Connect several filters of lower order in "
+                                  "series" + (f"; the coefficients are accurate up to order {possible}." if possible else
+                                              ".") + sampled)])
+    return b, a
 
 
 @dataclass(frozen=True)
@@ -342,9 +386,10 @@ def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
     signals = [n for n in plain.flat.names if n.startswith((f"{block}.u[", f"{block}.y["))]
     block_outputs, block_inputs = ([n for n in signals if n.startswith(f"{block}.{port}[")] for port in "yu")
     matrices = [n for n in plain.parameter_names if n.startswith((f"{block}.C[", f"{block}.D["))]
+    blocks = sorted({n.partition(".C[")[0] for n in plain.parameter_names if ".C[" in n})
     if not block_outputs or not block_inputs or not matrices:
         raise UsageError([Problem("design-block", f"'{block}' has no matrices with inputs u and outputs y", None,
-                                  "Name a LinearSystem or a DiscreteStateSpace.")])
+                                  f"Name a LinearSystem or a DiscreteStateSpace{_of_diagram(blocks)}.")])
     for subject, sizes, ports in (("effort", effort, block_outputs), ("noise", noise, block_inputs)):
         if len(sizes) != len(ports) or not min(sizes, default=0) > 0:
             raise UsageError([Problem("design-sizes", f"{subject} needs {count(len(ports), 'number')} above 0", None,
@@ -362,9 +407,27 @@ def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
     m, k = len(block_outputs), len(block_inputs)
     weighed = c[k:] / weigh_sizes[:, None]
     entry = b[:, m:] * disturbance_sizes
-    return lqg((a, b[:, :m], c[:k]), (length * weighed.T @ weighed, length * np.diag(1 / np.asarray(effort) ** 2)),
-               (entry @ entry.T / (1.0 if system.period is None else length), np.diag(np.asarray(noise) ** 2) / length),
-               period=system.period, states=[system.states[j] for j in machine])
+    states = [system.states[j] for j in machine]
+    controller = lqg(
+        (a, b[:, :m], c[:k]), (length * weighed.T @ weighed, length * np.diag(1 / np.asarray(effort) ** 2)),
+        (entry @ entry.T / (1.0 if system.period is None else length), np.diag(np.asarray(noise) ** 2) / length),
+        period=system.period, states=states)
+    for poles, matrix, what, option in ((controller.poles[0], a - b[:, :m] @ controller.gain, "regulator", "--weigh"),
+                                        (controller.poles[1], (a - controller.observer @ c[:k]).T, "observer",
+                                         "--disturbance")):
+        rates = -poles.real if system.period is None else 1 - np.abs(poles)
+        if not rates.min(initial=np.inf) > DESIGN.decay * np.abs(poles).max(initial=0.0):
+            vector = np.abs(np.linalg.eig(matrix)[1][:, int(np.argmin(rates))])
+            slow = [name for name, share in zip(states, vector, strict=True) if share > 0.1 * vector.max()]
+            raise UsageError([Problem("design-not-decaying", f"the {what} has a pole that does not decay, with "
+                                      f"{listing(slow)}", None, f"Add {option} for a signal that " + (
+                                          "contains it: what is not weighed is not controlled." if option == "--weigh" else
+                                          "acts on it: without a disturbance the filter does not correct it."))])
+    return controller
+
+
+def _of_diagram(blocks: Sequence[str]) -> str:
+    return f": {listing(list(blocks))}" if blocks else "; this diagram has none"
 
 
 def _sizes(subject: str, values: Mapping[str, float | str], units: Sequence[str]) -> Array:

@@ -31,6 +31,7 @@ from heavebond.linear.held_variables import HeldVariable
 from heavebond.linear.linear_system import Complex, DelayedSystem, StateSpace, StateSpaces, spread
 from heavebond.linear.sampled import Discrete
 from heavebond.linear.sampled_margins import (
+    NO_LOOP,
     bilinear,
     bilinear_exists,
     crossings_of_several,
@@ -183,7 +184,7 @@ def open_loop(closed: StateSpace, dead_time: float = 0.0) -> StateSpace:
     if not np.any(np.abs(loop.response(2j * np.pi * spread(loop.poles, loop.poles))) > MARGINS.no_gain):
         cut = "" if not within else f" while {', '.join(h.label for h in within)} does not change"
         raise UsageError([Problem("loop-none", f"'{name}' is in no loop: a signal added to it does not return{cut}",
-                                  within[0].place if within else None, notes=tuple(h.text for h in within))])
+                                  within[0].place if within else None, NO_LOOP, notes=tuple(h.text for h in within))])
     return loop
 
 

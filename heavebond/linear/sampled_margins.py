@@ -31,6 +31,8 @@ from heavebond.numerics.dae import Array
 if TYPE_CHECKING:
     from heavebond.linear.linear_system import StateSpace
 
+NO_LOOP = "Name a signal of the loop, such as the output of its controller; a gain of 0 in the loop opens it."
+
 
 @dataclass(frozen=True)
 class SampledMarginConstants:
@@ -101,7 +103,7 @@ def cut_at(closed: Hybrid, name: str, direct: float) -> SampledLoop:
 
 
 def _no_loop(name: str) -> UsageError:
-    return UsageError([Problem("loop-none", f"'{name}' is in no loop: a signal added to it does not return")])
+    return UsageError([Problem("loop-none", f"'{name}' is in no loop: a signal added to it does not return", None, NO_LOOP)])
 
 
 def _clear(difference: Array, *parts: Array) -> Array:

@@ -48,6 +48,7 @@ FUNCTIONALS = {"integral": 1, "mean": 1, "rms": 1, "peak": 1, "final": 1, "ref":
                **dict.fromkeys((*NUMBERS, *SAMPLED), 1), CYCLES: 2}
 # Depth to which two expressions are compared; deeper differences count as different, which costs a second integral.
 DEEPEST = 50
+LIMIT = "limit"  # the place of a mistake in a limit
 
 
 @dataclass(frozen=True)
@@ -93,48 +94,49 @@ def read_cost(assembly: Assembly, text: str) -> Cost:
     return replace(cost, origin=_origin(assembly, tree, text)) if cost.dimension == KELVIN else cost
 
 
-def _origin(assembly: Assembly, tree: Expr, text: str) -> float | None:
+def _origin(assembly: Assembly, tree: Expr, text: str, subject: str = "cost") -> float | None:
     try:
         return check_origins(tree, assembly.flat.origins.lookup())
     except ExpressionProblem as problem:
-        raise _problem(text, problem) from None
+        raise _problem(text, problem, subject) from None
 
 
 def read_limit(assembly: Assembly, text: str) -> Cost:
     """`peak(extension) < 3.8 m` as a cost that is below zero if the limit is satisfied: relative to its right side, or in
     SI if that is zero or not a plain quantity."""
-    tree = parse(text, assembly.model.library)
+    tree = parse(text, assembly.model.library, LIMIT)
     if not isinstance(tree, Compare) or tree.op not in ("<", "<=", ">", ">="):
         raise _problem(text, ExpressionProblem("limit-form", "a limit is a comparison, for example `peak(x) < 1 "
                                                "m`", 0, len(text),
-                                               "Write for example `peak(extension) < 3.8 m` or `damping(least) > 0.1`."))
+                                               "Write for example `peak(extension) < 3.8 m` or `damping(least) > 0.1`."),
+                       LIMIT)
     if has_origin(tree):
-        _origin(assembly, tree, text)
+        _origin(assembly, tree, text, LIMIT)
     low, high = (tree.left, tree.right) if tree.op in ("<", "<=") else (tree.right, tree.left)
     excess: Expr = Binary("-", low, high, tree.column)
     if constant(tree.right):
         excess = Binary("/", excess, Call("abs", (tree.right,), tree.column), tree.column)
-    return _Reader(assembly, text).cost(excess)
+    return _Reader(assembly, text, LIMIT, tree).cost(excess)
 
 
-def parse(text: str, library: Library) -> Expr:
-    """The tree of a cost; UsageError with a caret for mistakes in it."""
+def parse(text: str, library: Library, subject: str = "cost") -> Expr:
+    """The tree of a cost or a limit (`subject`); UsageError with a caret for mistakes in it."""
     try:
         return library.formula(text, FUNCTIONALS)
     except ExpressionProblem as problem:
-        raise _problem(text, problem) from None
+        raise _problem(text, problem, subject) from None
 
 
-def _problem(text: str, problem: ExpressionProblem) -> UsageError:
-    place = Place("cost", 1, 1, text).moved(problem.column, problem.length)
+def _problem(text: str, problem: ExpressionProblem, subject: str = "cost") -> UsageError:
+    place = Place(subject, 1, 1, text).moved(problem.column, problem.length)
     return UsageError([Problem(problem.code, problem.message, place, problem.hint)])
 
 
 class _Reader:
     """Replaces the calls of functionals by symbols, which gives an ordinary formula."""
 
-    def __init__(self, assembly: Assembly, text: str):
-        self.assembly, self.text = assembly, text
+    def __init__(self, assembly: Assembly, text: str, subject: str = "cost", comparison: Compare | None = None):
+        self.assembly, self.text, self.subject, self.comparison = assembly, text, subject, comparison
         self.found: list[tuple[Functional, bool]] = []
         self.symbols: list[ca.SX] = []
         self.outputs = {n: output.expr for n, output in assembly.model.show.items() if n not in assembly.flat.names}
@@ -146,7 +148,10 @@ class _Reader:
             if problem.code == "name-unknown":
                 excerpt = self.text[problem.column:problem.column + problem.length]
                 problem.hint = suggest(excerpt, [*self.outputs, *self.assembly.flat.names]) or problem.hint
-            raise _problem(self.text, problem) from None
+            if self.comparison is not None and problem.message.startswith("'-' joins ") \
+                    and problem.column == self.comparison.column:  # the excess is the difference of the two sides
+                problem.message = problem.message.replace("'-' joins", f"'{self.comparison.op}' compares", 1)
+            raise _problem(self.text, problem, self.subject) from None
         values = stack(self.symbols)
         p = self.assembly.arguments[3]
         return Cost(self.text, tuple(f for f, _ in self.found), tuple(r for _, r in self.found),

@@ -191,7 +191,7 @@ def optimal(model: ModelOrFile | Assembly, task: OptimalProblem, *, progress: Pr
     assembly, begin, end = free_assembly(own, task), *_horizon(own, task)
     costs = _costs(assembly, task)
     _check_functionals(costs)
-    relevant = _check_continuous(assembly, costs)
+    relevant = _check_continuous(assembly, costs, _at_end(assembly, task))
     if assembly.flat.events:  # those of blocks that no longer act on anything
         assembly = free_assembly(own, task, events=False)
         costs = _costs(assembly, task)
@@ -312,11 +312,11 @@ def _check_functionals(costs: Sequence[Cost]) -> None:
                                           "input", None, f"Use {listing(SUPPORTED, 12)}.")])
 
 
-def _check_continuous(assembly: Assembly, costs: Sequence[Cost]) -> list[int]:
-    """The states on which costs and limits depend; UsageError if events or delays act on these."""
+def _check_continuous(assembly: Assembly, costs: Sequence[Cost], ends: Sequence[tuple[ca.SX, float, float]]) -> list[int]:
+    """The states on which costs, limits and the values at the end depend; UsageError if events or delays act on these."""
     _, x, z, p, *_ = assembly.arguments
     n, n_z, flat = x.numel(), z.numel(), assembly.flat
-    signals = stack([f.signal for cost in costs for f in cost.functionals])
+    signals = stack([*(f.signal for cost in costs for f in cost.functionals), *(signal for signal, _, _ in ends)])
     laws = stack([assembly.ode, assembly.alg])
     unknowns = stack([x, z])
 

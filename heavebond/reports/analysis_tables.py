@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from heavebond.core.errors import listing
 from heavebond.core.presentation import count, number, readable
 from heavebond.core.units import read_unit
 from heavebond.energy_audit.audit import EnergyAudit, table
@@ -201,4 +202,6 @@ def design_items(model: Model, result: LoopDesign) -> list[Item]:
     return [ResultTable(f"{model.name}: loop through {result.signal}", ("parameter", "before", "designed"), gains),
             Line(f"crossover {number(result.crossover, 4)} Hz, phase margin {number(result.phase_margin, 4)} deg{band}"),
             ResultTable("", ("operating point", "closed loop", "gain margin, up", "down", "phase margin", "at",
-                             "delay margin"), rows, 2)]
+                             "delay margin"), rows, 2),
+            *(Line(f"{name}: {found.verdict}: {listing(found.reasons)}") for name, found in {
+                "design": result.crossings, **result.points}.items() if found.reasons)]
