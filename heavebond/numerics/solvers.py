@@ -87,7 +87,7 @@ def _check(name: str, assembly: Assembly, changes_states: bool) -> None:
     place = written.place if written is not None and written.text == name else None
     if name not in SOLVERS:
         raise UsageError([Problem("solver-unknown", f"'{name}' is not a solver", place,
-                                  suggest(name, SOLVERS) or f"There are {listing(SOLVERS)}.")])
+                                  suggest(name, SOLVERS) or f"Use one of {listing(SOLVERS)}.")])
     if name == "cvodes" and (algebraic := assembly.algebraic_names):
         raise UsageError([algebraic_left(algebraic, place)])
     if name in ("euler", "rk4") and (algebraic := assembly.algebraic_names):
