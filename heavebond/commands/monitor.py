@@ -9,7 +9,6 @@ import click
 
 from heavebond.commands.arguments import Number, Whole, json_option, native_option, scheduler_option, settings_of
 from heavebond.core.errors import DataError, Problem, listing
-from heavebond.core.presentation import count
 
 if TYPE_CHECKING:
     from heavebond.monitoring.monitor import Monitoring
@@ -106,6 +105,7 @@ def _diagnosed(monitoring: Monitoring, number: int, seconds: float, processes: i
     """The diagnoses of the first records that leave the model, by record; their reports are added to `files`."""
     from heavebond.commands import terminal
     from heavebond.core.errors import HeavebondError
+    from heavebond.core.presentation import count
     from heavebond.core.writable import write_text
     from heavebond.diagnosis.diagnose import diagnose
     from heavebond.reports.report import report
