@@ -31,13 +31,13 @@ def by_elements(settings: Mapping[str, Value | FileInput], component: Component)
     return expanded
 
 
-def array_text(found: Mapping[str, str]) -> str:
+def array_text(indices_in_array: Mapping[str, str]) -> str:
     """The size of an array in words."""
-    last = list(found)[-1].strip("[]").split("][")
+    last = list(indices_in_array)[-1].strip("[]").split("][")
     return f"an array of {last[0]}" if len(last) == 1 else f"a matrix of {last[0]} x {last[1]}"
 
 
-def part_of(own: list[str], inside: str, integers: Mapping[str, int]) -> dict[str, str] | None:
+def part_of(suffixes: list[str], inside: str, integers: Mapping[str, int]) -> dict[str, str] | None:
     """The elements of an array that `1..3`, of a matrix `2, 1..3` means: their indices from 1, and those in the array. An
     index beyond the array is kept; it is reported when the elements are compared with the array."""
     try:
@@ -81,7 +81,19 @@ def _elements_of(expr: Expr, part: Callable[[str], Component | None], nodes: Con
     if not isinstance(expr, Name):
         return None
     if any(isinstance(part, Slice) for part in expr.parts):
-        return _sliced(expr)
+        # the elements of a part of a vector or matrix, counted from 1
+        parts_by_indices: dict[tuple[int, ...], tuple[str | Expr, ...]] = {(): ()}
+        for entry in expr.parts:
+            if not isinstance(entry, Slice):
+                parts_by_indices = {new: (*parts, entry) for new, parts in parts_by_indices.items()}
+                continue
+            low, high = whole_number(entry.low, {}), whole_number(entry.high, {})
+            if low is None or high is None or high < low:
+                return None
+            parts_by_indices = {(*new, k): (*parts, Number(float(n), None, entry.column)) for new,
+                                parts in parts_by_indices.items()
+                                for k, n in enumerate(range(low, high + 1), 1)}
+        return {"".join(f"[{k}]" for k in new): replace(expr, parts=parts) for new, parts in parts_by_indices.items()}
     if not all(isinstance(part, str) for part in expr.parts):
         return None
     owner, _, member = expr.text.rpartition(".")
@@ -103,22 +115,6 @@ def _elements_of(expr: Expr, part: Callable[[str], Component | None], nodes: Con
             columns += 1
             elements[f"[{rows}][{columns}]"] = _with_index(expr, at, f"[{rows}][{columns}]")
     return elements or None
-
-
-def _sliced(expr: Name) -> dict[str, Name] | None:
-    """The elements of a part of a vector or matrix, counted from 1."""
-    parts_by_indices: dict[tuple[int, ...], tuple[str | Expr, ...]] = {(): ()}
-    for part in expr.parts:
-        if not isinstance(part, Slice):
-            parts_by_indices = {new: (*parts, part) for new, parts in parts_by_indices.items()}
-            continue
-        low, high = whole_number(part.low, {}), whole_number(part.high, {})
-        if low is None or high is None or high < low:
-            return None
-        parts_by_indices = {(*new, k): (*parts, Number(float(n), None, part.column)) for new,
-                            parts in parts_by_indices.items()
-                            for k, n in enumerate(range(low, high + 1), 1)}
-    return {"".join(f"[{k}]" for k in new): replace(expr, parts=parts) for new, parts in parts_by_indices.items()}
 
 
 def _with_index(name: Name, at: int, index: str) -> Name:

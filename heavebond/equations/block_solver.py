@@ -142,8 +142,10 @@ class BlockSolver:
                  if solution.derived or not solution.dead}
         loops = {rows[0]: _Block(rows, columns) for rows, columns in blocks if len(rows) > 1 or rows[0] not in alone}
         self._tear(list(loops.values()))
-        for together in self._independent([block for block in loops.values() if block.torn]):
-            self._eliminate(together)
+        # groups of loops in which none contains a column of another
+        torn_loops = [block for block in loops.values() if block.torn]
+        for numbers in self._disjoint([(block.rows, block.columns) for block in torn_loops]):
+            self._eliminate([torn_loops[k] for k in numbers])
         self._solve_linear_loops([alone.get(rows[0]) or loops[rows[0]] for rows, _ in blocks])
         for rows, _ in blocks:
             if rows[0] not in loops:
@@ -211,8 +213,8 @@ class BlockSolver:
         groups: dict[tuple[object, ...], list[int]] = {}
         for k, ((r, c, kind), unit) in enumerate(zip(entries, units, strict=True)):
             groups.setdefault((r, *unit), []).append(k)
-            for other in alone.get(r, ()) if kind != UNIT else ():
-                groups.setdefault((c, "beside", *other), []).append(k)
+            for unit_of_other_term in alone.get(r, ()) if kind != UNIT else ():
+                groups.setdefault((c, "beside", *unit_of_other_term), []).append(k)
         return [[entries[k][:2] for k in group] for group in groups.values()
                 if len(group) > 1 and any(entries[k][2] != UNIT for k in group)]
 
@@ -236,10 +238,6 @@ class BlockSolver:
     def _apart(self, pairs: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:
         """The pairs in groups in which no row contains the column of another."""
         return [[pairs[k] for k in group] for group in self._disjoint([((r,), (c,)) for r, c in pairs])]
-
-    def _independent(self, blocks: Sequence[_Block]) -> list[list[_Block]]:
-        """The blocks in groups in which none contains a column of another."""
-        return [[blocks[k] for k in group] for group in self._disjoint([(b.rows, b.columns) for b in blocks])]
 
     def _disjoint(self, parts: Sequence[tuple[Sequence[int], Sequence[int]]]) -> list[list[int]]:
         """The parts (rows, columns), by their numbers, in groups in which the rows of none contain the columns of another;
@@ -302,7 +300,8 @@ class BlockSolver:
     def _solve_linear_loops(self, ordered: Sequence[_Solved | _Block]) -> None:
         """Solve torn loops with frames that are linear in their unknowns by sparse elimination if no divisor vanishes in one
         of many random states. `ordered` are the solutions and loops in the order in which they can be evaluated."""
-        loops = [block for block in ordered if isinstance(block, _Block) and block.torn and self._has_frames(block)]
+        loops = [block for block in ordered if isinstance(block, _Block) and block.torn
+                 and any(self.flat.unknowns[self.unknown[c][0]].pose for c in block.columns)]
         if not loops:
             return
         waiting = {c for block in loops for c in block.columns}
@@ -327,24 +326,19 @@ class BlockSolver:
             if any(open_entries[k] for k in entries):
                 continue
             places = zip(*matrix.sparsity().get_triplet(), strict=True)
-            self._solve_linear(block, {(block.rows[r], block.columns[c]): Coefficient(coefficients[k], values[k])
-                                       for (r, c), k in zip(places, entries, strict=True)})
-
-    def _solve_linear(self, block: _Block, coefficients: dict[tuple[int, int], Coefficient]) -> None:
-        unknowns = self.symbols[block.columns]
-        constants = split(ca.substitute(self.residuals[block.rows], unknowns, ca.SX.zeros(unknowns.numel())))
-        sizes = {c: self.flat.unknowns[self.unknown[c][0]].nominal for c in block.columns}
-        solutions = eliminate(coefficients, dict(zip(block.rows, constants, strict=True)),
-                              dict(zip(block.columns, split(unknowns), strict=True)), sizes)
-        if solutions is None:
-            return
-        numbers = self._kept(stack([s.value for s in reversed(solutions)]))
-        block.linear = [_Solved(s.row, s.column, s.divisor, number, dead=False)
-                        for s, number in zip(reversed(solutions), numbers, strict=True)]
-        block.solved, block.eliminated, block.torn, block.residual, block.remaining = [], [], [], [], []
-
-    def _has_frames(self, block: _Block) -> bool:
-        return any(self.flat.unknowns[self.unknown[c][0]].pose for c in block.columns)
+            loop_coefficients = {(block.rows[r], block.columns[c]): Coefficient(coefficients[k], values[k])
+                                 for (r, c), k in zip(places, entries, strict=True)}
+            unknowns = self.symbols[block.columns]
+            constants = split(ca.substitute(self.residuals[block.rows], unknowns, ca.SX.zeros(unknowns.numel())))
+            sizes = {c: self.flat.unknowns[self.unknown[c][0]].nominal for c in block.columns}
+            solutions = eliminate(loop_coefficients, dict(zip(block.rows, constants, strict=True)),
+                                  dict(zip(block.columns, split(unknowns), strict=True)), sizes)
+            if solutions is None:
+                continue
+            numbers = self._kept(stack([s.value for s in reversed(solutions)]))
+            block.linear = [_Solved(s.row, s.column, s.divisor, number, dead=False)
+                            for s, number in zip(reversed(solutions), numbers, strict=True)]
+            block.solved, block.eliminated, block.torn, block.residual, block.remaining = [], [], [], [], []
 
     def _at_random_states(self, expressions: ca.SX) -> Array:
         """The values (n, SAMPLES) of expressions in states, parameters and known functions of time; the first state is the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -98,16 +98,7 @@ def connect_as_far(expanded: Expanded) -> tuple[Network, Problems]:
     """The groups of an incomplete diagram with their domains, and the problems of these. An undetermined domain is empty,
     and units are not solved."""
     problems = Problems()
-    groups = _groups(expanded)
-    domains = _domains(expanded, groups, problems)
-    named = [_named(expanded, members, domain) for members, domain in zip(groups, domains, strict=True)]
-    of_port = {port: k for k, members in enumerate(groups) for port in members.ports}
-    of_node = {node: k for k, members in enumerate(groups) for node in members.nodes}
-    return Network(tuple(named), of_port, of_node, _port_domains(expanded, of_port, named), {}), problems
-
-
-def _groups(expanded: Expanded) -> list[Members]:
-    """Union-find over ports and nodes; groups in the order in which their first member is declared."""
+    # union-find over ports and nodes; groups in the order in which their first member is declared
     parent: dict[Terminal, Terminal] = {}
 
     def root(item: Terminal) -> Terminal:
@@ -130,8 +121,20 @@ def _groups(expanded: Expanded) -> list[Members]:
     members: dict[Terminal, list[Terminal]] = {}
     for item in parent:
         members.setdefault(root(item), []).append(item)
-    return [Members(tuple(m.path for m in group if m.kind == "node"), tuple(m.path for m in group if m.kind == "port"))
-            for group in members.values()]
+    groups = [Members(tuple(m.path for m in group if m.kind == "node"), tuple(m.path for m in group if m.kind == "port"))
+              for group in members.values()]
+    domains = _domains(expanded, groups, problems)
+    named = [_named(expanded, members, domain) for members, domain in zip(groups, domains, strict=True)]
+    of_port = {port: k for k, members in enumerate(groups) for port in members.ports}
+    of_node = {node: k for k, members in enumerate(groups) for node in members.nodes}
+    domain_of_port: dict[str, dict[str, str]] = {}
+    for path, leaf in expanded.leaves.items():
+        domain_of_port[path] = {}
+        for port in leaf.component.ports.values():
+            item = f"{path}.{port.name}" + ("[1]" if port.count is not None else "")
+            if item in of_port:
+                domain_of_port[path][port.name] = named[of_port[item]].domain
+    return Network(tuple(named), of_port, of_node, domain_of_port, {}), problems
 
 
 def port_definition(expanded: Expanded, path: str) -> str:
@@ -154,34 +157,9 @@ def _domains(expanded: Expanded, groups: list[Members], problems: Problems) -> l
                 domain = bound.get(key, "") if declared.startswith("$") else declared
                 if domain and not domains[k]:
                     domains[k], changed = domain, True
-                # no port of power is ever a signal, which `_mixed` tells
+                # no port of power is ever a signal, which the check of mixed domains reports
                 elif declared.startswith("$") and domains[k] not in ("", "signal") and not domain:
                     bound[key], changed = domains[k], True
-    _mixed(expanded, bound, problems)
-    _without_pair(expanded, bound, problems)
-    for k, members in enumerate(groups):
-        if not domains[k] and members.ports:
-            path = members.ports[0]
-            leaf = expanded.leaves[path.rpartition(".")[0]]
-            problems.add("domain-open", f"nothing determines the domain of '{path}'",
-                         leaf.place, hint="Join it to a port of a component that has a domain.")
-    return domains
-
-
-def _without_pair(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Problems) -> None:
-    """A port of any domain has one effort and one flow."""
-    for (path, _), name in bound.items():
-        domain = expanded.model.library.domains.get(name)
-        if domain is not None and (domain.effort is None or domain.flow is None):
-            leaf = expanded.leaves[path]
-            several = len(domain.efforts) > 1
-            problems.add("domain-pair", f"'{path}' ({leaf.component.name}) has one effort and one flow at its ports; a "
-                         f"{name} node has {'several of each' if several else 'none'}", leaf.place,
-                         hint=f"Take a component whose port is {name}, or one that leads from there to another domain"
-                         + (", such as a PlanarShaft." if name == "planar" else "."))
-
-
-def _mixed(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Problems) -> None:
     for junction in expanded.junctions.values():
         kinds: dict[str, str] = {}
         for end in junction.ends:
@@ -199,6 +177,23 @@ def _mixed(expanded: Expanded, bound: dict[tuple[str, str], str], problems: Prob
                 hint="A signal acts through a source (ForceSource, FlowSource, ...) and comes from a sensor."
                 if "signal" in kinds else
                 "A node joins ports of one domain; a component such as a Cylinder goes from one to another.")
+    # a port of any domain has one effort and one flow
+    for (path, _), name in bound.items():
+        domain = expanded.model.library.domains.get(name)
+        if domain is not None and (domain.effort is None or domain.flow is None):
+            leaf = expanded.leaves[path]
+            several = len(domain.efforts) > 1
+            problems.add("domain-pair", f"'{path}' ({leaf.component.name}) has one effort and one flow at its ports; a "
+                         f"{name} node has {'several of each' if several else 'none'}", leaf.place,
+                         hint=f"Take a component whose port is {name}, or one that leads from there to another domain"
+                         + (", such as a PlanarShaft." if name == "planar" else "."))
+    for k, members in enumerate(groups):
+        if not domains[k] and members.ports:
+            path = members.ports[0]
+            leaf = expanded.leaves[path.rpartition(".")[0]]
+            problems.add("domain-open", f"nothing determines the domain of '{path}'",
+                         leaf.place, hint="Join it to a port of a component that has a domain.")
+    return domains
 
 
 def _named(expanded: Expanded, members: Members, domain: str) -> Group:
@@ -207,17 +202,6 @@ def _named(expanded: Expanded, members: Members, domain: str) -> Group:
     place = expanded.junctions[outermost].place if nodes else \
         expanded.leaves[outermost.rpartition(".")[0]].place
     return Group(outermost, domain, (*nodes, *ports), ports, place)
-
-
-def _port_domains(expanded: Expanded, of_port: dict[str, int], groups: list[Group]) -> dict[str, dict[str, str]]:
-    domains: dict[str, dict[str, str]] = {}
-    for path, leaf in expanded.leaves.items():
-        domains[path] = {}
-        for port in leaf.component.ports.values():
-            item = f"{path}.{port.name}" + ("[1]" if port.count is not None else "")
-            if item in of_port:
-                domains[path][port.name] = groups[of_port[item]].domain
-    return domains
 
 
 # -- signals ---------------------------------------------------------------------------------------------------------
@@ -241,7 +225,13 @@ def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, proble
     """Solve `$U` of each leaf from parameters with units, the signals it is joined to and formulas at its inputs. Signals
     without any relation to a unit (a loop of gains and memories) are plain numbers."""
     solution: dict[str, dict[str, Dimension]] = {path: {} for path in expanded.leaves}
-    constraints = [*_parameter_constraints(expanded, dimensions)]
+    constraints: list[tuple[str, Dimension, Dimension]] = []
+    for path, leaf in expanded.leaves.items():
+        for name, bound in leaf.parameters.items():
+            parameter = leaf.component.parameters[name]
+            if is_generic(parameter.unit.dimension) and isinstance(bound.value, Value) \
+                    and (value_dimension := dimensions.of(bound)) is not None:
+                constraints.append((path, parameter.unit.dimension, value_dimension))
     signals = [g for g in network.groups if g.domain == "signal"]
     formulas = _Formulas(expanded, network, dimensions, solution)
     changed = True
@@ -250,14 +240,25 @@ def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, proble
         for path, declared, value_dimension in constraints:
             changed |= _solve(declared, value_dimension, solution[path])
         for group in signals:
-            known = _known_dimension(expanded, group, formulas)
+            known = formulas.signal(group)
+            if known is None:
+                input_dimensions = (formulas.of(bound) for _, bound in drivers(expanded, group)[1])
+                known = next((g for g in input_dimensions if g is not None), None)
             if known is None:
                 continue
             for port in (*group.ports, *formulas.equal(group)):
-                leaf, _, name = port.rpartition(".")
-                changed |= _solve(expanded.leaves[leaf].component.signals[name].unit.dimension, known, solution[leaf])
+                owner, _, name = port.rpartition(".")
+                changed |= _solve(expanded.leaves[owner].component.signals[name].unit.dimension, known, solution[owner])
         changed = changed or any(_plain(expanded, group, solution) for group in signals)
-    _check_signals(expanded, signals, solution, problems)
+    for group in signals:
+        units = {port: signal_unit(expanded, port, solution) for port in group.ports}
+        first = next(iter(units))
+        for port, unit in units.items():
+            if unit.dimension != units[first].dimension or {unit.counts, units[first].counts} == {"cycles", "angle"}:
+                factor = dimension_text(times(unit.dimension, units[first].dimension, -1))
+                problems.add("units-differ", f"signal '{group.name}' joins {units[first].text} ('{first}') and "
+                             f"{unit.text} ('{port}')", group.place, hint="Check the wire. To convert, give the input "
+                             f"a formula in place: `{port.rpartition('.')[2]}: \"=k*{first}\"` with k in {factor}.")
     return solution
 
 
@@ -270,28 +271,16 @@ def _plain(expanded: Expanded, group: Group, solution: dict[str, dict[str, Dimen
     return False
 
 
-def _parameter_constraints(expanded: Expanded, dimensions: _Dimensions
-                           ) -> Iterable[tuple[str, Dimension, Dimension]]:
-    for path, leaf in expanded.leaves.items():
-        for name, bound in leaf.parameters.items():
-            parameter = leaf.component.parameters[name]
-            if not is_generic(parameter.unit.dimension) or not isinstance(bound.value, Value):
-                continue
-            dimension = dimensions.of(bound)
-            if dimension is not None:
-                yield path, parameter.unit.dimension, dimension
-
-
 class _Dimensions:
     """The dimensions of values in the diagram; those of its parameters are computed once."""
 
     def __init__(self, expanded: Expanded, order: Sequence[str]):
         self.expanded = expanded
-        self.found: dict[str, Dimension | None] = {}
+        self.known: dict[str, Dimension | None] = {}
         formulas = set(order)
         for name in [*(n for n in expanded.parameters if n not in formulas), *order]:
             if name in expanded.parameters:
-                self.found[name] = self.of(expanded.parameters[name])
+                self.known[name] = self.of(expanded.parameters[name])
 
     def of(self, bound: Bound) -> Dimension | None:
         """The dimension of a value that consists of quantities and parameters with known units; None if it is
@@ -306,29 +295,23 @@ class _Dimensions:
             return None  # not known yet, or the complaint comes with the check of the parameter itself
 
     def _parameter(self, path: str, name: Name) -> Dimension:
-        dimension = ONE if name.text == "pi" else self._found(path)
+        owner, _, parameter = path.rpartition(".")
+        declared = self.expanded.leaves[owner].component.parameters.get(parameter) if owner in self.expanded.leaves else None
+        dimension = ONE if name.text == "pi" else self.known.get(path, None if declared is None else declared.unit.dimension)
         if dimension is None or is_generic(dimension):
             raise ExpressionProblem("unit-open", f"the unit of '{name.text}' is not known", name.column, name.length)
         return dimension
 
-    def _found(self, path: str) -> Dimension | None:
-        if path in self.found:
-            return self.found[path]
-        owner, _, parameter = path.rpartition(".")
-        leaf = self.expanded.leaves.get(owner)
-        declared = leaf.component.parameters.get(parameter) if leaf is not None else None
-        return None if declared is None else declared.unit.dimension
 
-
-def _solve(declared: Dimension, given: Dimension, known: dict[str, Dimension]) -> bool:
-    """Solve declared = given for one unknown unit in `declared`; True if a unit was determined."""
+def _solve(declared: Dimension, dimension: Dimension, known: dict[str, Dimension]) -> bool:
+    """Solve declared = dimension for one unknown unit in `declared`; True if a unit was determined."""
     unsolved = solved(declared, known)
     unknown = [(base, power) for base, power in unsolved if base.startswith("$")]
     if len(unknown) != 1:
         return False
     (base, power), = unknown
-    others_powers = tuple((b, p) for b, p in unsolved if b != base)
-    known[base] = times(ONE, times(given, others_powers, -1), 1 / power)
+    known_powers = tuple((b, p) for b, p in unsolved if b != base)
+    known[base] = times(ONE, times(dimension, known_powers, -1), 1 / power)
     return True
 
 
@@ -345,8 +328,8 @@ class _Formulas:
         ports = []
         for _, bound in drivers(self.expanded, group)[1]:
             name = bound.value.expr if isinstance(bound.value, Value) else None
-            if isinstance(name, Name) and (other := self.group_of.get(bound.scope + name.text)) is not None:
-                ports += [port for port in other.ports if other.domain == "signal"]
+            if isinstance(name, Name) and (source := self.group_of.get(bound.scope + name.text)) is not None:
+                ports += [port for port in source.ports if source.domain == "signal"]
         return ports
 
     def of(self, bound: Bound) -> Dimension | None:
@@ -371,8 +354,8 @@ class _Formulas:
         """The dimension of a parameter, a variable, a signal, or a member of a node or port."""
         owner, _, name = path.rpartition(".")
         leaf, group = self.expanded.leaves.get(owner), self.group_of.get(owner)
-        if path in self.dimensions.found:
-            return self.dimensions.found[path]
+        if path in self.dimensions.known:
+            return self.dimensions.known[path]
         signal = self.group_of.get(path)
         if signal is not None and signal.domain == "signal":
             return self.signal(signal)
@@ -383,8 +366,8 @@ class _Formulas:
                 return member.unit.dimension
         if leaf is None:
             return None
-        item = next((found for group in (leaf.component.variables, leaf.component.parameters)
-                     for key in (name, f"{name}[1]") if (found := group.get(key)) is not None), None)
+        item = next((declaration for group in (leaf.component.variables, leaf.component.parameters)
+                     for key in (name, f"{name}[1]") if (declaration := group.get(key)) is not None), None)
         return None if item is None else solved(item.unit.dimension, self.solution[owner])
 
     def signal(self, group: Group) -> Dimension | None:
@@ -397,14 +380,6 @@ class _Formulas:
         return None
 
 
-def _known_dimension(expanded: Expanded, group: Group, formulas: _Formulas) -> Dimension | None:
-    dimension = formulas.signal(group)
-    if dimension is not None:
-        return dimension
-    input_dimensions = (formulas.of(bound) for _, bound in drivers(expanded, group)[1])
-    return next((g for g in input_dimensions if g is not None), None)
-
-
 def signal_unit(expanded: Expanded, port: str, solution: dict[str, dict[str, Dimension]]) -> Unit:
     """The unit of a signal port with `$U` put in."""
     leaf, _, name = port.rpartition(".")
@@ -413,18 +388,5 @@ def signal_unit(expanded: Expanded, port: str, solution: dict[str, dict[str, Dim
         return declared
     dimension = solved(declared.dimension, solution[leaf])
     return Unit(dimension_text(dimension), 1.0, 0.0, dimension)
-
-
-def _check_signals(expanded: Expanded, signals: list[Group], solution: dict[str, dict[str, Dimension]],
-                   problems: Problems) -> None:
-    for group in signals:
-        units = {port: signal_unit(expanded, port, solution) for port in group.ports}
-        first = next(iter(units))
-        for port, unit in units.items():
-            if unit.dimension != units[first].dimension or {unit.counts, units[first].counts} == {"cycles", "angle"}:
-                factor = dimension_text(times(unit.dimension, units[first].dimension, -1))
-                problems.add("units-differ", f"signal '{group.name}' joins {units[first].text} ('{first}') and "
-                             f"{unit.text} ('{port}')", group.place, hint="Check the wire. To convert, give the input "
-                             f"a formula in place: `{port.rpartition('.')[2]}: \"=k*{first}\"` with k in {factor}.")
 
 

@@ -30,9 +30,9 @@ class DataSheet:
         parameter = self.component.parameters.get(name.partition("[")[0])
         if parameter is None or (parameter.count is None) == ("[" in name):
             return False
-        return parameter.count is None or self.given(name) is not None
+        return parameter.count is None or self.value_of(name) is not None
 
-    def given(self, name: str) -> Value | None:
+    def value_of(self, name: str) -> Value | None:
         """The value that was given to its parameter, or that its component has for it."""
         setting = self.model.settings.get(f"{self.path}.{name}")
         value = setting.value if setting is not None else self.instance.settings.get(name, self.component.values.get(name))
@@ -52,7 +52,7 @@ def data_sheets(instance: Instance, body: Body, known: Mapping[str, Component], 
         if name == instance.name or name not in body.instances:
             problems.add("data-unknown", f"'{name}' is the part itself" if name == instance.name else
                          f"there is no part '{name}' at the level of '{instance.name}'", place,
-                         hint=_meant(name, instance, body, model))
+                         hint=_correction(name, instance, body, model))
         elif sheet is not None:
             shared = [p for p in component.parameters if p in sheet.parameters]
             # what is given at the part itself is taken from none
@@ -74,15 +74,15 @@ def data_sheets(instance: Instance, body: Body, known: Mapping[str, Component], 
     return tuple(sheets)
 
 
-def _meant(name: str, instance: Instance, body: Body, model: Model) -> str:
+def _correction(name: str, instance: Instance, body: Body, model: Model) -> str:
     if name != instance.name and name in model.library.files:
         return f"Add it to the parts, `{name[0].lower() + name[1:]}: {{is: {name}}}`, and write " \
             f"`data: {name[0].lower() + name[1:]}`."
-    names = [other for other in body.instances if other != instance.name]
+    names = [part for part in body.instances if part != instance.name]
     return (suggest(name, names) if name != instance.name else "") or f"Parts: {listing(names)}."
 
 
-def taken(sheets: tuple[DataSheet, ...], name: str, path: str, place: Place) -> Value | None:
+def value_by_sheet(sheets: tuple[DataSheet, ...], name: str, path: str, place: Place) -> Value | None:
     """The formula by which the parameter at `path` follows the parameter of a sheet; None if no sheet has it."""
     for sheet in sheets:
         if sheet.has(name):
@@ -97,7 +97,7 @@ def taken(sheets: tuple[DataSheet, ...], name: str, path: str, place: Place) -> 
 def whole(sheets: tuple[DataSheet, ...], name: str, path: str) -> Value | None:
     """The value of a whole number of a sheet; it determines the structure of a part, so that it is needed first."""
     for sheet in sheets:
-        if sheet.has(name) and (value := sheet.given(name)) is not None:
+        if sheet.has(name) and (value := sheet.value_of(name)) is not None:
             sheet.takers.append(path)
             return value
     return None

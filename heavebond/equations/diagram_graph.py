@@ -40,7 +40,7 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
     network = connect(expanded, formula_order(expanded))
     graph: nx.Graph[tuple[str, str]] = nx.Graph(name=model.name)
     for path, leaf in expanded.leaves.items():
-        if _shown(expanded, path, open_blocks):
+        if _has_vertex(expanded, path, open_blocks):
             graph.add_node((PART, path), kind=PART, component=leaf.component.name, block=leaf.component.composite,
                            file=leaf.place.file, line=leaf.place.line)
     connections = {end.name: end.place for junction in expanded.junctions.values() for end in junction.ends if end.sign > 0}
@@ -51,7 +51,9 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
             graph.add_node((NODE, group.name), **_node_attributes(expanded, group, network))
         for port in ends:
             part = port.rpartition(".")[0]
-            place, direction = connections.get(port, expanded.leaves[part].place), _direction(expanded, port)
+            place = connections.get(port, expanded.leaves[part].place)
+            signal = expanded.leaves[part].component.signal(port.rpartition(".")[2])
+            direction = "power" if signal is None else signal.direction
             graph.add_node((PORT, port), kind=PORT, domain=group.domain, direction=direction, file=place.file,
                            line=place.line)
             _add_edge(graph, (PART, part), (PORT, port), group.domain, direction)
@@ -60,18 +62,12 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
     return graph
 
 
-def _shown(expanded: Expanded, path: str, open_blocks: bool) -> bool:
+def _has_vertex(expanded: Expanded, path: str, open_blocks: bool) -> bool:
     """True if a part is in the graph: with opened blocks all except blocks, otherwise all outside blocks."""
     if open_blocks:
         return not expanded.leaves[path].component.composite
     outer = path.split(".")
     return not any(".".join(outer[:k]) in expanded.leaves for k in range(1, len(outer)))
-
-
-def _direction(expanded: Expanded, port: str) -> str:
-    part, _, name = port.rpartition(".")
-    signal = expanded.leaves[part].component.signal(name)
-    return signal.direction if signal is not None else "power"
 
 
 def _add_edge(graph: nx.Graph[tuple[str, str]], inner: tuple[str, str], outer: tuple[str, str], domain: str,

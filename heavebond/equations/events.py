@@ -103,7 +103,7 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
             condition = expanded.model.initial.conditions.get(name)
             if condition is not None:
                 chart = leaf.component.states if variable.name == STATE else ()
-                place, number = condition.value.place, _asked(condition, chart, problems)
+                place, number = condition.value.place, _initial_value(condition, chart, problems)
                 below = -inf if variable.low is None else variable.low
                 above = inf if variable.high is None else variable.high
                 if number is not None and not below <= number <= above:
@@ -125,7 +125,7 @@ def with_held(parameters: Parameters, expanded: Expanded, unit_of: Callable[[Lea
                    units={**joined.units, **{h.name: h.unit for h in held_variables}}), tuple(held_variables)
 
 
-def _asked(condition: Condition, chart: Sequence[ChartState], problems: Problems) -> float | None:
+def _initial_value(condition: Condition, chart: Sequence[ChartState], problems: Problems) -> float | None:
     """The value under `initial:` of a held variable; the number of a state of `chart` by its name."""
     number, expr = constant(condition.value.expr), condition.value.expr
     if chart and isinstance(expr, Name) and not condition.guess and not condition.value.formula:
@@ -147,11 +147,11 @@ def held_bounds(expanded: Expanded, symbols: Mapping[str, ca.SX]) -> dict[int, I
             for path, leaf in expanded.leaves.items() for name, variable in leaf.component.held.items()}
 
 
-def leaf_events(path: str, made: Template, values: list[ca.SX], names: Mapping[str, int], held: Mapping[str, Held]
+def leaf_events(path: str, template: Template, values: list[ca.SX], names: Mapping[str, int], held: Mapping[str, Held]
                 ) -> Iterator[FlatEvent]:
     """The events of one leaf; `values` are the values of the template's `happenings`."""
     remaining = iter(values)
-    for line in made.events:
+    for line in template.events:
         condition, first, period = next(remaining), next(remaining), next(remaining)
         resets, impulse = [], None
         for target, reset in zip(line.targets, line.when.resets, strict=True):

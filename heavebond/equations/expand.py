@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from heavebond.core.errors import HeavebondError, ModelError, Place, Problem, Problems, listing, suggest
 from heavebond.core.limits import EXPANDED, OF_A_KIND
 from heavebond.core.units import is_generic
 from heavebond.equations.arrays import by_elements, shared, vector_outputs
-from heavebond.equations.data_sheets import DataSheet, data_sheets, taken, whole
+from heavebond.equations.data_sheets import DataSheet, data_sheets, value_by_sheet, whole
 from heavebond.equations.expanded import Bound, Expanded, Leaf
-from heavebond.equations.repetition import repeated
 from heavebond.equations.wires import Wires
-from heavebond.language.definition import Body, Component, FileInput, Instance, Parameter, Value
+from heavebond.language.definition import Body, Component, End, FileInput, Instance, Parameter, Value, Wire
 from heavebond.language.lists import lengths, short, written_out, written_size
 from heavebond.language.model import Model
 from heavebond.language.sections import Setting
@@ -60,7 +60,7 @@ class _Opener:
         self.unused = dict(model.settings)
         self.wires = Wires(self.leaves, self.unused, self.problems)
         self.settable: list[str] = []
-        self.found: dict[str, Component] = {}
+        self.components: dict[str, Component] = {}  # by kind
         self.inside: dict[str, tuple[Instance, str]] = {}  # parts that take the place of those of blocks, and their scopes
         self.scopes: dict[str, str] = {}
         self.sheets: dict[str, list[str]] = {}
@@ -77,7 +77,18 @@ class _Opener:
             self.problems.add("diagram-empty", "this diagram has no components", Place(model.path.name, 1),
                               hint="Add `components:` and `nodes:`.")
         self._body(model.body, "", None, {}, ())
-        self._unused_settings()
+        for path, setting in self.unused.items():
+            owner, _, member = path.rpartition(".")
+            settable = [s for s in self.settable if s.rpartition(".")[0] == owner]
+            message, choices = f"nothing here is called '{path}', so it cannot be set", self.settable
+            if owner in self.leaves:
+                component = self.leaves[owner].component
+                message, choices = f"'{owner}' ({component.name}) has no parameter '{member}'", settable
+            elif owner in self.wires.junctions:
+                message, choices = f"'{path}' changes during a run; only parameters and inputs are set", []
+            hint = suggest(path, choices) or (f"What can be set: {listing(choices, 20)}." if choices else
+                                              "Its value at the start is given under `initial:`.")
+            self.problems.add("setting-unknown", message, setting.place, hint=hint)
         self.wires.inside_blocks()
         for path, (instance, _) in self.inside.items():
             self.problems.add("part-unknown", f"there is no part '{path}' inside a block", instance.place,
@@ -87,20 +98,6 @@ class _Opener:
         self.settable.append(path)
         return self.unused.pop(path, None)
 
-    def _unused_settings(self) -> None:
-        for path, setting in self.unused.items():
-            owner, _, name = path.rpartition(".")
-            settable = [s for s in self.settable if s.rpartition(".")[0] == owner]
-            message, choices = f"nothing here is called '{path}', so it cannot be set", self.settable
-            if owner in self.leaves:
-                component = self.leaves[owner].component
-                message, choices = f"'{owner}' ({component.name}) has no parameter '{name}'", settable
-            elif owner in self.wires.junctions:
-                message, choices = f"'{path}' changes during a run; only parameters and inputs are set", []
-            hint = suggest(path, choices) or (f"What can be set: {listing(choices, 20)}." if choices else
-                                              "Its value at the start is given under `initial:`.")
-            self.problems.add("setting-unknown", message, setting.place, hint=hint)
-
     def component(self, path: str) -> Component | None:
         """The component at a path."""
         leaf = self.leaves.get(path)
@@ -109,10 +106,29 @@ class _Opener:
     # -- one level -------------------------------------------------------------------------------------------------
     def _body(self, body: Body, prefix: str, owner: Component | None, integers: dict[str, int],
               kinds: tuple[str, ...]) -> None:
-        body = self._with_parts_of_outside(body, prefix)
-        numbers = integers if prefix else {**self._top_integers(), **integers}
+        # the parts that a diagram or block around this body substitutes for its own; the outermost substitution counts
+        for path, instance in body.inside.items():
+            self.inside.setdefault(prefix + path, (instance, prefix))
+        instances = dict(body.instances)
+        for name in instances:
+            if (replacement := self.inside.pop(prefix + name, None)) is not None:
+                instances[name], self.scopes[prefix + name] = replace(replacement[0], name=name), replacement[1]
+        body = replace(body, instances=instances)
+        numbers = dict(integers)
+        for name, bound in self.parameters.items() if not prefix else ():
+            if isinstance(bound.value, Value) and (number := whole_number(bound.value.expr, numbers)) is not None:
+                numbers[name] = number
         body = repeated(body, numbers, lambda instance: self._component(instance, kinds), self.problems)
-        self._name_clashes(body, owner)
+        for wire in body.wires.values():
+            instance = body.instances.get(wire.name)
+            if instance is not None and not any(e.path.split(".")[0] == wire.name for e in wire.ends):
+                self.problems.add("name-twice", f"node '{wire.name}' has the name of a component that is not on it",
+                                  wire.place, hint="Give the node another name.")
+        if owner is None:
+            for name, value in self.model.parameters.items():
+                if name in body.instances or name in body.wires:
+                    self.problems.add("name-twice", f"'{name}' is a parameter and a component or node", value.place,
+                                      hint="Give one of them another name.")
         known: dict[str, Component] = {}
         for instance in body.instances.values():
             component = self._component(instance, kinds)
@@ -126,20 +142,13 @@ class _Opener:
             for sheet in sheets:
                 self.sheets.setdefault(sheet.path, []).extend(sheet.takers)
 
-    def _with_parts_of_outside(self, body: Body, prefix: str) -> Body:
-        """A body with the parts that a diagram or block around it substitutes for its own; the outermost substitution
-        counts."""
-        for path, instance in body.inside.items():
-            self.inside.setdefault(prefix + path, (instance, prefix))
-        instances = dict(body.instances)
-        for name in instances:
-            if (replacement := self.inside.pop(prefix + name, None)) is not None:
-                instances[name], self.scopes[prefix + name] = replace(replacement[0], name=name), replacement[1]
-        return replace(body, instances=instances)
-
     def _component(self, instance: Instance, kinds: tuple[str, ...]) -> Component | None:
         try:
-            component = self.found.get(instance.kind) or self._checked(instance)
+            component = self.components.get(instance.kind)
+            if component is None:  # its file is read and its laws are checked
+                library = self.model.library
+                component = self.components[instance.kind] = library.component(instance.kind, instance.kind_place)
+                library.checked(instance.kind, instance.kind_place)
         except HeavebondError as error:
             self.problems.extend(error)
             return None
@@ -152,25 +161,6 @@ class _Opener:
             return None
         return component
 
-    def _checked(self, instance: Instance) -> Component:
-        """The component of a name; at its first use the file is read and its laws are checked."""
-        library = self.model.library
-        component = self.found[instance.kind] = library.component(instance.kind, instance.kind_place)
-        library.checked(instance.kind, instance.kind_place)
-        return component
-
-    def _name_clashes(self, body: Body, owner: Component | None) -> None:
-        for wire in body.wires.values():
-            instance = body.instances.get(wire.name)
-            if instance is not None and not any(e.path.split(".")[0] == wire.name for e in wire.ends):
-                self.problems.add("name-twice", f"node '{wire.name}' has the name of a component that is not on it",
-                                  wire.place, hint="Give the node another name.")
-        if owner is None:
-            for name, value in self.model.parameters.items():
-                if name in body.instances or name in body.wires:
-                    self.problems.add("name-twice", f"'{name}' is a parameter and a component or node", value.place,
-                                      hint="Give one of them another name.")
-
     def _instance(self, instance: Instance, component: Component, prefix: str, outer: dict[str, int],
                   kinds: tuple[str, ...], sheets: tuple[DataSheet, ...]) -> None:
         path = prefix + instance.name
@@ -181,10 +171,13 @@ class _Opener:
         sizes = lengths(component, lambda name: name in instance.settings or f"{path}.{name}" in self.unused
                         or name in component.values or any(sheet.has(name) for sheet in sheets))
         for name in (n for n, p in component.parameters.items() if p.integer):
-            bound = self._given(instance, name, prefix, path)
+            bound = self._setting_or_value(instance, name, prefix, path)
             if bound is None and (value := whole(sheets, name, f"{path}.{name}")) is not None:
                 bound = Bound(value, "", value.place)
-            bound = bound or self._told(sizes, name, instance) or default(component.parameters[name], path)
+            if bound is None and name in sizes:  # a whole number that follows from the length of a list
+                number = Value(Number(sizes[name], None, 0), f"{sizes[name]} values", instance.place, si=True)
+                bound = Bound(number, "", instance.place)
+            bound = bound or default(component.parameters[name], path)
             if bound is not None:
                 parameters[name] = bound
         integers = self._integers(component, parameters, outer)
@@ -195,12 +188,14 @@ class _Opener:
         self._check_size(path, written_size(component, integers) + len(component.body.wires))
         component = written_out(component, integers)
         for name, parameter in component.parameters.items():
-            bound = parameters.get(name) or self._given(instance, name, prefix, path)
-            if bound is None and (value := taken(sheets, name, f"{path}.{name}", instance.place)) is not None:
+            bound = parameters.get(name) or self._setting_or_value(instance, name, prefix, path)
+            if bound is None and (value := value_by_sheet(sheets, name, f"{path}.{name}", instance.place)) is not None:
                 bound = Bound(value, "", instance.place)
             if bound is None and parameter.medium:
                 continue  # its circuit decides
-            bound = bound or self._own(component, name, path) or default(parameter, path)
+            if bound is None and (value := component.values.get(name)) is not None:  # an element of a list, by an extension
+                bound = Bound(value, path + ".", value.place)
+            bound = bound or default(parameter, path)
             if bound is None:
                 missing.append(name)
             elif isinstance(bound.value, FileInput):
@@ -212,7 +207,7 @@ class _Opener:
         if not self._unknown_settings(instance, component, missing):
             self._missing(instance.place, path, component, missing)
         inputs = {name: bound for name, port in component.signals.items() if port.direction == "in"
-                  and (bound := self._given(instance, name, prefix, path)
+                  and (bound := self._setting_or_value(instance, name, prefix, path)
                        or self._given_whole(instance, name, prefix, path)) is not None}
         self.leaves[path] = Leaf(path, component, instance.place, parameters, inputs, integers)
         if component.composite:
@@ -261,18 +256,12 @@ class _Opener:
         self.unused = {name: setting for name, setting in self.unused.items() if name not in unused}
         self._instance(replace(instance, settings=settings), replacement, prefix, outer, kinds, sheets)
 
-    @staticmethod
-    def _own(component: Component, name: str, path: str) -> Bound | None:
-        """The value that an extending component gives to an element of a list."""
-        value = component.values.get(name)
-        return None if value is None else Bound(value, path + ".", value.place)
-
-    def _given(self, instance: Instance, name: str, prefix: str, path: str) -> Bound | None:
+    def _setting_or_value(self, instance: Instance, name: str, prefix: str, path: str) -> Bound | None:
         setting = self._setting(f"{path}.{name}")
         if setting is not None:
             return Bound(setting.value, "", setting.place)
-        given = instance.settings.get(name)
-        return None if given is None else Bound(given, self.scopes.get(path, prefix), given.place)
+        value = instance.settings.get(name)
+        return None if value is None else Bound(value, self.scopes.get(path, prefix), value.place)
 
     def _given_whole(self, instance: Instance, name: str, prefix: str, path: str) -> Bound | None:
         """The value of an element of a vector of inputs that is given as a whole: `u: =filter.y`, or one number."""
@@ -284,14 +273,6 @@ class _Opener:
         self.unused.pop(f"{path}.{base}", None)
         return Bound(shared(value, base, name), "" if setting is not None else self.scopes.get(path, prefix),
                      value.place)
-
-    @staticmethod
-    def _told(told: dict[str, int], name: str, instance: Instance) -> Bound | None:
-        """A whole number that follows from the length of a list."""
-        if name not in told:
-            return None
-        value = Value(Number(told[name], None, 0), f"{told[name]} values", instance.place, si=True)
-        return Bound(value, "", instance.place)
 
     def _check_literal(self, name: str, parameter: Parameter, value: Value) -> None:
         """A plain quantity has the right unit and lies within its bounds; formulas are checked when all are known."""
@@ -307,7 +288,7 @@ class _Opener:
             parameter = component.parameters[name]
             if "[" in name:
                 base = name.partition("[")[0]
-                elements = [other for other in component.parameters if other.partition("[")[0] == base]
+                elements = [element for element in component.parameters if element.partition("[")[0] == base]
                 rows, *columns = elements[-1].removeprefix(base).strip("[]").split("][")
                 size = f"a matrix of {rows} rows and {columns[0]} columns" if columns else f"a list of {rows} values"
                 form = "[[..., ...], ...]" if columns else "[..., ...]"
@@ -376,13 +357,6 @@ class _Opener:
                 integers[name] = number
         return integers
 
-    def _top_integers(self) -> dict[str, int]:
-        integers: dict[str, int] = {}
-        for name, bound in self.parameters.items():
-            if isinstance(bound.value, Value) and (n := whole_number(bound.value.expr, integers)) is not None:
-                integers[name] = n
-        return integers
-
 
 def default(parameter: Parameter, path: str) -> Bound | None:
     """The value of an unspecified parameter of the component at `path`: its default or its neutral value."""
@@ -402,3 +376,73 @@ def _open_unit(unit: str, path: str, component: Component) -> str:
         return f"in the unit of {signals[unit]}"
     clauses = [f"{name} is the unit of {signal}" for name, signal in signals.items() if signal]
     return f"with a unit of the form {unit}" + (f", where {' and '.join(clauses)}" if clauses else "")
+
+
+# -- parts that are repeated in series (`repeat:`) ----------------------------------------------------------------------
+def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance], Component | None], problems: Problems
+             ) -> Body:
+    """The body with each part that is repeated as parts `name_1` to `name_n`, port b of one joined to port a of the next;
+    `numbers` are the whole numbers that `repeat:` may name, `opened` gives the component that a part is."""
+    if not any(i.repeat for i in body.instances.values()):
+        return body
+    instances: dict[str, Instance] = {}
+    wires = dict(body.wires)
+    ends: dict[str, str] = {}
+    for instance in body.instances.values():
+        if instance.repeat is None or not _in_line(instance, instance.repeat, opened(instance), problems):
+            instances[instance.name] = instance
+            continue
+        count = _count(instance.repeat, numbers, problems)
+        for k in range(1, count + 1):
+            part = replace(instance, name=f"{instance.name}_{k}", repeat=None)
+            _check_free(part.name, instance, body.instances, instances, problems)
+            instances[part.name] = part
+            if k < count:
+                link = f"{instance.name}_{k}_{k + 1}"
+                joined: tuple[End, ...] = ()
+                if link in wires and wires[link].place.file == "with_component":  # joined to it from without
+                    joined = wires[link].ends
+                else:
+                    _check_free(link, instance, body.wires, wires, problems)
+                wires[link] = Wire(link, (End(f"{instance.name}_{k}.b", instance.place),
+                                          End(f"{instance.name}_{k + 1}.a", instance.place), *joined), instance.place)
+        ends[f"{instance.name}.a"] = f"{instance.name}_1.a"
+        ends[f"{instance.name}.b"] = f"{instance.name}_{count}.b"
+    wires = {n: replace(w, ends=tuple(replace(e, path=ends.get(e.path, e.path)) for e in w.ends))
+             for n, w in wires.items()}
+    return Body(instances, wires, layout=body.layout)
+
+
+def _check_free(name: str, instance: Instance, written: Mapping[str, Instance | Wire],
+                generated: Mapping[str, Instance | Wire], problems: Problems) -> None:
+    """A name that `repeat:` makes is neither written in the file nor made by another `repeat:`."""
+    existing = written.get(name) or generated.get(name)
+    if existing is not None:
+        noun = "component" if isinstance(existing, Instance) else "node"
+        problems.add("name-twice", f"`repeat:` makes a {noun} '{name}' of '{instance.name}' (line {instance.place.line}); "
+                     f"there is one already (line {existing.place.line})", existing.place,
+                     hint=f"Give the {noun} '{name}' or '{instance.name}' another name.")
+
+
+def _in_line(instance: Instance, repeat: Value, component: Component | None, problems: Problems) -> bool:
+    """True if a part has the two ports a and b that a series needs."""
+    if component is None:
+        return False
+    single = [name for name in ("a", "b") if (port := component.ports.get(name)) is not None and port.count is None]
+    if len(single) < 2:
+        problems.add("repeat-ports", f"'{instance.name}' ({component.name}) cannot be repeated in line: that takes "
+                     "two single ports called a and b", repeat.place, hint="Write each of them by itself.")
+    return len(single) == 2
+
+
+def _count(repeat: Value, numbers: Mapping[str, int], problems: Problems) -> int:
+    """The number of repetitions; 1, and a problem, if it is invalid."""
+    count = whole_number(repeat.expr, numbers)
+    if count is None or count < 1:
+        problems.add("not-an-integer", f"repeat must be a whole number above 0, '{repeat.text}' is none", repeat.place,
+                     hint="Write for example `repeat: 10`, or a parameter: `repeat: =n`.")
+        return 1
+    if count > OF_A_KIND:
+        problems.add("not-an-integer", f"repeat: {count} is too many", repeat.place, hint=f"The most is {OF_A_KIND}.")
+        return 1
+    return count

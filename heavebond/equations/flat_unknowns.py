@@ -7,8 +7,8 @@ from dataclasses import replace
 from math import inf
 
 from heavebond.core.units import Dimension, Unit
-from heavebond.equations.connect import Group, Network, signal_unit
-from heavebond.equations.expanded import Expanded, Leaf
+from heavebond.equations.connect import Network, signal_unit
+from heavebond.equations.expanded import Expanded
 from heavebond.equations.ownership import Names
 from heavebond.equations.parameters import solved_unit
 from heavebond.equations.resolver import NOTHING_KNOWN, Bond, PlausibleRange, Unknown, plausible
@@ -48,13 +48,41 @@ class Unknowns:
         positions = self._positions(also)
         for k, group in enumerate(self.network.groups):
             if group.domain == "signal":
-                self._signal_unknown(group)
+                unit = signal_unit(self.expanded, group.ports[0], self.network.units)
+                leaf, _, name = group.ports[0].rpartition(".")
+                doc = self.expanded.leaves[leaf].component.signals[name].doc
+                self._unknown(Unknown(group.name, unit, self._nominal(unit, None), "signal", group.place, doc,
+                                      plausible=self.plausible_of.get(unit.text, NOTHING_KNOWN)), group.aliases)
             elif group.ports:
-                self._across_unknowns(group, positions.get(k, ()), k in self.roots)
+                root, domain = k in self.roots, self.domains[group.domain]
+                members = [*((m, "across") for m in domain.across),
+                           *((m, "position") for m in (*positions.get(k, ()), *domain.orientation))]
+                for name, role in members:
+                    member: Member = domain.members[name]
+                    free = root and (name in domain.positions or name in map(domain.rate, domain.positions))
+                    low, high = (-inf, inf) if member.low is None else (member.low, member.largest or inf)
+                    self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
+                                          low, high, start=member.start,
+                                          motion=bool(domain.positions) and role == "across",
+                                          pose=bool(domain.orientation) and not free, root=free,
+                                          plausible=self.plausible[group.domain][name]),
+                                  [f"{alias}.{name}" for alias in group.aliases])
         turning = {name for domain in self.domains.values() for name in (domain.free, domain.minimal)}
         for path, leaf in self.expanded.leaves.items():
             for port, domain_name in self.network.domains[path].items():
-                self._through_unknowns(path, port, domain_name, leaf)
+                domain, plausible_flows = self.domains[domain_name], self.plausible[domain_name]
+                count = leaf.component.ports[port].count
+                copies = [port] if count is None else [
+                    f"{port}[{k + 1}]" for k in range(whole_number(count, leaf.integers) or 0)]
+                for copy in copies:
+                    for member_name in domain.through:
+                        member = domain.members[member_name]
+                        self._unknown(Unknown(f"{path}.{copy}.{member_name}", member.unit, member.nominal, "through",
+                                              leaf.place, member.doc, plausible=plausible_flows[member_name]), ())
+                    efforts, flows = (domain.efforts, domain.flows) if not domain.power else ((), (domain.power,))
+                    bonds = self.block_bonds if leaf.component.composite else self.bonds
+                    bonds[f"{path}.{copy}"] = Bond(path, tuple(self.names[f"{path}.{copy}.{effort}"] for effort in efforts),
+                                                   tuple(self.names[f"{path}.{copy}.{flow}"] for flow in flows))
             for name, variable in leaf.component.unknowns.items():
                 unit = solved_unit(variable.unit, leaf, self.expanded, self.network)
                 usual = self.plausible_of.get(unit.text, NOTHING_KNOWN) if variable.nominal is None else \
@@ -79,57 +107,20 @@ class Unknowns:
             assert known is unknown, f"'{name}' is the name of two unknowns: {known.place} and {unknown.place}"
             assert name in self.claimed.owners, f"nothing was told of '{name}' ({unknown.place})"
 
-    def _signal_unknown(self, group: Group) -> None:
-        unit = signal_unit(self.expanded, group.ports[0], self.network.units)
-        leaf, _, name = group.ports[0].rpartition(".")
-        doc = self.expanded.leaves[leaf].component.signals[name].doc
-        self._unknown(Unknown(group.name, unit, self._nominal(unit, None), "signal", group.place, doc,
-                              plausible=self.plausible_of.get(unit.text, NOTHING_KNOWN)), group.aliases)
-
-    def _across_unknowns(self, group: Group, positions: Iterable[str], root: bool) -> None:
-        domain = self.domains[group.domain]
-        members = [*((m, "across") for m in domain.across),
-                   *((m, "position") for m in (*positions, *domain.orientation))]
-        for name, role in members:
-            member: Member = domain.members[name]
-            free = root and (name in domain.positions or name in map(domain.rate, domain.positions))
-            low, high = (-inf, inf) if member.low is None else (member.low, member.largest or inf)
-            self._unknown(Unknown(f"{group.name}.{name}", member.unit, member.nominal, role, group.place, member.doc,
-                                  low, high, start=member.start,
-                                  motion=bool(domain.positions) and role == "across",
-                                  pose=bool(domain.orientation) and not free, root=free,
-                                  plausible=self.plausible[group.domain][name]),
-                          [f"{alias}.{name}" for alias in group.aliases])
-
-    def _through_unknowns(self, path: str, port: str, domain_name: str, leaf: Leaf) -> None:
-        domain, usual = self.domains[domain_name], self.plausible[domain_name]
-        count = leaf.component.ports[port].count
-        copies = [port] if count is None else [
-            f"{port}[{k + 1}]" for k in range(whole_number(count, leaf.integers) or 0)]
-        for copy in copies:
-            for name in domain.through:
-                member = domain.members[name]
-                self._unknown(Unknown(f"{path}.{copy}.{name}", member.unit, member.nominal, "through", leaf.place,
-                                      member.doc, plausible=usual[name]), ())
-            efforts, flows = (domain.efforts, domain.flows) if not domain.power else ((), (domain.power,))
-            bonds = self.block_bonds if leaf.component.composite else self.bonds
-            bonds[f"{path}.{copy}"] = Bond(path, tuple(self.names[f"{path}.{copy}.{effort}"] for effort in efforts),
-                                           tuple(self.names[f"{path}.{copy}.{flow}"] for flow in flows))
-
     def _positions(self, also: tuple[str, ...]) -> dict[int, list[str]]:
         """The positions of each group that an equation, an input, an initial value, an output or a caller names."""
-        wanted = {f"{path}.{slot}" for path, made in self.templates.items() for slot in made.slots}
+        wanted = {f"{path}.{slot}" for path, template in self.templates.items() for slot in template.slots}
         model = self.expanded.model
-        formulas: list[tuple[str, Expr]] = [("", shown.expr) for shown in model.show.values()]
+        formulas: list[tuple[str, Expr]] = [("", output.expr) for output in model.show.values()]
         formulas += [("", factor.value.expr) for factor in model.vary.values() if isinstance(factor.value, Value)]
         for leaf in self.expanded.leaves.values():
             formulas += [(b.scope, b.value.expr) for b in leaf.inputs.values() if isinstance(b.value, Value)]
         wanted |= {scope + n.text for scope, expr in formulas for n in names(expr)}
         wanted |= {*model.initial.conditions, *also}
-        found: dict[int, list[str]] = {}
+        named_positions: dict[int, list[str]] = {}
         for k, group in enumerate(self.network.groups):
             positions = self.domains[group.domain].positions if group.domain in self.domains else ()
             named = [position for position in positions if any(f"{alias}.{position}" in wanted for alias in group.aliases)]
             if named:
-                found[k] = named
-        return found
+                named_positions[k] = named
+        return named_positions

@@ -26,7 +26,7 @@ from heavebond.core.units import (
 from heavebond.equations.connect import Network, connect, drivers
 from heavebond.equations.events import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.equations.expand import expand
-from heavebond.equations.expanded import Bound, Expanded, Leaf
+from heavebond.equations.expanded import Expanded
 from heavebond.equations.flat_unknowns import Unknowns
 from heavebond.equations.frames import frame_tree, with_roots
 from heavebond.equations.medium import with_media
@@ -47,7 +47,7 @@ from heavebond.equations.resolver import Bond, Resolver, Unknown
 from heavebond.equations.temperature_origins import TemperatureOrigins, with_intervals
 from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.equations.variation import Factor, factors, incidence
-from heavebond.language.definition import Delayed, Domain, FileInput, Value
+from heavebond.language.definition import Domain, FileInput, Value
 from heavebond.language.incidence import EVERYTHING, INDEFINITE, Entry, Interval, classify
 from heavebond.language.model import Model
 from heavebond.language.sections import Clock
@@ -256,8 +256,8 @@ def without_zeros(flat: Flat, zeros: Iterable[str]) -> Flat:
         column[rows] = ca.substitute(column[rows], symbols, ca.SX.zeros(len(removed)))
         for row in rows:
             unknowns = sorted({packed % n for packed, _ in entries[row]})
-            found = incidence(column[row], flat.columns, unknowns, flat.constant_hashes, flat.bounds) if unknowns else ([],)
-            entries[row], = found
+            entries[row], = incidence(column[row], flat.columns, unknowns, flat.constant_hashes, flat.bounds) \
+                if unknowns else ([],)
         changed |= set(rows)
         removed = []
         for row in sorted(changed - known):  # a compliance c = C*y with C = 0
@@ -322,7 +322,14 @@ class _Builder:
         self.factors: dict[str, Factor] = {}  # of parameters that vary
 
     def build(self, also: tuple[str, ...]) -> Flat:
-        self._make_templates()
+        for path, leaf in self.expanded.leaves.items():
+            inner = {e.path for w in leaf.component.body.wires.values() for e in w.ends}
+            component = leaf.component
+            if component.composite and not component.equations and not component.variables and not component.when \
+                    and not component.requires \
+                    and {*component.ports, *component.signal_names} <= inner:
+                continue
+            self.templates[path] = template(component, self.domains, self.network.domains[path], leaf.integers)
         check_values(self.expanded, self.parameters, self.templates)
         unknowns = Unknowns(self.expanded, self.network, self.templates, self.claimed, also, self.tree.roots)
         self.names, self.bonds, self.block_bonds = unknowns.names, unknowns.bonds, unknowns.block_bonds
@@ -406,16 +413,6 @@ class _Builder:
         return Resolver(self.names, self.constants, self.parameters.units, tuple(self.unknowns), self.columns, self.time,
                         self.rate, {**self.bonds, **self.block_bonds})
 
-    def _make_templates(self) -> None:
-        for path, leaf in self.expanded.leaves.items():
-            inner = {e.path for w in leaf.component.body.wires.values() for e in w.ends}
-            component = leaf.component
-            if component.composite and not component.equations and not component.variables and not component.when \
-                    and not component.requires \
-                    and {*component.ports, *component.signal_names} <= inner:
-                continue
-            self.templates[path] = template(component, self.domains, self.network.domains[path], leaf.integers)
-
     # -- equations -------------------------------------------------------------------------------------------------
     def _kept(self, residuals: ca.SX) -> range:
         """The numbers of these residuals, of columns from left to right."""
@@ -429,7 +426,27 @@ class _Builder:
         self.entries.append(entries)
 
     def _node_equations(self) -> None:
-        self._sums()
+        # the through variables of each node: all sums at once, as the product of the incidence matrix with them
+        equations: list[FlatEquation] = []
+        ends: list[list[tuple[int, int]]] = []
+        for junction in self.expanded.junctions.values():
+            group = self.network.groups[self.network.group_of_node[junction.path]]
+            # a node whose only end takes a record instead is left with nothing
+            if group.domain not in self.domains or not junction.ends:
+                continue
+            for member in self.domains[group.domain].through:
+                ends.append([(e.sign, self.names[f"{e.name}.{member}"]) for e in junction.ends])
+                equations.append(FlatEquation(
+                    junction.path, f"sum of {member} at node '{junction.path}'",
+                    " + ".join(f"{e.name}.{member}" for e in junction.ends) + " = 0", junction.place,
+                    role=EquationRole.BALANCE, subject=f"{junction.path}.{member}"))
+        if ends:
+            rows, signs, columns = zip(*((i, sign, j) for i, row in enumerate(ends) for sign, j in row), strict=True)
+            incidence_matrix = ca.DM.triplet(rows, columns, ca.DM(signs), len(ends), self.n)
+            totals = self._kept(ca.mtimes(ca.SX(incidence_matrix), self.columns[0]))
+            for equation, row, total in zip(equations, ends, totals, strict=True):
+                self._add(equation, total, [(j, 0) for _, j in row])
+        # the flow at a node is the derivative of its position
         equations, pairs = [], []
         for k, group in enumerate(self.network.groups):
             domain = self.domains.get(group.domain)
@@ -454,54 +471,47 @@ class _Builder:
             for form, equations in ((forms.rotation, frame.rotation), (forms.translation, frame.translation)):
                 if form is not None:
                     users.setdefault(equations[form], (self.templates[path], []))[1].append((path, number))
-        for law, (made, parts) in users.items():
-            size = len(made.slots)
-            slots = [self.names[f"{path}.{slot}"] for path, _ in parts for slot in made.slots]
-            parameters = [self._given(f"{path}.{name}") for path, _ in parts for name in made.given]
+        for law, (template_of_part, parts) in users.items():
+            size = len(template_of_part.slots)
+            slots = [self.names[f"{path}.{slot}"] for path, _ in parts for slot in template_of_part.slots]
+            parameters = [self._given(f"{path}.{name}") for path, _ in parts for name in template_of_part.given]
             inputs = [*(ca.reshape(column[slots], size, len(parts)) for column in self.columns),
-                      ca.reshape(stack(parameters), len(made.given), len(parts)), self.time, self.rate]
+                      ca.reshape(stack(parameters), len(template_of_part.given), len(parts)), self.time, self.rate]
             numbers = iter(self._kept(law.residuals(*inputs)))
             for k, (path, number) in enumerate(parts):
-                own, place = slots[k*size:(k + 1)*size], made.frames[number].place
+                unknowns, place = slots[k*size:(k + 1)*size], template_of_part.frames[number].place
                 for label, row in zip(law.labels, law.entries, strict=True):
-                    self._add(FlatEquation(path, label, law.text, place), next(numbers), self._mapped(row, own))
+                    self._add(FlatEquation(path, label, law.text, place), next(numbers), self._mapped(row, unknowns))
 
-    def _mapped(self, row: Sequence[Entry], own: Sequence[int]) -> Entries:
-        """The incidence of an equation of a part with the unknowns `own`: one entry for each column (two ports of a part may
+    def _mapped(self, row: Sequence[Entry], unknowns: Sequence[int]) -> Entries:
+        """The incidence of an equation of a part with its `unknowns`: one entry for each column (two ports of a part may
         be on one node), the harder kind kept."""
         kinds: dict[int, int] = {}
         for e in row:
-            column = (e.column // len(own))*self.n + own[e.column % len(own)]
+            column = (e.column // len(unknowns))*self.n + unknowns[e.column % len(unknowns)]
             # two unit coefficients may cancel or add up; what they give is found when the equation is solved
             kinds[column] = e.kind if column not in kinds else max(kinds[column], e.kind, INDEFINITE)
         return list(kinds.items())
 
-    def _sums(self) -> None:
-        """The through variables of each node: all sums at once, as the product of the incidence matrix with them."""
-        equations: list[FlatEquation] = []
-        ends: list[list[tuple[int, int]]] = []
-        for junction in self.expanded.junctions.values():
-            group = self.network.groups[self.network.group_of_node[junction.path]]
-            # a node whose only end takes a record instead is left with nothing
-            if group.domain not in self.domains or not junction.ends:
-                continue
-            for member in self.domains[group.domain].through:
-                ends.append([(e.sign, self.names[f"{e.name}.{member}"]) for e in junction.ends])
-                equations.append(FlatEquation(
-                    junction.path, f"sum of {member} at node '{junction.path}'",
-                    " + ".join(f"{e.name}.{member}" for e in junction.ends) + " = 0", junction.place,
-                    role=EquationRole.BALANCE, subject=f"{junction.path}.{member}"))
-        if not ends:
-            return
-        rows, signs, columns = zip(*((i, sign, j) for i, row in enumerate(ends) for sign, j in row), strict=True)
-        incidence = ca.DM.triplet(rows, columns, ca.DM(signs), len(ends), self.n)
-        totals = self._kept(ca.mtimes(ca.SX(incidence), self.columns[0]))
-        for equation, row, total in zip(equations, ends, totals, strict=True):
-            self._add(equation, total, [(j, 0) for _, j in row])
-
     def _leaf_equations(self) -> None:
         """The templates in the diagram's symbols, in the order of the diagram."""
-        evaluated = self._evaluated_templates()
+        # a template is called once for all its leaves, a column for each: the numbers of the residuals of each leaf, and
+        # its events
+        users: dict[Template, list[str]] = {}
+        for path, model_template in self.templates.items():
+            users.setdefault(model_template, []).append(path)
+        evaluated: dict[str, tuple[range, list[ca.SX]]] = {}
+        for model_template, paths in users.items():
+            slots = [self.names[f"{path}.{slot}"] for path in paths for slot in model_template.slots]
+            parameters = [self._given(f"{path}.{name}") for path in paths for name in model_template.given]
+            inputs = [*(ca.reshape(column[slots], len(model_template.slots), len(paths)) for column in self.columns),
+                      ca.reshape(stack(parameters), len(model_template.given), len(paths)), self.time, self.rate]
+            happenings = model_template.happenings(*inputs) if model_template.happenings else ca.SX(0, len(paths))
+            numbers, height = self._kept(model_template.residuals(*inputs)), len(model_template.lines)
+            residuals_of_parts = (numbers[k * height:(k + 1) * height] for k in range(len(paths)))
+            evaluated.update(zip(paths, zip(residuals_of_parts, _columns(happenings, len(paths)), strict=True), strict=True))
+            if not self.expanded.leaves[paths[0]].component.composite:  # leaves of one template are of one component
+                self.energies.append((tuple(paths), model_template.energy(*inputs)))
         held = {h.name: h for h in self.held}
         varied: dict[str, list[Factor]] = {}
         for name, factor in self.factors.items():
@@ -515,41 +525,19 @@ class _Builder:
             unknowns = [self.names[f"{path}.{slot}"] for slot in template.slots]
             rows = [self._mapped(row, unknowns) for row in template.entries]
             if path in varied:
-                rows = self._varied_rows(varied[path], unknowns, residuals)
+                # the equations of a part with varying parameters contain the unknowns of the factors, too
+                held_hashes = {self.constants[h.name].element_hash() for h in self.held}
+                column = ca.vertcat(*self.pieces)[list(residuals)]
+                occurring = sorted({*unknowns, *(k for factor in varied[path] for k in factor.unknowns)})
+                rows = list(incidence(column, self.columns, occurring, self.parameters.places.keys() - held_hashes,
+                                      self._bounds()))
             for line, residual, entries in zip(template.lines, residuals, rows, strict=True):
                 self._add(FlatEquation(path, line.label, line.text, line.place, line.kink), residual, entries)
-
-    def _varied_rows(self, varied: list[Factor], own: list[int], residuals: range) -> list[Entries]:
-        """The incidence of the equations of a part with varying parameters, which contain the unknowns of the factors."""
-        held = {self.constants[h.name].element_hash() for h in self.held}
-        column = ca.vertcat(*self.pieces)[list(residuals)]
-        unknowns = sorted({*own, *(k for factor in varied for k in factor.unknowns)})
-        return list(incidence(column, self.columns, unknowns, self.parameters.places.keys() - held, self._bounds()))
 
     def _given(self, name: str) -> ca.SX:
         """A parameter as it occurs in the equations of its part."""
         factor = self.factors.get(name)
         return self.constants[name] if factor is None else self.constants[name] * factor.expression
-
-    def _evaluated_templates(self) -> dict[str, tuple[range, list[ca.SX]]]:
-        """The numbers of the residuals of each leaf, and its events; a template is called once for all its leaves, a column
-        for each."""
-        users: dict[Template, list[str]] = {}
-        for path, model_template in self.templates.items():
-            users.setdefault(model_template, []).append(path)
-        evaluated: dict[str, tuple[range, list[ca.SX]]] = {}
-        for model_template, paths in users.items():
-            slots = [self.names[f"{path}.{slot}"] for path in paths for slot in model_template.slots]
-            parameters = [self._given(f"{path}.{name}") for path in paths for name in model_template.given]
-            inputs = [*(ca.reshape(column[slots], len(model_template.slots), len(paths)) for column in self.columns),
-                      ca.reshape(stack(parameters), len(model_template.given), len(paths)), self.time, self.rate]
-            happenings = model_template.happenings(*inputs) if model_template.happenings else ca.SX(0, len(paths))
-            numbers, height = self._kept(model_template.residuals(*inputs)), len(model_template.lines)
-            residuals = (numbers[k * height:(k + 1) * height] for k in range(len(paths)))
-            evaluated.update(zip(paths, zip(residuals, _columns(happenings, len(paths)), strict=True), strict=True))
-            if not self.expanded.leaves[paths[0]].component.composite:  # leaves of one template are of one component
-                self.energies.append((tuple(paths), model_template.energy(*inputs)))
-        return evaluated
 
     def _given_inputs(self) -> None:
         held = {self.constants[h.name].element_hash() for h in self.held}
@@ -560,14 +548,43 @@ class _Builder:
             for path, bound in drivers(self.expanded, group)[1]:
                 column = self.names[path]
                 if isinstance(bound.value, FileInput):
-                    known = self._known_input(group.name, path, bound.value)
+                    unit = self.unknowns[self.names[path]].unit
+                    if (read := read_unit(bound.value.unit)).dimension != unit.dimension:
+                        converted = as_meant(read, unit) is not read
+                        self.problems.add(
+                            "unit-wrong", f"{path} is in {unit.text}; the column '{bound.value.column}' cannot be in "
+                            f"{bound.value.unit}", bound.value.place, hint=other_unit(read, unit) if converted else
+                            "Write the unit of the numbers in the file, or take another column.")
+                    check_turns(bound.value.unit, unit, path, bound.value.place, self.problems)
+                    symbols = stack([ca.SX.sym("d" * k + "measured " + group.name) for k in range(4)])
+                    known = KnownInput(path, bound.value, unit, symbols)
+                    self.inputs.append(known)
                     self._add(FlatEquation(path.rpartition(".")[0], f"{path} as measured",
                                            f"{path} = {bound.value.column}", bound.place,
                                            role=EquationRole.MEASURED, subject=path),
                               self._kept(self.columns[0][column] - self.constants[f"scale.{path}"] * known.symbols[0])[0],
                               [(column, 0)])
                 else:
-                    self._formula_input(path, column, bound, resolver, parameters)
+                    assert isinstance(bound.value, Value)
+                    value, unit = bound.value, self.unknowns[column].unit
+                    try:
+                        dimension = resolver.dimension(value.expr, bound.scope)
+                        expression = resolver.evaluate(value.expr, bound.scope)
+                    except ExpressionProblem as problem:
+                        add_formula_problem(problem, value, self.problems)
+                        continue
+                    check_dimension(path, value, dimension, unit, self.problems)
+                    residual = self.columns[0][column] - expression
+                    named = (self.names.get(bound.scope + name.text, column) for name in names(value.expr))
+                    columns = sorted({column, *named})
+                    occurring = ca.vertcat(*(level[columns] for level in self.columns))
+                    row = classify(residual, occurring, parameters, {})[0]
+                    kink = nonsmooth(value.expr, lambda text, scope=bound.scope:
+                                     text == "pi" or scope + text in self.constants)
+                    entries = [(e.column // len(columns) * self.n + columns[e.column % len(columns)], e.kind) for e in row]
+                    self._add(FlatEquation(path.rpartition(".")[0], f"{path} as given",
+                                           f"{path} = {value.text.lstrip('= ')}", value.place, kink,
+                                           role=EquationRole.GIVEN, subject=path), self._kept(residual)[0], entries)
 
     def _end(self) -> None:
         """The condition at which a run ends as an event that sets nothing."""
@@ -607,11 +624,9 @@ class _Builder:
         if not delayed:
             return
         index = {q.name: k for k, q in enumerate(self.parameters.independent)}
-        def length_of(path: str, leaf: Leaf, delay: Delayed) -> ca.SX:
-            return evaluate(delay.by.tree, Context(lambda text, _: self._given(f"{path}.{text}"), lambda e: ca.SX(0),
-                                                   leaf.integers))
 
-        lengths = [length_of(path, leaf, d) for path, leaf, _, d in delayed]
+        lengths = [evaluate(d.by.tree, Context(lambda text, _, part=path: self._given(f"{part}.{text}"), lambda e: ca.SX(0),
+                                               leaf.integers)) for path, leaf, _, d in delayed]
         values = np.array(ca.Function("delays", [self.parameters.p], [stack(lengths)])(self.parameters.numbers)).ravel()
         for (path, _, name, d), length, value in zip(delayed, lengths, values.tolist(), strict=True):
             full, column, source = f"{path}.{name}", self.names[f"{path}.{name}"], self.names[f"{path}.{d.of}"]
@@ -631,39 +646,6 @@ class _Builder:
                 self._add(FlatEquation(path, f"{name} is {d.of}, delayed", f"{name} = {d.of}, {d.by.text} earlier", d.place,
                                        role=EquationRole.MEASURED, subject=full),
                           self._kept(self.columns[0][column] - symbols[0])[0], [(column, 0)])
-
-    def _known_input(self, name: str, path: str, given: FileInput) -> KnownInput:
-        unit = self.unknowns[self.names[path]].unit
-        if (read := read_unit(given.unit)).dimension != unit.dimension:
-            converted = as_meant(read, unit) is not read
-            self.problems.add("unit-wrong", f"{path} is in {unit.text}; the column '{given.column}' cannot be in "
-                              f"{given.unit}", given.place, hint=other_unit(read, unit) if converted else
-                              "Write the unit of the numbers in the file, or take another column.")
-        check_turns(given.unit, unit, path, given.place, self.problems)
-        symbols = stack([ca.SX.sym("d" * k + "measured " + name) for k in range(4)])
-        known = KnownInput(path, given, unit, symbols)
-        self.inputs.append(known)
-        return known
-
-    def _formula_input(self, path: str, column: int, bound: Bound, resolver: Resolver, parameters: set[int]) -> None:
-        assert isinstance(bound.value, Value)
-        value, unit = bound.value, self.unknowns[column].unit
-        try:
-            dimension = resolver.dimension(value.expr, bound.scope)
-            expression = resolver.evaluate(value.expr, bound.scope)
-        except ExpressionProblem as problem:
-            add_formula_problem(problem, value, self.problems)
-            return
-        check_dimension(path, value, dimension, unit, self.problems)
-        residual = self.columns[0][column] - expression
-        named = (self.names.get(bound.scope + name.text, column) for name in names(value.expr))
-        columns = sorted({column, *named})
-        occurring = ca.vertcat(*(level[columns] for level in self.columns))
-        row = classify(residual, occurring, parameters, {})[0]
-        kink = nonsmooth(value.expr, lambda text: text == "pi" or bound.scope + text in self.constants)
-        self._add(FlatEquation(path.rpartition(".")[0], f"{path} as given", f"{path} = {value.text.lstrip('= ')}",
-                               value.place, kink, role=EquationRole.GIVEN, subject=path), self._kept(residual)[0],
-                  [(e.column // len(columns) * self.n + columns[e.column % len(columns)], e.kind) for e in row])
 
 
 def _columns(matrix: ca.SX, number: int) -> list[list[ca.SX]]:

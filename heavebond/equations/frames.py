@@ -19,13 +19,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from heavebond.core.errors import Place
 from heavebond.equations.connect import Network
 from heavebond.equations.expand import default
 from heavebond.equations.expanded import Expanded, Junction, Leaf, PortEnd
-from heavebond.language.definition import Domain
 from heavebond.language.lists import written_out
-from heavebond.language.template import FrameForm, Template, template
+from heavebond.language.template import FrameForm, template
 
 FIXED = -1  # the vertex of the fixed frame
 SUFFIX = "rotation"  # of the name of an added part
@@ -72,11 +70,12 @@ def frame_tree(expanded: Expanded, network: Network) -> FrameTree:
                 rotations.append(Relation((path, number), first, second))
             if frame.shift is not None:
                 translations.append(Relation((path, number), first, second))
-    turned, trees = _spanning_trees(vertices, rotations)
-    moved, others = _spanning_trees(vertices, translations)
-    forms = {key: FrameForms(turned.get(key), moved.get(key)) for key in dict.fromkeys((*turned, *moved))}
-    roots = frozenset(tree[0] for tree in others)
-    return FrameTree(forms, tuple(tuple(tree) for tree in trees), frozenset(vertices) - roots, roots)
+    rotation_forms, orientation_trees = _spanning_trees(vertices, rotations)
+    translation_forms, position_trees = _spanning_trees(vertices, translations)
+    forms = {key: FrameForms(rotation_forms.get(key), translation_forms.get(key))
+             for key in dict.fromkeys((*rotation_forms, *translation_forms))}
+    roots = frozenset(tree[0] for tree in position_trees)
+    return FrameTree(forms, tuple(tuple(tree) for tree in orientation_trees), frozenset(vertices) - roots, roots)
 
 
 def _spanning_trees(vertices: Iterable[int], relations: Iterable[Relation]
@@ -101,14 +100,14 @@ def _spanning_trees(vertices: Iterable[int], relations: Iterable[Relation]
                 if relation.key in forms:
                     continue
                 ahead = relation.first == vertex
-                other = relation.second if ahead else relation.first
-                if other in reached:
+                neighbour = relation.second if ahead else relation.first
+                if neighbour in reached:
                     forms[relation.key] = FrameForm.CLOSING
                     continue
                 forms[relation.key] = FrameForm.FORWARD if ahead else FrameForm.INVERSE
-                reached.add(other)
-                tree.append(other)
-                waiting.append(other)
+                reached.add(neighbour)
+                tree.append(neighbour)
+                waiting.append(neighbour)
         if root != FIXED:
             trees.append(tree)
     return forms, trees
@@ -138,17 +137,15 @@ def with_roots(expanded: Expanded, network: Network) -> Expanded:
         port = next(iter(component.ports))
         ports[f"{path}.{port}"] = component.ports[port]
         node = next((alias for alias in group.aliases if alias in junctions), "")
-        junctions[node or path] = _joined(junctions.get(node), group.ports[0], path, port, group.place)
+        # the node with one more port; without a node, one that joins the port with the free end
+        junction = junctions.get(node)
+        added = PortEnd(path, port, 1, group.place)
+        if junction is not None:
+            junctions[node or path] = replace(junction, ends=(*junction.ends, added))
+        else:
+            leaf, _, name = group.ports[0].rpartition(".")
+            junctions[node or path] = Junction(path, (PortEnd(leaf, name, 1, group.place), added), group.place)
     return replace(expanded, leaves=leaves, junctions=junctions, ports=ports)
-
-
-def _joined(junction: Junction | None, end: str, path: str, port: str, place: Place) -> Junction:
-    """A node with one more port; without a node, one that joins the port with the free end."""
-    added = PortEnd(path, port, 1, place)
-    if junction is not None:
-        return replace(junction, ends=(*junction.ends, added))
-    leaf, _, name = end.rpartition(".")
-    return Junction(path, (PortEnd(leaf, name, 1, place), added), place)
 
 
 def _turned(expanded: Expanded, network: Network) -> set[int]:
@@ -156,12 +153,20 @@ def _turned(expanded: Expanded, network: Network) -> set[int]:
     point mass with a sensor of its angles does not."""
     domains, turned = expanded.model.library.domains, set[int]()
     for path, leaf in expanded.leaves.items():
-        turning = {port: members for port, name in network.domains[path].items() if (members := _turning(domains[name]))}
+        # the members of the domain of each port that describe its orientation
+        turning = {port: (*domain.orientation, *domain.vectors[domain.turning])
+                   for port, name in network.domains[path].items() if (domain := domains[name]).orientation}
         if not turning or leaf.component.composite:
             continue
         laws = template(leaf.component, domains, network.domains[path], leaf.integers)
-        acting = _acting(laws, {f"{port}.{member}" for port, name in network.domains[path].items()
-                                for member in domains[name].through}, set(leaf.component.unknowns))
+        # the variables in the laws that contain through variables, directly or by variables of the part itself
+        links = {f"{port}.{member}" for port, name in network.domains[path].items() for member in domains[name].through}
+        open_rows = [{laws.slots[e.column % len(laws.slots)] for e in row} for row in laws.entries]
+        acting: set[str] = set()
+        while linked := [row for row in open_rows if row & links]:
+            open_rows = [row for row in open_rows if not row & links]
+            acting |= set().union(*linked)
+            links |= acting & set(leaf.component.unknowns)
         arms = [row for law in laws.frames if law.translation for row in law.translation[FrameForm.FORWARD].entries]
         acting |= {laws.slots[e.column % len(laws.slots)] for row in arms for e in row}
         turned |= {network.group_of_port[f"{path}.{port}"] for port, members in turning.items()
@@ -169,18 +174,3 @@ def _turned(expanded: Expanded, network: Network) -> set[int]:
     return turned
 
 
-def _acting(laws: Template, through: set[str], own: set[str]) -> set[str]:
-    """The variables in the laws of a part that contain through variables, directly or by own variables of the part."""
-    rows = [{laws.slots[e.column % len(laws.slots)] for e in row} for row in laws.entries]
-    acting: set[str] = set()
-    links = set(through)
-    while found := [row for row in rows if row & links]:
-        rows = [row for row in rows if not row & links]
-        acting |= set().union(*found)
-        links |= acting & own
-    return acting
-
-
-def _turning(domain: Domain) -> tuple[str, ...]:
-    """The members of a domain that describe its orientation."""
-    return (*domain.orientation, *domain.vectors[domain.turning]) if domain.orientation else ()

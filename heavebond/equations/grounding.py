@@ -6,7 +6,6 @@ unchanged. A circuit in which all components are of this kind has no reference l
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -71,20 +70,17 @@ class _Finder:
             if parts:
                 inside, near = [members[k] for k in columns], [leaves[k] for k in parts]
                 carried = self._feeling(domain, [self.flat.levels[1][j] for j in inside], near)
-                held = self._feeling(domain, self._levels(domain, inside), [leaf for leaf in near if leaf not in carried])
+                names = self.flat.names  # of the positions of the nodes
+                first = domain.positions[0] if domain.positions else ""
+                positions = (f"{self.flat.unknowns[j].name.rpartition('.')[0]}.{first}" for j in inside)
+                levels = [self.flat.levels[0][j] for j in (*inside, *(names[p] for p in positions if p in names))]
+                held = self._feeling(domain, levels, [leaf for leaf in near if leaf not in carried])
                 circuits.append(Circuit(domain.name, tuple(nodes[j] for j in inside), held, carried))
         return circuits
 
     def _across(self, domain: Domain, path: str) -> int | None:
         """The unknown that is the (first) across variable of a node or port; None if it is of another domain."""
         return self.flat.names[f"{path}.{domain.across[0]}"] if self.flat.domains.get(path) is domain else None
-
-    def _levels(self, domain: Domain, nodes: Sequence[int]) -> list[ca.SX]:
-        """The across variables of nodes, and their positions."""
-        names = self.flat.names
-        first = domain.positions[0] if domain.positions else ""
-        positions = (f"{self.flat.unknowns[j].name.rpartition('.')[0]}.{first}" for j in nodes)
-        return [self.flat.levels[0][j] for j in (*nodes, *(names[p] for p in positions if p in names))]
 
     def _feeling(self, domain: Domain, symbols: list[ca.SX], leaves: list[str]) -> tuple[str, ...]:
         """The parts with an equation, relevant to the circuit, that changes if all of these symbols change by the same

@@ -145,7 +145,13 @@ class _Matrix:
         for k, (j, order) in enumerate(self.system.columns):
             if flat.unknowns[j].unit.dimension not in known:
                 value = values.get(flat.levels[0][j].element_hash() if order == 0 else 0, 0.0)
-                beside = self._beside(k, sizes)
+                # the least size at which the unknown has the same weight as the other terms in one of its equations
+                weight = np.abs(np.array(self.system.values(self.at)).ravel()) * sizes[self.column]
+                candidates = []
+                for entry in np.flatnonzero((self.column == k) & (weight > 0)):
+                    other_weights = weight[(self.row == self.row[entry]) & (self.column != k)]
+                    candidates.append(float(other_weights.max(initial=0.0) / weight[entry] * sizes[k]))
+                beside = min((size for size in candidates if np.isfinite(size) and size > 0), default=0.0)
                 sizes[k] = (beside if value < SMALL * beside else value) or sizes[k]
         self.sizes = sizes
         raw = np.array(system.values(at)).ravel()
@@ -155,15 +161,6 @@ class _Matrix:
         self.largest = np.where(largest > 0, largest, 1.0)
         self.entries = raw / self.largest[self.row]
         self.entries[np.abs(self.entries) < NEGLIGIBLE] = 0.0
-
-    def _beside(self, column: int, sizes: Array) -> float:
-        """The least size of an unknown at which it has the same weight as the other terms in one of its equations."""
-        weight = np.abs(np.array(self.system.values(self.at)).ravel()) * sizes[self.column]
-        found = []
-        for entry in np.flatnonzero((self.column == column) & (weight > 0)):
-            other_weights = weight[(self.row == self.row[entry]) & (self.column != column)]
-            found.append(float(other_weights.max(initial=0.0) / weight[entry] * sizes[column]))
-        return min((size for size in found if np.isfinite(size) and size > 0), default=0.0)
 
     def losses(self) -> list[RankLoss]:
         """One loss for each set of dependent equations and the unknowns that occur in them."""
@@ -179,18 +176,22 @@ class _Matrix:
         matching = maximum_matching(pattern, len(self.system.columns))
         complete = -1 not in matching and len(pattern) == len(self.system.columns)
         if complete:
-            singular = [b for b in block_lower_triangular(pattern, matching) if self._is_singular(b, matching)]
+            singular = []
+            for block in block_lower_triangular(pattern, matching):
+                values = np.linalg.svd(self._dense(block, [matching[row] for row in block]), compute_uv=False)
+                if values[-1] <= self.tolerance * max(values[0], 1.0):
+                    singular.append(block)
             if not singular:
                 return None
         rows, columns = list(range(len(pattern))), list(range(len(self.system.columns)))
         if complete and len(rows) > LARGE:  # what lies between the blocks is left aside
             rows = sorted(row for block in singular for row in block)
             columns = sorted(matching[row] for row in rows)
-        return self._directions(rows, columns)
-
-    def _is_singular(self, block: list[int], matching: Sequence[int]) -> bool:
-        values = np.linalg.svd(self._dense(block, [matching[row] for row in block]), compute_uv=False)
-        return bool(values[-1] <= self.tolerance * max(values[0], 1.0))
+        left, values, right = np.linalg.svd(self._dense(rows, columns))
+        rank = int((values > self.tolerance * values[0]).sum())
+        u, v = np.zeros((len(rows) - rank, len(self.system.rows))), np.zeros((len(columns) - rank, len(self.system.columns)))
+        u[:, list(rows)], v[:, list(columns)] = _sparse(left[:, rank:].T), _sparse(right[rank:])
+        return _NullVectors(u, v) if len(u) or len(v) else None
 
     def _dense(self, rows: Sequence[int], columns: Sequence[int]) -> Array:
         row_at = np.full(len(self.system.rows), -1)
@@ -201,33 +202,22 @@ class _Matrix:
         matrix[row_at[self.row[inside]], column_at[self.column[inside]]] = self.entries[inside]
         return matrix
 
-    def _directions(self, rows: Sequence[int], columns: Sequence[int]) -> _NullVectors | None:
-        left, values, right = np.linalg.svd(self._dense(rows, columns))
-        rank = int((values > self.tolerance * values[0]).sum())
-        u, v = np.zeros((len(rows) - rank, len(self.system.rows))), np.zeros((len(columns) - rank, len(self.system.columns)))
-        u[:, list(rows)], v[:, list(columns)] = _sparse(left[:, rank:].T), _sparse(right[rank:])
-        return _NullVectors(u, v) if len(u) or len(v) else None
-
     def _pairs(self, null: _NullVectors) -> list[tuple[list[int], list[int]]]:
         """The pairs of dependent sets of rows and undetermined columns: columns that occur in the equations, or would occur
         if a value were not zero."""
         stands = np.zeros((len(self.system.rows), len(self.system.columns)), dtype=bool)
         stands[self.row, self.column] = True
         meets: Flags = _both(_taking_part(null.left) @ stands, _taking_part(null.right))
-        owner = self._owners()
-        near = _both(_taking_part(null.left) @ owner, _taking_part(null.right) @ stands.T @ owner)
-        alone_left, alone_right = np.atleast_1d(~meets.any(axis=1)), np.atleast_1d(~meets.any(axis=0))
-        meets = meets | (near & alone_left[:, None] & alone_right)
-        return [(list(rows), list(columns))
-                for rows, columns in components_of([np.flatnonzero(row).tolist() for row in meets], len(null.right))]
-
-    def _owners(self) -> Flags:
-        """Which equation (row) belongs to which component or node (column)."""
+        # which equation (row) belongs to which component or node (column)
         owners = [self.system.flat.equations[i].owner for i, _ in self.system.rows]
         number = {owner: k for k, owner in enumerate(dict.fromkeys(owners))}
         owns = np.zeros((len(owners), len(number)), dtype=bool)
         owns[np.arange(len(owners)), [number[owner] for owner in owners]] = True
-        return owns
+        near = _both(_taking_part(null.left) @ owns, _taking_part(null.right) @ stands.T @ owns)
+        alone_left, alone_right = np.atleast_1d(~meets.any(axis=1)), np.atleast_1d(~meets.any(axis=0))
+        meets = meets | (near & alone_left[:, None] & alone_right)
+        return [(list(rows), list(columns))
+                for rows, columns in components_of([np.flatnonzero(row).tolist() for row in meets], len(null.right))]
 
     def _loss(self, null: _NullVectors, rows: list[int], columns: list[int]) -> RankLoss:
         """To first order a change dM of the matrix restores its rank where u'dM v is not zero."""

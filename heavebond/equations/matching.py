@@ -201,22 +201,17 @@ def _excess_blocks(rows: Sequence[Sequence[int]], row_of: Sequence[int]) -> tupl
     for part, columns in components_of([rows[row] for row in reached], len(row_of)) if reached else ():
         if part:
             block = [reached[k] for k in part]
-            core = _core(rows, row_of, [row for row in block if row not in matched])
+            # the fewest rows that one unmatched row reaches
+            shortest = sorted((row for row in block if row not in matched), key=lambda row: len(rows[row]))[:CORES_TRIED]
+            core, _ = _layers(rows, row_of, shortest[:1])
+            for row in shortest[1:]:
+                # A search that comes to as many rows as are known to suffice is broken off.
+                smaller, _ = _layers(rows, row_of, [row], most=len(core))
+                if len(smaller) < len(core):
+                    core = smaller
             core_columns = sorted({column for row in core for column in rows[row]})
-            blocks.append(Block(tuple(block), columns, tuple(core), tuple(core_columns)))
+            blocks.append(Block(tuple(block), columns, tuple(sorted(core)), tuple(core_columns)))
     return tuple(blocks)
-
-
-def _core(rows: Sequence[Sequence[int]], row_of: Sequence[int], unmatched: Sequence[int]) -> list[int]:
-    """The fewest rows that one unmatched row reaches, sorted."""
-    shortest = sorted(unmatched, key=lambda row: len(rows[row]))[:CORES_TRIED]
-    core, _ = _layers(rows, row_of, shortest[:1])
-    for row in shortest[1:]:
-        # A search that comes to as many rows as are known to suffice is broken off.
-        smaller, _ = _layers(rows, row_of, [row], most=len(core))
-        if len(smaller) < len(core):
-            core = smaller
-    return sorted(core)
 
 
 def components_of(rows: Sequence[Sequence[int]],
@@ -234,8 +229,8 @@ def components_of(rows: Sequence[Sequence[int]],
         return column
 
     for columns in rows:
-        for other in columns[1:]:
-            parent[root(other)] = root(columns[0])
+        for neighbour in columns[1:]:
+            parent[root(neighbour)] = root(columns[0])
     parts: dict[int, tuple[list[int], list[int]]] = {}
     for row, columns in enumerate(rows):
         key = root(columns[0]) if columns else -1 - row

@@ -40,7 +40,8 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
     """The parameters of parts in circuits of one domain, with their values."""
     library = expanded.model.library
     open_in = {path: wanted for path, leaf in expanded.leaves.items()
-               if (wanted := _open(leaf)) and _domain_of_medium(leaf.component, library.domains) is domain}
+               if (wanted := [p for p in leaf.component.parameters.values() if p.medium and p.name not in leaf.parameters])
+               and _domain_of_medium(leaf.component, library.domains) is domain}
     if not open_in and not any(leaf.component.is_a(medium) for leaf in expanded.leaves.values()):
         return expanded
     problems = Problems()
@@ -55,8 +56,8 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
         leaf = leaves[path]
         circuit = next((circuits[port] for ports in _passages(path, leaf.component, domain) for port in ports
                         if port in circuits), -1)
-        found = {p.name: _bound(p, leaf, sources.get(circuit, ""), kind, problems) for p in parameters}
-        leaves[path] = replace(leaf, parameters={name: found[name] if name in found else leaf.parameters[name]
+        bounds = {p.name: _bound(p, leaf, sources.get(circuit, ""), kind, problems) for p in parameters}
+        leaves[path] = replace(leaf, parameters={name: bounds[name] if name in bounds else leaf.parameters[name]
                                                  for name in leaf.component.parameters})
         without_value = [p.name for p in parameters if circuit in sources or default(p, path) is None]
         if without_value:
@@ -90,10 +91,6 @@ def _domain_of_medium(component: Component, domains: Mapping[str, Domain]) -> Do
     medium; for a component without such a port the first of all."""
     medium_domains = [domains[port.domain] for port in component.ports.values() if port.domain in domains]
     return next((d for d in (*medium_domains, *domains.values()) if d.medium), None)
-
-
-def _open(leaf: Leaf) -> list[Parameter]:
-    return [p for p in leaf.component.parameters.values() if p.medium and p.name not in leaf.parameters]
 
 
 def _passages(path: str, component: Component, domain: Domain) -> list[list[Terminal]]:
@@ -148,11 +145,11 @@ def _sources(expanded: Expanded, kind: str, circuits: dict[Terminal, int], probl
 
 @dataclass(frozen=True, eq=False)
 class _Default:
-    """The default of a property of the medium in one part, in SI: `own`, else the medium's."""
+    """The default of a property of the medium in one part, in SI: `specified` there, else the medium's."""
 
     path: str
     parameter: Parameter
-    own: bool
+    specified: bool
     value: float
     usual: float
     place: Place
@@ -174,8 +171,8 @@ def _defaults(path: str, parameters: Iterable[Parameter], kind: Component, place
             yield _Default(path, parameter, value is not None, standard if value is None else value, standard, place)
 
 
-def _number(parameter: Parameter, others: Mapping[str, Parameter]) -> float | None:
-    """The default of a parameter, which may be a formula of the defaults of `others`; None if it is not a number."""
+def _number(parameter: Parameter, declared: Mapping[str, Parameter]) -> float | None:
+    """The default of a parameter, which may be a formula of the defaults of `declared`; None if it is not a number."""
     if parameter.default is None:
         return parameter.neutral
     expr = parameter.default.expr
@@ -183,7 +180,7 @@ def _number(parameter: Parameter, others: Mapping[str, Parameter]) -> float | No
         return expr.value
     known: dict[str, float] = {}
     for name in names(expr):
-        value = _number(others[name.text], others) if name.text in others else None
+        value = _number(declared[name.text], declared) if name.text in declared else None
         if value is None:
             return None
         known[name.text] = value
@@ -198,13 +195,13 @@ def _one_medium(defaults: Sequence[_Default]) -> dict[_Default, _Default] | None
         if d.deviates and not _alike(d.value, leaders.setdefault(d.parameter.medium, d).value):
             return None
     followers = [d for d in defaults if leaders and not d.deviates and d.usual]
-    if any(d.own or d.parameter.medium not in leaders for d in followers):
+    if any(d.specified or d.parameter.medium not in leaders for d in followers):
         return None
     return {d: leaders[d.parameter.medium] for d in followers}
 
 
-def _alike(one: float, other: float) -> bool:
-    return abs(one - other) <= SAME_MEDIUM * max(abs(one), abs(other))
+def _alike(one: float, another: float) -> bool:
+    return abs(one - another) <= SAME_MEDIUM * max(abs(one), abs(another))
 
 
 def _mixed(defaults: Sequence[_Default], library: Library, kind: Component, nodes: Sequence[str],

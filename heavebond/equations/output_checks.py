@@ -12,7 +12,6 @@ from heavebond.equations.resolver import Unknown
 from heavebond.language import reading
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
-from heavebond.language.sections import Condition, NamedOutput
 from heavebond.language.values import add_formula_problem, check_dimension
 from heavebond.text.dimensions import TRUTH, dimension
 from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, names, parse_formula
@@ -37,58 +36,50 @@ def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], hel
     """Note problems in `show:` and `initial:`; `parameters` are those that may be solved for, `held` the variables that only
     events change."""
     for output in model.show.values():
-        _shown(output, resolver, problems)
+        try:
+            output_dimension = resolver.dimension(output.expr)
+        except ExpressionProblem as problem:
+            if problem.code == "name-unknown" and output.text == output.name and "." not in output.name:
+                example = f"`{output.name}: {{is: spring.F, unit: {output.unit}}}`"
+                problem.hint = f"Specify the shown quantity: {example}; {problem.hint}"
+            reading.add_expression_problem(problem, output.place, problems)
+            continue
+        output_dimension = ONE if output_dimension == TRUTH else output_dimension  # a condition is shown as 0 and 1
+        if output_dimension is not None and output_dimension != read_unit(output.unit).dimension:
+            unit = dimension_text(output_dimension)
+            problems.add("unit-wrong", f"output '{output.name}' is in {unit}; it cannot be shown in {output.unit}",
+                         output.place, hint=f"Write `unit: {unit}`, or a multiple of it.")
+            continue
+        if output_dimension is not None and (unit_of_output := resolver.unit(output.expr)) is not None:
+            check_turns(output.unit, unit_of_output, f"output '{output.name}'", output.place, problems)
     for condition in model.initial.conditions.values():
-        _condition(condition, resolver, held, problems)
+        tree = reading.parsed(parse_formula, condition.name, condition.place, problems)
+        if tree is None:
+            continue
+        try:
+            wanted = resolver.dimension(tree) or ONE
+        except ExpressionProblem as problem:
+            reading.add_expression_problem(problem, condition.place, problems)
+            continue
+        if condition.name not in held and not any(name.text in resolver.names for name in names(tree)):
+            problems.add("initial-constant", f"'{condition.name}' is constant; an initial value belongs to a variable",
+                         condition.place, hint="Set a parameter at its component, or under `set:`.")
+            continue
+        if condition.name in held and constant(condition.value.expr) is None:
+            continue  # the name of a state, or an error of the held variable
+        try:
+            dimension = resolver.dimension(condition.value.expr)
+        except ExpressionProblem as problem:
+            add_formula_problem(problem, condition.value, problems)
+            continue
+        check_dimension(f"initial {condition.name}", condition.value, dimension,
+                        Unit(dimension_text(wanted), 1.0, 0.0, wanted), problems)
     known = [p for p in parameters if not p.startswith(("initial.", "scale.", "history."))]
     for name, place in model.initial.solve.items():
         if name not in known:
             problem = f"'{name}' is a variable; only a parameter can be solved for" if name in resolver.names else \
                 f"there is no parameter '{name}' to solve for"
             problems.add("solve-unknown", problem, place, hint=suggest(name, known) or f"Parameters: {listing(known)}.")
-
-
-def _shown(output: NamedOutput, resolver: Resolver, problems: Problems) -> None:
-    try:
-        dimension = resolver.dimension(output.expr)
-    except ExpressionProblem as problem:
-        if problem.code == "name-unknown" and output.text == output.name and "." not in output.name:
-            example = f"`{output.name}: {{is: spring.F, unit: {output.unit}}}`"
-            problem.hint = f"Specify the shown quantity: {example}; {problem.hint}"
-        reading.add_expression_problem(problem, output.place, problems)
-        return
-    dimension = ONE if dimension == TRUTH else dimension  # a condition is shown as 0 and 1
-    if dimension is not None and dimension != read_unit(output.unit).dimension:
-        unit = dimension_text(dimension)
-        problems.add("unit-wrong", f"output '{output.name}' is in {unit}; it cannot be shown in {output.unit}",
-                     output.place, hint=f"Write `unit: {unit}`, or a multiple of it.")
-        return
-    if dimension is not None and (own := resolver.unit(output.expr)) is not None:
-        check_turns(output.unit, own, f"output '{output.name}'", output.place, problems)
-
-
-def _condition(condition: Condition, resolver: Resolver, held: Container[str], problems: Problems) -> None:
-    tree = reading.parsed(parse_formula, condition.name, condition.place, problems)
-    if tree is None:
-        return
-    try:
-        wanted = resolver.dimension(tree) or ONE
-    except ExpressionProblem as problem:
-        reading.add_expression_problem(problem, condition.place, problems)
-        return
-    if condition.name not in held and not any(name.text in resolver.names for name in names(tree)):
-        problems.add("initial-constant", f"'{condition.name}' is constant; an initial value belongs to a variable",
-                     condition.place, hint="Set a parameter at its component, or under `set:`.")
-        return
-    if condition.name in held and constant(condition.value.expr) is None:
-        return  # the name of a state, or an error of the held variable
-    try:
-        dimension = resolver.dimension(condition.value.expr)
-    except ExpressionProblem as problem:
-        add_formula_problem(problem, condition.value, problems)
-        return
-    check_dimension(f"initial {condition.name}", condition.value, dimension,
-                    Unit(dimension_text(wanted), 1.0, 0.0, wanted), problems)
 
 
 def with_nominal_sizes(model: Model, unknowns: Sequence[Unknown], names: Mapping[str, int], problems: Problems

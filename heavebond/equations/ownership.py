@@ -25,11 +25,11 @@ OF_A_RUN = ("initial", "scale", "history")
 
 @dataclass(frozen=True)
 class Owner:
-    """The object that a name refers to: equal keys are the same object. `what` describes it in words; `kind` is node,
+    """The object that a name refers to: equal keys are the same object. `description` is in words; `kind` is node,
     component, ..."""
 
     key: Hashable
-    what: str
+    description: str
     place: Place
     kind: str
     path: str  # of the node or component whose name makes the name
@@ -52,14 +52,14 @@ class Names:
             owner = self.owners[name] = dict(owner())[name]
         return owner
 
-    def claim_all(self, names: Sequence[str], told: Callable[[], Owned]) -> None:
-        """Claim names for the owners that `told` returns. It is called only if a name is already taken, as a large diagram
-        has many names."""
-        owners = dict.fromkeys(names, told)
+    def claim_all(self, names: Sequence[str], owners_of: Callable[[], Owned]) -> None:
+        """Claim names for the owners that `owners_of` returns. It is called only if a name is already taken, as a large
+        diagram has many names."""
+        owners = dict.fromkeys(names, owners_of)
         if len(owners) == len(names) and self.owners.keys().isdisjoint(owners):
             self.owners.update(owners)
             return
-        for name, owner in told():
+        for name, owner in owners_of():
             self.claim(name, owner)
 
     def claim(self, name: str, owner: Owner) -> None:
@@ -68,9 +68,12 @@ class Names:
         if first is None:
             self.owners[name] = owner
         elif first.key != owner.key:
-            renamed = _renamed(first, owner)
-            self.problems.add("name-twice", f"'{name}' would mean two things: {first.what} ({_line(first)}) "
-                              f"and {owner.what} ({_line(owner)})", renamed.place, hint=_hint(renamed))
+            # a node is renamed rather than a component, a component rather than a port, whose name belongs to the
+            # component's file
+            order = ("node", "component", "parameter", "port", "clock")
+            renamed = min((first, owner), key=lambda candidate: order.index(candidate.kind))
+            self.problems.add("name-twice", f"'{name}' would mean two things: {first.description} ({_line(first)}) "
+                              f"and {owner.description} ({_line(owner)})", renamed.place, hint=_hint(renamed))
 
 
 def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Names:
@@ -85,7 +88,7 @@ def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Nam
     for number, group in enumerate(network.groups):
         domain = expanded.model.library.domains.get(group.domain)
         names_of_group = group.aliases if domain is None else [f"{path}.{m}" for path in group.aliases
-                                                               for m in _across(domain)]
+                                                               for m in domain.shared]
         claimed.claim_all(names_of_group, partial(_of_group, expanded, group, number))
     alike: dict[tuple[Hashable, ...], list[str]] = {}
     for path, leaf in expanded.leaves.items():
@@ -95,7 +98,8 @@ def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Nam
                          "names of parameters of a run (`initial.x`, `scale.u`)", leaf.place,
                          hint="Take another name.")
         owners_of_leaf = partial(_of_leaf, expanded, network, path, leaf)
-        kind = (id(leaf.component), *network.domains[path].items(), path if _has_arrays(leaf) else "")
+        has_arrays = any(port.count is not None for port in leaf.component.ports.values())
+        kind = (id(leaf.component), *network.domains[path].items(), path if has_arrays else "")
         if (inside := alike.get(kind)) is None:
             inside = alike[kind] = [name.removeprefix(path) for name, _ in owners_of_leaf()]
         claimed.claim_all([path + name for name in inside], owners_of_leaf)
@@ -112,14 +116,15 @@ def check_outputs(names: Names, show: Mapping[str, NamedOutput], index_of: Mappi
             continue  # a title, which no formula can name
         if output.text.strip() == output.name or not all(n in names.owners or n in KNOWN for n in used):
             continue
-        meant = output.expr.text if isinstance(output.expr, Name) else ""
-        if meant in index_of and index_of[meant] == index_of.get(output.name):
+        shown_name = output.expr.text if isinstance(output.expr, Name) else ""
+        if shown_name in index_of and index_of[shown_name] == index_of.get(output.name):
             continue
         owner = names.owner(output.name)
-        description = f"{owner.what} ({_line(owner)})" if owner else "a formula, or the time"
+        description = f"{owner.description} ({_line(owner)})" if owner else "a formula, or the time"
+        plain_name = re.sub(r"\W+", "_", output.name).strip("_")
         names.problems.add("name-twice", f"the output '{output.name}' is `{output.text}`, but '{output.name}' is also "
                            f"{description}", output.place,
-                           hint=f"Give the output another name, for example `{_plain(output.name)}_shown`.")
+                           hint=f"Give the output another name, for example `{plain_name}_shown`.")
 
 
 def claim_clocks(names: Names, held: Iterable[Held]) -> None:
@@ -133,10 +138,6 @@ def _line(owner: Owner) -> str:
     return f"line {owner.place.line} of {owner.place.file}"
 
 
-def _plain(name: str) -> str:
-    return re.sub(r"\W+", "_", name).strip("_")
-
-
 def _of_group(expanded: Expanded, group: Group, number: int) -> Iterator[tuple[str, Owner]]:
     domain = expanded.model.library.domains.get(group.domain)
     for path in group.aliases:
@@ -147,23 +148,15 @@ def _of_group(expanded: Expanded, group: Group, number: int) -> Iterator[tuple[s
         if domain is None:
             yield path, Owner(("signal", number), f"the signal of {description}", place, kind, path)
             continue
-        for member in _across(domain):
+        for member in domain.shared:
             yield f"{path}.{member}", Owner(("across", number, member), f"{_word(domain, member)} of {description}", place,
                                             kind,
                                             path)
 
 
-def _across(domain: Domain) -> tuple[str, ...]:
-    return domain.shared
-
-
 def _word(domain: Domain, member: str) -> str:
     doc = domain.members[member].doc
     return f"{member} ({doc})" if doc else member
-
-
-def _has_arrays(leaf: Leaf) -> bool:
-    return any(port.count is not None for port in leaf.component.ports.values())
 
 
 def _of_leaf(expanded: Expanded, network: Network, path: str, leaf: Leaf) -> Iterator[tuple[str, Owner]]:
@@ -190,12 +183,6 @@ def _copies(expanded: Expanded, path: str, port: str) -> list[str]:
         return [port]
     begin = f"{path}.{port}["
     return [end.port for junction in expanded.junctions.values() for end in junction.ends if end.name.startswith(begin)]
-
-
-def _renamed(first: Owner, second: Owner) -> Owner:
-    """The owner to be renamed: a node rather than a component, a component rather than a port, whose name belongs to the
-    component's file."""
-    return min((first, second), key=lambda owner: ("node", "component", "parameter", "port", "clock").index(owner.kind))
 
 
 def _hint(owner: Owner) -> str:

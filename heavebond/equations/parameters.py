@@ -271,7 +271,15 @@ class _Maker:
         """The unit of a value; a problem, or an ExpressionProblem, if it is another unit or the value is not a number."""
         assert isinstance(bound.value, Value)
         before = len(self.problems.found)
-        unit = self._unit(name, bound, leaf)
+        value = bound.value
+        dimension = number_dimension(value.expr, lambda n: self._dimension(bound.scope, n))
+        if leaf is None:
+            number = dimension or ONE
+            counts = value.expr.unit.counts if isinstance(value.expr, Number) and value.expr.unit else ""
+            unit = Unit(dimension_text(number), 1.0, 0.0, number, counts)
+        else:
+            unit = solved_unit(leaf.component.parameters[name.rpartition(".")[2]].unit, leaf, self.expanded, self.network)
+            check_dimension(name, value, dimension, unit, self.problems)
         if gives_lists(bound.value.expr):
             Lengths(lambda _: None, exact=True).number(bound.value.expr, "what a formula gives")
         if alike is not None and len(self.problems.found) == before:
@@ -284,22 +292,7 @@ class _Maker:
         if isinstance(expr, Name) and expr.text not in integers and \
                 (expression := self.expressions.get(bound.scope + expr.text)) is not None:
             return expression
-        return evaluate(expr, Context(self._lookup(bound.scope), _no_rate, integers))
-
-    def _lookup(self, scope: str) -> Callable[[str, Name], ca.SX]:
-        return lambda text, name: self.expressions[scope + text]
-
-    def _unit(self, name: str, bound: Bound, leaf: Leaf | None) -> Unit:
-        assert isinstance(bound.value, Value)
-        value = bound.value
-        dimension = number_dimension(value.expr, lambda n: self._dimension(bound.scope, n))
-        if leaf is None:
-            number = dimension or ONE
-            counts = value.expr.unit.counts if isinstance(value.expr, Number) and value.expr.unit else ""
-            return Unit(dimension_text(number), 1.0, 0.0, number, counts)
-        unit = solved_unit(leaf.component.parameters[name.rpartition(".")[2]].unit, leaf, self.expanded, self.network)
-        check_dimension(name, value, dimension, unit, self.problems)
-        return unit
+        return evaluate(expr, Context(lambda text, name: self.expressions[bound.scope + text], _no_rate, integers))
 
     def _dimension(self, scope: str, name: Name) -> Dimension:
         if name.text == "pi" or name.text in _integers(self.expanded, scope):
@@ -372,10 +365,20 @@ def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[
         check_bounds(name, parameter, float(number), value, problems)
     problems.raise_as(ModelError)
     restricted = [(path, template) for path, template in templates.items() if expanded.leaves[path].component.requires]
-    truths = _truths(parameters, restricted)
+    # which requirements of each part are met: one call for all parts of a template, a column for each
+    users: dict[Template, list[str]] = {}
+    for path, template in restricted:
+        users.setdefault(template, []).append(path)
+    numbers = parameters.values([f"{path}.{name}" for template, paths in users.items() for path in paths
+                                 for name in template.parameters])
+    truths_of_part: dict[str, Array] = {}
+    for template, paths in users.items():
+        part_numbers, numbers = np.split(numbers, [len(paths) * len(template.parameters)])
+        truths = np.array(template.requirements(part_numbers.reshape(len(paths), len(template.parameters)).T))
+        truths_of_part.update(zip(paths, np.broadcast_to(truths, (len(truths), len(paths))).T, strict=True))
     for path, template in restricted:
         leaf = expanded.leaves[path]
-        for formula, truth in zip(leaf.component.requires, truths[path], strict=True):
+        for formula, truth in zip(leaf.component.requires, truths_of_part[path], strict=True):
             if not truth:
                 _violated(leaf, formula, template, parameters, new, problems)
     problems.raise_as(ModelError)
@@ -398,8 +401,8 @@ class Limits:
         """The limits of a diagram that `check_values` accepts."""
         bounded = [(name, q) for name, q, _ in with_declaration(expanded) if q.low is not None or q.high is not None]
         values = stack(parameters.expressions[name] for name, _ in bounded)
-        truths = stack(made.requirements(stack(parameters.expressions[f"{path}.{name}"] for name in made.parameters))
-                       for path, made in templates.items() if expanded.leaves[path].component.requires)
+        truths = stack(template.requirements(stack(parameters.expressions[f"{path}.{name}"] for name in template.parameters))
+                       for path, template in templates.items() if expanded.leaves[path].component.requires)
         numbers = Buffered(ca.Function("limits", [parameters.p], [ca.densify(values), ca.densify(truths)],
                                        ["p"], ["values", "truths"]))
         # a search may step beyond the end of its range by a rounding error
@@ -417,8 +420,8 @@ class Limits:
 
     def check(self, p: Array, changed: Iterable[str]) -> None:
         """ModelError if the values `p`, of which some are `changed` from those of the diagram, are not allowed."""
-        found = self.numbers(p)
-        values, truths = found["values"].ravel(), found["truths"]
+        values_and_truths = self.numbers(p)
+        values, truths = values_and_truths["values"].ravel(), values_and_truths["truths"]
         if ((values >= self.low) & (values <= self.high)).all() and truths.all():
             return
         pairs = zip(self.parameters.independent, p.tolist(), strict=True)
@@ -432,24 +435,9 @@ class Limits:
         check_values(self.expanded, replace(self.parameters, independent=independent), self.templates, new)
 
 
-def _truths(parameters: Parameters, asked: Sequence[tuple[str, Template]]) -> dict[str, Array]:
-    """Which requirements of each part are met: one call for all parts of a template, a column for each."""
-    users: dict[Template, list[str]] = {}
-    for path, template in asked:
-        users.setdefault(template, []).append(path)
-    numbers = parameters.values([f"{path}.{name}" for template, paths in users.items() for path in paths
-                                 for name in template.parameters])
-    found: dict[str, Array] = {}
-    for template, paths in users.items():
-        part_numbers, numbers = np.split(numbers, [len(paths) * len(template.parameters)])
-        truths = np.array(template.requirements(part_numbers.reshape(len(paths), len(template.parameters)).T))
-        found.update(zip(paths, np.broadcast_to(truths, (len(truths), len(paths))).T, strict=True))
-    return found
-
-
-def _violated(leaf: Leaf, formula: Formula, made: Template, parameters: Parameters, changed: Mapping[str, Value],
+def _violated(leaf: Leaf, formula: Formula, template: Template, parameters: Parameters, changed: Mapping[str, Value],
               problems: Problems) -> None:
-    used = list(dict.fromkeys(n.text for n in names(formula.tree) if n.text in made.parameters))
+    used = list(dict.fromkeys(n.text for n in names(formula.tree) if n.text in template.parameters))
     notes = []
     for name, number in zip(used, parameters.values([f"{leaf.path}.{n}" for n in used]), strict=True):
         value, declaration = leaf.parameters[name].value, leaf.component.parameters[name]

@@ -105,7 +105,13 @@ def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
         aliases.setdefault(index, []).append(name.rpartition(".")[0])
     nodes = {}
     for path in flat.expanded.junctions:
-        of_ports = _domains_at(flat, path)  # gas and oil with temperature have the same variables
+        # the domains of the ports on the node that are declared; gas and oil with temperature have the same variables
+        declared = set()
+        for end in flat.expanded.junctions[path].ends:
+            leaf = flat.expanded.leaves.get(end.leaf)
+            port = leaf.component.ports.get(end.port.partition("[")[0]) if leaf is not None else None
+            declared |= {port.domain} if port is not None else set()
+        of_ports = declared & {*flat.expanded.model.library.domains}
         domain = next((d for d in domains if (not of_ports or d.name in of_ports) and f"{path}.{d.through[0]}" in balances
                        and all(f"{path}.{m}" in flat.names for m in d.across)), None)
         if domain is None or (len(domain.efforts) > 1 and not several_efforts):
@@ -116,16 +122,6 @@ def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
             ports = tuple(a for a in aliases[index] if _is_port(a, flat))
             nodes[path] = Node(path, domain, ports)
     return nodes
-
-
-def _domains_at(flat: Flat, path: str) -> set[str]:
-    """The domains of the ports on a node that are declared."""
-    found = set()
-    for end in flat.expanded.junctions[path].ends:
-        leaf = flat.expanded.leaves.get(end.leaf)
-        port = leaf.component.ports.get(end.port.partition("[")[0]) if leaf is not None else None
-        found |= {port.domain} if port is not None else set()
-    return found & {*flat.expanded.model.library.domains}
 
 
 def _is_port(path: str, flat: Flat) -> bool:

@@ -90,18 +90,35 @@ class Reduced:
 def reduce(flat: Flat) -> Reduced:
     """The index-1 model; ModelError with the smallest contradictory part where the structure is singular."""
     flat = _with_identities(flat)
-    columns, rows, derivative = _columns(flat)
+    # columns for unknowns and for the derivatives that occur (with the ones between), and the rows in them
+    n = len(flat.unknowns)
+    columns: list[Column] = [(j, 0) for j in range(n)]
+    number = {column: k for k, column in enumerate(columns)}
+    derivative = [-1] * n
+    rows = []
+    for entries in flat.entries:
+        row = []
+        for packed, _ in entries:
+            order, j = divmod(packed, n)
+            for k in range(1, order + 1):
+                if (j, k) not in number:
+                    number[(j, k)] = len(columns)
+                    derivative[number[(j, k - 1)]] = len(columns)
+                    columns.append((j, k))
+                    derivative.append(-1)
+            row.append(number[(j, order)])
+        rows.append(row)
     result, derived = _check_and_differentiate(flat, rows, derivative)
     all_columns: list[Column | None] = [*columns, *[None] * (result.n_columns - len(columns))]
     for k, successor in enumerate(result.derivative):
         if successor >= 0:
             j, order = all_columns[k] or (0, 0)
             all_columns[successor] = (j, order + 1)
-    done = [c for c in all_columns if c is not None]
-    highest = [0] * (1 + max((j for j, _ in done), default=0))
-    for j, order in done:
+    known_columns = [c for c in all_columns if c is not None]
+    highest = [0] * (1 + max((j for j, _ in known_columns), default=0))
+    for j, order in known_columns:
         highest[j] = max(highest[j], order)
-    chain = Chain(done, highest)
+    chain = Chain(known_columns, highest)
     system = _system(flat, chain, result, derived)
     return system.solve(select_states(system.constraints, system.p_values))
 
@@ -121,28 +138,6 @@ class Chain:
 
     column: list[Column]
     highest: list[int]
-
-
-def _columns(flat: Flat) -> tuple[list[Column], list[list[int]], list[int]]:
-    """Columns for unknowns and for the derivatives that occur (with the ones between), and the rows in them."""
-    n = len(flat.unknowns)
-    columns: list[Column] = [(j, 0) for j in range(n)]
-    number = {column: k for k, column in enumerate(columns)}
-    derivative = [-1] * n
-    rows = []
-    for entries in flat.entries:
-        row = []
-        for packed, _ in entries:
-            order, j = divmod(packed, n)
-            for k in range(1, order + 1):
-                if (j, k) not in number:
-                    number[(j, k)] = len(columns)
-                    derivative[number[(j, k - 1)]] = len(columns)
-                    columns.append((j, k))
-                    derivative.append(-1)
-            row.append(number[(j, order)])
-        rows.append(row)
-    return columns, rows, derivative
 
 
 def _with_identities(flat: Flat) -> Flat:
@@ -262,13 +257,6 @@ class System:
                              {c for c, (j, _) in enumerate(unknown) if j in self.derived})
         blocks = block_lower_triangular([[c for c, _ in row] for row in entries], matching)
         solver.solve([(block, [matching[r] for r in block]) for block in blocks])
-        reduced = self._reduced(states, system, solver)
-        if ca.sprank(ca.sparsify(jacobian(reduced.alg, reduced.z))) < reduced.z.numel():
-            # terms that cancel whatever the numbers: a circuit of differences without reference
-            raise self._lost(system, [row[0] for _, row in solver.remaining])
-        return reduced
-
-    def _reduced(self, states: list[Column], system: Simultaneous, solver: BlockSolver) -> Reduced:
         flat = self.flat
         torn = [system.columns[c] for c in solver.torn]
         x, z = self.symbols_of(states), self.symbols_of(torn)
@@ -283,12 +271,16 @@ class System:
                        for c, p in zip(split(substituted[2]), solver.pivots, strict=True))
         order = self.order
         algebraic = [j for j, top in enumerate(self.chain.highest) if top == 0]
-        return Reduced(
+        reduced = Reduced(
             flat, tuple(states), tuple(torn), x, z, substituted[0], substituted[1],
             tuple(flat.equations[row[0]] for _, row in solver.remaining), defined, expressions,
             tuple(system.columns[c] for c in solver.defined), pivots, max(order, default=0) + (1 if algebraic else 0),
             tuple((i, k) for i, k in enumerate(order) if k), tuple(solver.loops), system, self, definitions,
             tuple(solver.sources))
+        if ca.sprank(ca.sparsify(jacobian(reduced.alg, reduced.z))) < reduced.z.numel():
+            # terms that cancel whatever the numbers: a circuit of differences without reference
+            raise self._lost(system, [row[0] for _, row in solver.remaining])
+        return reduced
 
     def _lost(self, system: Simultaneous, dependent: list[int]) -> ModelError:
         """The error for equations that are dependent at the initial guess; `dependent` are some of them."""

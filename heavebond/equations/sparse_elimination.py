@@ -74,8 +74,8 @@ def eliminate(coefficients: Mapping[tuple[int, int], Coefficient], constants: Ma
             continue  # until another elimination changes the row
         solution, changed = system.solve(row, column)
         solutions.append(solution)
-        for other in changed:
-            heappush(waiting, (len(system.rows[other]), other))
+        for changed_row in changed:
+            heappush(waiting, (len(system.rows[changed_row]), changed_row))
     return None if system.rows else solutions
 
 
@@ -108,16 +108,16 @@ class _System:
         entries, constant = self.rows.pop(row), self.constants[row]
         divisor = entries.pop(column)
         total = constant
-        for other, entry in entries.items():
-            total = total + entry.expression*self.symbols[other]
-            del self.rows_of[other][row]
-        changed = [other for other in self.rows_of.pop(column) if other != row]
+        for k, entry in entries.items():
+            total = total + entry.expression*self.symbols[k]
+            del self.rows_of[k][row]
+        changed = [k for k in self.rows_of.pop(column) if k != row]
         for target in changed:
             factor = self.rows[target].pop(column)
             share = factor.expression/divisor.expression
             values = factor.values/divisor.values
-            for other, entry in entries.items():
-                self._subtract(target, other, share*entry.expression, values*entry.values)
+            for k, entry in entries.items():
+                self._subtract(target, k, share*entry.expression, values*entry.values)
             self.constants[target] = self.constants[target] - share*constant
         return Solution(row, column, divisor.expression, -total/divisor.expression), changed
 
@@ -146,14 +146,14 @@ class _System:
         one, two = self.rows[first], self.rows[second]
         weights = {first: (two[d], one[d], c), second: (one[c], two[c], d)}
         constants = {first: self.constants[first], second: self.constants[second]}
-        for row, (own, other, kept) in weights.items():
-            mine, others = (one, two) if row == first else (two, one)
-            combined: dict[int, Coefficient] = {kept: determinant}
-            for column in dict.fromkeys((*mine, *others)):
+        for row, (own_factor, partner_factor, solved_column) in weights.items():
+            own_entries, partner_entries = (one, two) if row == first else (two, one)
+            combined: dict[int, Coefficient] = {solved_column: determinant}
+            for column in dict.fromkeys((*own_entries, *partner_entries)):
                 if column in (c, d):
                     continue
-                terms = [(factor, entries[column], sign) for factor, entries, sign in ((own, mine, 1), (other, others, -1))
-                         if column in entries]
+                terms = [(factor, entries[column], sign) for factor, entries, sign in (
+                    (own_factor, own_entries, 1), (partner_factor, partner_entries, -1)) if column in entries]
                 values = sum((sign*factor.values*entry.values for factor, entry, sign in terms),
                              np.zeros_like(determinant.values))
                 size = sum((np.abs(factor.values*entry.values) for factor, entry, _ in terms), np.zeros_like(values))
@@ -162,7 +162,7 @@ class _System:
                 expression = sum((sign*factor.expression*entry.expression for factor, entry, sign in terms), ca.SX(0))
                 combined[column] = Coefficient(expression, values)
             partner = second if row == first else first
-            self.constants[row] = own.expression*constants[row] - other.expression*constants[partner]
+            self.constants[row] = own_factor.expression*constants[row] - partner_factor.expression*constants[partner]
             self.rows[row] = combined
         for row in (first, second):
             for column in {*one, *two}:

@@ -70,7 +70,7 @@ class Constraints:
         return frozenset(r.unknown for event in self.flat.events for r in event.resets if r.unknown is not None)
 
     @cached_property
-    def asked(self) -> frozenset[int]:
+    def preferred(self) -> frozenset[int]:
         """The unknowns that events set, and those with an initial value."""
         conditions, names = self.flat.expanded.model.initial.conditions, self.flat.names
         return self.settable | {names[n] for n, c in conditions.items() if n in names and not c.guess}
@@ -101,34 +101,28 @@ def select_states(constraints: Constraints, p: Array) -> list[Column]:
     at = ca.Function("H", [symbols, flat.p, flat.time, flat.rate, known], [constraints.values])
 
     def numbers(values: Array) -> Array:
-        entries = np.array(at(_off(flat, values, symbols.numel()), p, 0.0, 1.0, np.ones(known.numel()))).ravel()
+        # moved a little off places where a coefficient vanishes by accident (a crank at dead centre)
+        nominal = np.array([u.nominal for u in flat.unknowns])
+        shift = np.array([uniform(1, j) - 0.5 for j in range(len(values))])
+        point = np.zeros(symbols.numel())
+        point[: len(values)] = values + 1e-4 * nominal * shift
+        entries = np.array(at(point, p, 0.0, 1.0, np.ones(known.numel()))).ravel()
         return np.where(np.isfinite(entries), entries, 1.0)
 
-    states = chosen_states(constraints, numbers(guess), constraints.asked)
+    states = chosen_states(constraints, numbers(guess), constraints.preferred)
     if ca.depends_on(constraints.values, symbols):
         equations = constraint_equations(flat, constraints.order)
         projected = equations.projected(guess, p) if equations else None
-        if projected is not None and _strained(constraints, states, numbers(projected)):
-            return chosen_states(constraints, numbers(projected), constraints.asked)
+        if projected is not None:
+            entries = numbers(projected)
+            dependent = [part for part in parts_of(constraints, states) if len(part.columns) > len(part.rows)]
+            if any(strain(part, entries[:, None])[0][0] > UNSUITABLE for part in dependent):
+                return chosen_states(constraints, entries, constraints.preferred)
     return states
 
 
-def _strained(constraints: Constraints, states: Sequence[Column], numbers: Array) -> bool:
-    parts = [part for part in parts_of(constraints, states) if len(part.columns) > len(part.rows)]
-    return any(strain(part, numbers[:, None])[0][0] > UNSUITABLE for part in parts)
-
-
-def _off(flat: Flat, values: Array, size: int) -> Array:
-    """Values moved a little off places where a coefficient vanishes by accident (a crank at dead centre)."""
-    nominal = np.array([u.nominal for u in flat.unknowns])
-    shift = np.array([uniform(1, j) - 0.5 for j in range(len(values))])
-    point = np.zeros(size)
-    point[: len(values)] = values + 1e-4 * nominal * shift
-    return point
-
-
-def chosen_states(constraints: Constraints, numbers: Array, asked: frozenset[int] = frozenset()) -> list[Column]:
-    """The states at these values (n,) of the constraints; `asked` unknowns have ten times the preference.
+def chosen_states(constraints: Constraints, numbers: Array, preferred: frozenset[int] = frozenset()) -> list[Column]:
+    """The states at these values (n,) of the constraints; `preferred` unknowns have ten times the preference.
 
     At each level, as many of the highest derivatives z as there are differentiated equations H z = ... become algebraic,
     chosen by QR with column pivoting.
@@ -137,11 +131,11 @@ def chosen_states(constraints: Constraints, numbers: Array, asked: frozenset[int
     SIAM J. Sci. Comput. 14 (1993) 677-692, doi:10.1137/0914043.
     """
     def pick(part: Part) -> list[int]:
-        weights = [_weight(constraints.flat, column, asked) for column in part.columns]
+        weights = [_weight(constraints.flat, column, preferred) for column in part.columns]
         return [part.columns[k][0] for k in pivot_columns(part.matrices(numbers[:, None], part.columns)[0] * weights)]
 
     def weight(column: Column) -> float:
-        return _weight(constraints.flat, column, asked)
+        return _weight(constraints.flat, column, preferred)
 
     dummies = {column for level in _levels(constraints, pick, weight) for column in level.dummies}
     return [(j, k) for j, top in enumerate(constraints.highest) for k in range(top) if (j, k + 1) not in dummies]
@@ -151,14 +145,14 @@ def chosen_states(constraints: Constraints, numbers: Array, asked: frozenset[int
 class Part:
     """Equations of one level that share no unknown with the others of it, and all the derivatives in them."""
 
-    found: Constraints
+    constraints: Constraints
     rows: tuple[int, ...]
     columns: tuple[Column, ...]
     dummies: tuple[Column, ...] = ()
 
     def matrices(self, numbers: Array, columns: Sequence[Column]) -> Array:
         """The Jacobians (N, m, len(columns)) with unknowns in their nominal sizes and rows scaled, from values (n, N)."""
-        place, unknowns = self.found.place, self.found.flat.unknowns
+        place, unknowns = self.constraints.place, self.constraints.flat.unknowns
         matrix = np.zeros((numbers.shape[1], len(self.rows), len(self.columns)))
         for r, i in enumerate(self.rows):
             for c, (j, _) in enumerate(self.columns):
@@ -233,14 +227,15 @@ def _peeled(constraints: Constraints, rows: Sequence[int], orders: Mapping[int, 
         if s in followed or len(rows_of[s]) != 1:
             continue
         i, = rows_of[s]
-        own = [j for j in inside[i] if root(j) == s]
-        if len(own) > 1 or (i, own[0]) not in constraints.constant or any(wanted[t] > wanted[s] for t in sets_of[i]):
+        members_in_row = [j for j in inside[i] if root(j) == s]
+        if len(members_in_row) > 1 or (i, members_in_row[0]) not in constraints.constant \
+                or any(wanted[t] > wanted[s] for t in sets_of[i]):
             continue
         followed.add(s)
-        for other in sets_of.pop(i):
-            rows_of[other].discard(i)
-            if len(rows_of[other]) == 1:
-                waiting.append(other)
+        for affected in sets_of.pop(i):
+            rows_of[affected].discard(i)
+            if len(rows_of[affected]) == 1:
+                waiting.append(affected)
     alone = [s for s in sets if not rows_of[s] and s not in followed]
     dummies = [(j, orders[j]) for s in sets if s in followed for j in sets[s]]
     for s in alone:
@@ -267,7 +262,7 @@ def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
     the chart ends. There the sign of det H_d (N,) changes. `numbers` (n, N) are the values of the constraints.
     """
     states = [column for column in part.columns if column not in part.dummies]
-    inner, outer = (part.matrices(numbers, columns) * [_weight(part.found.flat, c, frozenset()) for c in columns]
+    inner, outer = (part.matrices(numbers, columns) * [_weight(part.constraints.flat, c, frozenset()) for c in columns]
                     for columns in (part.dummies, states))
     worst, sign = np.full(numbers.shape[1], np.inf), np.zeros(numbers.shape[1])
     good = np.isfinite(inner).all(axis=(1, 2)) & np.isfinite(outer).all(axis=(1, 2))
@@ -277,13 +272,13 @@ def strain(part: Part, numbers: Array) -> tuple[Array, Array]:
     return worst, sign
 
 
-def _weight(flat: Flat, column: Column, asked: frozenset[int]) -> float:
+def _weight(flat: Flat, column: Column, preferred: frozenset[int]) -> float:
     j, order = column
     if flat.unknowns[j].root and order <= 1:
-        return ROOT * (ASKED if j in asked else 1.0)
+        return ROOT * (ASKED if j in preferred else 1.0)
     if flat.unknowns[j].pose or (flat.unknowns[j].role in ("position", "own") and order > 1):
         return 1.0  # the node's velocity is the state that people know, not der(position)
-    return PREFERENCE[flat.unknowns[j].role] * (ASKED if j in asked else 1.0)
+    return PREFERENCE[flat.unknowns[j].role] * (ASKED if j in preferred else 1.0)
 
 
 class InitialGuess:

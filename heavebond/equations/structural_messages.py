@@ -48,17 +48,15 @@ def singular(flat: Flat, rows: Sequence[Sequence[int]], matching: Sequence[int],
     for block in parts.underdetermined:
         if block not in reported and block.core_columns and (block.core_rows or not parts.overdetermined):
             problems.append(_undecided(flat, [flat.unknowns[j] for j in block.core_columns], None))
-    return ModelError(problems or [_dependent(flat, dependent or range(len(flat.equations)))])
-
-
-def _dependent(flat: Flat, numbers: Sequence[int]) -> Problem:
-    """The problem of equations that depend on each other for all values."""
-    equations = [flat.equations[i] for i in dict.fromkeys(numbers)]
-    laws = [e for e in equations if not bookkeeping(e)] or equations
-    parts = listing(dict.fromkeys(e.owner for e in laws), MOST_BLAMED)
-    return Problem("singular", f"equations of {parts} are equivalent, so that no equation determines some unknowns",
-                   laws[0].place if laws else None, "Look for two parts that hold the same position, or for a "
-                   "circuit without a Tank or a Volume.", tuple(_table(laws)))
+    if not problems:  # equations that depend on each other for all values
+        equations = [flat.equations[i] for i in dict.fromkeys(dependent or range(len(flat.equations)))]
+        laws = [e for e in equations if not bookkeeping(e)] or equations
+        owners = listing(dict.fromkeys(e.owner for e in laws), MOST_BLAMED)
+        problems.append(Problem(
+            "singular", f"equations of {owners} are equivalent, so that no equation determines some unknowns",
+            laws[0].place if laws else None, "Look for two parts that hold the same position, or for a "
+            "circuit without a Tank or a Volume.", tuple(_table(laws))))
+    return ModelError(problems)
 
 
 class _Part:

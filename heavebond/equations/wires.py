@@ -162,7 +162,20 @@ class Wires:
         each element."""
         self.junctions = {one.path: one for junction in self.junctions.values() for one in self._elements(junction)}
         joined = {end.name: end for junction in self.junctions.values() for end in junction.ends if end.sign > 0}
-        self._vectors(joined)
+        # each element of a vector of signals is on a node or has a value, and no other element is named
+        for path, leaf in self.leaves.items():
+            vectors = {name: signal for name, signal in leaf.component.signals.items() if "[" in name}
+            if not vectors:
+                continue
+            self.signals.update({f"{path}.{name}": signal for name, signal in vectors.items()})
+            whole = {name.partition("[")[0] for name in vectors}
+            for name, signal in vectors.items():
+                misspelt = f"{path}.{name.partition('[')[0]}" in self.meant
+                self._input(path, signal, leaf.place, misspelt or name in leaf.inputs or f"{path}.{name}" in joined)
+            for end in joined.values():
+                if end.leaf == path and end.port.partition("[")[0] in whole and end.port not in vectors:
+                    self.problems.add("port-index", f"'{path}' has the signals {listing(vectors)}; '{end.port}' is none of "
+                                      "these", end.place, hint="An index counts from 1.")
         for path, leaf in self.leaves.items():
             for port in leaf.component.ports.values():
                 count = None if port.count is None else whole_number(port.count, leaf.integers)
@@ -179,22 +192,6 @@ class Wires:
                     self.problems.add("port-unconnected", f"{listing([repr(m) for m in missing], 4)} "
                                       f"{'is' if len(missing) == 1 else 'are'} on no node", leaf.place,
                                       hint="Join each to a node (in quotes inside a list), or lower the number of ports.")
-
-    def _vectors(self, joined: dict[str, PortEnd]) -> None:
-        """Check vectors of signals: each element is on a node or has a value, and no other element is named."""
-        for path, leaf in self.leaves.items():
-            vectors = {name: signal for name, signal in leaf.component.signals.items() if "[" in name}
-            if not vectors:
-                continue
-            self.signals.update({f"{path}.{name}": signal for name, signal in vectors.items()})
-            whole = {name.partition("[")[0] for name in vectors}
-            for name, signal in vectors.items():
-                misspelt = f"{path}.{name.partition('[')[0]}" in self.meant
-                self._input(path, signal, leaf.place, misspelt or name in leaf.inputs or f"{path}.{name}" in joined)
-            for end in joined.values():
-                if end.leaf == path and end.port.partition("[")[0] in whole and end.port not in vectors:
-                    self.problems.add("port-index", f"'{path}' has the signals {listing(vectors)}; '{end.port}' is none of "
-                                      "these", end.place, hint="An index counts from 1.")
 
     def _elements(self, junction: Junction) -> list[Junction]:
         """The junctions `path[1]`, `path[2]` of a node of whole arrays of ports, of vectors of signals or of parts of them;

@@ -90,7 +90,9 @@ class _Parser:
         variables = reading.declarations(root.items.get("variables"), "variables", self._variable, problems)
         parameters = reading.declarations(root.items.get("parameters"), "parameters",
                                           lambda key, entry: self._parameter(key, entry, variables), problems)
-        equations, events = self._equations(root.items.get("equations")), when_entries(root.items.get("when"), problems)
+        equations = tuple(equation for line in equation_lines(root.items.get("equations"), problems)
+                          if (equation := self._equation(*line)) is not None)
+        events = when_entries(root.items.get("when"), problems)
         states = read_states(root.items.get("states"), problems)
         if states:
             chart = written_out(states, signals, parameters, {**ports, **variables}, problems)
@@ -193,7 +195,14 @@ class _Parser:
             if isinstance(item, Scalar):
                 self._port(ports, key, item.text, item.place, None)
             elif isinstance(item, Mapping) and "signal" in item.items:
-                signals[name] = self._signal(key, item)
+                reading.known_keys(item, ("signal", "unit", "doc", "count"), f"signal '{name}'", self.problems, ("unit",))
+                direction = reading.text(item.items.get("signal"), "signal", self.problems)
+                if direction not in ("in", "out"):
+                    self.problems.add("signal-direction", f"'{direction}' is not a direction of a signal",
+                                      item.items["signal"].place, hint="Write `signal: in` or `signal: out`.")
+                unit = reading.unit(item.items.get("unit"), self.problems) or DIMENSIONLESS
+                signals[name] = SignalPort(key.text, direction, unit, key.place,
+                                           reading.text(item.items.get("doc"), "doc", self.problems), *self._shape(item))
             elif isinstance(item, Mapping):
                 known = ("domain", "doc", "count")
                 reading.known_keys(item, known, f"port '{name}'", self.problems, ("domain",))
@@ -225,16 +234,6 @@ class _Parser:
         """Length of a list, or rows and columns of a matrix, as expressions of whole numbers."""
         count, columns = (*reading.sizes(node, self.problems), None, None)[:2]
         return count, columns
-
-    def _signal(self, key: Scalar, node: Mapping) -> SignalPort:
-        reading.known_keys(node, ("signal", "unit", "doc", "count"), f"signal '{key.text}'", self.problems, ("unit",))
-        direction = reading.text(node.items.get("signal"), "signal", self.problems)
-        if direction not in ("in", "out"):
-            self.problems.add("signal-direction", f"'{direction}' is not a direction of a signal",
-                              node.items["signal"].place, hint="Write `signal: in` or `signal: out`.")
-        unit = reading.unit(node.items.get("unit"), self.problems) or DIMENSIONLESS
-        return SignalPort(key.text, direction, unit, key.place,
-                          reading.text(node.items.get("doc"), "doc", self.problems), *self._shape(node))
 
     def _parameter(self, key: Scalar, node: Mapping, variables: Dictionary[str, Variable]) -> Parameter:
         keys = ("unit", "doc", "min", "max", "default", "neutral", "integer", "class", "search_range", "wakes_with", "count",
@@ -311,10 +310,6 @@ class _Parser:
             self.problems.add(problem.code, f"{name} of {key.text}: {problem.message}", quantity.place, hint=problem.hint)
         return number
 
-    def _equations(self, node: Node | None) -> tuple[EquationLine, ...]:
-        equation_list = (self._equation(*line) for line in equation_lines(node, self.problems))
-        return tuple(equation for equation in equation_list if equation is not None)
-
     def _equation(self, content: str, label: str, place: Place) -> EquationLine | None:
         each = None
         head = _EACH.match(content)
@@ -367,9 +362,9 @@ class _Parser:
             if entry is None:
                 continue
             reading.known_keys(entry, ("turn", "spin", "shift", "speed"), f"'{key}'", self.problems)
-            for rate, what in (("spin", "turn"), ("speed", "shift")):
-                if rate in entry.items and what not in entry.items:
-                    self.problems.add("frames-alone", f"'{key}' has `{rate}:`, the rate of `{what}:`, which is missing",
+            for rate, vector in (("spin", "turn"), ("speed", "shift")):
+                if rate in entry.items and vector not in entry.items:
+                    self.problems.add("frames-alone", f"'{key}' has `{rate}:`, the rate of `{vector}:`, which is missing",
                                       entry.keys[rate].place, hint=_FRAMES)
             turn, spin, shift, speed = (self._formula(entry, word) for word in ("turn", "spin", "shift", "speed"))
             relations.append(FrameRelation(words[0] if len(words) > 1 else "", words[-1], turn, spin, shift, speed, place))

@@ -117,7 +117,9 @@ class Diagram:
                                       'Write for example connect("spring.b", "load.a").')])
         nodes = self._section("nodes", call)
         joined = dict.fromkeys([*([node] if node in nodes.items else []),
-                                *(old for port in ports if (old := self._node_of(port, nodes)) is not None)])
+                                *(old for port in ports if (old := next((
+                                    name for name, ends in nodes.items.items()
+                                    if port in (end.text for end in _ends(ends))), None)) is not None)])
         named = [old for old in joined if old != self._automatic(nodes.items[old])]
         if len(named) + (bool(node) and node not in named) > 1:
             both = [*named, *([node] if node and node not in named else [])]
@@ -212,9 +214,9 @@ class Diagram:
                                       suggest(name, parts.items) or f"Components: {listing(parts.items)}.")])
         del parts.items[name], parts.keys[name]
         for node, ends in list(nodes.items.items()):
-            left = tuple(end for end in _ends(ends) if end.text.partition(".")[0] != name)
-            nodes.items[node] = Sequence(left, ends.place)
-            if not left:
+            remaining_ends = tuple(end for end in _ends(ends) if end.text.partition(".")[0] != name)
+            nodes.items[node] = Sequence(remaining_ends, ends.place)
+            if not remaining_ends:
                 del nodes.items[node], nodes.keys[node]
         return self
 
@@ -337,19 +339,15 @@ class Diagram:
         return components
 
     @staticmethod
-    def _node_of(port: str, nodes: Mapping) -> str | None:
-        return next((name for name, ends in nodes.items.items() if port in (end.text for end in _ends(ends))), None)
-
-    @staticmethod
     def _automatic(node: Node) -> str:
         """The name that a node has without one of its own."""
         ends = _ends(node)
         return ends[0].text.replace(".", "_") if ends else ""
 
     @staticmethod
-    def _twice(what: str, name: str, section: Mapping, call: PythonCall) -> ModelError:
+    def _twice(noun: str, name: str, section: Mapping, call: PythonCall) -> ModelError:
         first: Place = section.keys[name].place
-        return ModelError([Problem("name-twice", f"there is already a{'n' * (what == 'output')} {what} '{name}', of "
+        return ModelError([Problem("name-twice", f"there is already a{'n' * (noun == 'output')} {noun} '{name}', of "
                                    f"{first.file}:{first.line}", call.place(name, name), "Give one of them another name.")])
 
 

@@ -105,7 +105,7 @@ def quoted(text: str) -> str:
                                                                          "null", "~"):
         return text
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
-    return '"' + _UNWRITTEN.sub(lambda found: f"\\u{ord(found.group()):04x}", escaped) + '"'
+    return '"' + _UNWRITTEN.sub(lambda character: f"\\u{ord(character.group()):04x}", escaped) + '"'
 
 
 def _part(part: Part) -> str:

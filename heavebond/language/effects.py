@@ -131,22 +131,18 @@ class EffectReader:
         if entry is None:
             return None
         reading.known_keys(entry, KEYS, "effect", self.problems, ("class", "description"))
-        also = self._also(entry.items.get("also"))
-        attaches = self._attaches(entry, also)
-        effect = Effect(
-            reading.text(entry.items.get("class"), "class", self.problems),
-            reading.text(entry.items.get("description"), "description", self.problems), attaches,
-            self._amplitude(entry), self._shapes(entry.items.get("search_range"), "search_range"), also,
-            tuple(word.text for word in reading.words(entry.items.get("replaces"), "replaces", self.problems)),
-            self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place,
-            read_meaning(entry.items.get("meaning"), self.problems),
-            self._requires(entry.items.get("requires")), self._acts(entry.items.get("acts")),
-            self._varies_with(entry.items.get("varies_with"), attaches))
-        self._check(entry)
-        self._check_meaning(effect.meaning, () if effect.replaces else tuple(self.ports))
-        return effect
-
-    def _attaches(self, entry: Mapping, also: Dictionary[str, str]) -> tuple[str, ...]:
+        # further ports, which do not count for the way of attaching
+        also: dict[str, str] = {}
+        for key, item in self._entries(entry.items.get("also"), "also"):
+            if key.text not in self.ports:
+                self.problems.add("effect-also", f"'{key.text}' is not a power port of this component", key.place,
+                                  hint=suggest(key.text, self.ports) or f"Ports: {listing(self.ports)}.")
+            elif (domain := reading.text(item, key.text, self.problems)) != self.ports[key.text].domain:
+                self.problems.add("effect-also", f"port '{key.text}' is {self.ports[key.text].domain}", item.place,
+                                  hint=f"Write `also: {{{key.text}: {self.ports[key.text].domain}}}`.")
+            else:
+                also[key.text] = domain
+        # the ways of attaching that the ports of the component suit
         attachments = []
         node = entry.items.get("attaches")
         # items of a list are single words; a plain text may contain a space (`in series`)
@@ -160,7 +156,19 @@ class EffectReader:
                                   hint=f"This one has {self._has()}.")
             else:
                 attachments.append(word.text)
-        return tuple(attachments)
+        attaches = tuple(attachments)
+        effect = Effect(
+            reading.text(entry.items.get("class"), "class", self.problems),
+            reading.text(entry.items.get("description"), "description", self.problems), attaches,
+            self._amplitude(entry), self._shapes(entry.items.get("search_range"), "search_range"), also,
+            tuple(word.text for word in reading.words(entry.items.get("replaces"), "replaces", self.problems)),
+            self._start(entry.items.get("start")), self._settled(entry.items.get("settled")), entry.place,
+            read_meaning(entry.items.get("meaning"), self.problems),
+            self._requires(entry.items.get("requires")), self._acts(entry.items.get("acts")),
+            self._varies_with(entry.items.get("varies_with"), attaches))
+        self._check(entry)
+        self._check_meaning(effect.meaning, () if effect.replaces else tuple(self.ports))
+        return effect
 
     def _unsuited(self, word: str, also: Dictionary[str, str]) -> str:
         """The ports that are missing for a way of attaching; empty if they suit. Ports under `also:` do not count."""
@@ -231,19 +239,6 @@ class EffectReader:
                 if search_range is not None:
                     shapes[key.text] = search_range
         return shapes
-
-    def _also(self, node: Node | None) -> dict[str, str]:
-        domains_of_ports = {}
-        for key, item in self._entries(node, "also"):
-            if key.text not in self.ports:
-                self.problems.add("effect-also", f"'{key.text}' is not a power port of this component", key.place,
-                                  hint=suggest(key.text, self.ports) or f"Ports: {listing(self.ports)}.")
-            elif (domain := reading.text(item, key.text, self.problems)) != self.ports[key.text].domain:
-                self.problems.add("effect-also", f"port '{key.text}' is {self.ports[key.text].domain}", item.place,
-                                  hint=f"Write `also: {{{key.text}: {self.ports[key.text].domain}}}`.")
-            else:
-                domains_of_ports[key.text] = domain
-        return domains_of_ports
 
     def _start(self, node: Node | None) -> dict[str, Formula]:
         start_formulas = {}

@@ -18,7 +18,19 @@ EQUALITIES = ("==", "!=")
 
 def check_events(component: Component, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
     """Report mistakes in the held variables and the events of a component; `lookup` gives the unit of a name."""
-    _equations_leave_alone(component, problems)
+    # no equation determines a held variable
+    for line in component.equations:
+        sides = (line.tree.left, line.tree.right)
+        if isinstance(name := line.tree.left, Name) and name.text in component.held:
+            problems.add("held-equation", f"'{name.text}' is held, so no equation may determine it",
+                         line.place.moved(name.column, name.length),
+                         hint="Set it under `when:`, or remove `held:` from its declaration. In equations it may occur on "
+                              "the right side.")
+        for call in (c for side in sides for c in _walk(side) if isinstance(c, Call) and c.function == "der"):
+            inner = call.args[0]
+            if isinstance(inner, Name) and inner.text in component.held:
+                problems.add("held-rate", f"'{inner.text}' is held, so it has no rate",
+                             line.place.moved(call.column, 3), hint="Between events der() of it is 0; leave it out.")
     transitions = {t.event: t for state in component.states for t in state.transitions}
     for event in component.when:
         if event.name in transitions or (component.states and event.name == BEGIN):
@@ -39,7 +51,19 @@ def check_events(component: Component, lookup: Lookup, lengths: Lengths, problem
         if transition.after is not None:
             _time("after", transition.after, "after: T", lookup, lengths, problems)
     for entry in (reset for state in component.states for reset in state.entry):
-        _entry(component, entry, lookup, lengths, problems)
+        # a state sets outputs and held variables
+        settable = [*(s.name for s in component.signals.values() if s.direction == "out"),
+                    *(name for name in component.held if name not in (STATE, ENTERED, BEGUN) and not name.endswith(KEPT))]
+        output = component.signal(entry.target.text)
+        if output is not None and output.count is not None:
+            problems.add("state-entry", f"`entry:` sets '{entry.target.text}', and {output.name} is a list",
+                         entry.target.place, hint="A state sets outputs that are numbers: give each element an output of "
+                         "its own, or set a held list and write `y = h` under `equations:`.")
+        elif entry.target.text.partition("[")[0] in settable:
+            _reset(component, entry, lookup, lengths, problems)
+        else:
+            problems.add("state-entry", f"`entry:` sets '{entry.target.text}', which is no output and no held variable",
+                         entry.target.place, hint=suggest(entry.target.text, settable) or f"There are {listing(settable)}.")
     # an event sets an element of a list, `h[2]`
     set_by = {name.partition("[")[0] for event in component.when
               for name in (event.impulse, *(reset.target.text for reset in (*event.resets, *event.otherwise)))}
@@ -69,22 +93,6 @@ def check_initial(component: Component, lookup: Lookup, problems: Problems) -> N
         if actual is not None and actual != wanted and not is_generic(actual) and not is_generic(wanted):
             problems.add("units-differ", f"'{reset.target.text}' is in {dimension_text(wanted)}, its initial value is in "
                          f"{dimension_text(actual)}", reset.value.place, hint="Check the factors of the formula.")
-
-
-def _equations_leave_alone(component: Component, problems: Problems) -> None:
-    """Check that no equation determines a held variable."""
-    for line in component.equations:
-        sides = (line.tree.left, line.tree.right)
-        if isinstance(name := line.tree.left, Name) and name.text in component.held:
-            problems.add("held-equation", f"'{name.text}' is held, so no equation may determine it",
-                         line.place.moved(name.column, name.length),
-                         hint="Set it under `when:`, or remove `held:` from its declaration. In equations it may occur on "
-                              "the right side.")
-        for call in (c for side in sides for c in _walk(side) if isinstance(c, Call) and c.function == "der"):
-            inner = call.args[0]
-            if isinstance(inner, Name) and inner.text in component.held:
-                problems.add("held-rate", f"'{inner.text}' is held, so it has no rate",
-                             line.place.moved(call.column, 3), hint="Between events der() of it is 0; leave it out.")
 
 
 def _walk(expr: Expr) -> Iterator[Expr]:
@@ -142,20 +150,15 @@ def _condition(component: Component, formula: Formula, lookup: Lookup, lengths: 
                                     f"Write for example `{formula.text} > 0`.")
         for part in _walk(formula.tree):
             if isinstance(part, Compare) and part.op in EQUALITIES:
-                _equality(component, part)
+                # equality of continuous variables is refused: a moving value passes the other in no time; held variables
+                # and parameters may be compared
+                still = {*component.held, *component.parameters, "pi"}
+                for name in (n for side in (part.left, part.right) for n in names(side) if n.text not in still):
+                    raise ExpressionProblem("condition-equality", f"'{name.text}' varies continuously and equals another "
+                                            "value at an instant only", part.column, 2,
+                                            "Compare with `>` or `<`: the event occurs when it passes the value.")
     except ExpressionProblem as problem:
         reading.add_expression_problem(problem, formula.place, problems)
-
-
-def _equality(component: Component, part: Compare) -> None:
-    """Refuse an equality of continuous variables: a moving value passes the other in no time. Held variables and
-    parameters may be compared.
-    """
-    still = {*component.held, *component.parameters, "pi"}
-    for name in (n for side in (part.left, part.right) for n in names(side) if n.text not in still):
-        raise ExpressionProblem("condition-equality", f"'{name.text}' varies continuously and equals another value at an "
-                                "instant only",
-                                part.column, 2, "Compare with `>` or `<`: the event occurs when it passes the value.")
 
 
 def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
@@ -166,7 +169,10 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths,
         return
     try:
         wanted = lookup(target)
-        if _is_given(component, target):
+        # what is determined from outside: a parameter, the time, an input
+        signal = component.signals.get(target.text)
+        if target.text in component.parameters or target.text in ("time", "pi") or \
+                (signal is not None and signal.direction == "in"):
             raise ExpressionProblem("reset-given", f"an event cannot set '{target.text}'", target.column, target.length,
                                     _settable(component))
     except ExpressionProblem as problem:
@@ -182,22 +188,6 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths,
         problems.add("units-differ", f"'{target.text}' is in {dimension_text(wanted or ONE)}, its new value is in "
                      f"{dimension_text(actual or ONE)}", reset.value.place,
                      hint="Check the factors of the formula.")
-
-
-def _entry(component: Component, entry: Reset, lookup: Lookup, lengths: Lengths, problems: Problems) -> None:
-    """A state sets outputs and held variables."""
-    settable = [*(s.name for s in component.signals.values() if s.direction == "out"),
-                *(name for name in component.held if name not in (STATE, ENTERED, BEGUN) and not name.endswith(KEPT))]
-    output = component.signal(entry.target.text)
-    if output is not None and output.count is not None:
-        problems.add("state-entry", f"`entry:` sets '{entry.target.text}', and {output.name} is a list", entry.target.place,
-                     hint="A state sets outputs that are numbers: give each element an output of its own, or set a held "
-                     "list and write `y = h` under `equations:`.")
-    elif entry.target.text.partition("[")[0] in settable:
-        _reset(component, entry, lookup, lengths, problems)
-    else:
-        problems.add("state-entry", f"`entry:` sets '{entry.target.text}', which is no output and no held variable",
-                     entry.target.place, hint=suggest(entry.target.text, settable) or f"There are {listing(settable)}.")
 
 
 def _impulse(component: Component, event: EventDefinition, problems: Problems) -> None:
@@ -241,13 +231,6 @@ def _breakaway(component: Component, event: EventDefinition, problems: Problems)
         problems.add("breakaway-form", f"event '{event.name}' has `moves:`, and its `otherwise:` does not set one held "
                      "variable that starts at 0 to 1 or -1", event.place, hint="Declare `limit: {unit: 1, held: 0, min: -1, "
                      "max: 1}`, let the force be `limit*F_s` while it is not 0, and write `otherwise: {limit: 1}`.")
-
-
-def _is_given(component: Component, target: Name) -> bool:
-    """True if a name is determined from outside: a parameter, the time, an input."""
-    signal = component.signals.get(target.text)
-    return target.text in component.parameters or target.text in ("time", "pi") or \
-        (signal is not None and signal.direction == "in")
 
 
 def _settable(component: Component) -> str:

@@ -18,7 +18,7 @@ from heavebond.language.definition import Component, Parameter, Value
 from heavebond.language.values import add_formula_problem, check_bounds, check_dimension
 from heavebond.text.dimensions import number_dimension
 from heavebond.text.expression import ExpressionProblem, Name, Number
-from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
+from heavebond.text.yaml_source import Mapping, Scalar, Sequence, Source
 
 EXTENDING_KEYS = ("component", "extends", "summary", "restrictions", "source", "symbol", "set")
 
@@ -31,22 +31,8 @@ def extension(source: Source, base: Component, problems: Problems) -> Component:
     if isinstance(head, Scalar):
         reading.identifier(head, "a component", problems)
     reading.known_keys(root, EXTENDING_KEYS, f"'{name}', which extends {base.name},", problems, ("component", "summary"))
-    values = _values(root.items.get("set"), base, source, problems)
-    texts = {key: reading.text(root.items.get(key), key, problems) for key in EXTENDING_KEYS if key != "set"}
-    parameters = {key: replace(p, default=values.get(key, p.default)) for key, p in base.parameters.items()}
-    # a variation is not a separate law: a diagnosis tries the extended component
-    return replace(base, name=name, place=place, path=source.path, parameters=parameters, effects=(),
-                   extends=(base.name, *base.extends),
-                   values={**base.values, **{key: value for key, value in values.items() if "[" in key}},
-                   summary=texts["summary"], restrictions=texts["restrictions"] or base.restrictions,
-                   source=texts["source"] or base.source, symbol=texts["symbol"] or base.symbol)
-
-
-def _values(node: Node | None, base: Component, source: Source, problems: Problems) -> dict[str, Value]:
-    """The values under `set:` for parameters, with elements of lists by their names, checked with the information in the
-    file.
-    """
-    entries = reading.mapping(node, "set", problems, "Write `set: {R: 296.8 J/(kg*K)}`.")
+    # the values under `set:` for parameters, with elements of lists by their names
+    entries = reading.mapping(root.items.get("set"), "set", problems, "Write `set: {R: 296.8 J/(kg*K)}`.")
     values: dict[str, Value] = {}
     for key, item in (entries.items if entries else {}).items():
         parameter = base.parameters.get(key)
@@ -57,7 +43,19 @@ def _values(node: Node | None, base: Component, source: Source, problems: Proble
         elif parameter.count is None:
             if (value := reading.value(item, key, problems)) is not None:
                 values[key] = value
-                _check(key, parameter, value, base.parameters, problems)
+                # unit and bounds of a value; in a formula also the names, which must be parameters of the component
+                if parameter.integer or is_generic(parameter.unit.dimension):
+                    continue
+                before = len(problems.found)
+                try:
+                    dimension = None if isinstance(value.expr, Number) else number_dimension(
+                        value.expr, lambda n: ONE if n.text == "pi" else _parameter(n, base.parameters).unit.dimension)
+                except ExpressionProblem as problem:
+                    add_formula_problem(problem, value, problems)
+                    continue
+                check_dimension(key, value, dimension, parameter.unit, problems)
+                if len(problems.found) == before and isinstance(value.expr, Number):
+                    check_bounds(key, parameter, value.expr.value, value, problems)
         elif isinstance(item, Sequence):
             values.update(reading.elements(item, key, key, problems))
         elif isinstance(item, Mapping):
@@ -65,23 +63,14 @@ def _values(node: Node | None, base: Component, source: Source, problems: Proble
         else:
             problems.add("list-number", f"'{key}' of {base.name} is a list", item.place,
                          hint=f"Write `{key}: [..., ...]`, each value with its unit.")
-    return values
-
-
-def _check(name: str, parameter: Parameter, value: Value, known: Dictionary[str, Parameter], problems: Problems) -> None:
-    """Check unit and bounds of a value; in a formula also the names, which must be parameters of the component."""
-    if parameter.integer or is_generic(parameter.unit.dimension):
-        return
-    before = len(problems.found)
-    try:
-        dimension = None if isinstance(value.expr, Number) else number_dimension(
-            value.expr, lambda n: ONE if n.text == "pi" else _parameter(n, known).unit.dimension)
-    except ExpressionProblem as problem:
-        add_formula_problem(problem, value, problems)
-        return
-    check_dimension(name, value, dimension, parameter.unit, problems)
-    if len(problems.found) == before and isinstance(value.expr, Number):
-        check_bounds(name, parameter, value.expr.value, value, problems)
+    texts = {key: reading.text(root.items.get(key), key, problems) for key in EXTENDING_KEYS if key != "set"}
+    parameters = {key: replace(p, default=values.get(key, p.default)) for key, p in base.parameters.items()}
+    # a variation is not a separate law: a diagnosis tries the extended component
+    return replace(base, name=name, place=place, path=source.path, parameters=parameters, effects=(),
+                   extends=(base.name, *base.extends),
+                   values={**base.values, **{key: value for key, value in values.items() if "[" in key}},
+                   summary=texts["summary"], restrictions=texts["restrictions"] or base.restrictions,
+                   source=texts["source"] or base.source, symbol=texts["symbol"] or base.symbol)
 
 
 def _parameter(name: Name, known: Dictionary[str, Parameter]) -> Parameter:

@@ -41,7 +41,7 @@ def described(path: Path) -> tuple[str, Foreign]:
     if len(variables) > FMU_VARIABLES:
         raise _unusable(path, f"has {len(variables)} inputs, outputs and parameters; up to {FMU_VARIABLES} are read",
                         "Export it with fewer of them.")
-    others = [v.name for v in description.modelVariables if v.causality in ("input", "output", "parameter")
+    kept_names = [v.name for v in description.modelVariables if v.causality in ("input", "output", "parameter")
               and (v.dimensions or v.type not in NUMBERS)]  # arrays, texts, binary values and clocks
     reader = _Units({u.name: u.baseUnit for u in description.unitDefinitions})
     names, three = _Names(), description.fmiVersion.startswith("3")
@@ -51,7 +51,7 @@ def described(path: Path) -> tuple[str, Foreign]:
                       *(tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter")))
     if not foreign.outputs:
         raise _unusable(path, "has no outputs that are numbers", "It has no effect in a diagram.")
-    return _text(path, description, known, others), foreign
+    return _text(path, description, known, kept_names), foreign
 
 
 def _unusable(path: Path, defect: str, hint: str) -> ModelError:
@@ -79,8 +79,8 @@ class _Names:
     def __init__(self) -> None:
         self.given: set[str] = set()
 
-    def __call__(self, own: str) -> str:
-        plain = re.sub(r"\W+", "_", own, flags=re.ASCII).strip("_") or "v"
+    def __call__(self, fmu_name: str) -> str:
+        plain = re.sub(r"\W+", "_", fmu_name, flags=re.ASCII).strip("_") or "v"
         plain = plain if plain[0].isalpha() else f"v_{plain}"
         name, number = plain, 2
         while name in self.given or name in TAKEN or name.startswith(LAST):
@@ -135,16 +135,16 @@ def _number(v: Any, variable: ForeignVariable) -> float:
 
 
 def _text(path: Path, description: Any, known: dict[str, list[tuple[ForeignVariable, str | None, Any]]],
-          others: list[str]) -> str:
-    """The component file; `others` are the variables that keep their start values."""
-    kept = f" {listing(others, 6)} {'keeps its' if len(others) == 1 else 'keep their'} start value" \
-        f"{'' if len(others) == 1 else 's'}: a signal is one number." if others else ""
+          kept_names: list[str]) -> str:
+    """The component file; `kept_names` are the variables that keep their start values."""
+    kept_text = f" {listing(kept_names, 6)} {'keeps its' if len(kept_names) == 1 else 'keep their'} start value" \
+        f"{'' if len(kept_names) == 1 else 's'}: a signal is one number." if kept_names else ""
     tool = f", {description.generationTool}" if description.generationTool else ""
     step = description.defaultExperiment.stepSize if description.defaultExperiment is not None else None
     lines = [f"component: {_Names()(path.stem)}",
              f"summary: {_quoted(description.description or f'The FMU {description.modelName}.')}",
              "restrictions: " + _quoted("Its outputs are held between two communications, and depend on the inputs of the "
-                                        f"previous step.{kept}"),
+                                        f"previous step.{kept_text}"),
              f"source: {_quoted(f'{path.name}, FMI {description.fmiVersion}{tool}')}", "ports:"]
     for kind, direction in (("input", "in"), ("output", "out")):
         lines += [f"  {entry.name}: {{signal: {direction}, unit: {unit or f'$U_{entry.name}'}, doc: {_doc(v)}}}"

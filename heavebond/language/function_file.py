@@ -86,7 +86,12 @@ class _Parser:
         reading.known_keys(root, EXTERNAL_KEYS if external else FUNCTION_KEYS, f"function '{name}'", problems,
                            required=("function", "summary", "inputs", "outputs", "file" if external else "equations"))
         if isinstance(head, Scalar):
-            self._check_name(head)
+            if head.text in FUNCTIONS:
+                self.problems.add("name-bad", f"'{head.text}' cannot name a function; the language has one of that name",
+                                  head.place, hint="Take another name.")
+            elif reading.identifier(head, "a function", self.problems) and not SNAKE_CASE.fullmatch(head.text):
+                self.problems.add("name-bad", f"'{head.text}' cannot name a function", head.place,
+                                  hint="The name of a function has small letters, digits and `_`, as in `oil_with_air`.")
         inputs, outputs, constants = (
             reading.declarations(root.items.get(key), key, partial(
                 self._quantity, valued=key == "constants",
@@ -107,14 +112,6 @@ class _Parser:
         _Checker(function_read, problems).check()
         problems.raise_as(ModelError)
         return function_read
-
-    def _check_name(self, head: Scalar) -> None:
-        if head.text in FUNCTIONS:
-            self.problems.add("name-bad", f"'{head.text}' cannot name a function; the language has one of that name",
-                              head.place, hint="Take another name.")
-        elif reading.identifier(head, "a function", self.problems) and not SNAKE_CASE.fullmatch(head.text):
-            self.problems.add("name-bad", f"'{head.text}' cannot name a function", head.place,
-                              hint="The name of a function has small letters, digits and `_`, as in `oil_with_air`.")
 
     def _external(self, root: Mapping, name: str) -> External | None:
         """The program of an external function; problems are collected."""
@@ -193,13 +190,38 @@ class _Checker:
 
     def check(self) -> None:
         function = self.function
-        self._check_names_once()
+        declared_in: dict[str, str] = {}
+        for section, group in (("inputs", self.function.inputs), ("constants", self.function.constants),
+                               ("outputs", self.function.outputs)):
+            for name, quantity in group.items():
+                if name in declared_in:
+                    self._add("name-twice", f"'{name}' is declared under {declared_in[name]} and under {section}",
+                              quantity.place,
+                              "Give one of them another name.")
+                declared_in[name] = section
         self._check_lengths()
         self.units = {"pi": ONE, **dict.fromkeys(function.lengths, ONE)}
         self.units |= {q.name: q.unit.dimension for group in (function.inputs, function.constants)
                        for q in group.values()}
         for step in function.steps:
-            self._step(step)
+            if step.name in self.units:
+                declared_as = "an input" if step.name in self.function.inputs else \
+                    "a constant" if step.name in self.function.constants else "given by a line above"
+                self._add("function-given-twice", f"'{step.name}' is {declared_as} already", step.place,
+                          "Take another name.")
+                continue
+            dimension_found: Dimension | None = ANY
+            try:
+                _refuse(step.expr)
+                dimension_found = number_dimension(step.expr, self._lookup(step))
+            except ExpressionProblem as problem:
+                reading.add_expression_problem(problem, step.place, self.problems)
+            declared = self.function.outputs.get(step.name)
+            if declared is not None and dimension_found is not ANY and dimension_found != declared.unit.dimension:
+                self._add("units-differ", f"output {step.name} must be in {dimension_text(declared.unit.dimension)}; this "
+                          f"is in {dimension_text(dimension_found)}", step.place,
+                          "Both sides of an equation have the same unit.")
+            self.units[step.name] = declared.unit.dimension if declared is not None else dimension_found
         if not self.problems.found:
             self._check_shapes()
         if function.external is not None:
@@ -214,17 +236,6 @@ class _Checker:
             if step.name not in used and step.name not in function.outputs:
                 self._add("function-unused", f"'{step.name}' is not used and is not an output", step.place,
                           "Remove the line, or declare the name under `outputs:`.")
-
-    def _check_names_once(self) -> None:
-        declared_in: dict[str, str] = {}
-        for section, group in (("inputs", self.function.inputs), ("constants", self.function.constants),
-                               ("outputs", self.function.outputs)):
-            for name, quantity in group.items():
-                if name in declared_in:
-                    self._add("name-twice", f"'{name}' is declared under {declared_in[name]} and under {section}",
-                              quantity.place,
-                              "Give one of them another name.")
-                declared_in[name] = section
 
     def _check_lengths(self) -> None:
         """Check that the length of an input is a new name or a whole number, and that the length of an output follows
@@ -263,29 +274,11 @@ class _Checker:
         quantity = self.function.inputs.get(name)
         return bool(quantity.sizes) if quantity is not None else name not in self.function.constants
 
-    def _step(self, step: Step) -> None:
-        if step.name in self.units:
-            declared_as = "an input" if step.name in self.function.inputs else \
-                "a constant" if step.name in self.function.constants else "given by a line above"
-            self._add("function-given-twice", f"'{step.name}' is {declared_as} already", step.place, "Take another name.")
-            return
-        dimension_found: Dimension | None = ANY
-        try:
-            _refuse(step.expr)
-            dimension_found = number_dimension(step.expr, self._lookup(step))
-        except ExpressionProblem as problem:
-            reading.add_expression_problem(problem, step.place, self.problems)
-        output = self.function.outputs.get(step.name)
-        if output is not None and dimension_found is not ANY and dimension_found != output.unit.dimension:
-            self._add("units-differ", f"output {step.name} must be in {dimension_text(output.unit.dimension)}; this is in "
-                      f"{dimension_text(dimension_found)}", step.place, "Both sides of an equation have the same unit.")
-        self.units[step.name] = output.unit.dimension if output is not None else dimension_found
-
     def _lookup(self, step: Step) -> Callable[[Name], Dimension | None]:
         def lookup(name: Name) -> Dimension | None:
             if name.base in self.units:
                 return self.units[name.base]
-            later = any(other.name == name.text for other in self.function.steps)
+            later = any(line.name == name.text for line in self.function.steps)
             hint = f"Move the line of '{name.text}' above this one." if later else \
                 suggest(name.text, self.units) or f"Known here: {listing(self.units)}."
             raise ExpressionProblem("name-unknown", f"'{name.text}' is not given in {self.function.name}"

@@ -203,10 +203,6 @@ def _operate(op: int, args: Sequence[Interval], same: bool) -> Interval:
     if op in (ca.OP_DIV, ca.OP_INV):
         numerator, denominator = ((1.0, 1.0), a) if op == ca.OP_INV else (a, b)
         return _product(numerator, _inverse(denominator))
-    return _function(op, a, b)
-
-
-def _function(op: int, a: Interval, b: Interval) -> Interval:
     if op in (ca.OP_SQRT, ca.OP_EXP, ca.OP_FABS):
         return 0.0, inf
     if op in (ca.OP_TANH, ca.OP_SIGN):

@@ -16,7 +16,6 @@ from heavebond.language.definition import (
     Domain,
     EquationLine,
     Formula,
-    FrameRelation,
     Instance,
     Parameter,
     Port,
@@ -51,11 +50,25 @@ class Scope:
     def _dimension(self, name: Name) -> Dimension:
         words = [part for part in name.parts if isinstance(part, str)]
         if len(words) == 1 and words[0] in self.plain:
-            self._indexed(words[0], name)
-            return self.plain[words[0]]
+            # only lists have indices
+            word, = words
+            item = self._item(word)
+            if (item is None or item.count is None) and len(name.parts) > 1:
+                raise ExpressionProblem("list-index", f"'{word}' is not a list; it has no index", name.column, name.length,
+                                        f"Write `{word}`, or declare it with `count: n`.")
+            return self.plain[word]
         if len(words) == 2 and words[0] in self.component.ports:
-            return self._member(words[0], words[1], name)
-        if "." in name.text and self._reaches_inside(words):
+            port, member = words
+            domain = self.component.ports[port].domain
+            if domain.startswith("$"):
+                if member in ("effort", "flow"):
+                    return ((f"{domain}.{member}", _ONE_POWER),)
+            elif self.domains[domain].role(member) in self.domains[domain].members:
+                return self.domains[domain].members[self.domains[domain].role(member)].unit.dimension
+            members = self._members(port)
+            hint = suggest(member, members) or f"A {domain} port has {', '.join(members)}."
+            raise ExpressionProblem("member-unknown", f"port '{port}' has no '{member}'", name.column, name.length, hint)
+        if "." in name.text and words[0] in self.component.body.instances:
             raise ExpressionProblem("name-inside", f"'{name.text}' lies inside a part of this block", name.column,
                                     name.length, "A block's equations may use its ports and variables only.")
         members = [f"{p}.{m}" for p in self.component.ports for m in self._members(p)]
@@ -63,13 +76,6 @@ class Scope:
         hint = suggest(name.text, known) or f"Known here: {listing(known)}."
         raise ExpressionProblem("name-unknown", f"'{name.text}' is not declared in {self.component.name}",
                                 name.column, name.length, hint)
-
-    def _indexed(self, word: str, name: Name) -> None:
-        """Check that only lists have indices."""
-        item = self._item(word)
-        if (item is None or item.count is None) and len(name.parts) > 1:
-            raise ExpressionProblem("list-index", f"'{word}' is not a list; it has no index", name.column, name.length,
-                                    f"Write `{word}`, or declare it with `count: n`.")
 
     def _item(self, word: str) -> Parameter | Variable | SignalPort | None:
         groups: tuple[Mapping[str, Parameter | Variable | SignalPort], ...] = (
@@ -90,25 +96,11 @@ class Scope:
         low, high = (_integer(bound, self.component) for bound in (part.low, part.high))
         return max(1, high - low + 1)
 
-    def _reaches_inside(self, words: list[str]) -> bool:
-        return words[0] in self.component.body.instances
-
     def _members(self, port: str) -> list[str]:
         domain = self.component.ports[port].domain
         if domain.startswith("$"):
             return ["effort", "flow"]
         return list(self.domains[domain].members)
-
-    def _member(self, port: str, member: str, name: Name) -> Dimension:
-        domain = self.component.ports[port].domain
-        if domain.startswith("$"):
-            if member in ("effort", "flow"):
-                return ((f"{domain}.{member}", _ONE_POWER),)
-        elif self.domains[domain].role(member) in self.domains[domain].members:
-            return self.domains[domain].members[self.domains[domain].role(member)].unit.dimension
-        members = self._members(port)
-        hint = suggest(member, members) or f"A {domain} port has {', '.join(members)}."
-        raise ExpressionProblem("member-unknown", f"port '{port}' has no '{member}'", name.column, name.length, hint)
 
 
 _ONE_POWER = declared_unit("m").dimension[0][1]
@@ -117,14 +109,6 @@ _ONE_POWER = declared_unit("m").dimension[0][1]
 def check(component: Component, domains: Domains) -> None:
     """Check laws 1 and 2 of one component; ModelError with all mistakes."""
     problems = Problems()
-    _clashes(component, problems)
-    _units(component, domains, problems)
-    problems.raise_as(ModelError)
-    _balance(component, domains, problems)
-    problems.raise_as(ModelError)
-
-
-def _clashes(component: Component, problems: Problems) -> None:
     declared_as: dict[str, str] = {"time": "the time", "pi": "a number"}
     groups: tuple[tuple[str, Mapping[str, Port | SignalPort | Parameter | Variable | Instance]], ...] = (
         ("port", component.ports), ("signal", component.signals), ("parameter", component.parameters),
@@ -136,6 +120,10 @@ def _clashes(component: Component, problems: Problems) -> None:
                              hint="Give one of them another name.")
             else:
                 declared_as[name] = f"a {kind}"
+    _units(component, domains, problems)
+    problems.raise_as(ModelError)
+    _balance(component, domains, problems)
+    problems.raise_as(ModelError)
 
 
 def _units(component: Component, domains: Domains, problems: Problems) -> None:
@@ -164,7 +152,20 @@ def _units(component: Component, domains: Domains, problems: Problems) -> None:
     for name, delayed in component.delayed.items():
         _delayed(component, name, delayed, scope, problems)
     for relation in component.frames:
-        _frame(relation, scope, problems)
+        # units and lengths of the vectors that relate two frames
+        units = {"turn": "1", "spin": "rad/s", "shift": "m", "speed": "m/s"}
+        for key, formula, length in relation.formulas:
+            wanted = declared_unit(units[key]).dimension
+            try:
+                vector_dimension, shape = dimension(formula.tree, scope), Lengths(scope.length, exact=False).of(formula.tree)
+            except ExpressionProblem as problem:
+                reading.add_expression_problem(problem, formula.place, problems)
+                continue
+            if vector_dimension not in (wanted, None) or shape != length:
+                problems.add("frames-vector", f"`{key}:` of '{relation.b}' must be a list of {length} numbers in "
+                             f"{units[key]}", formula.place,
+                             hint="Write for example `turn: \"turn(n, phi)\"`, a rotation by phi about the axis n."
+                             if key == "turn" else f"Write for example `{key}: \"[l, 0, 0]\"`.")
     check_events(component, scope, Lengths(scope.length, exact=False), problems)
     check_initial(component, scope, problems)
 
@@ -191,23 +192,6 @@ def _formula(formula: Formula, wanted: Dimension, subject: str, wanted_text: str
                      hint="Check the factors of the formula." if wanted != TRUTH else "Write a relation of parameters.")
 
 
-def _frame(relation: FrameRelation, scope: Scope, problems: Problems) -> None:
-    """Check the units and lengths of the vectors that relate two frames."""
-    units = {"turn": "1", "spin": "rad/s", "shift": "m", "speed": "m/s"}
-    for key, formula, length in relation.formulas:
-        wanted = declared_unit(units[key]).dimension
-        try:
-            found, shape = dimension(formula.tree, scope), Lengths(scope.length, exact=False).of(formula.tree)
-        except ExpressionProblem as problem:
-            reading.add_expression_problem(problem, formula.place, problems)
-            continue
-        if found not in (wanted, None) or shape != length:
-            problems.add("frames-vector", f"`{key}:` of '{relation.b}' must be a list of {length} numbers in "
-                         f"{units[key]}", formula.place,
-                         hint="Write for example `turn: \"turn(n, phi)\"`, a rotation by phi about the axis n."
-                         if key == "turn" else f"Write for example `{key}: \"[l, 0, 0]\"`.")
-
-
 def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, problems: Problems) -> None:
     """Check that a delayed variable has the unit of its source, a signal or variable, and that the delay is a time that
     depends on parameters only.
@@ -230,7 +214,21 @@ def _delayed(component: Component, name: str, delayed: Delayed, scope: Scope, pr
 
 def _balance(component: Component, domains: Domains, problems: Problems) -> None:
     """Law 2: as many equations as unknowns of the component."""
-    unknowns = _own_unknowns(component, domains)
+    inner = {end.path for wire in component.body.wires.values() for end in wire.ends}
+    unknowns = []
+    for port in component.ports.values():
+        if port.name in inner:
+            continue
+        # an array counts with the smallest number that its file permits
+        copies = [""] if port.count is None else [f"[{k + 1}]" for k in range(_integer(port.count, component))]
+        through = ("flow",) if port.domain.startswith("$") else domains[port.domain].through
+        unknowns += [f"{port.name}{index}.{member}" for index in copies for member in through]
+    items: list[SignalPort | Variable] = [
+        *(s for s in component.signals.values() if s.direction == "out" and s.name not in inner),
+        *(v for v in component.unknowns.values() if v.delayed is None)]
+    for item in items:
+        unknowns += [item.name] if item.count is None else [
+            item.name + index for index in indices(item.count, item.columns, lambda expr: _integer(expr, component))]
     lengths = Lengths(Scope(component, domains).length, exact=False)
     equations = sum(_repetitions(line, component) * elements(lengths.equation(line.tree)) for line in component.equations)
     equations += sum(relation.rank for relation in component.frames)
@@ -252,25 +250,6 @@ def _balance(component: Component, domains: Domains, problems: Problems) -> None
                  f"{len(unknowns)} unknown{'s' * (len(unknowns) != 1)}", component.place, notes=notes,
                  hint=f"{advice}.\nA component has one equation for each through variable of its ports (a force, a flow), "
                  "for each\nsignal output and for each inner variable.")
-
-
-def _own_unknowns(component: Component, domains: Domains) -> list[str]:
-    inner = {end.path for wire in component.body.wires.values() for end in wire.ends}
-    unknowns = []
-    for port in component.ports.values():
-        if port.name in inner:
-            continue
-        # an array counts with the smallest number that its file permits
-        copies = [""] if port.count is None else [f"[{k + 1}]" for k in range(_integer(port.count, component))]
-        through = ("flow",) if port.domain.startswith("$") else domains[port.domain].through
-        unknowns += [f"{port.name}{index}.{member}" for index in copies for member in through]
-    items: list[SignalPort | Variable] = [
-        *(s for s in component.signals.values() if s.direction == "out" and s.name not in inner),
-        *(v for v in component.unknowns.values() if v.delayed is None)]
-    for item in items:
-        unknowns += [item.name] if item.count is None else [
-            item.name + index for index in indices(item.count, item.columns, lambda expr: _integer(expr, component))]
-    return unknowns
 
 
 def _repetitions(line: EquationLine, component: Component) -> int:

@@ -74,18 +74,18 @@ def indices(count: Expr, columns: Expr | None, number: Callable[[Expr], int]) ->
     return rows if columns is None else [f"{row}[{j}]" for row in rows for j in range(1, number(columns) + 1)]
 
 
-def lengths(component: Component, given: Callable[[str], bool]) -> dict[str, int]:
+def lengths(component: Component, is_given: Callable[[str], bool]) -> dict[str, int]:
     """Whole numbers that follow from the given lists: the length of the longest list that each of them counts."""
-    found: dict[str, int] = {}
+    counted: dict[str, int] = {}
 
     def tell(expr: Expr | None, before: str, behind: str) -> None:
         if not isinstance(expr, Name):
             return
         k = 0
-        while given(f"{before}{k + 1}{behind}"):
+        while is_given(f"{before}{k + 1}{behind}"):
             k += 1
         if k:
-            found[expr.text] = max(k, found.get(expr.text, 0))
+            counted[expr.text] = max(k, counted.get(expr.text, 0))
 
     items: list[Parameter | SignalPort] = [
         *component.parameters.values(), *(s for s in component.signals.values() if s.direction == "in")]
@@ -95,7 +95,7 @@ def lengths(component: Component, given: Callable[[str], bool]) -> dict[str, int
         else:
             tell(item.count, f"{item.name}[", "][1]")
             tell(item.columns, f"{item.name}[1][", "]")
-    return found
+    return counted
 
 
 def short(names: Collection[str]) -> list[str]:

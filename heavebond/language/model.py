@@ -111,12 +111,12 @@ class Model:
             place = Place("with_parameters", 1, 1, f"{path}: {value_given}")
             value, name = _python_value(path, value_given), path.removeprefix("initial.")
             if path == name:
-                settings[path] = Setting(path, _like(value, self._given(path)), place)
+                settings[path] = Setting(path, _like(value, self._value_in_diagram(path)), place)
             else:
                 conditions[name] = Condition(name, value, False, place)
         return replace(self, settings=settings, initial=replace(self.initial, conditions=conditions))
 
-    def _given(self, path: str) -> Value | FileInput | None:
+    def _value_in_diagram(self, path: str) -> Value | FileInput | None:
         """The value that the diagram gives to a parameter of one of its parts."""
         owner, _, name = path.rpartition(".")
         if path in self.settings:
@@ -142,16 +142,16 @@ class Model:
         return replace(self, body=replace(self.body, instances=instances, wires=joined))
 
 
-def _python_value(path: str, given: float | str) -> Value:
-    given = number_or_text(given, "N", path)
-    text = given if isinstance(given, str) else repr(given)
+def _python_value(path: str, number_given: float | str) -> Value:
+    number_given = number_or_text(number_given, "N", path)
+    text = number_given if isinstance(number_given, str) else repr(number_given)
     place = Place(f"value of {path}", 1, 1, text)
     problems = Problems()
     value_read = reading.value(Scalar(text, place), path, problems)
     problems.raise_as(UsageError)
     assert value_read is not None
     # a plain Python number is in the parameter's base unit, which only the parameter declares
-    return value_read if isinstance(given, str) else replace(value_read, si=True)
+    return value_read if isinstance(number_given, str) else replace(value_read, si=True)
 
 
 def _like(value: Value, before: Value | FileInput | None) -> Value:
@@ -238,14 +238,14 @@ def find(name: str | Path, head: str = "model", records: Container[str] = ()) ->
                               _bundled_hint(str(name), head, files_here))])
 
 
-def _bundled_hint(name: str, head: str, here: Iterable[str]) -> str:
-    """The bundled names, and those `here`, that are similar to a name; without one all bundled machines."""
+def _bundled_hint(name: str, head: str, local_names: Iterable[str]) -> str:
+    """The bundled names, and the `local_names`, that are similar to a name; without one all bundled machines."""
     known = [m.parent.name if m.stem == m.parent.name else f"{m.parent.name}/{m.stem}"
              for m in sorted(bundled("models").glob("*/*.yaml"))]
     if head == "study":
         known += [m.relative_to(bundled("models")).with_suffix("").as_posix()
                   for m in sorted(bundled("models").glob("*/studies/*.yaml"))]
-    return suggest(name, [*known, *here]) or "Give the path of a YAML file, or a bundled name: " \
+    return suggest(name, [*known, *local_names]) or "Give the path of a YAML file, or a bundled name: " \
         + ", ".join(k for k in known if "/" not in k) + "."
 
 
@@ -309,7 +309,46 @@ def extended(base: Model, source: Source) -> Model:
     problems = Problems()
     reading.known_keys(source.root, MODEL_KEYS, "a diagram", problems)
     with calling(base.library.functions):
-        model = _changed(base, source, problems)
+        root = source.root
+        files = base.library.files
+        body = reading.body(root, source, problems, lambda kind: base.library.component(kind) if kind in files else None)
+        instances, inside = {**base.body.instances, **body.instances}, {**base.body.inside, **body.inside}
+        wires = _wires(base.body.wires, body.wires, extends="extends" in root.items, problems=problems)
+        for word in reading.words(root.items.get("remove"), "remove", problems):
+            if word.text not in instances:
+                problems.add("remove-unknown", f"there is no component '{word.text}' to remove", word.place,
+                             hint=suggest(word.text, instances) or f"Components: {listing(instances)}.")
+                continue
+            del instances[word.text]
+            inside = {path: part for path, part in inside.items() if path.split(".")[0] != word.text}
+            wires = {n: replace(w, ends=tuple(e for e in w.ends if e.path.lstrip("-").split(".")[0] != word.text))
+                     for n, w in wires.items()}
+            wires = {n: w for n, w in wires.items() if w.ends}
+        entries = reading.mapping(root.items.get("parameters"), "parameters", problems)
+        values_by_name = {}
+        for parameter_name, item in (entries.items if entries else {}).items():
+            if entries and reading.identifier(entries.keys[parameter_name], "a parameter", problems):
+                value = reading.value(item, parameter_name, problems)
+                if value is not None:
+                    values_by_name[parameter_name] = value
+        parameters = {**base.parameters, **values_by_name}
+        plan = read_plan(root.items.get("simulate"), problems)
+        layout = read_layout(root.items.get("layout"), base.body.layout, problems)
+        model = replace(
+            base, name=reading.text(root.items["model"], "model", problems), path=source.path,
+            summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
+            parameters=parameters, body=Body(instances, wires, inside, layout),
+            settings={**_kept_settings(base, body), **read_settings(root.items.get("set"), source, problems)},
+            vary={**base.vary, **read_vary(root.items.get("vary"), problems)},
+            initial=read_initial(root.items.get("initial"), base.initial, problems),
+            nominal={**base.nominal, **read_nominal(root.items.get("nominal"), problems)},
+            clocks={**base.clocks, **read_clocks(root.items.get("clocks"), problems)},
+            show={**base.show, **read_show(root.items.get("show"), problems)},
+            begin=plan.begin or base.begin, until=plan.until or base.until, every=plan.every or base.every,
+            solver=plan.solver or base.solver, ends=plan.ends if plan.until or plan.ends else base.ends,
+            largest_step=plan.largest_step or base.largest_step, step=plan.step or base.step,
+            view={**base.view, **read_view(root.items.get("view"), problems)},
+            files=(*base.files, source.path))
     problems.raise_as(ModelError)
     return model
 
@@ -359,51 +398,13 @@ def _base(source: Source, chain: tuple[Path, ...]) -> Model:
         problems.raise_as(ModelError)
     base = _load(target, (*chain, source_path))
     if target.parent.resolve() != source.path.parent.resolve():
-        base = replace(base, library=_joined_library(source.path.parent, base.library))
+        folder_library, top = library([source.path.parent]), source.path.parent.resolve()
+        local = {n: p for n, p in folder_library.user_files().items() if top in p.resolve().parents}
+        inherited = base.library
+        base = replace(base, library=Library(
+            inherited.domains, {**inherited.files, **local}, {**inherited.twice, **folder_library.twice},
+            joined_functions(source.path.parent, inherited.functions, folder_library.functions)))
     return base
-
-
-def _joined_library(folder: Path, inherited: Library) -> Library:
-    folder_library, top = library([folder]), folder.resolve()
-    local = {n: p for n, p in folder_library.user_files().items() if top in p.resolve().parents}
-    return Library(inherited.domains, {**inherited.files, **local}, {**inherited.twice, **folder_library.twice},
-                   joined_functions(folder, inherited.functions, folder_library.functions))
-
-
-def _changed(base: Model, source: Source, problems: Problems) -> Model:
-    root = source.root
-    files = base.library.files
-    body = reading.body(root, source, problems, lambda kind: base.library.component(kind) if kind in files else None)
-    instances, inside = {**base.body.instances, **body.instances}, {**base.body.inside, **body.inside}
-    wires = _wires(base.body.wires, body.wires, extends="extends" in root.items, problems=problems)
-    for word in reading.words(root.items.get("remove"), "remove", problems):
-        if word.text not in instances:
-            problems.add("remove-unknown", f"there is no component '{word.text}' to remove", word.place,
-                         hint=suggest(word.text, instances) or f"Components: {listing(instances)}.")
-            continue
-        del instances[word.text]
-        inside = {path: part for path, part in inside.items() if path.split(".")[0] != word.text}
-        wires = {n: replace(w, ends=tuple(e for e in w.ends if e.path.lstrip("-").split(".")[0] != word.text))
-                 for n, w in wires.items()}
-        wires = {n: w for n, w in wires.items() if w.ends}
-    parameters = {**base.parameters, **_values(root.items.get("parameters"), "parameters", problems)}
-    plan = read_plan(root.items.get("simulate"), problems)
-    layout = read_layout(root.items.get("layout"), base.body.layout, problems)
-    return replace(
-        base, name=reading.text(root.items["model"], "model", problems), path=source.path,
-        summary=reading.text(root.items.get("summary"), "summary", problems) or base.summary,
-        parameters=parameters, body=Body(instances, wires, inside, layout),
-        settings={**_kept_settings(base, body), **read_settings(root.items.get("set"), source, problems)},
-        vary={**base.vary, **read_vary(root.items.get("vary"), problems)},
-        initial=read_initial(root.items.get("initial"), base.initial, problems),
-        nominal={**base.nominal, **read_nominal(root.items.get("nominal"), problems)},
-        clocks={**base.clocks, **read_clocks(root.items.get("clocks"), problems)},
-        show={**base.show, **read_show(root.items.get("show"), problems)},
-        begin=plan.begin or base.begin, until=plan.until or base.until, every=plan.every or base.every,
-        solver=plan.solver or base.solver, ends=plan.ends if plan.until or plan.ends else base.ends,
-        largest_step=plan.largest_step or base.largest_step, step=plan.step or base.step,
-        view={**base.view, **read_view(root.items.get("view"), problems)},
-        files=(*base.files, source.path))
 
 
 def _kept_settings(base: Model, body: Body) -> dict[str, Setting]:
@@ -418,17 +419,6 @@ def _kept_settings(base: Model, body: Body) -> dict[str, Setting]:
         return parameter not in base.library.component(after.kind).parameters
 
     return {path: setting for path, setting in base.settings.items() if not lost(path)}
-
-
-def _values(node: Node | None, subject: str, problems: Problems) -> dict[str, Value]:
-    entries = reading.mapping(node, subject, problems)
-    values_by_name = {}
-    for name, item in (entries.items if entries else {}).items():
-        if entries and reading.identifier(entries.keys[name], "a parameter", problems):
-            value = reading.value(item, name, problems)
-            if value is not None:
-                values_by_name[name] = value
-    return values_by_name
 
 
 def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problems: Problems) -> dict[str, Wire]:
@@ -448,20 +438,16 @@ def _wires(old: dict[str, Wire], new: dict[str, Wire], *, extends: bool, problem
                 continue
         ends = list(before.ends) if before else []
         for end in wire.ends:
-            _change_ends(ends, end, name, problems)
+            if end.path.startswith("-"):
+                remaining_ends = [e for e in ends if e.path != end.path[1:]]
+                if len(remaining_ends) == len(ends) and "." in name:  # ends of a block are declared in its file
+                    remaining_ends.append(end)
+                elif len(remaining_ends) == len(ends):
+                    problems.add("node-end-unknown", f"'{end.path[1:]}' is not on node '{name}'", end.place,
+                                 hint=suggest(end.path[1:], [e.path for e in ends]) or
+                                 (f"On it: {listing(e.path for e in ends)}." if ends else f"There is no node '{name}' yet."))
+                ends[:] = remaining_ends
+            else:
+                ends.append(End(end.path.removeprefix("+"), end.place))
         wires[name] = Wire(name, tuple(ends), before.place if before else wire.place)
     return {name: wire for name, wire in wires.items() if wire.ends or name in new}
-
-
-def _change_ends(ends: list[End], end: End, node: str, problems: Problems) -> None:
-    if end.path.startswith("-"):
-        remaining_ends = [e for e in ends if e.path != end.path[1:]]
-        if len(remaining_ends) == len(ends) and "." in node:  # ends of a block are declared in its file
-            remaining_ends.append(end)
-        elif len(remaining_ends) == len(ends):
-            problems.add("node-end-unknown", f"'{end.path[1:]}' is not on node '{node}'", end.place,
-                         hint=suggest(end.path[1:], [e.path for e in ends]) or
-                         (f"On it: {listing(e.path for e in ends)}." if ends else f"There is no node '{node}' yet."))
-        ends[:] = remaining_ends
-    else:
-        ends.append(End(end.path.removeprefix("+"), end.place))

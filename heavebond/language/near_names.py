@@ -44,7 +44,7 @@ def near_components(name: str, files: Mapping[str, Path]) -> str:
     if not best or len(near) > 3 * LISTED:
         return hint
     near = [known for known in near if set(_words(known)) <= set(wanted)] or near
-    more = f" `heavebond library {_meant(wanted[-1])[0]}` lists more." if len(near) > LISTED else ""
+    more = f" `heavebond library {_synonyms(wanted[-1])[0]}` lists more." if len(near) > LISTED else ""
     *near_others, last = [f"'{known}'" for known in near[:LISTED]]
     return f"Did you mean {', '.join(near_others)}{' or ' if near_others else ''}{last}?{more}"
 
@@ -64,8 +64,8 @@ def _scores(wanted: list[str], known: str, path: Path) -> list[int]:
             return 2
         return int(any(re.search(rf"\b{re.escape(word)}", summary_text) for word in words if len(word) > 1))
 
-    return [score([word, *_meant(word)]) for word in wanted]
+    return [score([word, *_synonyms(word)]) for word in wanted]
 
 
-def _meant(word: str) -> list[str]:
+def _synonyms(word: str) -> list[str]:
     return MEANS.get(word, word).split()

@@ -90,7 +90,9 @@ class PowerReport:
 
 def check_power(component: Component, domains: Mapping[str, Domain], seed: int = 0) -> PowerReport:
     """Check law 3 of one component; a port of a generic domain (`$D`) is tried in each domain with an effort and a flow."""
-    exempt = _exempt(component)
+    exempt = "its power is the sum of its parts" if component.composite else \
+        "it carries signals only" if not component.ports and component.stores is None else \
+        f"declared `power: {component.power}`" if component.power else ""
     if exempt:
         return PowerReport(component.name, 0, exempt=exempt)
     try:
@@ -145,14 +147,6 @@ def wrong_rates(component: Component, domains: Mapping[str, Domain]) -> list[tup
         residual, size = (np.array(values).ravel() for values in sizes(jet, parameters, trial.instant))
         worst = np.maximum(worst, residual/size)
     return [(relation, key) for (relation, key, *_), error in zip(checks, worst, strict=True) if error > TOLERANCE]
-
-
-def _exempt(component: Component) -> str:
-    if component.composite:
-        return "its power is the sum of its parts"
-    if not component.ports and component.stores is None:
-        return "it carries signals only"
-    return f"declared `power: {component.power}`" if component.power else ""
 
 
 def _bindings(component: Component, domains: Mapping[str, Domain]) -> Iterator[dict[str, str]]:
@@ -219,8 +213,19 @@ class _Trial:
                         for port, name in bound.items() for role, member in (
                             ("effort", domains[name].effort), ("flow", domains[name].flow)) if member}
         self.made: Template = template(component, domains, bound, integers)
-        self.matrices = self._matrices()
-        self.ports = self._ports()
+        # the elements of each matrix among the parameters that must be positive by `requires:`, and whether also symmetric
+        wanted: dict[str, set[str]] = {}
+        for formula in self.component.requires:
+            if isinstance(formula.tree, Call) and isinstance(formula.tree.args[0], Name):
+                wanted.setdefault(formula.tree.args[0].text, set()).add(formula.tree.function)
+        self.matrices = [([k for k, n in enumerate(self.made.parameters) if n.startswith(f"{name}[")], "symmetric" in kinds)
+                         for name, kinds in wanted.items()]
+        # the domain of each port, with every element of an array (`p[2]`)
+        self.ports: dict[str, Domain] = {}
+        for slot in self.made.slots:
+            port, _, member = slot.rpartition(".")
+            if member and port:
+                self.ports[port] = self.domains[self.bound[port.partition("[")[0]]]
         self.size = np.array([self._size(slot) for slot in self.made.slots])
         self.low, self.high = np.array([self._slot_bounds(slot) for slot in self.made.slots]).T
         self.usual = {n: self._usual(p.unit) for n, p in component.parameters.items()}
@@ -238,25 +243,6 @@ class _Trial:
                          for n, p in component.parameters.items()}
 
     # -- the equations and the powers ------------------------------------------------------------------------------
-    def _ports(self) -> dict[str, Domain]:
-        """The domain of each port, with every element of an array (`p[2]`)."""
-        port_domains: dict[str, Domain] = {}
-        for slot in self.made.slots:
-            port, _, member = slot.rpartition(".")
-            if member and port:
-                port_domains[port] = self.domains[self.bound[port.partition("[")[0]]]
-        return port_domains
-
-    def _matrices(self) -> list[tuple[list[int], bool]]:
-        """The elements of each matrix among the parameters that must be positive by `requires:`, and whether also
-        symmetric.
-        """
-        wanted: dict[str, set[str]] = {}
-        for formula in self.component.requires:
-            if isinstance(formula.tree, Call) and isinstance(formula.tree.args[0], Name):
-                wanted.setdefault(formula.tree.args[0].text, set()).add(formula.tree.function)
-        return [([k for k, n in enumerate(self.made.parameters) if n.startswith(f"{name}[")], "symmetric" in kinds)
-                for name, kinds in wanted.items()]
 
     def _functions(self) -> tuple[ca.Function, ca.Function]:
         """Residuals (m,) with their Jacobian, and the powers, of a jet y = (slots, d slots, d2 slots)."""
@@ -381,7 +367,13 @@ class _Trial:
         for _ in range(30):
             p = np.array([self._parameter(n) for n in self.made.parameters])
             for elements, symmetric in self.matrices:
-                p[elements] = _positive(p[elements], symmetric)
+                # a random positive definite matrix of about the size of a random one (n*n,), row by row
+                rows = p[elements]
+                order = round(sqrt(len(rows)))
+                matrix = rows.reshape(order, order)
+                size = float(np.abs(matrix).max()) or 1.0
+                positive = matrix @ matrix.T / size + 1e-3 * size * np.eye(order)
+                p[elements] = np.ravel(positive if symmetric else positive + matrix - matrix.T)
             if not self.component.requires or np.all(np.array(self.made.requirements(p))):
                 held = [self.component.held[n] for n in self.made.held]
                 sizes = np.array([max(self._usual(v.unit), abs(v.held or 0.0)) for v in held])
@@ -403,13 +395,13 @@ class _Trial:
     def _assignments(self) -> list[tuple[int, int]]:
         """(equation, slot) if an equation gives a slot with coefficient 1, inner variables and through variables first."""
         across = {f"{port}.{member}" for port, domain in self.ports.items() for member in domain.across}
-        found: dict[int, int] = {}
+        slot_of_equation: dict[int, int] = {}
         for i, row in enumerate(self.made.entries):
             choices = [e.column for e in row if e.kind == UNIT and e.column < len(self.size)
-                       and e.column not in found.values() and self.made.slots[e.column] not in across]
+                       and e.column not in slot_of_equation.values() and self.made.slots[e.column] not in across]
             if choices:
-                found[i] = max(choices, key=lambda c: self.made.slots[c] in self.component.variables)
-        return list(found.items())
+                slot_of_equation[i] = max(choices, key=lambda c: self.made.slots[c] in self.component.variables)
+        return list(slot_of_equation.items())
 
     def _assigned(self, y: Array, p: Array, t: float) -> Array:
         """Carry out every assignment `F = ...` a few times on the guess: from an arbitrary guess Newton's method fails at
@@ -426,7 +418,8 @@ class _Trial:
         for _ in range(MOST_STEPS):
             scale = self.readiness * np.maximum(np.abs(y), SMALLEST * self.nominal)
             scaled = jacobian * scale
-            weights = _weights(scaled)
+            gradient = np.abs(scaled).max(axis=1, initial=0.0)
+            weights = np.asarray(1 / np.where(gradient > 0, gradient, 1.0))
             weighted = residual * weights
             norm = sqrt(weighted @ weighted)
             if not isfinite(norm):
@@ -520,20 +513,6 @@ def _least(matrix: Array, right: Array) -> Array:
     padded[:m, 0] = right
     work = min(m, n) + 3 * n + 1 + max(m, n) * 32
     return np.asarray(lapack.dgelsy(matrix, padded, np.zeros((n, 1), np.int32), 1e-12, work, overwrite_a=True)[1][:n, 0])
-
-
-def _weights(jacobian: Array) -> Array:
-    gradient = np.abs(jacobian).max(axis=1, initial=0.0)
-    return np.asarray(1 / np.where(gradient > 0, gradient, 1.0))
-
-
-def _positive(rows: Array, symmetric: bool) -> Array:
-    """A random positive definite matrix of about the size of a random one (n*n,), row by row."""
-    n = round(sqrt(len(rows)))
-    matrix = rows.reshape(n, n)
-    size = float(np.abs(matrix).max()) or 1.0
-    positive = matrix @ matrix.T / size + 1e-3 * size * np.eye(n)
-    return np.ravel(positive if symmetric else positive + matrix - matrix.T)
 
 
 def _whole(parameter: Parameter) -> int:

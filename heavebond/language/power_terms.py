@@ -62,9 +62,26 @@ def power_problem(component: Component, domains: Mapping[str, Domain]) -> Proble
         return bool((np.abs(values) <= TOLERANCE * sizes).all())
 
     if negligible(power - stored - dissipated - unbalanced):
-        return _negative(component, dissipated / sizes)
+        formula = component.dissipates
+        assert formula is not None
+        always = bool((dissipated / sizes <= TOLERANCE).all())
+        laws = [line for line in component.equations if _names(line.tree.left) | _names(line.tree.right) <= (
+            set(component.variables) | set(component.parameters)) and _names(formula.tree) & _names(line.tree.left)]
+        line = laws[0] if laws else None
+        message = (f"{component.name} creates power: `dissipates: {formula.text}` is negative"
+                   f"{'' if always else ' in some of the motions that its equations allow'}")
+        message += f", so the force law `{line.text}` has the wrong sign" if line and always else ""
+        return _problem(message, line.place if line else formula.place, _with_lines(laws[1:]))
     if not (component.stores or component.dissipates or component.unbalanced):
-        return _undeclared(component, domains, ports, power / sizes)
+        lines = _lines_of(component, domains, ports)
+        takes = bool((power / sizes >= -TOLERANCE).all())
+        problem = Problem(UNDECLARED, f"{component.name} {'takes in' if takes else 'gives'} power and does not declare its "
+                          f"{'storage or dissipation' if takes else 'source'}",
+                          lines[0].place if lines else component.place,
+                          "Write `dissipates:` or `stores:` with the formula, then a wrong sign is found." if takes else
+                          "If it should not, reverse the sign of its force law. If it may, write `power: source`, or "
+                          "`stores:` or `dissipates:` with the formula.")
+        return replace(problem, notes=tuple(_with_lines(lines[1:])))
     positive = bool((dissipated >= -TOLERANCE * sizes).all())
     for chosen in _choices(len(ports)) if positive else ():
         signs = np.ones(len(ports))
@@ -81,7 +98,7 @@ def power_problem(component: Component, domains: Mapping[str, Domain]) -> Proble
     declared = [(key, getattr(component, key)) for key in ("stores", "dissipates")]
     return _problem(f"{component.name} creates or loses power: up to {100 * share:.2g} % of the power through it is "
                     "neither stored, dissipated nor declared as unbalanced", lines[0].place if lines else component.place,
-                    [*_told(lines[1:]), *(f"line {f.place.line}: {key}: {f.text}" if f else f"it has no `{key}:`"
+                    [*_with_lines(lines[1:]), *(f"line {f.place.line}: {key}: {f.text}" if f else f"it has no `{key}:`"
                                           for key, f in declared)])
 
 
@@ -89,31 +106,6 @@ def _choices(number: int) -> Iterator[tuple[int, ...]]:
     """Sets of ports whose power is reversed, small sets first."""
     for size in range(1, number + 1 if number <= MOST_PORTS else 2):
         yield from combinations(range(number), size)
-
-
-def _negative(component: Component, share: Array) -> Problem:
-    formula = component.dissipates
-    assert formula is not None
-    always = bool((share <= TOLERANCE).all())
-    laws = [line for line in component.equations if _names(line.tree.left) | _names(line.tree.right) <= (
-        set(component.variables) | set(component.parameters)) and _names(formula.tree) & _names(line.tree.left)]
-    line = laws[0] if laws else None
-    message = (f"{component.name} creates power: `dissipates: {formula.text}` is negative"
-               f"{'' if always else ' in some of the motions that its equations allow'}")
-    message += f", so the force law `{line.text}` has the wrong sign" if line and always else ""
-    return _problem(message, line.place if line else formula.place, _told(laws[1:]))
-
-
-def _undeclared(component: Component, domains: Mapping[str, Domain], ports: tuple[str, ...], share: Array) -> Problem:
-    lines = _lines_of(component, domains, ports)
-    takes = bool((share >= -TOLERANCE).all())
-    problem = Problem(UNDECLARED, f"{component.name} {'takes in' if takes else 'gives'} power and does not declare its "
-                      f"{'storage or dissipation' if takes else 'source'}",
-                      lines[0].place if lines else component.place,
-                      "Write `dissipates:` or `stores:` with the formula, then a wrong sign is found." if takes else
-                      "If it should not, reverse the sign of its force law. If it may, write `power: source`, or `stores:` "
-                      "or `dissipates:` with the formula.")
-    return replace(problem, notes=tuple(_told(lines[1:])))
 
 
 def _turned(component: Component, domains: Mapping[str, Domain], ports: list[str], every: bool) -> Problem:
@@ -128,7 +120,8 @@ def _turned(component: Component, domains: Mapping[str, Domain], ports: list[str
                for m in domains[declared.domain].through}
     through_text = either(sorted(through) or ["flow"])
     rule = f"{through_text} {'count' if len(through) > 1 else 'counts'} into the component at every port"
-    return _problem(message, lines[0].place if lines else component.place, [*_told(lines[1:]), f"The sign rule: {rule}."])
+    return _problem(message, lines[0].place if lines else component.place,
+                    [*_with_lines(lines[1:]), f"The sign rule: {rule}."])
 
 
 def _problem(message: str, place: Place | None, notes: Iterable[str]) -> Problem:
@@ -152,5 +145,5 @@ def _names(expr: Expr) -> set[str]:
     return {name.text for name in names(expr)}
 
 
-def _told(lines: Iterable[EquationLine]) -> list[str]:
+def _with_lines(lines: Iterable[EquationLine]) -> list[str]:
     return [f"line {line.place.line}: {line.text}" for line in lines]

@@ -404,9 +404,9 @@ def body(node: Mapping, source: Source, problems: Problems, kinds: Kinds | None 
         key = parts.keys[name] if parts else None
         if key is not None and all(identifier(replace(key, text=part), "a component", problems)
                                    for part in name.split(".")):
-            found = instance(key, entry, source, problems, kinds)
-            if found:
-                (inside if "." in name else instances)[name] = found
+            instance_read = instance(key, entry, source, problems, kinds)
+            if instance_read:
+                (inside if "." in name else instances)[name] = instance_read
     wires: dict[str, Wire] = {}
     nodes = mapping(node.items.get("nodes"), "nodes", problems, "Write one node a line: `ground: [wall.a, spring.a]`.")
     for name, entry in (nodes.items if nodes else {}).items():

@@ -241,7 +241,7 @@ class Plan:
 
 def read_clocks(node: Node | None, problems: Problems) -> dict[str, Clock]:
     """`clocks:` of a diagram: jitter and lost samples of the clocks of sampled parts."""
-    form, found = "`clocks: {control: {parts: [pid], jitter: 20 us, lost: 1 %, seed: 1}}`", dict[str, Clock]()
+    form, clocks = "`clocks: {control: {parts: [pid], jitter: 20 us, lost: 1 %, seed: 1}}`", dict[str, Clock]()
     entries = reading.mapping(node, "clocks", problems, f"Write {form}.")
     for name, item in (entries.items if entries else {}).items():
         assert entries is not None
@@ -252,25 +252,25 @@ def read_clocks(node: Node | None, problems: Problems) -> dict[str, Clock]:
         numbers = {"jitter": 0.0, "lost": 0.0, "seed": 1.0}
         for word in (word for word in numbers if word in entry.items):
             value = reading.value(entry.items[word], word, problems)
-            given = constant(value.expr) if value is not None and not value.formula else None
-            if value is not None and given is None:
+            number = constant(value.expr) if value is not None and not value.formula else None
+            if value is not None and number is None:
                 problems.add("not-a-quantity", f"{word}: '{value.text}' is not a plain quantity", value.place,
                              hint=f"Write for example {form}.")
-            elif value is not None and given is not None:
+            elif value is not None and number is not None:
                 unit = SECOND if word == "jitter" else DIMENSIONLESS
                 check_dimension(word, value, dimension(value.expr, _no_name), unit, problems)
                 high = {"jitter": inf, "lost": 1.0, "seed": 2.0**31}[word]
-                if not 0 <= given < high or (word == "seed" and given % 1):
+                if not 0 <= number < high or (word == "seed" and number % 1):
                     problems.add("clock-number", f"{word}: '{value.text}' is not allowed", value.place, hint={
                         "jitter": "Write a time, for example `20 us`.", "lost": "Write a probability below 1, for example "
                         "`1 %`.", "seed": "Write a whole number that is not negative."}[word])
-                numbers[word] = given
+                numbers[word] = number
         if not {"jitter", "lost"} & entry.items.keys():
             problems.add("clock-regular", f"clock '{name}' has neither jitter nor lost samples", key.place,
                          hint=f"Write for example {form}, or leave the clock out: without an entry a clock is regular.")
         parts = tuple((word.text, word.place) for word in reading.words(entry.items.get("parts"), "parts", problems))
-        found[name] = Clock(name, parts, numbers["jitter"], numbers["lost"], int(numbers["seed"]), key.place)
-    return found
+        clocks[name] = Clock(name, parts, numbers["jitter"], numbers["lost"], int(numbers["seed"]), key.place)
+    return clocks
 
 
 def read_plan(node: Node | None, problems: Problems) -> Plan:
@@ -289,7 +289,22 @@ def read_plan(node: Node | None, problems: Problems) -> Plan:
              if name in ("from", "until", "every", "largest_step", "step")}
     for name, value in times.items():
         if value is not None:
-            _check_time(name, value, problems, any_sign=name == "from" or (name == "until" and "from" in times))
+            # the times of a run are needed before any parameter is known: plain times, all above 0 except `from`, and
+            # `until` with `from`
+            number = constant(value.expr)
+            if value.formula or number is None:
+                problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain time", value.place,
+                             hint="Write for example `60 s` or `8 * 12 s`.")
+                continue
+            before = len(problems.found)
+            try:
+                check_dimension(name, value, dimension(value.expr, _no_name), SECOND, problems)
+            except ExpressionProblem as problem:
+                add_formula_problem(problem, value, problems)
+            any_sign = name == "from" or (name == "until" and "from" in times)
+            if number <= 0 and not any_sign and len(problems.found) == before:
+                problems.add("time-not-positive", f"{name}: '{value.text}' is not above 0", value.place,
+                             hint="Write for example `60 s`.")
     solver = entries.items.get("solver")
     name = reading.text(solver, "solver", problems)
     if solver is not None and name and name not in SOLVERS:
@@ -314,21 +329,3 @@ def _ending(node: Node | None, problems: Problems) -> Formula | None:
 
 def _no_name(name: Name) -> Dimension:
     raise ExpressionProblem("not-a-quantity", f"'{name.text}' is not a number", name.column, name.length)
-
-
-def _check_time(name: str, value: Value, problems: Problems, any_sign: bool) -> None:
-    """Check the times of a run, which are needed before any parameter is known: plain times, all above 0 except `from`,
-    and `until` with `from`."""
-    number = constant(value.expr)
-    if value.formula or number is None:
-        problems.add("not-a-quantity", f"{name}: '{value.text}' is not a plain time", value.place,
-                     hint="Write for example `60 s` or `8 * 12 s`.")
-        return
-    before = len(problems.found)
-    try:
-        check_dimension(name, value, dimension(value.expr, _no_name), SECOND, problems)
-    except ExpressionProblem as problem:
-        add_formula_problem(problem, value, problems)
-    if number <= 0 and not any_sign and len(problems.found) == before:
-        problems.add("time-not-positive", f"{name}: '{value.text}' is not above 0", value.place,
-                     hint="Write for example `60 s`.")

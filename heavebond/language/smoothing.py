@@ -42,7 +42,10 @@ def rounded(column: ca.SX, symbols: Sequence[ca.SX]) -> SmoothedColumn:
 
     def operate(op: int, args: Sequence[ca.SX]) -> ca.SX:
         if op not in TURNS | STEPS or all(a.is_constant() for a in args):
-            return _operated(op, args)
+            a, b = args[0], args[-1]
+            if op in LOGIC:
+                return 1 - a if op == ca.OP_NOT else a + b - a * b if op == ca.OP_OR else a * b
+            return ca.SX.unary(op, a) if len(args) == 1 else ca.SX.binary(op, a, b)
         at.append(args[0] - args[1] if op in TWO else args[0])
         widths.append(ca.SX.sym(f"w{len(widths)}"))
         return _turned(op, args, at[-1], widths[-1])
@@ -99,11 +102,3 @@ def _turned(op: int, args: Sequence[ca.SX], off: ca.SX, width: ca.SX) -> ca.SX:
     if op == ca.OP_FABS:
         return size
     return (args[0] + args[1] + (size if op == ca.OP_FMAX else -size)) / 2
-
-
-def _operated(op: int, args: Sequence[ca.SX]) -> ca.SX:
-    """The same operation; truth values become shares between 0 and 1."""
-    a, b = args[0], args[-1]
-    if op in LOGIC:
-        return 1 - a if op == ca.OP_NOT else a + b - a * b if op == ca.OP_OR else a * b
-    return ca.SX.unary(op, a) if len(args) == 1 else ca.SX.binary(op, a, b)

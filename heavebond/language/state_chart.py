@@ -55,37 +55,37 @@ def read_states(node: Node | None, problems: Problems) -> tuple[ChartState, ...]
     entries = reading.mapping(node, "states", problems, f"Write one state a line, {FORM}.")
     if entries is None:
         return ()
-    found = []
+    states = []
     for name, item in entries.items.items():
         key = entries.keys[name]
         if not reading.identifier(key, "a state", problems):
             continue
         if (entry := reading.mapping(item, f"state '{name}'", problems, f"Write {FORM}.")) is not None:
-            found.append(_state(key, entry, problems))
-    _check_transitions(found, entries, problems)
-    return tuple(found)
+            states.append(_state(key, entry, problems))
+    _check_transitions(states, entries, problems)
+    return tuple(states)
 
 
 def _state(key: Scalar, entry: Mapping, problems: Problems) -> ChartState:
-    what = f"state '{key.text}'"
-    reading.known_keys(entry, ("doc", "entry", "to"), what, problems)
+    subject = f"state '{key.text}'"
+    reading.known_keys(entry, ("doc", "entry", "to"), subject, problems)
     targets = reading.mapping(entry.items.get("to"), "to", problems, "Write `to: {rising: button > 0.5}`.")
-    transitions = [found for name, item in (targets.items if targets else {}).items()
-                   if targets is not None and (found := _transition(key.text, targets.keys[name], item, problems))]
+    transitions = [transition for name, item in (targets.items if targets else {}).items()
+                   if targets is not None and (transition := _transition(key.text, targets.keys[name], item, problems))]
     return ChartState(key.text, key.place, reading.text(entry.items.get("doc"), "doc", problems),
                       resets("entry", entry.items.get("entry"), "Write `entry: {y: 0}`.", problems), tuple(transitions))
 
 
 def _transition(source: str, target: Scalar, item: Node, problems: Problems) -> Transition | None:
-    what = f"the transition from '{source}' to '{target.text}'"
+    subject = f"the transition from '{source}' to '{target.text}'"
     if not isinstance(item, Mapping):
-        condition = reading.formula_of(item, what, problems)
+        condition = reading.formula_of(item, subject, problems)
         return Transition(source, target.text, condition, None, target.place) if condition is not None else None
-    reading.known_keys(item, ("when", "after"), what, problems)
+    reading.known_keys(item, ("when", "after"), subject, problems)
     when, after = (reading.formula_of(item.items[word], word, problems) if word in item.items else None
                    for word in ("when", "after"))
     if not {"when", "after"} & item.items.keys():
-        problems.add("state-transition", f"{what} has no condition and no time", target.place,
+        problems.add("state-transition", f"{subject} has no condition and no time", target.place,
                      hint=f"Write `{target.text}: button > 0.5`, `{target.text}: {{after: T}}`, or both, "
                      f"`{target.text}: {{when: button > 0.5, after: T}}`.")
         return None
@@ -126,14 +126,14 @@ class WrittenChart:
 
 
 def written_out(states: Sequence[ChartState], signals: Dictionary[str, SignalPort], parameters: Dictionary[str, Parameter],
-                others: Dictionary[str, Declared], problems: Problems) -> WrittenChart:
-    """A chart in variables, equations and events; `others` are the ports and variables that the component declares."""
+                declared: Dictionary[str, Declared], problems: Problems) -> WrittenChart:
+    """A chart in variables, equations and events; `declared` are the ports and variables that the component declares."""
     place, seconds, number = states[0].place, read_unit("s"), {state.name: k for k, state in enumerate(states, 1)}
-    own = _held(ENTERED, seconds, place, "time at which the active state was entered"), \
+    held = _held(ENTERED, seconds, place, "time at which the active state was entered"), \
         _held(BEGUN, DIMENSIONLESS, place, "1 after the first instant")
     numbered = "number of the active state: " + ", ".join(f"{k} {name}" for name, k in number.items())
     added = {STATE: Variable(STATE, DIMENSIONLESS, place, numbered, low=1.0, high=float(len(states)), held=1.0),
-             **{variable.name: variable for variable in own}}
+             **{variable.name: variable for variable in held}}
     for state in states:
         added[state.name] = Variable(state.name, DIMENSIONLESS, state.place,
                                      state.doc or f"1 while the state {state.name} is active", 0.0, 1.0)
@@ -162,7 +162,7 @@ def written_out(states: Sequence[ChartState], signals: Dictionary[str, SignalPor
             value = _chosen(k, entry, value)
         equations.append(EquationLine(Equation(_name(name), value), f"{name} = value of the active state",
                                       f"{name} of the active state", place))
-    for name, item in ((n, group[n]) for group in (signals, parameters, others) for n in added if n in group):
+    for name, item in ((n, group[n]) for group in (signals, parameters, declared) for n in added if n in group):
         problems.add("state-name", f"'{name}' is declared, and the state machine has a variable of this name", item.place,
                      hint=f"Take another name. The state machine has {listing(added)}.")
     begin = EventDefinition(BEGIN, "at", Formula(Number(BEFORE_ANY_RUN, seconds, 0), "the start", place), None,
@@ -184,12 +184,12 @@ def _event(transition: Transition, source: ChartState, target: ChartState, numbe
     if transition.when is not None:
         condition = Logic("and", condition, transition.when.tree, 0)
     sets = [_reset(STATE, _number(number[target.name]), place), _reset(ENTERED, _name("time"), place)]
-    for name, own in outputs.items():
+    for name, held_value in outputs.items():
         entry = target.entry_of(name)
-        if own and entry is None:
-            sets.append(_reset(own, _name(name), place))
-        elif own and entry is not None and _fixed(entry, parameters) is None:
-            sets.append(Reset(Formula(_name(own), own, entry.target.place), entry.value))
+        if held_value and entry is None:
+            sets.append(_reset(held_value, _name(name), place))
+        elif held_value and entry is not None and _fixed(entry, parameters) is None:
+            sets.append(Reset(Formula(_name(held_value), held_value, entry.target.place), entry.value))
     sets += [reset for reset in target.entry if reset.target.text not in outputs]
     above = source.transitions[:source.transitions.index(transition)]
     return EventDefinition(transition.event, "condition", Formula(condition, transition.text, place), None, tuple(sets),
@@ -219,8 +219,8 @@ def _active(k: int) -> Compare:
     return Compare("==", _name(STATE), _number(k), 0)
 
 
-def _chosen(k: int, value: Expr, other: Expr) -> Expr:
-    return Call("if_else", (_active(k), value, other), 0)
+def _chosen(k: int, value: Expr, otherwise: Expr) -> Expr:
+    return Call("if_else", (_active(k), value, otherwise), 0)
 
 
 def _reset(name: str, value: Name | Number, place: Place) -> Reset:

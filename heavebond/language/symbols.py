@@ -96,13 +96,30 @@ def evaluate(expr: Expr, context: Context) -> ca.SX:
     if isinstance(expr, Negative):
         return -evaluate(expr.operand, context)
     if isinstance(expr, Binary):
-        return _binary(expr, context)
+        left, right = evaluate(expr.left, context), evaluate(expr.right, context)
+        if expr.op == "*" and not left.is_scalar() and not right.is_scalar():
+            return ca.mtimes(left, right)  # shapes have been checked: a matrix times a vector or a matrix
+        return operated(expr.op, left, right)
     if isinstance(expr, Call):
         return _call(expr, context)
     if isinstance(expr, FunctionCall):
-        return _function_call(expr, context)
+        # the output of a function, expanded, so that it can be differentiated; outputs of one call share its steps
+        args = [evaluate(arg, context) for arg in expr.args]
+        key = (str(expr.function.path) + expr.function.name,
+               tuple(e.element_hash() for arg in args for e in split(ca.vec(ca.densify(arg)))))
+        if key not in context.called:
+            context.called[key] = args, stepwise(expr.function, args)
+        return context.called[key][1][expr.output]
     if isinstance(expr, SumOver):
-        return _sum_over(expr, context)
+        total, low, high = ca.SX(0), _integer(expr.low, context), _integer(expr.high, context)
+        terms = context.terms * max(1, high - low + 1)
+        if terms > TERMS:  # bounds may be parameters, or the index of a sum around this one
+            raise too_long(expr.column)
+        for k in range(low, high + 1):
+            inner = Context(context.lookup, context.der, {**context.integers, expr.index: k}, terms,
+                            context.called)
+            total = operated("+", total, evaluate(expr.body, inner))
+        return total
     if isinstance(expr, Elements):
         rows = [evaluate(item, context) for item in expr.items]  # numbers, or columns that are rows of a matrix
         return ca.densify(ca.vertcat(*(row.T for row in rows)))
@@ -188,13 +205,6 @@ def operated(op: str, left: ca.SX, right: ca.SX) -> ca.SX:
     return ca.SX.binary(_OPERATORS[op], left, right)
 
 
-def _binary(expr: Binary, context: Context) -> ca.SX:
-    left, right = evaluate(expr.left, context), evaluate(expr.right, context)
-    if expr.op == "*" and not left.is_scalar() and not right.is_scalar():
-        return ca.mtimes(left, right)  # shapes have been checked: a matrix times a vector or a matrix
-    return operated(expr.op, left, right)
-
-
 def _call(expr: Call, context: Context) -> ca.SX:
     name = expr.function
     if name == "der":
@@ -224,11 +234,11 @@ def _call(expr: Call, context: Context) -> ca.SX:
     return args[0] / ca.sqrt(ca.sqrt(args[0] ** 2 + args[1] ** 2))
 
 
-def _matrix_property(name: str, given: ca.SX, expr: Call) -> ca.SX:
+def _matrix_property(name: str, argument: ca.SX, expr: Call) -> ca.SX:
     """True if a square matrix (n, n), or its rows in one column (n*n,), is symmetric, or its symmetric part positive
     (semi-)definite: the pivots of its elimination are above zero, for a semi-definite one after MATRIX_ROUNDING times
     its largest element is added to its diagonal."""
-    rows = ca.vec(given.T)
+    rows = ca.vec(argument.T)
     n = isqrt(rows.numel())
     if n * n != rows.numel():
         raise ExpressionProblem("list-length", f"{name} takes a square matrix; {rows.numel()} elements are not a square "
@@ -246,16 +256,6 @@ def _matrix_property(name: str, given: ca.SX, expr: Call) -> ca.SX:
         truth = ca.logic_and(truth, symmetric_part[k, k] > 0)
         symmetric_part -= ca.mtimes(symmetric_part[:, k], symmetric_part[k, :]) / symmetric_part[k, k]
     return truth
-
-
-def _function_call(expr: FunctionCall, context: Context) -> ca.SX:
-    """The output of a function, expanded, so that it can be differentiated. Outputs of one call share its steps."""
-    args = [evaluate(arg, context) for arg in expr.args]
-    key = (str(expr.function.path) + expr.function.name,
-           tuple(e.element_hash() for arg in args for e in split(ca.vec(ca.densify(arg)))))
-    if key not in context.called:
-        context.called[key] = args, stepwise(expr.function, args)
-    return context.called[key][1][expr.output]
 
 
 def stepwise(function: Function, args: Iterable[ca.SX]) -> dict[str, ca.SX]:
@@ -294,18 +294,6 @@ def _element(values: Mapping[str, ca.SX], text: str, name: Name) -> ca.SX:
                                 + f" x {column.shape[1]}" * (len(places) > 1), name.column, name.length,
                                 "An index counts from 1.")
     return column[places[0]] if len(places) == 1 else column[places[0], places[1]]
-
-
-def _sum_over(expr: SumOver, context: Context) -> ca.SX:
-    total, low, high = ca.SX(0), _integer(expr.low, context), _integer(expr.high, context)
-    terms = context.terms * max(1, high - low + 1)
-    if terms > TERMS:  # bounds may be parameters, or the index of a sum around this one
-        raise too_long(expr.column)
-    for k in range(low, high + 1):
-        inner = Context(context.lookup, context.der, {**context.integers, expr.index: k}, terms,
-                        context.called)
-        total = operated("+", total, evaluate(expr.body, inner))
-    return total
 
 
 def uniform(seed: int, index: int) -> float:

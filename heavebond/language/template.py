@@ -146,10 +146,32 @@ class _Builder:
         self.held = {n: ca.SX.sym(n) for n in component.held}
         self.arrays = {n: self._count(p.count) for n, p in component.ports.items() if p.count is not None}
         self.levels: list[dict[str, ca.SX]] = [{} for _ in range(LEVELS)]
-        for slot in self._slots():
+        # port members, signals and inner variables; a position only if the text names it
+        texts = [n.text for tree in self._trees() for n in names(tree)]
+        positions = {(port, member) for t in texts if "." in t
+                     for port in [t.split("[")[0].split(".")[0]] for d in [self.bound.get(port)] if d
+                     for member in [self.domains[d].role(t.rsplit(".", 1)[1])]
+                     if member in (*self.domains[d].positions, *self.domains[d].orientation)}
+        related = {port for relation in self.component.frames for port in (relation.a, relation.b) if port}
+        turned = related | {port for port, member in positions if member in self.domains[self.bound[port]].orientation}
+        positions |= {(port, member) for port in related for member in self.domains[self.bound[port]].positions}
+        slots = []
+        for port, domain_name in self.bound.items():
+            domain = self.domains[domain_name]
+            copies = [f"{port}[{k + 1}]" for k in range(self.arrays[port])] if port in self.arrays else [port]
+            members = [*domain.across, *domain.through, *(m for m in domain.positions if (port, m) in positions),
+                       *(domain.orientation if port in turned else ())]
+            slots += [f"{copy}.{member}" for copy in copies for member in members]
+        for slot in [*slots, *self.component.signals, *self.component.unknowns]:
             for level in range(LEVELS):
                 self.levels[level][slot] = ca.SX.sym("d" * level + slot)
-        self.lists = self._lists()
+        # the shape of each list of parameters, variables or signals: the shape of `x` by its last element `x[3]`
+        self.lists: dict[str, Shape] = {}
+        for name in (*self.parameters, *self.held, *self.component.signals, *self.component.unknowns):
+            base, bracket, last = name.partition("[")
+            if bracket:
+                rows, _, columns = last[:-1].partition("][")
+                self.lists[base] = (int(rows), int(columns)) if columns else int(rows)
         # whether the laws may contain lists
         self.vectors = bool(self.lists or self.arrays or any(domains[name].vectors for name in bound.values()))
         self.called: Called = {}
@@ -157,16 +179,6 @@ class _Builder:
 
     def _context(self, index: Mapping[str, int]) -> Context:
         return Context(self._lookup, self._der, {**self.integers, **index}, called=self.called)
-
-    def _lists(self) -> dict[str, Shape]:
-        """The shape of each list of parameters, variables or signals: the shape of `x` by its last element `x[3]`."""
-        shapes: dict[str, Shape] = {}
-        for name in (*self.parameters, *self.held, *self.component.signals, *self.component.unknowns):
-            base, bracket, last = name.partition("[")
-            if bracket:
-                rows, _, columns = last[:-1].partition("][")
-                shapes[base] = (int(rows), int(columns)) if columns else int(rows)
-        return shapes
 
     def _length(self, name: Name) -> Shape:
         """The shape of a name's value; None for a number."""
@@ -184,25 +196,6 @@ class _Builder:
 
     def _lookup_nothing(self, text: str, name: Name) -> ca.SX:
         raise ExpressionProblem("not-an-integer", f"'{text}' is not a whole number", name.column, name.length)
-
-    def _slots(self) -> list[str]:
-        """Port members, signals and inner variables; a position only if the text names it."""
-        texts = [n.text for tree in self._trees() for n in names(tree)]
-        positions = {(port, member) for t in texts if "." in t
-                     for port in [t.split("[")[0].split(".")[0]] for d in [self.bound.get(port)] if d
-                     for member in [self.domains[d].role(t.rsplit(".", 1)[1])]
-                     if member in (*self.domains[d].positions, *self.domains[d].orientation)}
-        related = {port for relation in self.component.frames for port in (relation.a, relation.b) if port}
-        turned = related | {port for port, member in positions if member in self.domains[self.bound[port]].orientation}
-        positions |= {(port, member) for port in related for member in self.domains[self.bound[port]].positions}
-        slots = []
-        for port, domain_name in self.bound.items():
-            domain = self.domains[domain_name]
-            copies = [f"{port}[{k + 1}]" for k in range(self.arrays[port])] if port in self.arrays else [port]
-            members = [*domain.across, *domain.through, *(m for m in domain.positions if (port, m) in positions),
-                       *(domain.orientation if port in turned else ())]
-            slots += [f"{copy}.{member}" for copy in copies for member in members]
-        return [*slots, *self.component.signals, *self.component.unknowns]
 
     def _trees(self) -> list[Expr]:
         component = self.component
@@ -319,10 +312,11 @@ class _Builder:
         """
         constants = {s.element_hash() for s in self.parameters.values()}
 
-        def equations(what: str, formula: Formula, residual: ca.SX) -> FrameEquations:
+        def equations(quantity: str, formula: Formula, residual: ca.SX) -> FrameEquations:
             rows = classify(residual, unknowns, constants, self._bounds())
-            text = f"{what} of {relation.b}" + (f" from {relation.a}" if relation.a else "") + f": {formula.text}"
-            return FrameEquations(tuple(f"{what} of {relation.b}, element {k + 1}" for k in range(residual.numel())), text,
+            text = f"{quantity} of {relation.b}" + (f" from {relation.a}" if relation.a else "") + f": {formula.text}"
+            labels = tuple(f"{quantity} of {relation.b}, element {k + 1}" for k in range(residual.numel()))
+            return FrameEquations(labels, text,
                                   ca.Function("frame", inputs, [residual]), tuple(tuple(row) for row in rows))
 
         forms = (FrameForm.FORWARD, FrameForm.CLOSING, *((FrameForm.INVERSE,) if relation.a else ()))
@@ -361,11 +355,11 @@ class _Builder:
             place, velocity = ra + arm, va + ca.cross(wa, arm) + rotated(q, speed)
         return rb - place if form is FrameForm.CLOSING else stack([rb - place, vb - velocity])
 
-    def _vector(self, port: str, what: str) -> ca.SX:
+    def _vector(self, port: str, quantity: str) -> ca.SX:
         """The positions of a port, their rates (`flows`), or its angular velocity (`turning`)."""
         domain = self.domains[self.bound[port]]
         members = {"positions": domain.positions, "flows": tuple(domain.rate(x) for x in domain.positions),
-                   "turning": domain.vectors[domain.turning]}[what]
+                   "turning": domain.vectors[domain.turning]}[quantity]
         return stack(self.levels[0][f"{port}.{member}"] for member in members)
 
     def _orientation(self, port: str) -> ca.SX:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import isfinite
 
-from heavebond.core.errors import Place, Problems
+from heavebond.core.errors import Problems
 from heavebond.core.units import Dimension, Unit, UnitProblem, check_unit, dimension_text
 from heavebond.language import reading
 from heavebond.language.definition import Parameter, Value
@@ -63,10 +63,6 @@ def _in_unit(unit: str) -> str:
 
 def add_formula_problem(problem: ExpressionProblem, value: Value, problems: Problems) -> None:
     """Report an error in the formula of a value, with the caret at its position."""
-    reading.add_expression_problem(problem, formula_place(value), problems)
-
-
-def formula_place(value: Value) -> Place:
-    """Origin of the columns of a value's expression: after the `=` of `=a + b`."""
+    # origin of the columns of the expression: after the `=` of `=a + b`
     skipped = len(value.text) - len(value.text.lstrip("= ")) if value.formula else 0
-    return value.place.moved(skipped, value.place.length - skipped)
+    reading.add_expression_problem(problem, value.place.moved(skipped, value.place.length - skipped), problems)

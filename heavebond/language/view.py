@@ -42,13 +42,13 @@ def read_view(node: Node | None, problems: Problems) -> dict[str, ViewShape]:
     shapes = {}
     for name, item in (entries.items if entries else {}).items():
         if entries and reading.identifier(entries.keys[name], "a shape", problems):
-            shape = _seen(name, item, problems)
+            shape = _shape(name, item, problems)
             if shape is not None:
                 shapes[name] = shape
     return shapes
 
 
-def _seen(name: str, item: Node, problems: Problems) -> ViewShape | None:
+def _shape(name: str, item: Node, problems: Problems) -> ViewShape | None:
     entry = reading.mapping(item, f"'{name}'", problems, "Write `{is: box, at: [0, crown.x], size: [4 m, 1 m]}`.")
     if entry is None:
         return None

@@ -68,7 +68,7 @@ class StateChoice:
         self.parts = [part for part in parts if len(part.columns) > len(part.rows) and not self._follows_for_ever(part)]
         inside = {j for part in self.parts for j, _ in part.columns}
         # what the user asked for counts at the start, and where one choice is as good as it was all the way
-        self._asked = self.constraints.settable | (self.constraints.asked - inside)
+        self._asked = self.constraints.settable | (self.constraints.preferred - inside)
         self._passages: dict[int, _StateTransform] = {}
 
     def _follows_for_ever(self, part: Part) -> bool:
