@@ -46,6 +46,8 @@ FLOQUET = FloquetConstants()
 def largest_multiplier(assembly: Assembly, until: float) -> float | None:
     """The magnitude of the largest Floquet multiplier over the last period of a run; None if the run is not periodic at its
     end, has events or delays, or fails."""
+    from scipy.linalg import expm
+
     if assembly.flat.events or assembly.flat.held or assembly.flat.delays:
         return None
     try:
@@ -65,7 +67,12 @@ def largest_multiplier(assembly: Assembly, until: float) -> float | None:
         jacobians = [linearisation.at(Point(float(t[0, k]), x[:, k], z[:, k], p[:, k], u[:, k], 1.0)).a for k in at]
     except HeavebondError:
         return None
-    return _multiplier([a * sizes / sizes[:, None] for a in jacobians], float(t[0, 1] - t[0, 0]))
+    scaled = [a * sizes / sizes[:, None] for a in jacobians]
+    step = float(t[0, 1] - t[0, 0])
+    whole = np.eye(len(scaled[0]))
+    for before, after in pairwise(scaled):
+        whole = expm(step * (before + after) / 2) @ whole
+    return float(np.abs(np.linalg.eigvals(whole)).max(initial=0.0))
 
 
 def period(x: Array) -> int | None:
@@ -82,12 +89,3 @@ def period(x: Array) -> int | None:
         if moved_away and off < FLOQUET.repeats:
             return steps
     return None
-
-
-def _multiplier(jacobians: list[Array], step: float) -> float:
-    from scipy.linalg import expm
-
-    whole = np.eye(len(jacobians[0]))
-    for left, right in pairwise(jacobians):
-        whole = expm(step * (left + right) / 2) @ whole
-    return float(np.abs(np.linalg.eigvals(whole)).max(initial=0.0))

@@ -550,9 +550,9 @@ class StartEvents:
                                                          np.zeros(0),
                                                     EVENTS.impact_time)
             fired = np.array([i in (*events, *yielded) for i in equations.conditions], dtype=bool)
-            now = self._indicators(point) > 0
-            events = [equations.conditions[c] for c in np.flatnonzero(now & ~true & ~fired)]
-            true = now
+            holding = self._indicators(point) > 0
+            events = [equations.conditions[c] for c in np.flatnonzero(holding & ~true & ~fired)]
+            true = holding
             if not events:
                 break
         return point

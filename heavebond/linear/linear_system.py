@@ -28,7 +28,7 @@ from heavebond.core.errors import Problem, UsageError, listing
 from heavebond.core.presentation import brief, count
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.flatten import flatten
-from heavebond.language.model import Model, ModelOrFile, loaded
+from heavebond.language.model import ModelOrFile, loaded
 from heavebond.linear.disturbance import inner_name
 from heavebond.linear.held_variables import HeldVariable, undecided_reasons
 from heavebond.linear.linearisation import Linearisation
@@ -216,10 +216,9 @@ class StateSpace:
             open_system, n = self.exact.open, len(self.exact.delays)
             to, by = ([first, *range(len(names), len(names) + n)] for first, names in ((i, self.outputs), (j, self.inputs)))
             exact = replace(self.exact, open=replace(
-                open_system, inputs=tuple(open_system.inputs[k] for k in by), outputs=tuple(open_system.outputs[k]
-                                                                                            for k in to), b=open_system.b[:,
-                                                                                                                          by],
-                c=open_system.c[to], d=open_system.d[np.ix_(to, by)], higher=open_system.higher[np.ix_([0, 1], to, by)]))
+                open_system, inputs=tuple(open_system.inputs[k] for k in by),
+                outputs=tuple(open_system.outputs[k] for k in to), b=open_system.b[:, by], c=open_system.c[to],
+                d=open_system.d[np.ix_(to, by)], higher=open_system.higher[np.ix_([0, 1], to, by)]))
         return replace(self, exact=exact, inputs=(input,), outputs=(output,), b=self.b[:, columns], c=self.c[rows],
                        d=self.d[rows, columns], higher=self.higher[:, rows, columns], shown=self.shown[i:i + 1],
                        units=(self.units[0], (self.units[1][j],), (self.units[2][i],)),
@@ -300,9 +299,10 @@ class StateSpace:
         poles = eigenvalues(a)
         largest = max(float(np.abs(poles).max(initial=0.0)), 1.0)
         # the borders of the pencil in s / largest with sizes near one; its finite eigenvalues stay
-        left = float(np.abs(b).max(initial=0.0)) / largest or 1.0
-        right = float(np.abs(c).max(initial=0.0)) or 1.0
-        b, c, d, higher = b / largest / left, c / right, self.d / (left * right), self.higher[0] * largest / (left * right)
+        input_size = float(np.abs(b).max(initial=0.0)) / largest or 1.0
+        output_size = float(np.abs(c).max(initial=0.0)) or 1.0
+        b, c, border = b / largest / input_size, c / output_size, input_size * output_size
+        d, higher = self.d / border, self.higher[0] * largest / border
         pencil = np.block([[a / largest, b], [c, d]])
         mass = np.block([[np.eye(len(a)), np.zeros_like(b)], [np.zeros_like(c), -higher]])
         top, bottom = eigvals(pencil, mass, homogeneous_eigvals=True)
@@ -439,7 +439,13 @@ class StateSpaces:
         """Without `approximate` delayed variables are constant, as parameters `history.NAME`."""
         self.inputs, self.outputs = tuple(dict.fromkeys(inputs)), tuple(dict.fromkeys(outputs))
         model = loaded(model)
-        also = _named(model, self.outputs)
+        # the names in formulas; formulas with syntax errors are reported later
+        also = set[str]()
+        for text in self.outputs:
+            try:
+                also |= {name.text for name in names(model.library.formula(text))}
+            except ExpressionProblem:
+                continue
         plain = OperatingPoints(model, at, also=also, approximate=approximate)
         self.approximated = plain.assembly.flat.expanded.approximated
         self._exact: StateSpaces | None = None
@@ -565,17 +571,6 @@ def spread(poles: Complex, all_poles: Complex) -> Array:
         near.append(pole.imag + width * np.linspace(-8, 8, number + (width > -pole.real)))
     points = np.concatenate([plain, *near])
     return np.asarray(np.unique(points[(points >= low) & (points <= high)]) / (2 * np.pi))
-
-
-def _named(model: Model, formulas: Sequence[str]) -> set[str]:
-    """The names in formulas; formulas with syntax errors are reported later."""
-    identifiers = set()
-    for text in formulas:
-        try:
-            identifiers |= {name.text for name in names(model.library.formula(text))}
-        except ExpressionProblem:
-            continue
-    return identifiers
 
 
 def _units(assembly: Assembly, inputs: Sequence[str], outputs: Sequence[str]

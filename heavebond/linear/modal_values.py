@@ -65,15 +65,15 @@ def modal_number(number: str, mode: Mode | None) -> float:
     return {"damping": mode.damping, "decay": -mode.value.real, "frequency": mode.frequency}[number]
 
 
-def modal_slope(number: str, mode: Mode, moved: NDArray[np.complex128]) -> Array:
-    """The derivatives (m,) of the number for derivatives `moved` (m,) of the eigenvalue."""
+def modal_slope(number: str, mode: Mode, derivative: NDArray[np.complex128]) -> Array:
+    """The derivatives (m,) of the number from the `derivative` (m,) of the eigenvalue."""
     s = mode.value
     if number == "decay":
-        return np.asarray(-moved.real)
+        return np.asarray(-derivative.real)
     size = abs(s)
     if number == "frequency":
-        return np.asarray((s.real * moved.real + s.imag * moved.imag) / size / (2 * np.pi))
-    return np.asarray(-moved.real / size + s.real * (s.real * moved.real + s.imag * moved.imag) / size**3)
+        return np.asarray((s.real * derivative.real + s.imag * derivative.imag) / size / (2 * np.pi))
+    return np.asarray(-derivative.real / size + s.real * (s.real * derivative.real + s.imag * derivative.imag) / size**3)
 
 
 class ModalNumbers:

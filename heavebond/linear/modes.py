@@ -98,11 +98,15 @@ def modes(model: ModelOrFile, *, at: Time | None = None, slowest: int | None = N
     diagram = loaded(model)
     operating = OperatingPoints(diagram.with_parameters(parameters) if parameters else diagram, at)
     assembly, point = operating.assembly, operating.at()
-    found, verdict, words, held, linear = _modes(assembly, point, slowest, operating.words)
+    listed_modes, verdict, words, held, linear = _modes(assembly, point, slowest, operating.words)
     period, sampled = (linear.period, linear.sampled) if linear is not None else (None, ())
-    return Modes(assembly.model.name, tuple(assembly.state_names), _point_entries(assembly, point), operating.words,
-                 tuple(found), tuple(energy_shares(assembly, point, found)), verdict, tuple(words), held, tuple(sampled),
-                 period, tuple(assembly.model.clocks.values()), tuple(stuck(assembly, point)), operating.filled)
+    states = zip(assembly.state_names, point.x, assembly.reduced.states, strict=True)
+    entries = {name: {"value": float(value), "unit": assembly.flat.unknowns[j].unit.text + "/s" * order}
+               for name, value, (j, order) in states}
+    return Modes(assembly.model.name, tuple(assembly.state_names), {"time": point.t, **entries}, operating.words,
+                 tuple(listed_modes), tuple(energy_shares(assembly, point, listed_modes)), verdict, tuple(words), held,
+                 tuple(sampled), period, tuple(assembly.model.clocks.values()), tuple(stuck(assembly, point)),
+                 operating.filled)
 
 
 def _modes(assembly: Assembly, point: Point, slowest: int | None, at: str
@@ -148,12 +152,6 @@ def _mode_entries(mode: Mode, share: ModalShares) -> dict[str, object]:
     return {"real": mode.value.real, "imaginary": mode.value.imag, **pole, "frequency": mode.frequency,
             "damping": mode.damping if mode.value else None, "participation": mode.participation, "energy": share.energy,
             "damped_by": share.damping}
-
-
-def _point_entries(assembly: Assembly, point: Point) -> dict[str, object]:
-    return {"time": point.t, **{name: {"value": float(value), "unit": assembly.flat.unknowns[j].unit.text + "/s" * order}
-                                for name, value, (j, order) in zip(assembly.state_names, point.x, assembly.reduced.states,
-                                                                   strict=True)}}
 
 
 def growing_modes(assembly: Assembly, point: Point) -> tuple[list[dict[str, object]], str]:

@@ -333,7 +333,8 @@ def loop(machine: RestStability, variant: Variant, named: Sequence[str], values:
         return np.asarray(machine.modes.linearisation.at(replace(variant.point, p=p)).generator * sizes / sizes[:, None])
 
     def rates(poles: NDArray[Any]) -> NDArray[Any]:
-        moving = _moving(poles, zeros)
+        # without this number of smallest poles, which are zero except for rounding
+        moving = poles[np.argsort(np.abs(poles))[zeros:]]
         return moving if period is None else equivalent((1 + period * moving).astype(complex), period)
 
     one = matrix(1.0)
@@ -349,20 +350,15 @@ def loop(machine: RestStability, variant: Variant, named: Sequence[str], values:
     down, up = (crossing(growth, upwards) for upwards in (False, True))
     turns = [growth(np.exp(-1j * phi)) for phi in (0.0, *PHASES)]
     phase, frequency = None, 0.0
-    for (left, right), (low, high) in zip(pairwise((0.0, *PHASES.tolist())), pairwise(turns), strict=True):
+    for (phase_low, phase_high), (low, high) in zip(pairwise((0.0, *PHASES.tolist())), pairwise(turns), strict=True):
         if (low < 0) != (high < 0):
             from scipy.optimize import brentq
 
-            phi = float(brentq(lambda phi: growth(np.exp(-1j * phi)), left, right, xtol=1e-6))
+            phi = float(brentq(lambda phi: growth(np.exp(-1j * phi)), phase_low, phase_high, xtol=1e-6))
             poles = rates(np.linalg.eigvals(one - m + np.exp(-1j * phi) * m))
             phase, frequency = float(np.degrees(phi)), float(abs(poles[np.argmax(poles.real)].imag) / (2 * np.pi))
             break
     return Loop(tuple(gains), down, up, phase, frequency)
-
-
-def _moving(poles: NDArray[Any], zeros: int) -> NDArray[Any]:
-    """The poles without this number of smallest ones, which are zero except for rounding."""
-    return poles[np.argsort(np.abs(poles))[zeros:]]
 
 
 def _of_signals(assembly: Assembly, name: str) -> bool:

@@ -124,13 +124,13 @@ def _limit(judged: Callable[[float], Stability], span: tuple[float, float], ends
     return (low + high) / 2
 
 
-def _followed(found: Sequence[NDArray[np.complex128]], periods: Array | None) -> NDArray[np.complex128]:
+def _followed(poles_by_value: Sequence[NDArray[np.complex128]], periods: Array | None) -> NDArray[np.complex128]:
     """The poles in an order with the least changes of each column from row to row; poles of a sampled system in the
     z-plane."""
     from scipy.optimize import linear_sum_assignment
 
-    rows = [found[0][np.lexsort((found[0].imag, found[0].real))]]
-    for k, poles in enumerate(found[1:], 1):
+    rows = [poles_by_value[0][np.lexsort((poles_by_value[0].imag, poles_by_value[0].real))]]
+    for k, poles in enumerate(poles_by_value[1:], 1):
         if periods is not None:
             apart = np.abs(np.exp(rows[-1] * periods[k - 1])[:, None] - np.exp(poles * periods[k])[None, :])
         else:

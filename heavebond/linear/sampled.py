@@ -206,20 +206,20 @@ class SampledLoop:
         return discretised(self.system, begin - delay * self.read, Input(tuple(t - begin for t in self.times), delay))
 
 
-def discretised(system: Hybrid, begin: float | None = None, given: Input = Input()) -> Discrete:
+def discretised(system: Hybrid, begin: float | None = None, inputs: Input = Input()) -> Discrete:
     """A hybrid system from instant to instant of its hyperperiod, which begins at a time (None: the first instant).
 
-    The inputs are given at the times of `given`: for n of these, b has n times as many columns, and c and d the rows of the
+    The inputs are given at the times of `inputs`: for n of these, b has n times as many columns, and c and d the rows of the
     outputs right after each of them. With a delay, a value acts that long after its time.
     """
     begin = system.schedule.instants[0][0] if begin is None else begin
     period, same = system.schedule.period, system.schedule.same
-    n, m, k, number = len(system.names), system.f.shape[1], len(system.c), len(given.times)
+    n, m, k, number = len(system.names), system.f.shape[1], len(system.c), len(inputs.times)
     # what is given and does not act yet at the begin of a hyperperiod, in the order in which it will
-    begun = [time + given.delay - turn * period for time in given.times
-             for turn in range(1, int((given.delay + max(given.times)) / period) + 2)]
+    begun = [time + inputs.delay - turn * period for time in inputs.times
+             for turn in range(1, int((inputs.delay + max(inputs.times)) / period) + 2)]
     pending = sorted(time for time in begun if time > -same)
-    stored = m * (1 + len(pending)) if given.delay or number > 1 or given.times != (0.0,) else 0
+    stored = m * (1 + len(pending)) if inputs.delay or number > 1 or inputs.times != (0.0,) else 0
     width = n + stored + number * m
     start = np.eye(n + stored, width)
     change = np.zeros((n, width))  # of z since the begin
@@ -229,9 +229,9 @@ def discretised(system: Hybrid, begin: float | None = None, given: Input = Input
     out = np.zeros((number * k, width))
     instants = system.instants_from(begin)
     steps: list[tuple[float, int, int]] = [(time, 1, i) for i, (time, _) in enumerate(instants)]
-    steps += [(time, 2, j) for j, time in enumerate(given.times)]
+    steps += [(time, 2, j) for j, time in enumerate(inputs.times)]
     steps += [(time, 0, j) for j, (time, _) in enumerate(queue) if time < period - same]
-    new = [((time + given.delay), j) for j, time in enumerate(given.times)]
+    new = [((time + inputs.delay), j) for j, time in enumerate(inputs.times)]
     queue += [(time, values[j]) for time, j in new]
     steps += [(time, 0, len(pending) + i) for i, (time, _) in enumerate(new) if time < period - same]
     flows, time = dict[float, tuple[Array, Array]](), 0.0

@@ -120,7 +120,16 @@ def slow_modes(linearisation: Linearisation, point: Point, span: float, count: i
         raise UsageError([Problem("modes-count", f"{count} modes of {pencil.n} states cannot be chosen", None,
                                   f"Take 1 to {max(pencil.n - 2, 1)}, or all of them.")])
     near = pencil.shifted(SLOW_MODES.near / span)
-    inverse, vectors = _largest(near, pencil.n, count)
+    # the eigenvalues of largest magnitude that converged
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+
+    try:
+        every = eigs(LinearOperator((pencil.n, pencil.n), matvec=lambda x: near(x.ravel()), dtype=float), count,
+                     v0=_first(pencil.n), maxiter=SLOW_MODES.restarts,
+                     ncv=min(pencil.n, max(2 * count + 1, SLOW_MODES.basis)))
+        inverse, vectors = (np.asarray(part, complex) for part in every)
+    except ArpackNoConvergence as some:
+        inverse, vectors = some.eigenvalues, some.eigenvectors
     modes = [pencil.mode(near.shift + 1 / mu, vectors[:, k], near.shift.real) for k, mu in enumerate(inverse)
              if (near.shift + 1 / mu).imag >= 0]
     slowest = sorted((mode for mode, _ in modes), key=lambda mode: (abs(mode.value), mode.value.real))
@@ -248,20 +257,6 @@ def _factors(matrix: Any) -> Any:
         return splu(csc_array(matrix))
     except RuntimeError:
         return None
-
-
-def _largest(product: Product, n: int, count: int) -> tuple[Complex, Complex]:
-    """The eigenvalues (k,) of largest magnitude of a product (n,) -> (n,), and their vectors (n, k): those of `count` that
-    converged."""
-    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
-
-    try:
-        every = eigs(LinearOperator((n, n), matvec=lambda x: product(x.ravel()), dtype=float), count, v0=_first(n),
-                     maxiter=SLOW_MODES.restarts, ncv=min(n, max(2 * count + 1, SLOW_MODES.basis)))
-        values, vectors = (np.asarray(part, complex) for part in every)
-    except ArpackNoConvergence as some:
-        values, vectors = some.eigenvalues, some.eigenvectors
-    return values, vectors
 
 
 def _ritz(product: Product, n: int) -> tuple[Complex, Complex]:

@@ -68,13 +68,13 @@ class Leading:
 
 def states_between(a: Array, b: Array, c: Array) -> NDArray[np.int64]:
     """The states on the paths from the input (b (n,)) to the output (c (n,))."""
-    reached, shown = b != 0, c != 0
+    reached, observed = b != 0, c != 0
     for _ in range(len(a)):
-        further = reached | ((a != 0) @ reached), shown | ((a != 0).T @ shown)
-        if np.array_equal(further[0], reached) and np.array_equal(further[1], shown):
+        further = reached | ((a != 0) @ reached), observed | ((a != 0).T @ observed)
+        if np.array_equal(further[0], reached) and np.array_equal(further[1], observed):
             break
-        reached, shown = further
-    return np.asarray(np.flatnonzero(reached & shown))
+        reached, observed = further
+    return np.asarray(np.flatnonzero(reached & observed))
 
 
 def leading(a: Array, b: Array, c: Array, direct: Array, highest: int = 0) -> Leading:

@@ -21,7 +21,7 @@ from heavebond.core.presentation import count
 from heavebond.equations.flatten import Flat
 from heavebond.language.definition import Foreign, ForeignVariable
 from heavebond.language.symbols import stack
-from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.dae import Assembly
 from heavebond.numerics.start_equations import Point
 
 REALS = ("Real", "Float64", "Float32")
@@ -57,12 +57,12 @@ class _Partner:
     path: str
     foreign: Foreign
     rows: Sequence[int]
-    given: ca.Function
+    inputs_and_parameters: ca.Function
     instance: Any = None
     version: str = ""
     reached: float = np.nan  # until it is initialised
     callbacks: Any = None  # kept for as long as its program may call them
-    said: list[str] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
     times: list[float] = field(default_factory=list)  # of the communications
     outputs: list[float] = field(default_factory=list)  # at the last of them
     ended: bool = False  # it asked for the end of the run
@@ -77,7 +77,8 @@ class Partners:
         for event, (flat_event, reset_rows) in enumerate(zip(assembly.flat.events, rows, strict=True)):
             path = flat_event.name.rpartition(".")[0]
             if path in parts:
-                self.parts[event] = _Partner(path, parts[path], reset_rows, _given(assembly, path, parts[path]))
+                foreign = parts[path]
+                self.parts[event] = _Partner(path, foreign, reset_rows, _inputs_and_parameters(assembly, path, foreign))
 
     @property
     def ended(self) -> bool:
@@ -109,7 +110,15 @@ class Partners:
                 yield
             finally:
                 for part in self.parts.values():
-                    _close(part)
+                    if part.instance is None:
+                        continue
+                    try:
+                        if not np.isnan(part.reached):
+                            part.instance.terminate()
+                    except Exception:  # it is thrown away; an FMU that failed before may refuse this too
+                        part.messages.append("it did not terminate")
+                    part.instance.freeInstance()
+                    part.instance = None
 
     def outputs(self, point: Point, fired: Sequence[int]) -> dict[int, float]:
         """The outputs of the FMUs whose events happen at a point, by the rows of the resets; each FMU has reached the
@@ -117,19 +126,44 @@ class Partners:
         outputs: dict[int, float] = {}
         for part in (self.parts[event] for event in fired if event in self.parts):
             with _failing(part, point.t):
-                outputs.update(zip(part.rows, _reached(part, point), strict=True))
+                # advance to the communication point with the inputs of the previous one; an FMU that asks for the end of
+                # the run keeps its last outputs if it does not give others
+                if np.isnan(part.reached):
+                    inputs, parameters = (np.array(v).ravel() for v in part.inputs_and_parameters(*point.values()))
+                    # initialise with parameters and first inputs
+                    instance = part.instance
+                    start = {"startTime": point.t}
+                    if part.version.startswith("2"):
+                        instance.setupExperiment(**start)
+                        start = {}
+                    for variable, value in zip(part.foreign.parameters, parameters, strict=True):
+                        _set(instance, variable, value)
+                    instance.enterInitializationMode(**start)
+                    for variable, value in zip(part.foreign.inputs, inputs, strict=True):
+                        _set(instance, variable, value)
+                    instance.exitInitializationMode()
+                else:
+                    _advance(part, point.t)
+                part.reached = point.t
+                part.times.append(point.t)
+                try:
+                    part.outputs = [_get(part.instance, v) for v in part.foreign.outputs]
+                except Exception:
+                    if not part.ended:
+                        raise
+                outputs.update(zip(part.rows, part.outputs, strict=True))
         return outputs
 
     def give_inputs(self, point: Point, fired: Sequence[int]) -> None:
         """Set the inputs, for their next steps, of the FMUs whose events have happened, at the point after these."""
         for part in (self.parts[event] for event in fired if event in self.parts):
             with _failing(part, point.t):
-                inputs = np.array(part.given(*point.values())[0]).ravel()
+                inputs = np.array(part.inputs_and_parameters(*point.values())[0]).ravel()
                 for variable, value in zip(part.foreign.inputs, inputs, strict=True):
                     _set(part.instance, variable, value)
 
 
-def _given(assembly: Assembly, path: str, foreign: Foreign) -> ca.Function:
+def _inputs_and_parameters(assembly: Assembly, path: str, foreign: Foreign) -> ca.Function:
     """The inputs and the parameters of an FMU in SI."""
     flat = assembly.flat
     inputs = stack([assembly.express(flat.levels[0][flat.names[f"{path}.{v.name}"]]) for v in foreign.inputs])
@@ -146,14 +180,14 @@ def _open(part: _Partner, folder: str) -> None:
     try:
         fmpy.extract(str(part.foreign.path), folder)
         description = fmpy.read_model_description(folder, validate=False)
-        part.version, part.said, part.reached = description.fmiVersion, [], np.nan
+        part.version, part.messages, part.reached = description.fmiVersion, [], np.nan
         part.times, part.outputs, part.ended = [], [], False
         part.instance = _instance(part, folder, description)
     except Exception as error:  # wrong platform, missing libraries, refused instance: all are the FMU's own
         first_line = (str(error).splitlines() or [""])[0]
         raise SimulationError([Problem("fmu-not-loaded", f"{name} cannot be loaded on this machine", None,
                                        "It needs a binary for this platform among its `binaries/`.",
-                                       (*part.said, first_line.replace(folder, name)))]) from error
+                                       (*part.messages, first_line.replace(folder, name)))]) from error
 
 
 def _instance(part: _Partner, folder: str, description: Any) -> Any:
@@ -163,7 +197,7 @@ def _instance(part: _Partner, folder: str, description: Any) -> Any:
                          "instanceName": part.path}
     if part.version.startswith("2"):
         def heard2(_: object, __: object, status: int, ___: object, message: bytes) -> None:
-            part.said.append(message.decode(errors="replace"))
+            part.messages.append(message.decode(errors="replace"))
 
         instance = fmi2.FMU2Slave(**arguments)
         part.callbacks = callbacks = fmi2.fmi2CallbackFunctions()
@@ -174,23 +208,11 @@ def _instance(part: _Partner, folder: str, description: Any) -> Any:
         return instance
 
     def heard3(_: object, status: int, __: object, message: bytes) -> None:
-        part.said.append(message.decode(errors="replace"))
+        part.messages.append(message.decode(errors="replace"))
 
     instance = fmi3.FMU3Slave(**arguments)
     instance.instantiate(logMessage=heard3)
     return instance
-
-
-def _close(part: _Partner) -> None:
-    if part.instance is None:
-        return
-    try:
-        if not np.isnan(part.reached):
-            part.instance.terminate()
-    except Exception:  # it is thrown away; an FMU that failed before may refuse this too
-        part.said.append("it did not terminate")
-    part.instance.freeInstance()
-    part.instance = None
 
 
 @contextmanager
@@ -201,25 +223,7 @@ def _failing(part: _Partner, time: float) -> Iterator[None]:
     except Exception as error:
         message = (str(error).splitlines() or [""])[0]
         raise SimulationError([Problem("fmu-failed", f"{part.path} ({part.foreign.path.name}) failed at t = {time:.6g} s",
-                                       None, "", (*part.said[-5:], message))]) from error
-
-
-def _reached(part: _Partner, point: Point) -> list[float]:
-    """Advance an FMU to a communication point with the inputs of the previous one; its outputs (n,) in SI. An FMU that asks
-    for the end of the run keeps its last outputs if it does not give others."""
-    if np.isnan(part.reached):
-        inputs, parameters = (np.array(v).ravel() for v in part.given(*point.values()))
-        _begin(part, point.t, inputs, parameters)
-    else:
-        _advance(part, point.t)
-    part.reached = point.t
-    part.times.append(point.t)
-    try:
-        part.outputs = [_get(part.instance, v) for v in part.foreign.outputs]
-    except Exception:
-        if not part.ended:
-            raise
-    return part.outputs
+                                       None, "", (*part.messages[-5:], message))]) from error
 
 
 def _advance(part: _Partner, time: float) -> None:
@@ -236,21 +240,6 @@ def _advance(part: _Partner, time: float) -> None:
         if error.status != DISCARD or not part.instance.getBooleanStatus(TERMINATED):
             raise
         part.ended = True
-
-
-def _begin(part: _Partner, time: float, inputs: Array, parameters: Array) -> None:
-    """Initialise with parameters and first inputs."""
-    instance = part.instance
-    start = {"startTime": time}
-    if part.version.startswith("2"):
-        instance.setupExperiment(**start)
-        start = {}
-    for variable, value in zip(part.foreign.parameters, parameters, strict=True):
-        _set(instance, variable, value)
-    instance.enterInitializationMode(**start)
-    for variable, value in zip(part.foreign.inputs, inputs, strict=True):
-        _set(instance, variable, value)
-    instance.exitInitializationMode()
 
 
 def _set(instance: Any, variable: ForeignVariable, value: float) -> None:

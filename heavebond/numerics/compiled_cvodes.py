@@ -128,9 +128,9 @@ class Equations:
     parameters `moving` (indices), and further values `looked` without derivatives. What depends on p alone, other than its
     elements `changing`, is computed once a run. Raises NotCompiled."""
 
-    def __init__(self, given: Sequence[ca.SX], ode: ca.SX, alg: ca.SX, signals: ca.SX, moving: Sequence[int],
+    def __init__(self, arguments_of_dae: Sequence[ca.SX], ode: ca.SX, alg: ca.SX, signals: ca.SX, moving: Sequence[int],
                  looked: ca.SX | None = None, changing: Sequence[int] = ()):
-        _, x, z, p, _ = given
+        _, x, z, p, _ = arguments_of_dae
         self.n, self.n_z, self.n_signals = x.numel(), z.numel(), signals.numel()
         if not 0 < self.n <= MOST_STATES or self.n_z > MOST_STATES:
             raise NotCompiled
@@ -146,7 +146,7 @@ class Equations:
             constants, parametric = stack([p, *symbols]), stack(expressions)
         self.hoist = Buffered(ca.Function("hoist", [p], [stack([p, parametric])]))
         self.n_p = constants.numel()
-        arguments = [*given[:3], constants, given[4]]
+        arguments = [*arguments_of_dae[:3], constants, arguments_of_dae[4]]
         self.expressions = stack(arguments), (stacked[:self.n], stacked[:ends[1]], stacked[ends[1]:ends[3]],
                                                 stacked[ends[3]:])
         self.functions: tuple[_Listed | _Machine, ...] = tuple(_tape(arguments, wanted) for wanted in self.expressions[1])

@@ -355,7 +355,7 @@ def _vanishing(assembly: Assembly) -> list[str]:
     if not zero:
         return []
 
-    def own(expression: ca.SX) -> list[ca.SX]:
+    def zero_symbols(expression: ca.SX) -> list[ca.SX]:
         return [s for s in ca.symvar(expression) if s.element_hash() in zero]
 
     def without(expression: ca.SX, symbols: Sequence[ca.SX]) -> ca.SX:
@@ -363,10 +363,11 @@ def _vanishing(assembly: Assembly) -> list[str]:
 
     vanishing = dict[int, None]()
     for pivot in assembly.reduced.pivots:
-        if not pivot.derived and (symbols := own(pivot.coefficient)) and without(pivot.coefficient, symbols).nnz() == 0:
+        if not pivot.derived and (symbols := zero_symbols(pivot.coefficient)) \
+                and without(pivot.coefficient, symbols).nnz() == 0:
             vanishing |= dict.fromkeys(zero[s.element_hash()] for s in symbols)
     slopes = assembly.once("algebraic slopes", lambda: ca.jacobian(assembly.alg, z))
-    if symbols := own(slopes):
+    if symbols := zero_symbols(slopes):
         def rank(left_out: Sequence[ca.SX]) -> int:
             return ca.sprank(without(slopes, left_out).sparsity())
 

@@ -125,27 +125,27 @@ class Stretch:
         known, number = self.times, self.number
         if number == 1:
             return np.tile(self.values[0, rows][:, None], (1, len(times)))
-        left = np.clip(np.searchsorted(known, times, side="right") - 1, 0, number - 2)
-        right = left + 1
-        apart, middle = DELAYS.apart * (known[right] - known[left]), (known[right] + known[left]) / 2
-        stencil, valid = [left, right], [np.ones(len(times), bool)] * 2
+        low = np.clip(np.searchsorted(known, times, side="right") - 1, 0, number - 2)
+        high = low + 1
+        apart, middle = DELAYS.apart * (known[high] - known[low]), (known[high] + known[low]) / 2
+        stencil, valid = [low, high], [np.ones(len(times), bool)] * 2
         for _ in range(DELAYS.stencil - 2):
-            lower = np.searchsorted(known, known[left] - apart, side="right") - 1
-            upper = np.searchsorted(known, known[right] + apart, side="left")
+            lower = np.searchsorted(known, known[low] - apart, side="right") - 1
+            upper = np.searchsorted(known, known[high] + apart, side="left")
             nearer = middle - known[lower] <= known[np.clip(upper, 0, number - 1)] - middle
             shift_left = (lower >= 0) & ((upper >= number) | nearer)
             shift_right = ~shift_left & (upper < number)
-            left, right = np.where(shift_left, lower, left), np.where(shift_right, upper, right)
-            stencil.append(np.where(shift_left, lower, right))
+            low, high = np.where(shift_left, lower, low), np.where(shift_right, upper, high)
+            stencil.append(np.where(shift_left, lower, high))
             valid.append(shift_left | shift_right)
         chosen, used = np.column_stack(stencil), np.column_stack(valid)
         nodes = known[chosen]
-        scale = (known[right] - known[left])[:, None]
+        scale = (known[high] - known[low])[:, None]
         away, between = (times[:, None] - nodes) / scale, (nodes[:, :, None] - nodes[:, None, :]) / scale[:, :, None]
         weights = np.where(used, 1.0, 0.0)
         for j in range(DELAYS.stencil):
-            others = used[:, j:j + 1] & (np.arange(DELAYS.stencil) != j) & used
-            weights = np.where(others, weights * away[:, j:j + 1] / np.where(others, between[:, :, j], 1.0), weights)
+            partners = used[:, j:j + 1] & (np.arange(DELAYS.stencil) != j) & used
+            weights = np.where(partners, weights * away[:, j:j + 1] / np.where(partners, between[:, :, j], 1.0), weights)
         return np.asarray(np.einsum("nk,nkr->rn", weights, self.values[chosen][:, :, rows]))
 
 

@@ -129,12 +129,12 @@ class StateChoice:
             self._passages[id(target)] = _StateTransform(self.assembly, target.assembly)
         return self._passages[id(target)]
 
-    def why(self, other: StateChoice, point: Point) -> str:
+    def why(self, alternative: StateChoice, point: Point) -> str:
         """The reason why another chart has less strain at a point, in words."""
-        before, others = self.assembly.reduced.states, other.assembly.reduced.states
+        before, after = self.assembly.reduced.states, alternative.assembly.reduced.states
         worst, name = self.strain(point.columns()).worst[0], self.assembly.reduced.name
-        removed, new = (listing(name(c) for c in mine if c not in theirs) for mine, theirs in ((before, others), (others,
-                                                                                                                  before)))
+        removed, new = (listing(name(c) for c in states if c not in common) for states, common in (
+            (before, after), (after, before)))
         grade = f"{worst:.3g} times" if np.isfinite(worst) else "infinitely"
         return f"{new} moves {grade} as much as {removed}, from which it would follow"
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from heavebond.core.cancellation import check
 from heavebond.core.errors import Problem, SimulationError, either
 from heavebond.numerics.dae import DELAY_ROWS, Array, Integrand
-from heavebond.numerics.delays import DELAYS, Delays, Return, Stretch
+from heavebond.numerics.delays import DELAYS, Delays, Stretch
 from heavebond.numerics.dynamic_state_selection import STATE_SELECTION, StateChoice, StateChoices
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.initialise import Start, Tangent
@@ -115,35 +115,45 @@ class EventIntegration:
             if self.delays is not None:
                 dp = np.zeros((len(first.p), 0)) if start_tangent is None else start_tangent.p
                 self.delays.begin_run(first.t, float(self.stops[-1]), first.p, dp)
-            state = self._begin(first, start_tangent)
+            frame, assembly = self.home, self.home.assembly
+            x, z = assembly.scaled_x(first.x), first.z / assembly.z_nominal
+            dp = np.zeros((len(first.p), 0))
+            if start_tangent is not None:
+                x = np.concatenate([x, (start_tangent.x / assembly.x_nominal[:, None]).T.ravel()])
+                z = np.concatenate([z, (start_tangent.z / assembly.z_nominal[:, None]).T.ravel()])
+                dp = start_tangent.p
+            y = np.append(x, np.zeros(frame.made.dae["x"].numel() - len(x)))
+            state = EventState(frame, first.t, y, z, first.p, dp, frame.hoist(first.p, dp)["o0"], np.zeros(0, bool))
+            state = replace(state, true=self._true(state))
             self.solver, self.failed_at, self.failures = self.first_solver, -np.inf, Failures(0)
             record = Record(state, self.stops, self.same, self.dense)
             self._write(state, record)
             if self.delays is not None:
                 state = self._cut(state, np.zeros(state.blocks - 1))
             try:
-                self._to_the_end(state, record)
+                equations, begin, end = self.home.equations, state.t, float(self.stops[-1])
+                coming = timetable(equations.events, equations.instants(state.p, state.dp), state.t, end)
+                through = self._through_samples(coming)
+                k, n = 0, len(coming.times)
+                while True:
+                    # the first event may set what is true at the start
+                    if record.true_at_start is None and (k == n or coming.times[k] > begin + self.same):
+                        record.true_at_start = self._true_at_start(state)
+                    if through is not None and record.true_at_start is not None:
+                        state, k = through(state, k, record)
+                    if k == n:
+                        break
+                    time, events, delays = coming.at(k)
+                    # the stop that equals the time up to rounding
+                    near = float(self.stops[np.abs(self.stops - time).argmin()])
+                    state = self._over_kinks(state, near if abs(near - time) <= self.same else time, record)
+                    state = self._happen(state, events, delays, record)
+                    k += 1
+                self._over_kinks(state, end, record)
             except RunEnded as ended:
                 record.end(ended.now)
             trace = record.trace(self.integrals, self.driven(record.stops))
             return replace(trace, between=partial(record.between, self.integrals, self.driven)) if self.dense else trace
-
-    def _to_the_end(self, state: EventState, record: Record) -> None:
-        equations, begin, end = self.home.equations, state.t, float(self.stops[-1])
-        coming = timetable(equations.events, equations.instants(state.p, state.dp), state.t, end)
-        through = self._through_samples(coming)
-        k, n = 0, len(coming.times)
-        while True:
-            if record.true_at_start is None and (k == n or coming.times[k] > begin + self.same):  # the first may set it
-                record.true_at_start = self._true_at_start(state)
-            if through is not None and record.true_at_start is not None:
-                state, k = through(state, k, record)
-            if k == n:
-                break
-            time, events, delays = coming.at(k)
-            state = self._happen(self._over_kinks(state, self._stop(time), record), events, delays, record)
-            k += 1
-        self._over_kinks(state, end, record)
 
     def _through_samples(self, coming: Timetable) -> Callable[[EventState, int, Record], tuple[EventState, int]] | None:
         """Continue with the compiled program from a state before an instant (index) as far as possible; the state reached,
@@ -239,18 +249,6 @@ class EventIntegration:
             return inputs
         return np.vstack([inputs[:self.delays.offset], self.delays.call_inputs(begin, times), inputs[self.n_u:]])
 
-    def _begin(self, first: Start, start_tangent: Tangent | None) -> EventState:
-        frame, assembly = self.home, self.home.assembly
-        x, z = assembly.scaled_x(first.x), first.z / assembly.z_nominal
-        dp = np.zeros((len(first.p), 0))
-        if start_tangent is not None:
-            x = np.concatenate([x, (start_tangent.x / assembly.x_nominal[:, None]).T.ravel()])
-            z = np.concatenate([z, (start_tangent.z / assembly.z_nominal[:, None]).T.ravel()])
-            dp = start_tangent.p
-        y = np.append(x, np.zeros(frame.made.dae["x"].numel() - len(x)))
-        state = EventState(frame, first.t, y, z, first.p, dp, frame.hoist(first.p, dp)["o0"], np.zeros(0, bool))
-        return replace(state, true=self._true(state))
-
     def _true(self, state: EventState) -> NDArray[np.bool_]:
         """The conditions that are true at a point. The condition of a breakaway counts as false: the event happens whenever
         it is met."""
@@ -268,11 +266,6 @@ class EventIntegration:
                     "event-until", f"the run would end as it begins: {event.text} is true at the start", event.place,
                     "A run ends when its condition becomes true: write one that is false at the start.")])
         return [state.frame.equations.events[i].name for i in events if state.frame.equations.would_change(point, i)]
-
-    def _stop(self, time: float) -> float:
-        """The stop that equals a time up to rounding, or the time itself."""
-        near = float(self.stops[np.abs(self.stops - time).argmin()])
-        return near if abs(near - time) <= self.same else time
 
     def _over_kinks(self, state: EventState, limit: float, record: Record) -> EventState:
         """Integrate to a time, with a restart at each kink."""
@@ -293,30 +286,28 @@ class EventIntegration:
             self.ahead.longest = min(shortest, (end - state.t) / DELAYS.samples)
             state = self._until(state, end, record)
             if returned := self.delays.returned(state.t):
-                state = self._returned(state, returned, record)
+                # discontinuities of delayed variables: the states are continuous, the algebraic unknowns are solved again,
+                # and conditions may become true
+                assert self.delays is not None
+                delays, equations = self.delays, state.frame.equations
+                sensitivity, point = self._sensitivity(state), self._point(state)
+                delays.open(state.t, np.inf)
+                after, factors = self.driven(np.array([state.t])), self.inputs(np.array([state.t]))[self.n_u:, 0]
+                x, q = sensitivity.x.copy(), sensitivity.q.copy()
+                rates = equations.rates(point, factors) if state.blocks > 1 else None
+                for at in returned:
+                    u, first = point.u.copy(), delays.offset + DELAY_ROWS * at.delay
+                    u[first:first + DELAY_ROWS] = at.column
+                    delays.check_jump(at.delay, state.t, point.u[first:first + DELAY_ROWS], at.column)
+                    point = equations.settled(replace(point, u=u), [])
+                    if rates is not None:
+                        then = equations.rates(point, factors)
+                        x, q = x + np.outer(rates[0] - then[0], at.late), q + np.outer(rates[1] - then[1], at.late)
+                        rates = then
+                point = equations.settled(replace(point, u=after.u[:, 0]), [])
+                sensitivity = PointSensitivity(x, q, sensitivity.p, after.along[:, :, 0].T)
+                state = self._happen(state.standing(point, sensitivity), [], [at.late for at in returned], record)
         return state
-
-    def _returned(self, state: EventState, returned: list[Return], record: Record) -> EventState:
-        """Pass discontinuities of delayed variables: the states are continuous, the algebraic unknowns are solved again, and
-        conditions may become true."""
-        assert self.delays is not None
-        delays, equations, sensitivity, point = self.delays, state.frame.equations, self._moved(state), self._point(state)
-        delays.open(state.t, np.inf)
-        after, factors = self.driven(np.array([state.t])), self.inputs(np.array([state.t]))[self.n_u:, 0]
-        x, q, rates = sensitivity.x.copy(), sensitivity.q.copy(), equations.rates(point,
-                                                                                  factors) if state.blocks > 1 else None
-        for at in returned:
-            u, first = point.u.copy(), delays.offset + DELAY_ROWS * at.delay
-            u[first:first + DELAY_ROWS] = at.column
-            delays.check_jump(at.delay, state.t, point.u[first:first + DELAY_ROWS], at.column)
-            point = equations.settled(replace(point, u=u), [])
-            if rates is not None:
-                then = equations.rates(point, factors)
-                x, q = x + np.outer(rates[0] - then[0], at.late), q + np.outer(rates[1] - then[1], at.late)
-                rates = then
-        point = equations.settled(replace(point, u=after.u[:, 0]), [])
-        sensitivity = PointSensitivity(x, q, sensitivity.p, after.along[:, :, 0].T)
-        return self._happen(state.standing(point, sensitivity), [], [at.late for at in returned], record)
 
     def _cut(self, state: EventState, late: Array) -> EventState:
         """A discontinuity at a point, with its sensitivity: the history of the delays begins a new stretch."""
@@ -523,7 +514,7 @@ class EventIntegration:
         if id(chart) not in self._frames:
             self._frames[id(chart)] = self._framed(chart)
         values = old.values_in(chart, point.columns())[:, 0]
-        n_x, sensitivity = len(point.x), self._moved(state)
+        n_x, sensitivity = len(point.x), self._sensitivity(state)
         if m := state.blocks - 1:
             if self.delays is not None:
                 raise SimulationError([Problem(
@@ -652,7 +643,7 @@ class EventIntegration:
         values, rates = self._indicators(at)
         soon = values + rates * self.same > 0
         met = [c for c in range(len(values)) if c == condition or (soon[c] and rates[c] > 0 and not at.true[c])]
-        point, sensitivity = self._point(at), self._moved(at)
+        point, sensitivity = self._point(at), self._sensitivity(at)
         return ([self.conditions[c] for c in met],
                 [at.frame.equations.delays(point, sensitivity, c, float(rates[c])) for c in met])
 
@@ -662,7 +653,7 @@ class EventIntegration:
         x, z, u = self._columns(state.frame, t, state.y[:, None], state.z[:, None])
         return Point(state.t, x[:, 0], z[:, 0], state.p, u[:, 0], 1.0)
 
-    def _moved(self, state: EventState) -> PointSensitivity:
+    def _sensitivity(self, state: EventState) -> PointSensitivity:
         m, n_q = state.blocks - 1, self.integrals // state.blocks
         q = state.y[len(state.y) - self.integrals + n_q:].reshape(m, n_q).T if n_q else np.zeros((0, m))
         u = self.driven(np.array([state.t])).along[:, :, 0].T if self.delays is not None else np.zeros((self.n_u, m))
@@ -677,7 +668,7 @@ class EventIntegration:
             record.keep(state, np.array([state.t]), state.y[:, None], state.z[:, None])
             self._sample(state, np.array([state.t]), state.y[:, None], state.z[:, None], -DELAYS.beside * self.same)
         before = point = self._point(state)
-        sensitivity, happened, late, first = self._moved(state), list[int](), list[Array](), delays[0]
+        sensitivity, happened, late, first = self._sensitivity(state), list[int](), list[Array](), delays[0]
         factors = self.inputs(np.array([state.t]))[self.n_u:, 0]
         if condition:
             self._check_chatter(state.t, events, record)
@@ -721,26 +712,23 @@ class EventIntegration:
     def _check_chatter(self, time: float, events: list[int], record: Record) -> None:
         record.passed = [*record.passed[1 - EVENTS.sliding_events:], (time, tuple(events))]
         if len(record.passed) == EVENTS.sliding_events and time - record.passed[0][0] < EVENTS.sliding_within * self.span:
-            raise self._sliding(time, record)
+            # the conditions of a part alternate so fast that the run would not end
+            named_events = [self.home.equations.events[i] for i in dict.fromkeys(i for _, events in record.passed
+                                                                                 for i in events)]
+            took = time - record.passed[0][0]
+            whole = self.span / took * EVENTS.sliding_events
+            raise SimulationError([Problem(
+                "event-sliding", f"{either(event.name for event in named_events)} switched {EVENTS.sliding_events} times "
+                f"within {took:.2g} s, at t = {time:.6g} s: at this rate the run would take {whole:.1g} of them",
+                named_events[0].place,
+                "The part that it switches reverses it at once. Make its band (of a Relay, `u_on` and `u_off`) as wide as "
+                "in the real part, give the driven part an inertia or a lag, or replace it by a Saturation with a steep Gain.",
+                tuple(event.text for event in named_events))])
         last = record.passed[-EVENTS.chattering_events:]
         for passed, most in ((last, EVENTS.chattering_events),
                              ([p for p in last if p[1] == tuple(events)], EVENTS.repeated_events)):
             if len(passed) >= most and time - passed[-most][0] < EVENTS.chattering_within * self.span:
                 raise self._chattering(time, events, f"happens {most} times within {time - passed[-most][0]:.2g} s")
-
-    def _sliding(self, time: float, record: Record) -> SimulationError:
-        """The message on the part whose conditions alternate so fast that the run would not end."""
-        named_events = [self.home.equations.events[i] for i in dict.fromkeys(i for _, events in record.passed
-                                                                             for i in events)]
-        took = time - record.passed[0][0]
-        whole = self.span / took * EVENTS.sliding_events
-        return SimulationError([Problem(
-            "event-sliding", f"{either(event.name for event in named_events)} switched {EVENTS.sliding_events} times "
-            f"within {took:.2g} s, at t = {time:.6g} s: at this rate the run would take {whole:.1g} of them",
-            named_events[0].place,
-            "The part that it switches reverses it at once. Make its band (of a Relay, `u_on` and `u_off`) as wide as in "
-            "the real part, give the driven part an inertia or a lag, or replace it by a Saturation with a steep Gain.",
-            tuple(event.text for event in named_events))])
 
     def _chattering(self, time: float, events: Sequence[int], phrase: str) -> SimulationError:
         events_of = [self.home.equations.events[i] for i in events]

@@ -128,22 +128,18 @@ def highest(time: Array, values: Array) -> Extreme:
     best, value = Extreme(np.array([top]), np.ones(1)), float(values[top])
     cuts = np.flatnonzero(np.diff(time) <= 0) + 1
     begins, ends = np.append(0, cuts), np.append(cuts, len(time))
-    for k in _candidates(values, value):
+    # local maxima between whose points the signal may exceed the largest value: the excess is at most the difference to the
+    # neighbouring values
+    before, after = np.append(values[:1], values[:-1]), np.append(values[1:], values[-1:])
+    drop = values - np.minimum(before, after)
+    candidates = np.flatnonzero((values >= before) & (values >= after) & (values + drop > value) & (drop > 0))
+    order = np.argsort(-values[candidates], kind="stable")[:EXTREMES.candidates]
+    for k in [int(k) for k in candidates[order]]:
         piece = int(np.searchsorted(cuts, k, side="right"))
         refined = _refined(time, values, k, int(begins[piece]), int(ends[piece]))
         if refined is not None and refined.of(values) > value:
             best, value = refined, refined.of(values)
     return best
-
-
-def _candidates(values: Array, most: float) -> list[int]:
-    """Local maxima (indices) between whose points the signal may exceed the largest value: the excess is at most the
-    difference to the neighbouring values."""
-    left, right = np.append(values[:1], values[:-1]), np.append(values[1:], values[-1:])
-    drop = values - np.minimum(left, right)
-    candidates = np.flatnonzero((values >= left) & (values >= right) & (values + drop > most) & (drop > 0))
-    order = np.argsort(-values[candidates], kind="stable")[:EXTREMES.candidates]
-    return [int(k) for k in candidates[order]]
 
 
 def _refined(time: Array, values: Array, k: int, begin: int, end: int) -> Extreme | None:
@@ -155,19 +151,15 @@ def _refined(time: Array, values: Array, k: int, begin: int, end: int) -> Extrem
     first = min(max(k - n // 2, begin), end - n)
     at = np.arange(first, first + n)
     t = np.linspace(time[max(k - 1, begin)], time[min(k + 1, end - 1)], EXTREMES.samples)
-    weights = _lagrange(time[at], t)
+    # the values (n, k) of the Lagrange polynomials of the nodes at these times
+    nodes = time[at]
+    weights = np.ones((len(nodes), len(t)))
+    for j, node in enumerate(nodes):
+        other_nodes = np.delete(nodes, j)
+        weights[j] = np.prod((t[None, :] - other_nodes[:, None]) / (node - other_nodes)[:, None], axis=0)
     course = (values[at] - values[k]) @ weights
     top = int(np.argmax(course))
     slopes = np.diff(values[at]) / np.diff(time[at])
     bends = np.diff(slopes) / (time[at[2:]] - time[at[:-2]])
     smooth = bends.max() < 0 and bends.max() <= EXTREMES.evenness * bends.min()
     return Extreme(at, weights[:, top]) if course[top] > 0 and smooth else None
-
-
-def _lagrange(nodes: Array, t: Array) -> Array:
-    """The values (k, n) of the Lagrange polynomials of nodes (k,) at times (n,)."""
-    weights = np.ones((len(nodes), len(t)))
-    for j, node in enumerate(nodes):
-        other_nodes = np.delete(nodes, j)
-        weights[j] = np.prod((t[None, :] - other_nodes[:, None]) / (node - other_nodes)[:, None], axis=0)
-    return weights

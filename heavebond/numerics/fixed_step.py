@@ -104,9 +104,9 @@ class FixedStep:
         begin."""
         both = np.concatenate([before, z])
         for _ in range(MOST_ITERATIONS):
-            found = self._next(t, before, both, p, u)
+            step = self._next(t, before, both, p, u)
             try:
-                change = np.linalg.solve(found["o1"], -found["o0"].ravel())
+                change = np.linalg.solve(step["o1"], -step["o0"].ravel())
             except np.linalg.LinAlgError:
                 raise RuntimeError(f"the equations of the step to t = {t:.6g} are singular") from None
             both = both + change

@@ -127,13 +127,13 @@ class Forcing:
         contain their values at the begin of the run, `_begins`."""
         time, x, rate = assembly.arguments[0], assembly.arguments[1], assembly.arguments[5]
         reset = {r.unknown for event in assembly.flat.events for r in event.resets}
-        moved = any(event.impulse or event.breakaway for event in assembly.flat.events)
+        set_by_impulses = any(event.impulse or event.breakaway for event in assembly.flat.events)
         known = {s.element_hash() for s in (time, self._begin, *split(constants))}
         self._courses: dict[int, ca.SX] = {}
-        waiting = [k for k, (j, order) in enumerate(assembly.reduced.states) if not (order or j in reset or moved)]
-        found = True
-        while found and waiting:
-            found = False
+        waiting = [k for k, (j, order) in enumerate(assembly.reduced.states) if not (order or j in reset or set_by_impulses)]
+        progress = True
+        while progress and waiting:
+            progress = False
             rates = ca.substitute(stack(assembly.ode[k] for k in waiting), rate, ca.SX(1))
             if self._courses:
                 rates = ca.substitute(rates, stack(x[k] for k in self._courses), stack(self._courses.values()))
@@ -144,7 +144,7 @@ class Forcing:
                     known.add(self._begins[k].element_hash())
                     self._courses[k] = self._begins[k] + rise
                     waiting.remove(k)
-                    found = True
+                    progress = True
 
     @property
     def follows_states(self) -> bool:
@@ -284,12 +284,12 @@ def switch_arguments(parts: list[ca.SX], time: ca.SX) -> tuple[list[ca.SX], list
 
 def _angles(parts: list[ca.SX], time: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
     """The arguments (y, x) of each atan2 that depends on the time: it jumps where y changes its sign at negative x."""
-    waiting, seen, pairs = [ca.cse(stack(parts))[k] for k in range(len(parts))], set[int](), list[tuple[ca.SX, ca.SX]]()
+    waiting, visited, pairs = [ca.cse(stack(parts))[k] for k in range(len(parts))], set[int](), list[tuple[ca.SX, ca.SX]]()
     while waiting:
         node = waiting.pop()
-        if node.element_hash() in seen or node.is_constant() or node.is_symbolic():
+        if node.element_hash() in visited or node.is_constant() or node.is_symbolic():
             continue
-        seen.add(node.element_hash())
+        visited.add(node.element_hash())
         if node.op() == ca.OP_ATAN2 and ca.depends_on(node.dep(0), time):
             pairs.append((node.dep(0), node.dep(1)))
         waiting += [node.dep(k) for k in range(node.n_dep())]

@@ -70,9 +70,9 @@ class Stretch:
 class HiddenMotions:
     """The search in the runs of one assembly; `inputs` gives what drives the integrator at times between its stops."""
 
-    def __init__(self, assembly: Assembly, made: Integrand, inputs: Callable[[Array], Array], solver: Choice,
+    def __init__(self, assembly: Assembly, integrand: Integrand, inputs: Callable[[Array], Array], solver: Choice,
                  tolerances: Tolerances, begin: float):
-        self.assembly, self.made, self.inputs, self.begin = assembly, made, inputs, begin
+        self.assembly, self.integrand, self.inputs, self.begin = assembly, integrand, inputs, begin
         self.solver, self.tolerances = solver, solver.controlled(tolerances)
         self._integrator: Integrator | None = None
 
@@ -125,8 +125,8 @@ class HiddenMotions:
         """How much more each interval (n - 1,) between points changes a state than its rates explain, as a multiple of the
         change that is passed over. Within a motion (`fine`) that is the error of the trapezoidal rule."""
         spans, changes = np.diff(times), np.diff(x, axis=1)
-        moved = np.ones(len(spans), bool) if fine else (np.abs(changes) > HIDDEN.share * ranges[:, None]).any(axis=0)
-        looked_at = np.flatnonzero(moved & (spans > 0))
+        moving = np.ones(len(spans), bool) if fine else (np.abs(changes) > HIDDEN.share * ranges[:, None]).any(axis=0)
+        looked_at = np.flatnonzero(moving & (spans > 0))
         rates = [np.zeros((len(x), len(spans))) for _ in range(2)]
         for begin in range(0, len(looked_at), CHUNK):
             part = looked_at[begin:begin + CHUNK]
@@ -148,14 +148,14 @@ class HiddenMotions:
 
     def _integrated(self, stretch: Stretch) -> Stretch | None:
         """An interval with points inside; None where the integration fails."""
-        assembly, dae = self.assembly, self.made.dae
+        assembly, dae = self.assembly, self.integrand.dae
         if self._integrator is None:
             part, place = ca.SX.sym("part"), ca.SX.sym("place", 2)  # the begin and the length of the interval
             ode, alg = ca.substitute([dae["ode"], dae.get("alg", ca.SX(0, 1))], [dae["t"]], [place[0] + place[1] * part])
             shifted = {**dae, "t": part, "p": stack([dae["p"], place]), "ode": place[1] * ode}
             if "alg" in dae:
                 shifted["alg"] = alg
-            self._integrator = integrator(self.solver.name, replace(self.made, dae=shifted, longest=0.0),
+            self._integrator = integrator(self.solver.name, replace(self.integrand, dae=shifted, longest=0.0),
                                           np.linspace(0.0, 1.0, HIDDEN.parts + 1), self.tolerances)
         t_0, length = float(stretch.t[0]), float(stretch.t[1] - stretch.t[0])
         shares = np.linspace(0.0, 1.0, HIDDEN.parts + 1)
@@ -165,16 +165,16 @@ class HiddenMotions:
         n_x, size = len(stretch.x), self._integrator.size1_in("x0")
         x0 = np.append(assembly.scaled_x(stretch.x[:, 0]), np.zeros(size - n_x))
         z0 = stretch.z[:, 0] / assembly.z_nominal
-        hoisted = np.asarray(self.made.hoist(stretch.p, np.zeros((len(stretch.p), 0)))).ravel()
+        hoisted = np.asarray(self.integrand.hoist(stretch.p, np.zeros((len(stretch.p), 0)))).ravel()
         u = np.tile(stretch.u[:, None], (1, HIDDEN.parts))
         with caught_errors():
             try:
-                found = self._integrator(x0=x0, z0=z0, p=np.concatenate([hoisted, [t_0 - self.begin, length]]), u=u)
+                results = self._integrator(x0=x0, z0=z0, p=np.concatenate([hoisted, [t_0 - self.begin, length]]), u=u)
             except RuntimeError:
                 check()
                 return None
-        x = np.column_stack([x0, np.asarray(found["xf"]).reshape(size, HIDDEN.parts)])[:n_x]
-        z = np.column_stack([z0, np.asarray(found["zf"]).reshape(len(z0), HIDDEN.parts)])
+        x = np.column_stack([x0, np.asarray(results["xf"]).reshape(size, HIDDEN.parts)])[:n_x]
+        z = np.column_stack([z0, np.asarray(results["zf"]).reshape(len(z0), HIDDEN.parts)])
         if not (np.isfinite(x).all() and np.isfinite(z).all()):
             return None
         return replace(stretch, t=times, x=assembly.unscaled_x(x), z=z * assembly.z_nominal[:, None])

@@ -91,10 +91,10 @@ class Idas:
                          **({"max_step_size": integrand.longest / unit} if integrand.longest else {})}
         if strict:
             self._options["suppress_algebraic"] = False
-        self._usual = self._last = self._made({})
+        self._usual = self._last = self._integrator({})
         self._blind: Evaluated | None = None
 
-    def _made(self, options: Mapping[str, Any]) -> Evaluated:
+    def _integrator(self, options: Mapping[str, Any]) -> Evaluated:
         arguments = ("run", "idas", self._dae, self._begin, self._outputs)
         return Evaluated(lambda more: ca.integrator(*arguments, {**self._options, **options, **more}), ("xf", "zf"))
 
@@ -122,7 +122,7 @@ class Idas:
             if "IDACalcIC" not in str(error):
                 raise
         if self._blind is None:
-            self._blind = self._made({"calc_ic": False, "step0": FIRST_STEP * (self._outputs[0] - self._begin)})
+            self._blind = self._integrator({"calc_ic": False, "step0": FIRST_STEP * (self._outputs[0] - self._begin)})
         self._last = self._blind
         return self._blind(**arguments)
 
@@ -188,26 +188,22 @@ def caught_errors() -> Iterator[list[str]]:
     """Capture standard error. SUNDIALS reports the time and step of a failure only there, from C or, by CasADi, through
     Python's `sys.stderr`. Both are shared by the whole process, so that a lock admits one thread at a time."""
     with _TURN:
-        yield from _caught()
-
-
-def _caught() -> Iterator[list[str]]:
-    sys.stderr.flush()
-    original, file = os.dup(2), _file(os.getpid())
-    begin = os.lseek(file, 0, os.SEEK_END)
-    heard: list[str] = []
-    words = io.StringIO()
-    with redirect_stderr(words):
-        os.dup2(file, 2)
-        try:
-            yield heard
-        finally:
-            os.dup2(original, 2)
-            os.close(original)
-            os.lseek(file, begin, os.SEEK_SET)
-            message = os.read(file, os.fstat(file).st_size - begin)
-            os.ftruncate(file, begin)
-            heard.append(message.decode(errors="replace") + words.getvalue())
+        sys.stderr.flush()
+        original, file = os.dup(2), _file(os.getpid())
+        begin = os.lseek(file, 0, os.SEEK_END)
+        heard: list[str] = []
+        words = io.StringIO()
+        with redirect_stderr(words):
+            os.dup2(file, 2)
+            try:
+                yield heard
+            finally:
+                os.dup2(original, 2)
+                os.close(original)
+                os.lseek(file, begin, os.SEEK_SET)
+                message = os.read(file, os.fstat(file).st_size - begin)
+                os.ftruncate(file, begin)
+                heard.append(message.decode(errors="replace") + words.getvalue())
 
 
 @lru_cache(maxsize=1)

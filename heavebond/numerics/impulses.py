@@ -43,7 +43,11 @@ def _written_out(event: FlatEvent, impulse: Impulse, reduced: Reduced, loops: _L
     reached = loops.reached_by(force)
     along_z = loops.response(reached, ca.jacobian(reduced.alg, force))
     along = ca.sparsify(ca.jacobian(reduced.ode, force) + ca.jacobian(reduced.ode, reduced.z) @ along_z)
-    needed = loops.needed_for(speed)
+    # the unknowns from which the speed follows
+    inside = {s.element_hash() for s in ca.symvar(speed)}
+    needed = {j for j, s in enumerate(split(loops.reduced.z)) if s.element_hash() in inside}
+    while more := set().union(*(loops.needs[j] for j in needed)) - needed:
+        needed |= more
     if needed & reached or ca.which_depends(speed, force, 1, False)[0]:
         problems.add("impulse-on-massless", f"an impact of '{part}' changes {impulse.name} by an impulse, and no body with "
                      "a mass keeps that speed", at, hint="Give each body that meets another a mass (Mass, Inertia ...).")
@@ -101,14 +105,6 @@ class _Loops:
         while more := {j for j, needs in enumerate(self.needs) if needs & reached} - reached:
             reached |= more
         return reached
-
-    def needed_for(self, expression: ca.SX) -> set[int]:
-        """The unknowns from which an expression follows."""
-        inside = {s.element_hash() for s in ca.symvar(expression)}
-        needed = {j for j, s in enumerate(split(self.reduced.z)) if s.element_hash() in inside}
-        while more := set().union(*(self.needs[j] for j in needed)) - needed:
-            needed |= more
-        return needed
 
     def response(self, unknowns: set[int], changes: ca.SX) -> ca.SX:
         """The change of z (n_z, 1) for a change of the residuals (n_z, 1): -g_z^-1 moved, restricted to some unknowns."""

@@ -76,19 +76,19 @@ def start(assembly: Assembly, t: float | None = None, u: Array | None = None, eq
         raise
 
 
-def renamed_start(known: Start, of: Assembly, other: Assembly) -> Start:
-    """The values of a start of the assembly `of` at the same names of the assembly `other`, and nan at names that `of` does
+def renamed_start(known: Start, of: Assembly, target: Assembly) -> Start:
+    """The values of a start of the assembly `of` at the same names of the assembly `target`, and nan at names that `of` does
     not have."""
     def values(names: Sequence[str], known_names: Sequence[str], known_values: Array) -> Array:
         by_name = dict(zip(known_names, known_values, strict=True))
         return np.array([by_name.get(name, np.nan) for name in names])
 
-    if of.state_names == other.state_names and of.algebraic_names == other.algebraic_names \
-            and of.parameter_names == other.parameter_names:
+    if of.state_names == target.state_names and of.algebraic_names == target.algebraic_names \
+            and of.parameter_names == target.parameter_names:
         return known
-    return replace(known, x=values(other.state_names, of.state_names, known.x),
-                   z=values(other.algebraic_names, of.algebraic_names, known.z),
-                   p=values(other.parameter_names, of.parameter_names, known.p))
+    return replace(known, x=values(target.state_names, of.state_names, known.x),
+                   z=values(target.algebraic_names, of.algebraic_names, known.z),
+                   p=values(target.parameter_names, of.parameter_names, known.p))
 
 
 def held_still(u: Array, t: float) -> Array:
@@ -204,17 +204,17 @@ class StartSearch:
         before = np.concatenate([near.x, near.z, near.p[equations.solved_for]])
         unknown = np.isnan(before)
         system = self._scaled(equations.all)
-        found = newton(system, np.where(unknown, self.y0, before), self.frame, NEWTON.path_iterations)
-        if not found.good or self._apart(found.y, np.where(unknown, found.y, before)) > FOLLOWED:
+        equilibrium = newton(system, np.where(unknown, self.y0, before), self.frame, NEWTON.path_iterations)
+        if not equilibrium.good or self._apart(equilibrium.y, np.where(unknown, equilibrium.y, before)) > FOLLOWED:
             return None
-        residual, jacobian = system(found.y)
+        residual, jacobian = system(equilibrium.y)
         weighted = scaled(jacobian, weights(residual, jacobian))
         if not finite(weighted) or null_space(weighted, INITIALISATION.undetermined).size:
             return None
         self._check_constants()
-        self.steps = found.steps
+        self.steps = equilibrium.steps
         try:
-            return self._settle(sharpened(system, found, self.frame).y)
+            return self._settle(sharpened(system, equilibrium, self.frame).y)
         except StartError:
             return None
 
@@ -320,7 +320,14 @@ class StartSearch:
 
     def _attempt(self, system: System, first: Array, attempt: int) -> NewtonResult:
         if attempt == 1:
-            return self._narrowed(system, first)
+            # Newton's method with widened transitions, which are narrowed step by step to their width
+            result = NewtonResult(first, np.full(1, np.inf), 0)
+            if not self.equations.widths:
+                return result
+            for self.widening in WIDENINGS:
+                result = newton(system, result.y, self.frame)
+            self.widening = 1.0
+            return result
         if attempt == 2:
             return continued(lambda share: system, first, self.frame)
         if attempt == 3 and self.equations.steady:
@@ -368,16 +375,6 @@ class StartSearch:
             residual[steady] -= (y[: self.n_x] - before[: self.n_x]) / step
             return residual, added(jacobian, steady, states, -self.nominal[: self.n_x] / step)
         return at
-
-    def _narrowed(self, system: System, y: Array) -> NewtonResult:
-        """Newton's method with widened transitions, which are narrowed step by step to their width."""
-        result = NewtonResult(y, np.full(1, np.inf), 0)
-        if not self.equations.widths:
-            return result
-        for self.widening in WIDENINGS:
-            result = newton(system, result.y, self.frame)
-        self.widening = 1.0
-        return result
 
     def _shift(self, number: int) -> Array:
         """Deterministic shifts of growing size, the first of none."""
@@ -430,14 +427,14 @@ class StartSearch:
                 "declared start" if assembly.flat.unknowns[j].start else "default"
             table.append(StartLine(assembly.state_names[k], condition.value.text if condition else "", float(point.x[k]),
                                    assembly.flat.unknowns[j].unit.text + ("/s" * order), why))
-        table += self._others(point, {line.name for line in table})
+        table += self._lines_of_other_variables(point, {line.name for line in table})
         for k in self.equations.solved_for:
             parameter = assembly.flat.parameters[k]
             table.append(StartLine(parameter.name, "solve", float(point.p[k]), parameter.unit.text, "solved for"))
         free = tuple(line.name for line in table if line.why == "default")
         return Start(self.t, point.x, point.z, point.p, tuple(table), free, self.steps, self.in_turn, self.of_components)
 
-    def _others(self, point: Point, listed: set[str]) -> list[StartLine]:
+    def _lines_of_other_variables(self, point: Point, listed: set[str]) -> list[StartLine]:
         """The lines of the table on conditions for variables that are not states."""
         flat = self.assembly.flat
         remaining = [(j, c) for name, c in self.equations.initial.conditions.items()

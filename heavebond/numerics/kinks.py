@@ -57,12 +57,12 @@ class Kinks:
         self.kinks = [*_of_equations(assembly), *_of_signals(assembly, signals)]
         self._arguments = ca.Function("kinks", list(assembly.arguments), [stack(k.argument for k in self.kinks)])
 
-    def apart(self, one: Result, other: Result) -> list[KinkCrossing]:
+    def apart(self, first_run: Result, second_run: Result) -> list[KinkCrossing]:
         """The kinks at which two runs on the same grid are on different sides, in the order of time."""
         if not self.kinks:
             return []
-        differ = self._sides(one) != self._sides(other)
-        crossings = [KinkCrossing(kink, float(one.time[np.argmax(row)]))
+        differ = self._sides(first_run) != self._sides(second_run)
+        crossings = [KinkCrossing(kink, float(first_run.time[np.argmax(row)]))
                      for kink, row in zip(self.kinks, differ, strict=True)
                      if row.any()]
         return sorted(crossings, key=lambda passing: passing.time)

@@ -185,9 +185,9 @@ def continued(family: Callable[[float], System], y: Array, frame: Scaling) -> Ne
         to = min(1.0, s + stride)
         member = family(to)
 
-        def balanced(at: Array, system: System = member, left: float = 1 - to) -> tuple[Array, Matrix]:
+        def balanced(at: Array, system: System = member, remaining_share: float = 1 - to) -> tuple[Array, Matrix]:
             residual, jacobian = system(at)
-            return residual - left * first, jacobian
+            return residual - remaining_share * first, jacobian
 
         trial = newton(balanced, result.y, frame, NEWTON.path_iterations)
         steps += trial.steps

@@ -122,9 +122,9 @@ def refined(stops: Array, unknowns: int, intervals: int = DENSE_POINTS.intervals
     return np.append(np.repeat(stops[:-1], parts) + np.repeat(lengths / parts, parts) * number, stops[-1])
 
 
-def seconds(time: Time, what: str) -> float:
-    """A time in s from a number or a text such as `2 min`; UsageError that begins with `what` for anything else."""
-    return si_value(time, "s", what)
+def seconds(time: Time, subject: str) -> float:
+    """A time in s from a number or a text such as `2 min`; UsageError that begins with `subject` for anything else."""
+    return si_value(time, "s", subject)
 
 
 def _from_model(value: Value | None) -> float | None:

@@ -69,7 +69,7 @@ class Limited:
 
 def limited(assembly: Assembly) -> Limited:
     """The variables of an assembly with a physical limit."""
-    def made() -> Limited:
+    def compiled() -> Limited:
         flat = assembly.flat
         chosen = [j for j, u in enumerate(flat.unknowns) if np.isfinite(u.plausible.least)]
         row = {j: k for k, (j, order) in enumerate(assembly.reduced.states) if order == 0}
@@ -79,7 +79,7 @@ def limited(assembly: Assembly) -> Limited:
                        {k: row[j] for k, j in enumerate(chosen) if j in row},
                        Probe(assembly, [flat.unknowns[j].name for j in chosen if j not in row], si=True))
 
-    return assembly.once("physical limits", made)
+    return assembly.once("physical limits", compiled)
 
 
 def check_limits(result: Result, whole: Result | None = None) -> None:
@@ -135,9 +135,9 @@ def _drawing_part(points: Result, n: int, u: Unknown) -> str:
     if not most or not flows[most] > sum(max(q, 0.0) for q in flows.values()) / 2:
         return ""
     part, unit = ends[most].leaf, flat.unknowns[flat.names[most]].unit.text
-    junctions = [other for path, other in flat.expanded.junctions.items() if flat.domains.get(path) != domain
-                       and any(end.leaf == part for end in other.ends)]
-    drives = listing(dict.fromkeys(end.leaf for other in junctions for end in other.ends if end.leaf != part), 3)
+    junctions = [connected for path, connected in flat.expanded.junctions.items() if flat.domains.get(path) != domain
+                       and any(end.leaf == part for end in connected.ends)]
+    drives = listing(dict.fromkeys(end.leaf for connected in junctions for end in connected.ends if end.leaf != part), 3)
     return f". {part} draws {readable(flows[most], unit)} from node '{node}' at that time: if it should deliver there, " \
         f"exchange its ports{f' or reverse its drive ({drives})' if drives else ''}"
 

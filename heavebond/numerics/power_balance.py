@@ -51,7 +51,8 @@ def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: S
     if not parts and not more:
         return [], np.zeros((0, values.shape[1]))
     (dissipated, unbalanced, held, rate), more_values = _energies(assembly, parts, columns, more)
-    ports = _port_powers(flat, values)
+    rows = list(values)
+    ports = {port: bond.power(rows) for port, bond in flat.bonds.items()}
     through = {e.owner: np.zeros(values.shape[1]) for e in flat.energetics}
     for port, bond in flat.bonds.items():
         through[bond.owner] = through[bond.owner] + ports[port]
@@ -104,12 +105,6 @@ def _size(values: Array) -> float:
     return float(finite.max(initial=0.0))
 
 
-def _port_powers(flat: Flat, values: Array) -> dict[str, Array]:
-    """The power into each component over each port (N,)."""
-    rows = list(values)
-    return {port: bond.power(rows) for port, bond in flat.bonds.items()}
-
-
 def _energies(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence[Array], more: Sequence[ca.SX]
               ) -> tuple[tuple[Array, ...], Array]:
     """Dissipated and unbalanced power in W, stored energy in J and its rate in W, each (n_parts, N), and the values (k, N)
@@ -121,7 +116,7 @@ def _energies(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence
     t, x, z, _, _, rate = assembly.arguments
     m = len(parts)
 
-    def made() -> tuple[ca.Function, bool]:
+    def compiled() -> tuple[ca.Function, bool]:
         raw = assembly.express(stack([*(e.dissipated for e in parts), *(e.unbalanced for e in parts),
                                       *(e.energy for e in parts), *more]))
         stored, direction, along = raw[2 * m:3 * m], stack([t, x]), stack([rate, assembly.ode])
@@ -132,7 +127,7 @@ def _energies(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence
                        ca.jtimes(assembly.alg, direction, along)]
         return ca.Function("energies", list(assembly.arguments), [ca.densify(stack(wanted))]), bool(by_z.nnz())
 
-    function, loops = assembly.once(("energies", *(e.element_hash() for e in more)), made)
+    function, loops = assembly.once(("energies", *(e.element_hash() for e in more)), compiled)
     values, = evaluated(assembly, function, columns)
     size = 3 * m + len(more)
     begin, n_z = size + m, z.numel()

@@ -52,7 +52,7 @@ class _Candidate(NamedTuple):
     the ports of its component, and the force balances (rows) of these ports."""
 
     event: FlatEvent
-    given: set[int]
+    set_states: set[int]
     speeds: list[int]
     balances: list[int]
 

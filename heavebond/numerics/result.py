@@ -221,12 +221,15 @@ class Result(facade.Displayed):
         in the opposite direction between the same nodes, as in a cross-over relief, is none of these."""
         flat, resolver, findings = self.assembly.flat, self.assembly.resolver(), list[Finding]()
         components = {path: leaf.component for path, leaf in flat.expanded.leaves.items()}
-        opening = {path: (component.in_diagram(component.opens, path), _ports_of(component.opens.text))
+        # the inlet and the outlet of each valve, `a.p` and `b.p`, in the formula by which it opens
+        opening = {path: (component.in_diagram(component.opens, path),
+                          list(dict.fromkeys(_PRESSURE.findall(component.opens.text)))[:2])
                    for path, component in components.items() if component.opens is not None}
-        ways = {path: tuple(flat.names.get(f"{path}.{port}") for port in ports) for path, (_, ports) in opening.items()}
+        ports_of_valves = {path: tuple(flat.names.get(f"{path}.{port}") for port in ports)
+                           for path, (_, ports) in opening.items()}
         for path, (formula, ports) in opening.items():
-            inlet, outlet = ways[path]
-            if inlet is None or outlet is None or inlet == outlet or (outlet, inlet) in ways.values():
+            inlet, outlet = ports_of_valves[path]
+            if inlet is None or outlet is None or inlet == outlet or (outlet, inlet) in ports_of_valves.values():
                 continue
             opens = resolver.evaluate(self.assembly.model.library.formula(formula))
             a, b = flat.levels[0][inlet], flat.levels[0][outlet]
@@ -470,10 +473,10 @@ class Probe:
         """The signals of a run (n_signals, N)."""
         values = self._values.of(result)
         for at, stay in result.stays:
-            values[:, at] = self._other(stay).values(stay)
+            values[:, at] = self._alternative_probe(stay).values(stay)
         return values
 
-    def _other(self, stay: Result) -> Probe:
+    def _alternative_probe(self, stay: Result) -> Probe:
         """The same signals in other states."""
         if id(stay.assembly) not in self._others:
             self._others[id(stay.assembly)] = Probe(stay.assembly, self.names, self.si)
@@ -494,7 +497,7 @@ class Probe:
         slopes = course.of(result).reshape(len(moving), len(self.names), n)
         sensitivities = np.einsum("ksn,mkn->msn", slopes, changes)
         for at, stay in result.stays:
-            sensitivities[:, :, at] = self._other(stay).sensitivities(stay)
+            sensitivities[:, :, at] = self._alternative_probe(stay).sensitivities(stay)
         return np.asarray(sensitivities)
 
 
@@ -534,11 +537,6 @@ class _Course:
             self._many = (n, Buffered(self._function.map(n)))
         values, = self._many[1](arguments).values()
         return np.ascontiguousarray(values.reshape((-1, n), order="F"))
-
-
-def _ports_of(opens: str) -> list[str]:
-    """The inlet and the outlet of a valve, `a.p` and `b.p`, in the formula by which it opens."""
-    return list(dict.fromkeys(_PRESSURE.findall(opens)))[:2]
 
 
 def columns(result: Result, at: NDArray[np.intp] | None = None) -> tuple[Array, ...]:

@@ -189,7 +189,7 @@ def sampled_integration(assembly: Assembly, m: int, moving: Sequence[int], quadr
     if updates.apart:
         return None
 
-    def made() -> Equations | None:
+    def equations_of_samples() -> Equations | None:
         states = {column: k for k, column in enumerate(assembly.reduced.states)}
         origins, sizes = assembly.x_origin, assembly.x_nominal
         rows = [value if reset.unknown is None else (value - origins[k := states[(reset.unknown, 0)]]) / sizes[k]
@@ -198,8 +198,8 @@ def sampled_integration(assembly: Assembly, m: int, moving: Sequence[int], quadr
                                 None if factors is None else factors.symbols, _looked(assembly), updates.fired)
 
     zeros = (assembly.p[order.zeros] == 0).tobytes()
-    equations: Equations | None = made() if quadratures is not None else assembly.once(
-        ("sampled", tuple(moving) if m else (), begin, zeros), made)
+    equations: Equations | None = equations_of_samples() if quadratures is not None else assembly.once(
+        ("sampled", tuple(moving) if m else (), begin, zeros), equations_of_samples)
     if equations is None:
         return None
     values = np.zeros(0) if factors is None else factors.values

@@ -72,7 +72,11 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
     doi:10.1145/1089014.1089020.
     """
     if begin is not None:
-        model = _with_begin(model, begin, also)
+        # a diagram or assembly (with its parameter values) whose runs begin at another time
+        if not isinstance(model, Assembly):
+            model = with_begin(loaded(model), begin)
+        else:
+            model = replace(assemble(with_begin(model.model, begin), also), p=model.p)
     assembly = assemble(model, also)
     sensitivities = tuple(sensitivities)
     assembly, parameters = with_equations_at_zero(assembly, parameters, sensitivities)
@@ -90,13 +94,6 @@ def simulate(model: ModelOrFile | Assembly, until: Time | None = None, *, every:
             dense=dense, solver=solver_name if simulator.step else None, step=simulator.step or None).run(parameters))
     report_verdict(assembly.model.name, result.verdict)
     return result
-
-
-def _with_begin(model: ModelOrFile | Assembly, begin: Time, also: Iterable[str]) -> Model | Assembly:
-    """A diagram or assembly (with its parameter values) whose runs begin at another time."""
-    if not isinstance(model, Assembly):
-        return with_begin(loaded(model), begin)
-    return replace(assemble(with_begin(model.model, begin), also), p=model.p)
 
 
 def with_equations_at_zero(assembly: Assembly, parameters: Mapping[str, float | str] | None, free: Iterable[str] = ()

@@ -372,7 +372,7 @@ class StartEquations:
         return sorted({k for k in names_of_widths if k is not None})
 
     @cached_property
-    def _told(self) -> Buffered:
+    def _divisors_and_rates(self) -> Buffered:
         """The divisors, the rates and all variables at a point."""
         assembly = self.assembly
         arguments = list(assembly.arguments)
@@ -381,7 +381,7 @@ class StartEquations:
 
     def sound(self, point: Point) -> bool:
         """True if every variable and rate is finite at a point, and no divisor is zero."""
-        numbers = list(self._told(*point.values()).values())
+        numbers = list(self._divisors_and_rates(*point.values()).values())
         return all(np.isfinite(values).all() for values in numbers) and bool(np.all(numbers[0] != 0))
 
     def asks_tiny_values(self, p: Array) -> bool:

@@ -90,7 +90,7 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
     numbers = [k for k, name in enumerate(assembly.parameter_names) if point.p[k] == 0
                and (leaf := flat.expanded.leaves.get(name.rpartition(".")[0])) is not None
                and not (assumed(flat, name) and is_bundled(leaf.component.path))]
-    cured = [k for k in numbers if finite(replace(point, p=_moved(point.p, k, 1.0)))]
+    cured = [k for k in numbers if finite(replace(point, p=_with_change(point.p, k, 1.0)))]
     if cured:
         names = listing((assembly.parameter_names[k] for k in cured), MOST_NAMED)
         return f"{names} {'is' if len(cured) == 1 else 'are'} 0: give it another value.", flat.parameters[cured[0]].place
@@ -99,7 +99,7 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
     if numbers and finite(replace(point, p=together)):
         return f"Some of {listing((assembly.parameter_names[k] for k in numbers), MOST_NAMED)} may not be 0: give them " \
             "other values.", flat.parameters[numbers[0]].place
-    begun = [k for k in states if finite(replace(point, x=_moved(point.x, k, assembly.x_nominal[k])))]
+    begun = [k for k in states if finite(replace(point, x=_with_change(point.x, k, assembly.x_nominal[k])))]
     if not begun and finite(replace(point, t=point.t + INITIALISATION.just_after)):
         return "It has one just after the start: an equation divides by the time, or takes the root or logarithm of an " \
             "expression that is 0 at the start. Write it such that it has a value at the start, too.", None
@@ -112,7 +112,7 @@ def _cure(assembly: Assembly, point: Point, finite: Callable[[Point], bool]) -> 
         f"no value; begin at another value, for example `initial: {{{entries}}}`.", unknowns[0].place
 
 
-def _moved(values: Array, k: int, by: float) -> Array:
+def _with_change(values: Array, k: int, by: float) -> Array:
     values = values.copy()
     values[k] += by
     return values
@@ -206,20 +206,17 @@ def _no_rest(equations: StartEquations, point: Point, conflict: Sequence[StartRo
              for name, (j, order) in zip(assembly.state_names, assembly.reduced.states, strict=True)}
     rates = (f"{row.label.removeprefix('steady: ').removesuffix(' = 0')} stays at {raw[row]:.4g} {units[row.label]}"
              for row in conflict)
-    notes = (*rates, *_at_bounds(equations, point), *_inputs_held(assembly, point))
-    return Problem("start-unsteady", "this machine has no steady state, or none that can be reached from the guess",
-                   conflict[0].place, f"Something must hold or balance what moves there{_balances(equations, conflict)}."
-                   "\nOr begin without `start: steady`, or give guesses (`~`) near the equilibrium.", notes)
-
-
-def _inputs_held(assembly: Assembly, point: Point) -> tuple[str, ...]:
-    """A line for each input that a file or a formula in time drives: a steady start holds it at its first value."""
+    # a steady start holds an input that a file or a formula in time drives at its first value
     flat = assembly.flat
     values = np.array(assembly.values(*point.values())).ravel()
     driven = [f"{leaf.path}.{name}" for leaf in flat.expanded.leaves.values() for name, bound in leaf.inputs.items()
               if bound.varies]
-    return tuple(f"{name} is held at {readable(float(values[j]), flat.unknowns[j].unit.text, 4)}, its value at the start"
-                 for name in driven if (j := flat.names.get(name)) is not None)
+    notes = (*rates, *_at_bounds(equations, point), *(
+        f"{name} is held at {readable(float(values[j]), flat.unknowns[j].unit.text, 4)}, its value at the start"
+        for name in driven if (j := flat.names.get(name)) is not None))
+    return Problem("start-unsteady", "this machine has no steady state, or none that can be reached from the guess",
+                   conflict[0].place, f"Something must hold or balance what moves there{_balances(equations, conflict)}."
+                   "\nOr begin without `start: steady`, or give guesses (`~`) near the equilibrium.", notes)
 
 
 def _balances(equations: StartEquations, conflict: Sequence[StartRow]) -> str:
@@ -295,28 +292,17 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
         share = np.abs(direction)
         involved = [names[k] for k in np.argsort(-share) if share[k] > 0.1 * share.max()]
         if open_ := [name for name in involved if name in solved]:
-            raise StartError([_solve_open(equations, open_, [name for name in involved if name not in solved])])
+            # the parameters under `solve:` without an equation that determines them, and the variables that would follow
+            # them
+            followers = [name for name in involved if name not in solved]
+            place = equations.assembly.model.initial.solve[open_[0]]
+            steady = "" if equations.steady else "`start: steady`, or "
+            follower = _one_of(followers) if followers else "a variable that it brings about"
+            raise StartError([Problem("solve-undetermined", f"no equation determines {listing(open_)} under `solve:`", place,
+                                      "Each parameter that is solved for needs one condition more under `initial:`: "
+                                      f"{steady}a value of {follower}.\nOr take it out of `solve:`.")])
         notes.append(f"one of: {listing(involved, MOST_NAMED)}")
         suggestions.append(next((i for i in involved if i not in suggestions), involved[0]))
-    raise StartError([_open(equations, point, notes, suggestions)])
-
-
-def _solve_open(equations: StartEquations, names: list[str], followers: list[str]) -> Problem:
-    """The parameters under `solve:` without an equation that determines them, and the variables that would follow them
-    (`followers`)."""
-    place = equations.assembly.model.initial.solve[names[0]]
-    steady = "" if equations.steady else "`start: steady`, or "
-    return Problem("solve-undetermined", f"no equation determines {listing(names)} under `solve:`", place,
-                   f"Each parameter that is solved for needs one condition more under `initial:`: {steady}a value of "
-                   f"{_one_of(followers) if followers else 'a variable that it brings about'}.\nOr take it out of `solve:`.")
-
-
-def _one_of(names: list[str]) -> str:
-    named = names[:MOST_NAMED]
-    return " or ".join(filter(None, [", ".join(named[:-1]), named[-1]]))
-
-
-def _open(equations: StartEquations, point: Point, notes: list[str], suggestions: list[str]) -> Problem:
     number, names = len(notes), equations.assembly.flat.names
     guess, unknowns = equations.guess(point.p), equations.assembly.flat.unknowns
     values = [readable(float(guess[j]), unknowns[j].unit.text, 6) if (j := names.get(s)) is not None else "0"
@@ -324,8 +310,14 @@ def _open(equations: StartEquations, point: Point, notes: list[str], suggestions
     example = ", ".join(f"{name}: {value}" for name, value in zip(suggestions, values, strict=True))
     hint = f"Decide {'it' if number == 1 else 'them'}, for example `initial: {{{example}}}`, or give guesses " \
         f"(`~ {values[0]}`)."
-    return Problem("start-undetermined", f"the steady state is not unique: {number} direction{'s' if number > 1 else ''} "
-                   f"stay{'s' if number == 1 else ''} undetermined", None, hint, tuple(notes))
+    directions = f"{number} directions stay" if number > 1 else f"{number} direction stays"
+    raise StartError([Problem("start-undetermined", f"the steady state is not unique: {directions} undetermined", None, hint,
+                              tuple(notes))])
+
+
+def _one_of(names: list[str]) -> str:
+    named = names[:MOST_NAMED]
+    return " or ".join(filter(None, [", ".join(named[:-1]), named[-1]]))
 
 
 def singular_loop(assembly: Assembly, point: Point, direction: Array) -> StartError:

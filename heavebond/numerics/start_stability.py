@@ -29,7 +29,15 @@ def unstable_start(assembly: Assembly, first: Start, u: Array, duration: float) 
         return None
     if assembly.sizes:  # of a run that stays at the equilibrium; a machine that leaves it has its usual sizes
         assembly = assembly.with_sizes({})
-    values, modes = np.linalg.eig(_state_matrix(assembly, first, u))
+    def slopes() -> ca.Function:
+        _, x, z, *_ = assembly.arguments
+        slopes = [ca.jacobian(side, by) for side in (assembly.ode, assembly.alg) for by in (x, z)]
+        return ca.Function("slopes", list(assembly.arguments), slopes)
+
+    matrices = assembly.once("state matrix", slopes)(first.t, first.x, first.z, first.p, u, 0.0)
+    ode_x, ode_z, alg_x, alg_z = (np.array(part.full()) for part in matrices)
+    matrix = ode_x - ode_z @ np.linalg.lstsq(alg_z, alg_x, rcond=None)[0] if len(first.z) else ode_x
+    values, modes = np.linalg.eig(np.asarray(matrix * assembly.x_nominal / assembly.x_nominal[:, None]))
     if not np.isfinite(values).all():
         return None
     fastest = int(np.argmax(values.real))
@@ -41,37 +49,15 @@ def unstable_start(assembly: Assembly, first: Start, u: Array, duration: float) 
     speeds = [order > 0 or assembly.flat.unknowns[j].motion for j, order in assembly.reduced.states]
     k = int(np.argmax(np.abs(mode) * (1.0 if all(speeds) else np.logical_not(speeds))))
     name, unknown = assembly.state_names[k], assembly.flat.unknowns[assembly.reduced.states[k][0]]
-    settled_values = _others(assembly, first, u, mode / np.abs(mode).max(), k)
-    places = [readable(value, unknown.unit.text) for value in settled_values]
-    choice = f"Other equilibria: {' or '.join(places)}. Write a guess near the one that is meant, " \
-        f"`initial: {{{name}: ~ {places[0]}}}`" if places else \
-        "`heavebond modes` shows the components that oscillate or run away"
-    return Finding("unstable-start", name, name.rpartition(".")[0], first.t, float(first.x[k]), None, unknown.unit.text,
-                   f"a disturbance grows by e in {number(1 / growth, 3)} s. {choice}")
-
-
-def _state_matrix(assembly: Assembly, first: Start, u: Array) -> Array:
-    """dx'/dx (n_x, n_x) in usual sizes of the states, with the algebraic unknowns following their equations."""
-    def slopes() -> ca.Function:
-        _, x, z, *_ = assembly.arguments
-        slopes = [ca.jacobian(side, by) for side in (assembly.ode, assembly.alg) for by in (x, z)]
-        return ca.Function("slopes", list(assembly.arguments), slopes)
-
-    matrices = assembly.once("state matrix", slopes)(first.t, first.x, first.z, first.p, u, 0.0)
-    ode_x, ode_z, alg_x, alg_z = (np.array(part.full()) for part in matrices)
-    matrix = ode_x - ode_z @ np.linalg.lstsq(alg_z, alg_x, rcond=None)[0] if len(first.z) else ode_x
-    return np.asarray(matrix * assembly.x_nominal / assembly.x_nominal[:, None])
-
-
-def _others(assembly: Assembly, first: Start, u: Array, mode: Array, k: int) -> list[float]:
-    """The values of state k at the equilibria to which the machine settles after a disturbance along the mode in either
-    direction."""
+    # the values of the state at the equilibria to which the machine settles after a disturbance along the mode in either
+    # direction
+    direction_of_mode = mode / np.abs(mode).max()
     search = StartSearch(StartEquations(assembly), assembly, first.t, u)
     y = np.concatenate([first.x, first.z, first.p[search.equations.solved_for]])
     equilibria: list[float] = []
     for push in (direction * size for size in PUSHES for direction in (-1, 1)):
         begin = y.copy()
-        begin[: len(first.x)] += push * mode * assembly.x_nominal
+        begin[: len(first.x)] += push * direction_of_mode * assembly.x_nominal
         try:
             end = search.at_rest_from(begin)
         except StartError:
@@ -80,4 +66,10 @@ def _others(assembly: Assembly, first: Start, u: Array, mode: Array, k: int) -> 
         value, near = float(end[k]) if end is not None else np.nan, SAME_EQUILIBRIUM * float(assembly.x_nominal[k])
         if np.isfinite(value) and all(abs(value - known) > 10 * near for known in (*equilibria, float(first.x[k]))):
             equilibria.append(0.0 if abs(value) < near else value)
-    return sorted(equilibria, key=lambda value: (abs(value - first.x[k]) // (10 * near), value))[:3]
+    settled_values = sorted(equilibria, key=lambda value: (abs(value - first.x[k]) // (10 * near), value))[:3]
+    places = [readable(value, unknown.unit.text) for value in settled_values]
+    choice = f"Other equilibria: {' or '.join(places)}. Write a guess near the one that is meant, " \
+        f"`initial: {{{name}: ~ {places[0]}}}`" if places else \
+        "`heavebond modes` shows the components that oscillate or run away"
+    return Finding("unstable-start", name, name.rpartition(".")[0], first.t, float(first.x[k]), None, unknown.unit.text,
+                   f"a disturbance grows by e in {number(1 / growth, 3)} s. {choice}")

@@ -278,7 +278,18 @@ class Record:
         for number, stay in enumerate(stays[1:], 1):
             if not stay.at.any():  # entered and left between two stops
                 continue
-            x[:, stay.at], z[:, stay.at] = self._at_home(number, stay, u)
+            # x and z of the first choice of states, with their sensitivities, at the stops of another choice
+            n, m = int(stay.at.sum()), self.dp.shape[1]
+            (n_x, n_z), home = (len(stay.assembly.x_nominal), len(stay.assembly.z_nominal)), self.home.chart
+            x_stay, z_stay, p = stay.x[:, stay.at], stay.z[:, stay.at], self.p[:, stay.at]
+            arguments = (self.stops[None, stay.at], x_stay[:n_x], z_stay[:n_z], p, u[:, stay.at], np.ones((1, n)))
+            chart = self.frames[number].chart
+            transformed = [chart.values_in(home, arguments)]
+            for k in range(1, 1 + m):
+                transformed.append(chart.along_in(home, arguments, x_stay[n_x * k:n_x * (k + 1)],
+                                                  z_stay[n_z * k:n_z * (k + 1)], self.dp[:, k - 1, stay.at]))
+            x[:, stay.at] = np.vstack([f[:n_x] for f in transformed])
+            z[:, stay.at] = np.vstack([f[n_x:] for f in transformed])
         held = self.held
         statistics: dict[str, object] = {"nsteps": self.steps}
         if self.changes:
@@ -298,16 +309,3 @@ class Record:
         n_x = len(assembly.x_nominal) * blocks
         return AlternativeStates(assembly, self.frame == number, assembly.unscaled_x(self.y[:n_x], blocks),
                                  self.z[number] * np.tile(assembly.z_nominal, blocks)[:, None])
-
-    def _at_home(self, number: int, stay: AlternativeStates, u: Array) -> tuple[Array, Array]:
-        """x and z of the first choice of states, with their sensitivities, at the stops of another choice."""
-        n, m = int(stay.at.sum()), self.dp.shape[1]
-        (n_x, n_z), home = (len(stay.assembly.x_nominal), len(stay.assembly.z_nominal)), self.home.chart
-        x, z, p = stay.x[:, stay.at], stay.z[:, stay.at], self.p[:, stay.at]
-        arguments = (self.stops[None, stay.at], x[:n_x], z[:n_z], p, u[:, stay.at], np.ones((1, n)))
-        chart = self.frames[number].chart
-        transformed = [chart.values_in(home, arguments)]
-        for k in range(1, 1 + m):
-            transformed.append(chart.along_in(home, arguments, x[n_x * k:n_x * (k + 1)], z[n_z * k:n_z * (k + 1)],
-                                              self.dp[:, k - 1, stay.at]))
-        return np.vstack([f[:n_x] for f in transformed]), np.vstack([f[n_x:] for f in transformed])

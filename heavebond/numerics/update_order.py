@@ -255,7 +255,12 @@ class _Graph:
                     and not setters & {*self.setters[k]}]
             if used:
                 direct[row] = ca.substitute(direct[row], self.after[used], self.p[used])
-        ranks = _ranks(read)
+        # the rows by the longest chain of rows that each reads
+        rank = [0] * len(read)
+        needs = [[row, *sorted(rows)] for row, rows in enumerate(read)]
+        for (row,) in block_lower_triangular(needs, list(range(len(read)))):
+            rank[row] = max((rank[source] + 1 for source in read[row]), default=0)
+        ranks = tuple(tuple(row for row, r in enumerate(rank) if r == k) for k in range(max(rank, default=-1) + 1))
         written, values = {k: self.p[k] for k in self.setters}, list(direct)
         for rank in ranks:
             column = stack(direct[row] for row in rank)
@@ -265,19 +270,16 @@ class _Graph:
                 values[row] = value
                 if (k := self.held[row]) in written:
                     written[k] = ca.if_else(fired[self.owner[row]], value, written[k])
-        self._give_precedence(values, fired)
-        last = {self.owner[row]: k for k, rank in enumerate(ranks) for row in rank}
-        sequence = tuple(sorted(last, key=last.__getitem__))
-        return Updates(fired, stack(values), self.after, stack(direct), ranks, apart, sequence)
-
-    def _give_precedence(self, values: list[ca.SX], fired: ca.SX) -> None:
-        """Remove the assignments of an event that coincides with an event of higher precedence."""
+        # remove the assignments of an event that coincides with an event of higher precedence
         number, assigned = {event.name: e for e, event in enumerate(self.events)}, list(values)
         for row, (e, held) in enumerate(zip(self.owner, self.held, strict=True)):
             for name in reversed(self.events[e].yields_to):
                 first = [r for r, owner in enumerate(self.owner) if owner == number[name] and self.held[r] == held]
                 unchanged = assigned[first[0]] if first else values[row] if held is None else self.p[held]
                 values[row] = ca.if_else(fired[number[name]], unchanged, values[row])
+        last = {self.owner[row]: k for k, rank in enumerate(ranks) for row in rank}
+        sequence = tuple(sorted(last, key=last.__getitem__))
+        return Updates(fired, stack(values), self.after, stack(direct), ranks, apart, sequence)
 
     def problem(self, loop: Sequence[int]) -> Problem:
         """The problem of a loop of updates (rows)."""
@@ -325,14 +327,6 @@ def substituted(column: ca.SX, known: Mapping[int, tuple[ca.SX, ca.SX]]) -> ca.S
     while used := [known[h] for s in ca.symvar(column) if (h := s.element_hash()) in known]:
         column = ca.substitute(column, stack(symbol for symbol, _ in used), stack(value for _, value in used))
     return column
-
-
-def _ranks(read: Sequence[Set[int]]) -> tuple[tuple[int, ...], ...]:
-    """The rows by the longest chain of rows that each reads."""
-    rank = [0] * len(read)
-    for (row,) in block_lower_triangular([[row, *sorted(rows)] for row, rows in enumerate(read)], list(range(len(read)))):
-        rank[row] = max((rank[source] + 1 for source in read[row]), default=0)
-    return tuple(tuple(row for row, r in enumerate(rank) if r == k) for k in range(max(rank, default=-1) + 1))
 
 
 def _meet(first: float, other_first: float, period: float, other_period: float) -> bool:

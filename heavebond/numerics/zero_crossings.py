@@ -42,8 +42,8 @@ def suspects(t: Array, indicators: Array, rates: Array, true: NDArray[np.bool_])
     Between two points an indicator is taken as the cubic with its values and rates, so that one that is positive in
     between only is suspected too.
     """
-    left, right = indicators[:, :-1] > 0, indicators[:, 1:] > 0
-    left[:, 0] = true
+    true_before, true_after = indicators[:, :-1] > 0, indicators[:, 1:] > 0
+    true_before[:, 0] = true
     h = np.diff(t)[None, :]
     a, b, c, d = indicators[:, :-1], indicators[:, 1:], h * rates[:, :-1], h * rates[:, 1:]
     s = np.concatenate([np.broadcast_to(INSIDE, (*a.shape, len(INSIDE))), _extrema(b - a, c, d)], axis=2)
@@ -52,7 +52,8 @@ def suspects(t: Array, indicators: Array, rates: Array, true: NDArray[np.bool_])
     rising, falling = (inside > 0).any(axis=2), (inside < 0).any(axis=2)
     highest, lowest = (np.take_along_axis(s, find(inside, axis=2)[:, :, None], axis=2)[:, :, 0]
                        for find in (np.argmax, np.argmin))
-    return CrossingIntervals(~left & right, (~left & ~right & rising) | (left & right & falling), highest, lowest)
+    possible = (~true_before & ~true_after & rising) | (true_before & true_after & falling)
+    return CrossingIntervals(~true_before & true_after, possible, highest, lowest)
 
 
 def _extrema(step: Array, begin: Array, end: Array) -> Array:
