@@ -722,7 +722,8 @@ class EventIntegration:
                 f"within {took:.2g} s, at t = {time:.6g} s: at this rate the run would take {whole:.1g} of them",
                 named_events[0].place,
                 "The part that it switches reverses it at once. Make its band (of a Relay, `u_on` and `u_off`) as wide as "
-                "in the real part, give the driven part an inertia or a lag, or replace it by a Saturation with a steep Gain.",
+                "in the real part, give the driven part an inertia or a lag, or replace it by a Saturation with a steep "
+                "Gain.",
                 tuple(event.text for event in named_events))])
         last = record.passed[-EVENTS.chattering_events:]
         for passed, most in ((last, EVENTS.chattering_events),
