@@ -249,7 +249,10 @@ def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, proble
             for port in (*group.ports, *formulas.equal(group)):
                 owner, _, name = port.rpartition(".")
                 changed |= _solve(expanded.leaves[owner].component.signals[name].unit.dimension, known, solution[owner])
-        changed = changed or any(_plain(expanded, group, solution) for group in signals)
+        if not changed:  # one signal with an undetermined unit is a plain number
+            ports = [port.rpartition(".") for group in signals for port in group.ports]
+            changed = any(_solve(expanded.leaves[owner].component.signals[name].unit.dimension, ONE, solution[owner])
+                          for owner, _, name in ports)
     for group in signals:
         units = {port: signal_unit(expanded, port, solution) for port in group.ports}
         first = next(iter(units))
@@ -260,15 +263,6 @@ def _units(expanded: Expanded, network: Network, dimensions: _Dimensions, proble
                              f"{unit.text} ('{port}')", group.place, hint="Check the wire. To convert, give the input "
                              f"a formula in place: `{port.rpartition('.')[2]}: \"=k*{first}\"` with k in {factor}.")
     return solution
-
-
-def _plain(expanded: Expanded, group: Group, solution: dict[str, dict[str, Dimension]]) -> bool:
-    """Treat one signal with an undetermined unit as a plain number; False if there is none."""
-    for port in group.ports:
-        leaf, _, name = port.rpartition(".")
-        if _solve(expanded.leaves[leaf].component.signals[name].unit.dimension, ONE, solution[leaf]):
-            return True
-    return False
 
 
 class _Dimensions:

@@ -40,7 +40,10 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
     network = connect(expanded, formula_order(expanded))
     graph: nx.Graph[tuple[str, str]] = nx.Graph(name=model.name)
     for path, leaf in expanded.leaves.items():
-        if _has_vertex(expanded, path, open_blocks):
+        # with opened blocks all parts except blocks are in the graph, otherwise all outside blocks
+        outer = path.split(".")
+        if not leaf.component.composite if open_blocks else \
+                not any(".".join(outer[:k]) in expanded.leaves for k in range(1, len(outer))):
             graph.add_node((PART, path), kind=PART, component=leaf.component.name, block=leaf.component.composite,
                            file=leaf.place.file, line=leaf.place.line)
     connections = {end.name: end.place for junction in expanded.junctions.values() for end in junction.ends if end.sign > 0}
@@ -60,14 +63,6 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
             if joined:
                 _add_edge(graph, (PORT, port), (NODE, group.name), group.domain, direction)
     return graph
-
-
-def _has_vertex(expanded: Expanded, path: str, open_blocks: bool) -> bool:
-    """True if a part is in the graph: with opened blocks all except blocks, otherwise all outside blocks."""
-    if open_blocks:
-        return not expanded.leaves[path].component.composite
-    outer = path.split(".")
-    return not any(".".join(outer[:k]) in expanded.leaves for k in range(1, len(outer)))
 
 
 def _add_edge(graph: nx.Graph[tuple[str, str]], inner: tuple[str, str], outer: tuple[str, str], domain: str,

@@ -12,9 +12,9 @@ from heavebond.equations.resolver import Unknown
 from heavebond.language import reading
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
-from heavebond.language.values import add_formula_problem, check_dimension
+from heavebond.language.values import add_formula_problem, check_dimension, no_name
 from heavebond.text.dimensions import TRUTH, dimension
-from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, names, parse_formula
+from heavebond.text.expression import Expr, ExpressionProblem, constant, names, parse_formula
 
 
 class Resolver(Protocol):
@@ -97,14 +97,10 @@ def with_nominal_sizes(model: Model, unknowns: Sequence[Unknown], names: Mapping
         assert number is not None
         before = len(problems.found)
         try:
-            given_dimension = dimension(setting.value.expr, _no_name)
+            given_dimension = dimension(setting.value.expr, no_name)
             check_dimension(f"nominal {path}", setting.value, given_dimension, unknown.unit, problems)
         except ExpressionProblem as problem:
             add_formula_problem(problem, setting.value, problems)
         if len(problems.found) == before:
             sized[names[path]] = replace(unknown, nominal=number)
     return sized
-
-
-def _no_name(name: Name) -> Dimension:
-    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is not a number", name.column, name.length)

@@ -168,21 +168,17 @@ def _of_leaf(expanded: Expanded, network: Network, path: str, leaf: Leaf) -> Ite
             yield full, Owner((kind, full), f"the {kind} {name} {of}", leaf.place, "component", path)
     for port, domain_name in network.domains[path].items():
         domain = expanded.model.library.domains[domain_name]
-        for copy in _copies(expanded, path, port):
+        # a port, or the elements of an array of ports, if they are on nodes
+        begin = f"{path}.{port}["
+        copies = [port] if expanded.leaves[path].component.ports[port].count is None else [
+            end.port for junction in expanded.junctions.values() for end in junction.ends if end.name.startswith(begin)]
+        for copy in copies:
             for member in domain.through:
                 full = f"{path}.{copy}.{member}"
                 yield full, Owner(("through", full), f"{_word(domain, member)} of port '{path}.{copy}'", leaf.place, "port",
                                   f"{path}.{copy}")
             full = f"{path}.{copy}.{POWER}"
             yield full, Owner(("power", full), f"the power over port '{path}.{copy}'", leaf.place, "port", f"{path}.{copy}")
-
-
-def _copies(expanded: Expanded, path: str, port: str) -> list[str]:
-    """A port, or the elements of an array of ports, if they are on nodes."""
-    if expanded.leaves[path].component.ports[port].count is None:
-        return [port]
-    begin = f"{path}.{port}["
-    return [end.port for junction in expanded.junctions.values() for end in junction.ends if end.name.startswith(begin)]
 
 
 def _hint(owner: Owner) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
@@ -130,12 +130,11 @@ def chosen_states(constraints: Constraints, numbers: Array, preferred: frozenset
     S. E. Mattsson, G. Soderlind: Index reduction in differential-algebraic equations using dummy derivatives.
     SIAM J. Sci. Comput. 14 (1993) 677-692, doi:10.1137/0914043.
     """
-    def pick(part: Part) -> list[int]:
-        weights = [_weight(constraints.flat, column, preferred) for column in part.columns]
-        return [part.columns[k][0] for k in pivot_columns(part.matrices(numbers[:, None], part.columns)[0] * weights)]
+    weight = partial(_weight, constraints.flat, preferred=preferred)
 
-    def weight(column: Column) -> float:
-        return _weight(constraints.flat, column, preferred)
+    def pick(part: Part) -> list[int]:
+        weights = [weight(column) for column in part.columns]
+        return [part.columns[k][0] for k in pivot_columns(part.matrices(numbers[:, None], part.columns)[0] * weights)]
 
     dummies = {column for level in _levels(constraints, pick, weight) for column in level.dummies}
     return [(j, k) for j, top in enumerate(constraints.highest) for k in range(top) if (j, k + 1) not in dummies]

@@ -380,12 +380,12 @@ class _Parser:
         return self._formula(entry, "power"), reading.text(entry.items.get("why"), "why", self.problems)
 
     def _requires(self, node: Node | None) -> tuple[Formula, ...]:
-        requirements = [self._requirement(word) for word in reading.words(node, "requires", self.problems)]
-        return tuple(f for f in requirements if f is not None)
-
-    def _requirement(self, word: Scalar) -> Formula | None:
-        """A comparison; `x[i] < x[i + 1] for i in 1..n - 1` is true if no i violates it."""
-        body, loop, ranges = word.text.partition(" for ")
-        counted = f"sum(if_else({body}, 0, 1) for {ranges}) == 0"
-        read = reading.formula_of(replace(word, text=counted) if loop else word, "requires", self.problems)
-        return read if read is None else replace(read, text=word.text)
+        """Comparisons; `x[i] < x[i + 1] for i in 1..n - 1` is true if no i violates it."""
+        requirements = []
+        for word in reading.words(node, "requires", self.problems):
+            body, loop, ranges = word.text.partition(" for ")
+            counted = f"sum(if_else({body}, 0, 1) for {ranges}) == 0"
+            read = reading.formula_of(replace(word, text=counted) if loop else word, "requires", self.problems)
+            if read is not None:
+                requirements.append(replace(read, text=word.text))
+        return tuple(requirements)

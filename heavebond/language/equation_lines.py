@@ -35,8 +35,9 @@ def _joined(lines: list[Scalar]) -> list[Scalar]:
     joined: list[Scalar] = []
     for line in lines:
         previous = joined[-1] if joined else None
-        if previous is not None and _open(previous.text) and not _EQUALS.search(line.text.partition("#")[0]):
-            head, _, comment = previous.text.partition("#")
+        head, _, comment = previous.text.partition("#") if previous is not None else ("", "", "")
+        is_open = head.count("(") > head.count(")") or head.count("[") > head.count("]")
+        if previous is not None and is_open and not _EQUALS.search(line.text.partition("#")[0]):
             tail, _, more = line.text.partition("#")
             content = head.rstrip() + " "
             label = comment.strip() or more.strip()
@@ -45,8 +46,3 @@ def _joined(lines: list[Scalar]) -> list[Scalar]:
         else:
             joined.append(line)
     return joined
-
-
-def _open(line: str) -> bool:
-    content = line.partition("#")[0]
-    return content.count("(") > content.count(")") or content.count("[") > content.count("]")

@@ -25,7 +25,6 @@ call's arguments.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -213,7 +212,7 @@ class _Checker:
             dimension_found: Dimension | None = ANY
             try:
                 _refuse(step.expr)
-                dimension_found = number_dimension(step.expr, self._lookup(step))
+                dimension_found = number_dimension(step.expr, self._dimension)
             except ExpressionProblem as problem:
                 reading.add_expression_problem(problem, step.place, self.problems)
             declared = self.function.outputs.get(step.name)
@@ -274,16 +273,15 @@ class _Checker:
         quantity = self.function.inputs.get(name)
         return bool(quantity.sizes) if quantity is not None else name not in self.function.constants
 
-    def _lookup(self, step: Step) -> Callable[[Name], Dimension | None]:
-        def lookup(name: Name) -> Dimension | None:
-            if name.base in self.units:
-                return self.units[name.base]
-            later = any(line.name == name.text for line in self.function.steps)
-            hint = f"Move the line of '{name.text}' above this one." if later else \
-                suggest(name.text, self.units) or f"Known here: {listing(self.units)}."
-            raise ExpressionProblem("name-unknown", f"'{name.text}' is not given in {self.function.name}"
-                                    + (" before it is used" if later else ""), name.column, name.length, hint)
-        return lookup
+    def _dimension(self, name: Name) -> Dimension | None:
+        """The dimension of a name in a line, which must be given above the line."""
+        if name.base in self.units:
+            return self.units[name.base]
+        later = any(line.name == name.text for line in self.function.steps)
+        hint = f"Move the line of '{name.text}' above this one." if later else \
+            suggest(name.text, self.units) or f"Known here: {listing(self.units)}."
+        raise ExpressionProblem("name-unknown", f"'{name.text}' is not given in {self.function.name}"
+                                + (" before it is used" if later else ""), name.column, name.length, hint)
 
     def _add(self, code: str, message: str, place: Place, hint: str) -> None:
         self.problems.add(code, message, place, hint=hint)

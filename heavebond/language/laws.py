@@ -230,8 +230,13 @@ def _balance(component: Component, domains: Domains, problems: Problems) -> None
         unknowns += [item.name] if item.count is None else [
             item.name + index for index in indices(item.count, item.columns, lambda expr: _integer(expr, component))]
     lengths = Lengths(Scope(component, domains).length, exact=False)
-    equations = sum(_repetitions(line, component) * elements(lengths.equation(line.tree)) for line in component.equations)
-    equations += sum(relation.rank for relation in component.frames)
+    equations = sum(relation.rank for relation in component.frames)
+    for line in component.equations:
+        repetitions = 1
+        if line.each is not None:
+            _, low, high = line.each
+            repetitions = max(0, _integer(high, component) - _integer(low, component) + 1)
+        equations += repetitions * elements(lengths.equation(line.tree))
     if equations == len(unknowns):
         return
     used = {n.text for line in component.equations for side in (line.tree.left, line.tree.right) for n in names(side)}
@@ -250,13 +255,6 @@ def _balance(component: Component, domains: Domains, problems: Problems) -> None
                  f"{len(unknowns)} unknown{'s' * (len(unknowns) != 1)}", component.place, notes=notes,
                  hint=f"{advice}.\nA component has one equation for each through variable of its ports (a force, a flow), "
                  "for each\nsignal output and for each inner variable.")
-
-
-def _repetitions(line: EquationLine, component: Component) -> int:
-    if line.each is None:
-        return 1
-    _, low, high = line.each
-    return max(0, _integer(high, component) - _integer(low, component) + 1)
 
 
 def _integer(expr: Expr, component: Component) -> int:

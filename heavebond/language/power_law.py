@@ -464,22 +464,19 @@ class _Trial:
         tried, worst = 0, PowerReport(self.component.name, 0)
         for terms, p, y in self.motions():
             tried += 1
-            worst = self._worse(worst, terms, p, y)
+            power, stored, dissipated, unbalanced, apparent = terms[:5].tolist()
+            size = float(np.abs([*terms[5:], stored, dissipated, unbalanced]).max()) + APPARENT * apparent
+            imbalance = abs(power - stored - dissipated - unbalanced) / size if size else 0.0
+            negative = min(0.0, dissipated / size) if size else 0.0
+            if max(imbalance, -negative) < max(worst.imbalance, -worst.dissipation):
+                continue
+            values = [f"{n} = {v:.4g}" for n, v in zip((*self.made.given, *self.made.slots), (*p, *y), strict=False)]
+            notes = (f"power in {power:.4g} W, d(stores)/dt {stored:.4g} W, dissipates {dissipated:.4g} W, "
+                     f"unbalanced {unbalanced:.4g} W", "at " + ", ".join(values) + " (SI)")
+            worst = PowerReport(self.component.name, 0, max(imbalance, worst.imbalance), min(negative, worst.dissipation),
+                                notes=notes)
         tried = tried if tried >= ENOUGH * DRAWS else 0
         return PowerReport(self.component.name, tried, worst.imbalance, worst.dissipation, notes=worst.notes)
-
-    def _worse(self, worst: PowerReport, terms: Array, p: Array, y: Array) -> PowerReport:
-        power, stored, dissipated, unbalanced, apparent = terms[:5].tolist()
-        size = float(np.abs([*terms[5:], stored, dissipated, unbalanced]).max()) + APPARENT * apparent
-        imbalance = abs(power - stored - dissipated - unbalanced) / size if size else 0.0
-        negative = min(0.0, dissipated / size) if size else 0.0
-        if max(imbalance, -negative) < max(worst.imbalance, -worst.dissipation):
-            return worst
-        values = [f"{n} = {v:.4g}" for n, v in zip((*self.made.given, *self.made.slots), (*p, *y), strict=False)]
-        notes = (f"power in {power:.4g} W, d(stores)/dt {stored:.4g} W, dissipates {dissipated:.4g} W, "
-                 f"unbalanced {unbalanced:.4g} W", "at " + ", ".join(values) + " (SI)")
-        return PowerReport(self.component.name, 0, max(imbalance, worst.imbalance), min(negative, worst.dissipation),
-                           notes=notes)
 
 
 class _Evaluation:

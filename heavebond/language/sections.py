@@ -8,14 +8,14 @@ from math import inf
 
 from heavebond.core.errors import Place, Problems, listing, suggest
 from heavebond.core.presentation import number, readable
-from heavebond.core.units import DIMENSIONLESS, Dimension, declared_unit
+from heavebond.core.units import DIMENSIONLESS, declared_unit
 from heavebond.language import reading
 from heavebond.language.definition import FileInput, Formula, Value
 from heavebond.language.state_chart import STATE
 from heavebond.language.symbols import uniform
-from heavebond.language.values import add_formula_problem, check_dimension
+from heavebond.language.values import add_formula_problem, check_dimension, no_name
 from heavebond.text.dimensions import dimension
-from heavebond.text.expression import Expr, ExpressionProblem, Name, constant, parse_formula
+from heavebond.text.expression import Expr, ExpressionProblem, constant, parse_formula
 from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
 SECOND = declared_unit("s")
@@ -258,7 +258,7 @@ def read_clocks(node: Node | None, problems: Problems) -> dict[str, Clock]:
                              hint=f"Write for example {form}.")
             elif value is not None and number is not None:
                 unit = SECOND if word == "jitter" else DIMENSIONLESS
-                check_dimension(word, value, dimension(value.expr, _no_name), unit, problems)
+                check_dimension(word, value, dimension(value.expr, no_name), unit, problems)
                 high = {"jitter": inf, "lost": 1.0, "seed": 2.0**31}[word]
                 if not 0 <= number < high or (word == "seed" and number % 1):
                     problems.add("clock-number", f"{word}: '{value.text}' is not allowed", value.place, hint={
@@ -298,7 +298,7 @@ def read_plan(node: Node | None, problems: Problems) -> Plan:
                 continue
             before = len(problems.found)
             try:
-                check_dimension(name, value, dimension(value.expr, _no_name), SECOND, problems)
+                check_dimension(name, value, dimension(value.expr, no_name), SECOND, problems)
             except ExpressionProblem as problem:
                 add_formula_problem(problem, value, problems)
             any_sign = name == "from" or (name == "until" and "from" in times)
@@ -327,5 +327,3 @@ def _ending(node: Node | None, problems: Problems) -> Formula | None:
     return None if tree is None else Formula(tree, node.text, place)
 
 
-def _no_name(name: Name) -> Dimension:
-    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is not a number", name.column, name.length)

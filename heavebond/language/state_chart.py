@@ -61,19 +61,15 @@ def read_states(node: Node | None, problems: Problems) -> tuple[ChartState, ...]
         if not reading.identifier(key, "a state", problems):
             continue
         if (entry := reading.mapping(item, f"state '{name}'", problems, f"Write {FORM}.")) is not None:
-            states.append(_state(key, entry, problems))
+            reading.known_keys(entry, ("doc", "entry", "to"), f"state '{name}'", problems)
+            targets = reading.mapping(entry.items.get("to"), "to", problems, "Write `to: {rising: button > 0.5}`.")
+            transitions = [transition for target, to in (targets.items if targets else {}).items() if targets is not None
+                           and (transition := _transition(name, targets.keys[target], to, problems))]
+            states.append(ChartState(
+                name, key.place, reading.text(entry.items.get("doc"), "doc", problems),
+                resets("entry", entry.items.get("entry"), "Write `entry: {y: 0}`.", problems), tuple(transitions)))
     _check_transitions(states, entries, problems)
     return tuple(states)
-
-
-def _state(key: Scalar, entry: Mapping, problems: Problems) -> ChartState:
-    subject = f"state '{key.text}'"
-    reading.known_keys(entry, ("doc", "entry", "to"), subject, problems)
-    targets = reading.mapping(entry.items.get("to"), "to", problems, "Write `to: {rising: button > 0.5}`.")
-    transitions = [transition for name, item in (targets.items if targets else {}).items()
-                   if targets is not None and (transition := _transition(key.text, targets.keys[name], item, problems))]
-    return ChartState(key.text, key.place, reading.text(entry.items.get("doc"), "doc", problems),
-                      resets("entry", entry.items.get("entry"), "Write `entry: {y: 0}`.", problems), tuple(transitions))
 
 
 def _transition(source: str, target: Scalar, item: Node, problems: Problems) -> Transition | None:

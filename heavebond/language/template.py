@@ -15,7 +15,6 @@ from heavebond.core.errors import ModelError, Place, Problem, listing, suggest
 from heavebond.language.definition import (
     Component,
     Domain,
-    EquationLine,
     EventDefinition,
     Formula,
     FrameRelation,
@@ -253,7 +252,8 @@ class _Builder:
             constant = self._constants({*known, equation.each[0]} if equation.each else known)
             for index in self._indices(equation.each, equation.place):
                 self.context = self._context(index)
-                shape = self._shape_of(equation)
+                shape = self._shaped(lambda lengths, tree=equation.tree: lengths.equation(tree), equation.place) \
+                    if self.vectors else None
                 left = self._evaluated(equation.tree.left, equation.place)
                 right = self._evaluated(equation.tree.right, equation.place)
                 kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)
@@ -262,12 +262,6 @@ class _Builder:
                 residuals.append(ca.vec(operated("-", left, right).T))  # row by row; a plain 0 is a list of zeros
         self.context = self._context({})
         return lines, residuals
-
-    def _shape_of(self, equation: EquationLine) -> Shape:
-        """The shape of an equation; None for an equation of numbers."""
-        if not self.vectors:
-            return None
-        return self._shaped(lambda lengths: lengths.equation(equation.tree), equation.place)
 
     def _shaped(self, ask: Callable[[Lengths], Result], place: Place) -> Result:
         """The result of a question about shapes; ModelError if they do not fit."""

@@ -8,7 +8,7 @@ from heavebond.core.errors import Problems
 from heavebond.core.units import Dimension, Unit, UnitProblem, check_unit, dimension_text
 from heavebond.language import reading
 from heavebond.language.definition import Parameter, Value
-from heavebond.text.expression import ExpressionProblem, Number
+from heavebond.text.expression import ExpressionProblem, Name, Number
 
 NOT_FINITE = "It is too large, divides by 0, or takes a root or logarithm of a negative number."
 
@@ -66,3 +66,8 @@ def add_formula_problem(problem: ExpressionProblem, value: Value, problems: Prob
     # origin of the columns of the expression: after the `=` of `=a + b`
     skipped = len(value.text) - len(value.text.lstrip("= ")) if value.formula else 0
     reading.add_expression_problem(problem, value.place.moved(skipped, value.place.length - skipped), problems)
+
+
+def no_name(name: Name) -> Dimension:
+    """The dimension of a name in a value that may contain numbers only: ExpressionProblem."""
+    raise ExpressionProblem("not-a-quantity", f"'{name.text}' is not a number", name.column, name.length)
