@@ -111,11 +111,8 @@ class Result(facade.Displayed):
     def verdict(self) -> Verdict:
         """The verdict on the values of this run: `print(result.verdict)` shows it in a line."""
         dense = [] if self._points is None else list(_stretches(*self._points))
-        findings = [*self._true_at_start(), *self._placeholders(), *self._fixed_step(), *self._joined(),
-                    *self._reversed(), *self._filled(), *self._unfit(), *self._rounded(), *self._stepped_over(),
-                    *self._unstable_start(), *self._time_formulas(), *self._passed_jumps(), *self._rates(),
-                    *self._dense_events(),
-                    *([self.ended] if self.ended else [])]
+        findings = [*self._findings_at_the_start(), *self._reversed(), *self._findings_of_the_solver(),
+                    *self._findings_of_the_motion(), *self._dense_events(), *([self.ended] if self.ended else [])]
         return judged(list(_stretches(self)), findings, dense)
 
     @cached_property
@@ -153,19 +150,77 @@ class Result(facade.Displayed):
         verdict = without_value(self.signals(names), self.time, undecided)
         return Verdict(tuple(f for f in verdict.findings if f.failed or f.name not in named))
 
-    def _true_at_start(self) -> list[Finding]:
-        """Findings on events whose conditions are already true at the start, so that the events do not happen."""
+    def _findings_at_the_start(self) -> list[Finding]:
+        """Findings on events whose conditions are already true at the start, so that the events do not happen; on
+        placeholders for untranslated parts; on a fixed step; on parts with two ports, both on one node."""
+        flat, time = self.assembly.flat, float(self.time[0])
         names = self.statistics.get("true_at_start", ())
         assert isinstance(names, (list, tuple))
-        texts = {event.name: event.text for event in self.assembly.flat.events}
-        return [Finding("true-at-start", name, name.rpartition(".")[0], float(self.time[0]), 1.0, None, "",
-                        NOT_BECOME.format(texts[name])) for name in names]
+        texts = {event.name: event.text for event in flat.events}
+        findings = [Finding("true-at-start", name, name.rpartition(".")[0], time, 1.0, None, "",
+                            NOT_BECOME.format(texts[name])) for name in names]
+        findings += [Finding("placeholder", path, path, time, 0.0, None, "",
+                             f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
+                     for path, leaf in flat.expanded.leaves.items() if leaf.component.placeholder]
+        if isinstance(step := self.statistics.get("step"), float):
+            findings.append(Finding("fixed-step", str(self.statistics["solver"]), "", time, step, None, "s",
+                                    "Repeat the run with half the step, or by `--solver auto`, to see its error"))
+        joined = {path: node for path in flat.expanded.leaves if (node := joined_ports(flat, path)) is not None}
+        return [*findings, *(Finding("joined", path, node, time, 0.0, None, "", "it does nothing there. Put one port on "
+                                     "another node, or remove the part") for path, node in joined.items())]
 
-    def _unstable_start(self) -> list[Finding]:
-        """A steady start at an unstable equilibrium."""
+    def _findings_of_the_solver(self) -> list[Finding]:
+        """Findings on nodes without a capacity at which the run was restarted with a small volume; on unknowns that stay far
+        below the sizes of their absolute tolerances, with which the run could not be repeated; on states that move so little
+        about a large value that rounding, or the relative tolerance of a run that could not be repeated, hides a part of
+        their motion; on narrow functions of states that the run steps over, although it was repeated with stops at their
+        positions."""
+        assembly, time, findings = self.assembly, float(self.time[0]), list[Finding]()
+        flat, reduced = assembly.flat, assembly.reduced
+        if isinstance(fills := self.statistics.get("fills"), dict):
+            volumes = assembly.parameter_values
+            advice = f"Without it, {fills['why']}. Add a Volume or a Receiver of the real size"
+            findings += [Finding("filled", node, node, time, volumes[f"{part}.V"], None, "m**3", advice)
+                         for node, part in zip(fills["nodes"], fills["components"], strict=True)]
+        unfit, rounded = self.statistics.get("unfit", {}), self.statistics.get("rounded", {})
+        assert isinstance(unfit, Mapping) and isinstance(rounded, Mapping)
+        unknowns = {reduced.name(c): flat.unknowns[c[0]] for c in (*reduced.states, *reduced.algebraic)}
+        findings += [Finding("scale", name, name.rpartition(".")[0], time, float(size), u.nominal, u.unit.text,
+                             f"State its size, `nominal: {{{name}: {size:g} {u.unit.text}}}`")
+                     for name, size in unfit.items() if (u := unknowns.get(name)) is not None]
+        units = dict(zip(assembly.state_names, (flat.unknowns[j].unit.text if not order else ""
+                                                for j, order in reduced.states), strict=True))
+        findings += [Finding("rounding", name, name.rpartition(".")[0], time, spread, error, units[name],
+                             f"The motion is accurate to {error / spread:.1g} of its range at best. Write the diagram so "
+                             f"that it counts {name} from a value near {self[name][0]:.6g}, such as a temperature from the "
+                             "ambient") for name, (spread, error) in rounded.items() if name in units]
+        times = np.asarray(self.statistics.get("stepped_over", ()), float)
+        if len(times):
+            findings.append(Finding("narrow", "a narrow function of states", "", float(times[0]), float(len(times)), None,
+                                    "", "A part of its effect may be missing. Write `simulate: {largest_step: ...}`, with a "
+                                    "part of the time in which it acts"))
+        return findings
+
+    def _findings_of_the_motion(self) -> list[Finding]:
+        """Findings on a steady start at an unstable equilibrium; on functions of time for which neither the instants of
+        short motions nor a longest step were found; on jumps of laws at conditions of states, in a run with sensitivities; on
+        transitions between sampling rates that no block states, and in which the age of the value varies or is a part of a
+        period."""
+        time = float(self.time[0])
         u = columns(self, np.array([0]))[4]
-        finding = unstable_start(self.assembly, self.start, np.asarray(u).ravel(), float(self.time[-1] - self.time[0]))
-        return [finding] if finding is not None else []
+        unstable = unstable_start(self.assembly, self.start, np.asarray(u).ravel(), float(self.time[-1] - self.time[0]))
+        findings = [unstable] if unstable is not None else []
+        texts, jumps = self.statistics.get("unknown_forcing", ()), self.statistics.get("jumps", ())
+        assert isinstance(texts, (list, tuple)) and isinstance(jumps, (list, tuple))
+        shortened = [text if len(text) <= FORMULA_LENGTH else f"{text[:FORMULA_LENGTH]}..." for text in texts]
+        findings += [Finding("time-formula", f"`{text}`", "", time, 0.0, None, "",
+                             "Make `every:` shorter than its shortest motion") for text in shortened]
+        findings += [Finding("jump", jump.owner, jump.owner, jump.time, 0.0, None, "", JUMP.format(jump.function))
+                     for jump in jumps]
+        if sum(e.period is not None for e in self.assembly.flat.events) > 1:
+            findings += [Finding("rates", t.reader, t.source, time, t.period, t.source_period, "s", t.advice)
+                         for t in self.assembly.update_order.transitions(self.p) if not t.regular]
+        return findings
 
     def _dense_events(self) -> list[Finding]:
         """Findings on parts whose conditions cause so many events, in the run or in a short time, that they determine its
@@ -185,35 +240,6 @@ class Result(facade.Displayed):
                 rate = (most - 1) / max(float(lengths[k]), EVENTS.same_instant * span)
                 findings.append(Finding("dense-events", part, part, times[k], rate, float(len(times)), "1/s", DENSE))
         return findings
-
-    def _rates(self) -> list[Finding]:
-        """Transitions between sampling rates that no block states, and in which the age of the value varies or is
-        a part of a period."""
-        if sum(e.period is not None for e in self.assembly.flat.events) < 2:
-            return []
-        return [Finding("rates", t.reader, t.source, float(self.time[0]), t.period, t.source_period, "s", t.advice)
-                for t in self.assembly.update_order.transitions(self.p) if not t.regular]
-
-    def _placeholders(self) -> list[Finding]:
-        """Findings on parts that are placeholders for untranslated parts."""
-        leaves = self.assembly.flat.expanded.leaves
-        return [Finding("placeholder", path, path, float(self.time[0]), 0.0, None, "",
-                        f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
-                for path, leaf in leaves.items() if leaf.component.placeholder]
-
-    def _fixed_step(self) -> list[Finding]:
-        """Finding on a solver with a fixed step."""
-        step = self.statistics.get("step")
-        return [Finding("fixed-step", str(self.statistics["solver"]), "", float(self.time[0]), step, None, "s",
-                        "Repeat the run with half the step, or by `--solver auto`, to see its error")
-                ] if isinstance(step, float) else []
-
-    def _joined(self) -> list[Finding]:
-        """Findings on parts with two ports, both on one node."""
-        flat, time = self.assembly.flat, float(self.time[0])
-        joined = {path: node for path in flat.expanded.leaves if (node := joined_ports(flat, path)) is not None}
-        return [Finding("joined", path, node, time, 0.0, None, "", "it does nothing there. Put one port on another node, or "
-                        "remove the part") for path, node in joined.items()]
 
     def _reversed(self) -> list[Finding]:
         """Valves that open in one direction (`opens:` of the component) and cannot have opened in the run, not even with an
@@ -244,53 +270,6 @@ class Result(facade.Displayed):
                 f"it opens from {first} to {last} only. If it is to limit {high}, exchange its ports {first} and {last}"))
         return findings
 
-    def _filled(self) -> list[Finding]:
-        """Findings on nodes without a capacity at which the run was restarted with a small volume."""
-        fills = self.statistics.get("fills")
-        if not isinstance(fills, dict):
-            return []
-        volumes = self.assembly.parameter_values
-        advice = f"Without it, {fills['why']}. Add a Volume or a Receiver of the real size"
-        return [Finding("filled", node, node, float(self.time[0]), volumes[f"{part}.V"], None, "m**3", advice)
-                for node, part in zip(fills["nodes"], fills["components"], strict=True)]
-
-    def _unfit(self) -> list[Finding]:
-        """Unknowns that stay far below the sizes of their absolute tolerances, with which the run could not be repeated."""
-        unfit = self.statistics.get("unfit", {})
-        assert isinstance(unfit, Mapping)
-        flat = self.assembly.flat
-        unknowns = {self.assembly.reduced.name(c): flat.unknowns[c[0]]
-                    for c in (*self.assembly.reduced.states, *self.assembly.reduced.algebraic)}
-        return [Finding("scale", name, name.rpartition(".")[0], float(self.time[0]), float(size), u.nominal, u.unit.text,
-                        f"State its size, `nominal: {{{name}: {size:g} {u.unit.text}}}`")
-                for name, size in unfit.items() if (u := unknowns.get(name)) is not None]
-
-    def _rounded(self) -> list[Finding]:
-        """States that move so little about a large value that rounding, or the relative tolerance of a run that could not be
-        repeated, hides a part of their motion."""
-        rounded = self.statistics.get("rounded", {})
-        assert isinstance(rounded, Mapping)
-        units = dict(zip(self.assembly.state_names, (self.assembly.flat.unknowns[j].unit.text if not order else ""
-                                                     for j, order in self.assembly.reduced.states), strict=True))
-        return [Finding("rounding", name, name.rpartition(".")[0], float(self.time[0]), spread, error, units[name],
-                        f"The motion is accurate to {error / spread:.1g} of its range at best. Write the diagram so that it "
-                        f"counts {name} from a value near {self[name][0]:.6g}, such as a temperature from the ambient")
-                for name, (spread, error) in rounded.items() if name in units]
-
-    def _stepped_over(self) -> list[Finding]:
-        """Narrow functions of states that the run steps over, although it was repeated with stops at their positions."""
-        times = np.asarray(self.statistics.get("stepped_over", ()), float)
-        return [Finding("narrow", "a narrow function of states", "", float(times[0]), float(len(times)), None, "",
-                        "A part of its effect may be missing. Write `simulate: {largest_step: ...}`, with a part of the "
-                        "time in which it acts")] if len(times) else []
-
-    def _passed_jumps(self) -> list[Finding]:
-        """Jumps of laws at conditions of states, in a run with sensitivities."""
-        jumps = self.statistics.get("jumps", ())
-        assert isinstance(jumps, (list, tuple))
-        return [Finding("jump", jump.owner, jump.owner, jump.time, 0.0, None, "", JUMP.format(jump.function))
-                for jump in jumps]
-
     def first(self, n: int) -> Result:
         """The run at its first n output times."""
         along, to = self.along, slice(0, n)
@@ -302,14 +281,6 @@ class Result(facade.Displayed):
         return replace(self, time=time, x=self.x[:, to], z=self.z[:, to], u=self.u[:, to],
                        quadratures=self.quadratures[:, to], along=along, held=self.held[:, to], stays=stays, between=None,
                        instants=tuple(i for i in self.instants if i.time <= time[-1]))
-
-    def _time_formulas(self) -> list[Finding]:
-        """Functions of time for which neither the instants of short motions nor a longest step were found."""
-        texts = self.statistics.get("unknown_forcing", ())
-        assert isinstance(texts, (list, tuple))
-        shortened = [text if len(text) <= FORMULA_LENGTH else f"{text[:FORMULA_LENGTH]}..." for text in texts]
-        return [Finding("time-formula", f"`{text}`", "", float(self.time[0]), 0.0, None, "",
-                        "Make `every:` shorter than its shortest motion") for text in shortened]
 
     def plot(self, *names: str) -> Figure:
         """A matplotlib figure of signals over time, of the outputs under `show:` if none is named: one axes per unit."""
