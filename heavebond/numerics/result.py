@@ -196,9 +196,10 @@ class Result(facade.Displayed):
                              "ambient") for name, (spread, error) in rounded.items() if name in units]
         times = np.asarray(self.statistics.get("stepped_over", ()), float)
         if len(times):
-            findings.append(Finding("narrow", "a narrow function of states", "", float(times[0]), float(len(times)), None,
-                                    "", "A part of its effect may be missing. Write `simulate: {largest_step: ...}`, with a "
-                                    "part of the time in which it acts"))
+            findings.append(Finding(
+                "narrow", "a narrow function of states", "", float(times[0]), float(len(times)), None, "",
+                "A part of its effect may be missing. Write `simulate: {largest_step: ...}`, with a part of the time in "
+                "which it acts"))
         return findings
 
     def _findings_of_the_motion(self) -> list[Finding]:
