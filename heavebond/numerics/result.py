@@ -151,49 +151,52 @@ class Result(facade.Displayed):
         return Verdict(tuple(f for f in verdict.findings if f.failed or f.name not in named))
 
     def _findings_at_the_start(self) -> list[Finding]:
-        """Findings on events whose conditions are already true at the start, so that the events do not happen; on
-        placeholders for untranslated parts; on a fixed step; on parts with two ports, both on one node."""
+        """Findings on conditions that are true at the start, placeholders, a fixed step, and parts in short circuit."""
         flat, time = self.assembly.flat, float(self.time[0])
+        # events whose conditions are already true at the start do not happen
         names = self.statistics.get("true_at_start", ())
         assert isinstance(names, (list, tuple))
         texts = {event.name: event.text for event in flat.events}
         findings = [Finding("true-at-start", name, name.rpartition(".")[0], time, 1.0, None, "",
                             NOT_BECOME.format(texts[name])) for name in names]
+        # placeholders for untranslated parts
         findings += [Finding("placeholder", path, path, time, 0.0, None, "",
                              f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
                      for path, leaf in flat.expanded.leaves.items() if leaf.component.placeholder]
         if isinstance(step := self.statistics.get("step"), float):
             findings.append(Finding("fixed-step", str(self.statistics["solver"]), "", time, step, None, "s",
                                     "Repeat the run with half the step, or by `--solver auto`, to see its error"))
+        # parts with two ports, both on one node
         joined = {path: node for path in flat.expanded.leaves if (node := joined_ports(flat, path)) is not None}
         return [*findings, *(Finding("joined", path, node, time, 0.0, None, "", "it does nothing there. Put one port on "
                                      "another node, or remove the part") for path, node in joined.items())]
 
     def _findings_of_the_solver(self) -> list[Finding]:
-        """Findings on nodes without a capacity at which the run was restarted with a small volume; on unknowns that stay far
-        below the sizes of their absolute tolerances, with which the run could not be repeated; on states that move so little
-        about a large value that rounding, or the relative tolerance of a run that could not be repeated, hides a part of
-        their motion; on narrow functions of states that the run steps over, although it was repeated with stops at their
-        positions."""
+        """Findings on filled nodes, sizes of unknowns, rounding of states, and narrow functions."""
         assembly, time, findings = self.assembly, float(self.time[0]), list[Finding]()
         flat, reduced = assembly.flat, assembly.reduced
+        # nodes without a capacity at which the run was restarted with a small volume
         if isinstance(fills := self.statistics.get("fills"), dict):
             volumes = assembly.parameter_values
             advice = f"Without it, {fills['why']}. Add a Volume or a Receiver of the real size"
             findings += [Finding("filled", node, node, time, volumes[f"{part}.V"], None, "m**3", advice)
                          for node, part in zip(fills["nodes"], fills["components"], strict=True)]
+        # unknowns that stay far below the sizes of their absolute tolerances, with which the run could not be repeated
         unfit, rounded = self.statistics.get("unfit", {}), self.statistics.get("rounded", {})
         assert isinstance(unfit, Mapping) and isinstance(rounded, Mapping)
         unknowns = {reduced.name(c): flat.unknowns[c[0]] for c in (*reduced.states, *reduced.algebraic)}
         findings += [Finding("scale", name, name.rpartition(".")[0], time, float(size), u.nominal, u.unit.text,
                              f"State its size, `nominal: {{{name}: {size:g} {u.unit.text}}}`")
                      for name, size in unfit.items() if (u := unknowns.get(name)) is not None]
+        # states that move so little about a large value that rounding, or the relative tolerance of a run that could not be
+        # repeated, hides a part of their motion
         units = dict(zip(assembly.state_names, (flat.unknowns[j].unit.text if not order else ""
                                                 for j, order in reduced.states), strict=True))
         findings += [Finding("rounding", name, name.rpartition(".")[0], time, spread, error, units[name],
                              f"The motion is accurate to {error / spread:.1g} of its range at best. Write the diagram so "
                              f"that it counts {name} from a value near {self[name][0]:.6g}, such as a temperature from the "
                              "ambient") for name, (spread, error) in rounded.items() if name in units]
+        # narrow functions of states that the run steps over, although it was repeated with stops at their positions
         times = np.asarray(self.statistics.get("stepped_over", ()), float)
         if len(times):
             findings.append(Finding(
@@ -203,14 +206,14 @@ class Result(facade.Displayed):
         return findings
 
     def _findings_of_the_motion(self) -> list[Finding]:
-        """Findings on a steady start at an unstable equilibrium; on functions of time for which neither the instants of
-        short motions nor a longest step were found; on jumps of laws at conditions of states, in a run with sensitivities; on
-        transitions between sampling rates that no block states, and in which the age of the value varies or is a part of a
-        period."""
+        """Findings on an unstable equilibrium, functions of time, jumps of laws, and sampling rates."""
         time = float(self.time[0])
+        # a steady start at an unstable equilibrium
         u = columns(self, np.array([0]))[4]
         unstable = unstable_start(self.assembly, self.start, np.asarray(u).ravel(), float(self.time[-1] - self.time[0]))
         findings = [unstable] if unstable is not None else []
+        # functions of time for which neither the instants of short motions nor a longest step were found; jumps of laws at
+        # conditions of states, in a run with sensitivities
         texts, jumps = self.statistics.get("unknown_forcing", ()), self.statistics.get("jumps", ())
         assert isinstance(texts, (list, tuple)) and isinstance(jumps, (list, tuple))
         shortened = [text if len(text) <= FORMULA_LENGTH else f"{text[:FORMULA_LENGTH]}..." for text in texts]
@@ -218,6 +221,8 @@ class Result(facade.Displayed):
                              "Make `every:` shorter than its shortest motion") for text in shortened]
         findings += [Finding("jump", jump.owner, jump.owner, jump.time, 0.0, None, "", JUMP.format(jump.function))
                      for jump in jumps]
+        # transitions between sampling rates that no block states, and in which the age of the value varies or is a part of a
+        # period
         if sum(e.period is not None for e in self.assembly.flat.events) > 1:
             findings += [Finding("rates", t.reader, t.source, time, t.period, t.source_period, "s", t.advice)
                          for t in self.assembly.update_order.transitions(self.p) if not t.regular]
