@@ -131,9 +131,9 @@ def connect_as_far(expanded: Expanded) -> tuple[Network, Problems]:
     for path, leaf in expanded.leaves.items():
         domain_of_port[path] = {}
         for port in leaf.component.ports.values():
-            item = f"{path}.{port.name}" + ("[1]" if port.count is not None else "")
-            if item in of_port:
-                domain_of_port[path][port.name] = named[of_port[item]].domain
+            port_path = f"{path}.{port.name}" + ("[1]" if port.count is not None else "")
+            if port_path in of_port:
+                domain_of_port[path][port.name] = named[of_port[port_path]].domain
     return Network(tuple(named), of_port, of_node, domain_of_port, {}), problems
 
 
@@ -179,10 +179,10 @@ def _domains(expanded: Expanded, groups: list[Members], problems: Problems) -> l
                 "A node joins ports of one domain; a component such as a Cylinder goes from one to another.")
     # a port of any domain has one effort and one flow
     for (path, _), name in bound.items():
-        domain = expanded.model.library.domains.get(name)
-        if domain is not None and (domain.effort is None or domain.flow is None):
+        definition = expanded.model.library.domains.get(name)
+        if definition is not None and (definition.effort is None or definition.flow is None):
             leaf = expanded.leaves[path]
-            several = len(domain.efforts) > 1
+            several = len(definition.efforts) > 1
             problems.add("domain-pair", f"'{path}' ({leaf.component.name}) has one effort and one flow at its ports; a "
                          f"{name} node has {'several of each' if several else 'none'}", leaf.place,
                          hint=f"Take a component whose port is {name}, or one that leads from there to another domain"

@@ -120,8 +120,8 @@ class _Opener:
                 numbers[name] = number
         body = repeated(body, numbers, lambda instance: self._component(instance, kinds), self.problems)
         for wire in body.wires.values():
-            instance = body.instances.get(wire.name)
-            if instance is not None and not any(e.path.split(".")[0] == wire.name for e in wire.ends):
+            part = body.instances.get(wire.name)
+            if part is not None and not any(e.path.split(".")[0] == wire.name for e in wire.ends):
                 self.problems.add("name-twice", f"node '{wire.name}' has the name of a component that is not on it",
                                   wire.place, hint="Give the node another name.")
         if owner is None:

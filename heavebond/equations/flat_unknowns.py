@@ -49,8 +49,8 @@ class Unknowns:
         for k, group in enumerate(self.network.groups):
             if group.domain == "signal":
                 unit = signal_unit(self.expanded, group.ports[0], self.network.units)
-                leaf, _, name = group.ports[0].rpartition(".")
-                doc = self.expanded.leaves[leaf].component.signals[name].doc
+                owner, _, signal = group.ports[0].rpartition(".")
+                doc = self.expanded.leaves[owner].component.signals[signal].doc
                 self._unknown(Unknown(group.name, unit, self._nominal(unit, None), "signal", group.place, doc,
                                       plausible=self.plausible_of.get(unit.text, NOTHING_KNOWN)), group.aliases)
             elif group.ports:

@@ -506,10 +506,10 @@ class _Builder:
             parameters = [self._given(f"{path}.{name}") for path in paths for name in model_template.given]
             inputs = [*(ca.reshape(column[slots], len(model_template.slots), len(paths)) for column in self.columns),
                       ca.reshape(stack(parameters), len(model_template.given), len(paths)), self.time, self.rate]
-            happenings = model_template.happenings(*inputs) if model_template.happenings else ca.SX(0, len(paths))
+            columns = model_template.happenings(*inputs) if model_template.happenings else ca.SX(0, len(paths))
             numbers, height = self._kept(model_template.residuals(*inputs)), len(model_template.lines)
             residuals_of_parts = (numbers[k * height:(k + 1) * height] for k in range(len(paths)))
-            evaluated.update(zip(paths, zip(residuals_of_parts, _columns(happenings, len(paths)), strict=True), strict=True))
+            evaluated.update(zip(paths, zip(residuals_of_parts, _columns(columns, len(paths)), strict=True), strict=True))
             if not self.expanded.leaves[paths[0]].component.composite:  # leaves of one template are of one component
                 self.energies.append((tuple(paths), model_template.energy(*inputs)))
         held = {h.name: h for h in self.held}

@@ -21,9 +21,9 @@ def check_events(component: Component, lookup: Lookup, lengths: Lengths, problem
     # no equation determines a held variable
     for line in component.equations:
         sides = (line.tree.left, line.tree.right)
-        if isinstance(name := line.tree.left, Name) and name.text in component.held:
-            problems.add("held-equation", f"'{name.text}' is held, so no equation may determine it",
-                         line.place.moved(name.column, name.length),
+        if isinstance(determined := line.tree.left, Name) and determined.text in component.held:
+            problems.add("held-equation", f"'{determined.text}' is held, so no equation may determine it",
+                         line.place.moved(determined.column, determined.length),
                          hint="Set it under `when:`, or remove `held:` from its declaration. In equations it may occur on "
                               "the right side.")
         for call in (c for side in sides for c in _walk(side) if isinstance(c, Call) and c.function == "der"):

@@ -270,7 +270,17 @@ class _Trial:
                 if forms:
                     residuals += split(forms[FrameForm.CLOSING].residuals(*arguments))
                     orders += [0, 0, 0]
-        rows = stack([*residuals, *self._derivatives(residuals, orders, levels, t)])
+        # the time derivatives of equations that the jet contains: two of an equation without derivatives, one of first
+        # order
+        low, high = stack(levels[:-1]), stack(levels[1:])
+        rate_residuals: list[ca.SX] = []
+        pending = list(zip(residuals, orders, strict=True))
+        while pending := [(r, k) for r, k in pending if k < LEVELS - 1]:
+            column = stack([r for r, _ in pending])
+            rates = split(ca.jtimes(column, low, high) + ca.jtimes(column, t, ca.SX(1)))
+            rate_residuals += rates
+            pending = [(r, k + 1) for r, (_, k) in zip(rates, pending, strict=True)]
+        rows = stack([*residuals, *rate_residuals])
         *energy, store = split(self.made.energy(*arguments))
         port_powers = [self._port_power(port, domain, levels[0], place) for port, domain in self.ports.items()]
         # energy exchange between the stores of one component may cancel, in a pendulum completely
@@ -279,20 +289,6 @@ class _Trial:
         return (ca.Function("system", [y, p, t], [ca.densify(rows), ca.densify(ca.jacobian(rows, y))]),
                 ca.Function("terms", [y, p, t],
                             [stack([*energy, apparent, exchanged, *(power for power, _ in port_powers)])]))
-
-    def _derivatives(self, residuals: list[ca.SX], orders: list[int], levels: list[ca.SX], t: ca.SX) -> list[ca.SX]:
-        """The time derivatives of equations that the jet contains: two of an equation without derivatives, one of first
-        order.
-        """
-        low, high = stack(levels[:-1]), stack(levels[1:])
-        rate_residuals: list[ca.SX] = []
-        rows = list(zip(residuals, orders, strict=True))
-        while rows := [(r, k) for r, k in rows if k < LEVELS - 1]:
-            column = stack([r for r, _ in rows])
-            rates = split(ca.jtimes(column, low, high) + ca.jtimes(column, t, ca.SX(1)))
-            rate_residuals += rates
-            rows = [(r, k + 1) for r, (_, k) in zip(rates, rows, strict=True)]
-        return rate_residuals
 
     def _port_power(self, port: str, domain: Domain, slots: ca.SX, place: Mapping[str, int]) -> tuple[ca.SX, ca.SX]:
         """Power into a port, and the product of the usual sizes of its effort and flow."""

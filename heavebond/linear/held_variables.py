@@ -307,26 +307,20 @@ class HeldStructure:
     @cached_property
     def _direct(self) -> list[set[int]]:
         """The symbols that the condition of each event contains, through algebraic unknowns but not through states."""
-        return [self._closure(row) for row in self._indicator]
-
-    def _closure(self, row: set[int]) -> set[int]:
-        """The symbols that a formula contains, through algebraic unknowns but not through states."""
-        visited, waiting = set[int](), list(row)
-        while waiting:
-            node = waiting.pop()
-            if node not in visited:
-                visited.add(node)
-                waiting += self._by_target.get(node, ())
-        return visited
-
-    @cached_property
-    def _by_target(self) -> dict[int, set[int]]:
-        """The symbols in the equation of each algebraic unknown."""
-        by_target: dict[int, set[int]] = {}
+        by_target: dict[int, set[int]] = {}  # the symbols in the equation of each algebraic unknown
         for source, target in self.edges:
             if self.n_x <= target < self.first_held:
                 by_target.setdefault(target, set()).add(source)
-        return by_target
+        symbols_by_event = []
+        for row in self._indicator:
+            visited, waiting = set[int](), list(row)
+            while waiting:
+                node = waiting.pop()
+                if node not in visited:
+                    visited.add(node)
+                    waiting += by_target.get(node, ())
+            symbols_by_event.append(visited)
+        return symbols_by_event
 
     def _recurring(self, point: Point) -> list[bool]:
         """True for events that recur for every motion: by a period, or by a condition of the time and of variables that such

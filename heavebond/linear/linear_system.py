@@ -211,6 +211,8 @@ class StateSpace:
         """One output from one input."""
         i, j = self.outputs.index(output), self.inputs.index(input)
         rows, columns = slice(i, i + 1), slice(j, j + 1)
+        added = inner_name(input)  # the name of an added input in the structure of held variables
+        is_added = any(added in h.inputs for h in self.held)
         exact = None
         if self.exact is not None:
             open_system, n = self.exact.open, len(self.exact.delays)
@@ -225,12 +227,8 @@ class StateSpace:
                        hybrid=None if self.hybrid is None else replace(
                            self.hybrid, f=self.hybrid.f[:, columns], s=self.hybrid.s[:, columns], c=self.hybrid.c[rows],
                            d=self.hybrid.d[rows, columns]),
-                       held=tuple(replace(h, inputs=tuple(n for n in h.inputs if n == self._inner(input)),
+                       held=tuple(replace(h, inputs=tuple(n for n in h.inputs if n == (added if is_added else input)),
                                           outputs=tuple(n for n in h.outputs if n == output)) for h in self.held))
-
-    def _inner(self, input: str) -> str:
-        """The name of an input in the structure of held variables."""
-        return inner_name(input) if any(inner_name(input) in h.inputs for h in self.held) else input
 
     def response(self, s: ArrayLike) -> Complex:
         """The transfer functions (N, k, m) at complex frequencies s (N,) in 1/s: s = 2j*pi*f; at a pole their size is

@@ -227,8 +227,15 @@ class RestStability:
         """True if no state changes at the point, or only at a constant rate: a shaft that turns at a constant speed."""
         n_x, sizes = len(point.x), self.assembly.x_nominal
         rates = self._at(replace(point, rate=0.0))[0][:n_x]
-        if not np.all(np.isfinite(rates)) or not self._samples_rest(point):
+        if not np.all(np.isfinite(rates)):
             return False
+        if (samples := self.modes.linearisation.updates(point)) is not None:  # they must set their variables to these values
+            sides, jacobian = (np.array(v) for v in samples.rest(*point.values()))
+            changes, slopes = sides[-len(samples.target):].ravel(), jacobian[-len(samples.target):]
+            reach = np.abs(slopes[:, :n_x]) @ sizes + \
+                np.abs(slopes[:, n_x + len(point.z):]) @ np.abs(point.p[samples.indices])
+            if not np.all(np.abs(changes) <= REST_STABILITY.at_rest * reach):
+                return False
         if np.all(np.abs(rates) <= REST_STABILITY.at_rest * sizes * self.base):
             return True
         linear, updates = self.modes.linearisation.continuous(point)
@@ -238,17 +245,6 @@ class RestStability:
             scaled = np.append(scaled, np.abs(rows @ rates) / np.maximum(np.abs(rows) @ sizes, 1e-300))
         fastest = float(np.abs(rates / sizes).max())
         return bool(np.all(scaled <= REST_STABILITY.at_rest * max(fastest, self.base) * self.base))
-
-    def _samples_rest(self, point: Point) -> bool:
-        """True if samples set their variables to the present values."""
-        updates = self.modes.linearisation.updates(point)
-        if updates is None:
-            return True
-        sides, jacobian = (np.array(v) for v in updates.rest(*point.values()))
-        changes, slopes = sides[-len(updates.target):].ravel(), jacobian[-len(updates.target):]
-        sizes = np.abs(slopes[:, :len(point.x)]) @ self.assembly.x_nominal + \
-            np.abs(slopes[:, len(point.x) + len(point.z):]) @ np.abs(point.p[updates.indices])
-        return bool(np.all(np.abs(changes) <= REST_STABILITY.at_rest * sizes))
 
 
 # -- what is told of a tuned machine -------------------------------------------------------------------------------------

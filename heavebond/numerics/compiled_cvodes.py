@@ -535,7 +535,9 @@ def program() -> _Program | None:
     labels = ", ".join([*(f"&&{name}_" for name in OPERATIONS), "&&END"])
     operations = " ".join(f"OPERATION({name}_, {text})" for name, text in OPERATIONS.items())
     try:
-        sundials = _sundials()
+        # the addresses of CVODES in CasADi's library
+        solvers = ctypes.CDLL(str(Path(ca.__file__).parent / "libcasadi_integrator_cvodes.so"))
+        sundials = (_Pointer * len(FUNCTIONS))(*(ctypes.cast(getattr(solvers, name), _Pointer) for name in FUNCTIONS))
     except (OSError, AttributeError):
         return None
     library = loaded(SOURCE, (*FLAGS, f"-DLABELS={labels}", f"-DOPERATIONS={operations}"))
@@ -588,9 +590,3 @@ def _self_test(candidate: _Program) -> bool:
     exact = closed(frequency + 1e-30j)  # its imaginary part is the derivative times the step
     error = np.abs(integrated.signals[:, :, 0] - np.stack([exact.real, exact.imag / 1e-30], axis=1)).max()
     return bool(error < SELF_TEST_ERROR and run.stats()["nsteps"] < SELF_TEST_STEPS)
-
-
-def _sundials() -> Any:
-    """The addresses of CVODES in CasADi's library; OSError or AttributeError if they are not found."""
-    library = ctypes.CDLL(str(Path(ca.__file__).parent / "libcasadi_integrator_cvodes.so"))
-    return (_Pointer * len(FUNCTIONS))(*(ctypes.cast(getattr(library, name), _Pointer) for name in FUNCTIONS))

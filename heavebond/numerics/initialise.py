@@ -191,8 +191,18 @@ class StartSearch:
     # -- solving ---------------------------------------------------------------------------------------------------
     def solve(self) -> Array:
         """(x, z, solved parameters) of a consistent start."""
-        y = self._without_components()
-        return self._with_components(y) if self.equations.component_rows else y
+        y, equations = self.y0, self.equations
+        self._check_constants()
+        if equations.separate and (result := self._in_turn()) is not None:
+            self.in_turn, y = True, result
+        else:
+            if equations.guesses:
+                y = newton(self._scaled(equations.approach), y, self.frame).y
+            y = self._search(y)
+            if equations.steady or equations.initial.solve:
+                self.shut_in = start_messages.undetermined(equations, self._point(y), self.nominal)
+            y = self._settle(y)
+        return self._with_components(y) if equations.component_rows else y
 
     def following(self, near: Start) -> Array | None:
         """The equilibrium on the branch of `near`, by Newton's method from there; None if the start is searched in another
@@ -237,19 +247,6 @@ class StartSearch:
             return y
         self.of_components, self.steps = True, self.steps + result.steps
         return whole
-
-    def _without_components(self) -> Array:
-        y, equations = self.y0, self.equations
-        self._check_constants()
-        if equations.separate and (result := self._in_turn()) is not None:
-            self.in_turn = True
-            return result
-        if equations.guesses:
-            y = newton(self._scaled(equations.approach), y, self.frame).y
-        y = self._search(y)
-        if equations.steady or equations.initial.solve:
-            self.shut_in = start_messages.undetermined(equations, self._point(y), self.nominal)
-        return self._settle(y)
 
     def _check_constants(self) -> None:
         """Raise an error for coefficients of parameters alone that are zero: a mass or stiffness of 0 is reported before the

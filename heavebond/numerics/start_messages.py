@@ -303,9 +303,9 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
                                       f"{steady}a value of {follower}.\nOr take it out of `solve:`.")])
         notes.append(f"one of: {listing(involved, MOST_NAMED)}")
         suggestions.append(next((i for i in involved if i not in suggestions), involved[0]))
-    number, names = len(notes), equations.assembly.flat.names
+    number, index_of = len(notes), equations.assembly.flat.names
     guess, unknowns = equations.guess(point.p), equations.assembly.flat.unknowns
-    values = [readable(float(guess[j]), unknowns[j].unit.text, 6) if (j := names.get(s)) is not None else "0"
+    values = [readable(float(guess[j]), unknowns[j].unit.text, 6) if (j := index_of.get(s)) is not None else "0"
               for s in suggestions]
     example = ", ".join(f"{name}: {value}" for name, value in zip(suggestions, values, strict=True))
     hint = f"Decide {'it' if number == 1 else 'them'}, for example `initial: {{{example}}}`, or give guesses " \

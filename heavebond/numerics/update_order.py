@@ -213,7 +213,38 @@ class _Graph:
                         apart |= set() if once else {pair}
         if remaining_loops := self.loops(read):
             raise ModelError([self.problem(loop) for loop in remaining_loops])
-        return self._written_out(read, frozenset(apart))
+        # the updates in ranks, and each with those that it reads written into it
+        fired, direct, place = ca.SX.sym("fired", len(self.events)), list(self.direct), places(self.after)
+        for row, setters in enumerate(read):  # a held variable whose new value is not needed is read as it was
+            used = [k for s in ca.symvar(direct[row]) if (k := place.get(s.element_hash())) is not None
+                    and not setters & {*self.setters[k]}]
+            if used:
+                direct[row] = ca.substitute(direct[row], self.after[used], self.p[used])
+        # the rows by the longest chain of rows that each reads
+        depth = [0] * len(read)
+        dependences = [[row, *sorted(rows)] for row, rows in enumerate(read)]
+        for (row,) in block_lower_triangular(dependences, list(range(len(read)))):
+            depth[row] = max((depth[source] + 1 for source in read[row]), default=0)
+        ranks = tuple(tuple(row for row, d in enumerate(depth) if d == k) for k in range(max(depth, default=-1) + 1))
+        written, values = {k: self.p[k] for k in self.setters}, list(direct)
+        for rank in ranks:
+            column = stack(direct[row] for row in rank)
+            if written:
+                column = ca.substitute(column, stack(self.after[k] for k in written), stack(written.values()))
+            for row, value in zip(rank, split(column), strict=True):
+                values[row] = value
+                if (k := self.held[row]) in written:
+                    written[k] = ca.if_else(fired[self.owner[row]], value, written[k])
+        # remove the assignments of an event that coincides with an event of higher precedence
+        number, assigned = {event.name: e for e, event in enumerate(self.events)}, list(values)
+        for row, (e, held) in enumerate(zip(self.owner, self.held, strict=True)):
+            for name in reversed(self.events[e].yields_to):
+                preceding = [r for r, owner in enumerate(self.owner) if owner == number[name] and self.held[r] == held]
+                unchanged = assigned[preceding[0]] if preceding else values[row] if held is None else self.p[held]
+                values[row] = ca.if_else(fired[number[name]], unchanged, values[row])
+        last = {self.owner[row]: k for k, rank in enumerate(ranks) for row in rank}
+        sequence = tuple(sorted(last, key=last.__getitem__))
+        return Updates(fired, stack(values), self.after, stack(direct), ranks, frozenset(apart), sequence)
 
     def instants(self, p: Array) -> tuple[Array, Array]:
         function = ca.Function("instants", [self.p], [
@@ -246,40 +277,6 @@ class _Graph:
                     regular = bool((np.abs(rests - np.round(rests)) <= SAME_RATIO * LARGEST_RATIO * slow / fast).all())
                     transitions.setdefault(parts, RateTransition(*parts, float(period[a]), float(period[b]), regular))
         return list(transitions.values())
-
-    def _written_out(self, read: Sequence[Set[int]], apart: frozenset[tuple[int, int]]) -> Updates:
-        """The updates in ranks, and each with those that it reads written into it."""
-        fired, direct, place = ca.SX.sym("fired", len(self.events)), list(self.direct), places(self.after)
-        for row, setters in enumerate(read):  # a held variable whose new value is not needed is read as it was
-            used = [k for s in ca.symvar(direct[row]) if (k := place.get(s.element_hash())) is not None
-                    and not setters & {*self.setters[k]}]
-            if used:
-                direct[row] = ca.substitute(direct[row], self.after[used], self.p[used])
-        # the rows by the longest chain of rows that each reads
-        rank = [0] * len(read)
-        needs = [[row, *sorted(rows)] for row, rows in enumerate(read)]
-        for (row,) in block_lower_triangular(needs, list(range(len(read)))):
-            rank[row] = max((rank[source] + 1 for source in read[row]), default=0)
-        ranks = tuple(tuple(row for row, r in enumerate(rank) if r == k) for k in range(max(rank, default=-1) + 1))
-        written, values = {k: self.p[k] for k in self.setters}, list(direct)
-        for rank in ranks:
-            column = stack(direct[row] for row in rank)
-            if written:
-                column = ca.substitute(column, stack(self.after[k] for k in written), stack(written.values()))
-            for row, value in zip(rank, split(column), strict=True):
-                values[row] = value
-                if (k := self.held[row]) in written:
-                    written[k] = ca.if_else(fired[self.owner[row]], value, written[k])
-        # remove the assignments of an event that coincides with an event of higher precedence
-        number, assigned = {event.name: e for e, event in enumerate(self.events)}, list(values)
-        for row, (e, held) in enumerate(zip(self.owner, self.held, strict=True)):
-            for name in reversed(self.events[e].yields_to):
-                first = [r for r, owner in enumerate(self.owner) if owner == number[name] and self.held[r] == held]
-                unchanged = assigned[first[0]] if first else values[row] if held is None else self.p[held]
-                values[row] = ca.if_else(fired[number[name]], unchanged, values[row])
-        last = {self.owner[row]: k for k, rank in enumerate(ranks) for row in rank}
-        sequence = tuple(sorted(last, key=last.__getitem__))
-        return Updates(fired, stack(values), self.after, stack(direct), ranks, apart, sequence)
 
     def problem(self, loop: Sequence[int]) -> Problem:
         """The problem of a loop of updates (rows)."""
