@@ -136,8 +136,8 @@ class BlockSolver:
         calls: blocks of one explicit equation all together, loops stage by stage."""
         pairs = [(rows[0], columns[0]) for rows, columns in blocks if len(rows) == 1]
         explicit = [(r, c) for r, c in pairs
-                    if self._kinds(r).get(c, NONLINEAR) <= (INDEFINITE if c in self.derived else DEFINITE)]
-        derived = {(r, c) for r, c in explicit if c in self.derived and self._kinds(r)[c] > NUMBER}
+                    if dict(self.entries[r]).get(c, NONLINEAR) <= (INDEFINITE if c in self.derived else DEFINITE)]
+        derived = {(r, c) for r, c in explicit if c in self.derived and dict(self.entries[r])[c] > NUMBER}
         alone = {r: solution for (r, _), solution in zip(explicit, self._solve(explicit, derived), strict=True)
                  if solution.derived or not solution.dead}
         loops = {rows[0]: _Block(rows, columns) for rows, columns in blocks if len(rows) > 1 or rows[0] not in alone}
@@ -218,9 +218,6 @@ class BlockSolver:
         return [[entries[k][:2] for k in group] for group in groups.values()
                 if len(group) > 1 and any(entries[k][2] != UNIT for k in group)]
 
-    def _kinds(self, r: int) -> dict[int, int]:
-        return dict(self.entries[r])
-
     def _solve(self, pairs: Sequence[tuple[int, int]], derived: Set[tuple[int, int]] = frozenset()) -> list[_Solved]:
         """Solve each row for its column, in one call all rows that do not contain the columns of the others. The
         coefficients of `derived` pairs may be zero."""
@@ -228,7 +225,7 @@ class BlockSolver:
         for together in self._apart(pairs):
             coefficients, values = explicit(self.residuals[[r for r, _ in together]], self.symbols[[c for _, c in together]],
                                             [k for k, pair in enumerate(together) if pair in derived])
-            kinds = [self._kinds(r)[c] for r, c in together]
+            kinds = [dict(self.entries[r])[c] for r, c in together]
             dead = self._zeros(coefficients, kinds)
             varying = iter(split(coefficients[[k for k, kind in enumerate(kinds) if kind > NUMBER]]))
             for (r, c), kind, v, zero in zip(together, kinds, self._kept(values), dead, strict=True):

@@ -113,13 +113,9 @@ def losses(system: Simultaneous, point: Mapping[int, float], tolerance: float = 
     """The parts of a system that lose their rank at a point (values by the hashes of the symbols; missing and infinite
     values are replaced by small random ones). Empty if the rank is full: if the singular values of every block are above
     `tolerance` times the largest."""
-    at = np.array([_value(point, s, k) for k, s in enumerate(system.symbols)])
+    values = [point.get(s.element_hash(), np.nan) for s in system.symbols]
+    at = np.array([value if np.isfinite(value) else 0.1 + uniform(7, k) for k, value in enumerate(values)])
     return _Matrix(system, at, tolerance).losses() if system.rows else []
-
-
-def _value(point: Mapping[int, float], symbol: ca.SX, k: int) -> float:
-    value = point.get(symbol.element_hash(), np.nan)
-    return value if np.isfinite(value) else 0.1 + uniform(7, k)
 
 
 @dataclass(frozen=True)

@@ -4,31 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 from heavebond.core.errors import Problems, listing, suggest
-from heavebond.core.units import ONE, Dimension, Unit, check_turns, dimension_text, read_unit
-from heavebond.equations.resolver import Unknown
+from heavebond.core.units import ONE, Unit, check_turns, dimension_text, read_unit
+from heavebond.equations.resolver import Resolver, Unknown
 from heavebond.language import reading
 from heavebond.language.definition import Value
 from heavebond.language.model import Model
 from heavebond.language.values import add_formula_problem, check_dimension, no_name
 from heavebond.text.dimensions import TRUTH, dimension
-from heavebond.text.expression import Expr, ExpressionProblem, constant, names, parse_formula
-
-
-class Resolver(Protocol):
-    """The required interface of a resolver (see `heavebond.equations.resolver.Resolver`)."""
-
-    @property
-    def names(self) -> Mapping[str, int]:
-        """Variables."""
-
-    def dimension(self, expr: Expr, scope: str = "") -> Dimension | None:
-        """The dimension of a formula; ExpressionProblem for an unknown name and where units disagree."""
-
-    def unit(self, expr: Expr) -> Unit | None:
-        """The SI unit of a formula; ExpressionProblem as of `dimension`."""
+from heavebond.text.expression import ExpressionProblem, constant, names, parse_formula
 
 
 def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], held: Container[str], problems: Problems

@@ -72,8 +72,11 @@ class Names:
             # component's file
             order = ("node", "component", "parameter", "port", "clock")
             renamed = min((first, owner), key=lambda candidate: order.index(candidate.kind))
+            part = renamed.path.rpartition(".")[2]
+            hint = f"Give the node another name, for example `{part}_node: [...]`." if renamed.kind == "node" else \
+                f"Give one of them another name, for example `{part}_2`."
             self.problems.add("name-twice", f"'{name}' would mean two things: {first.description} ({_line(first)}) "
-                              f"and {owner.description} ({_line(owner)})", renamed.place, hint=_hint(renamed))
+                              f"and {owner.description} ({_line(owner)})", renamed.place, hint=hint)
 
 
 def claim_names(expanded: Expanded, network: Network, problems: Problems) -> Names:
@@ -179,10 +182,3 @@ def _of_leaf(expanded: Expanded, network: Network, path: str, leaf: Leaf) -> Ite
                                   f"{path}.{copy}")
             full = f"{path}.{copy}.{POWER}"
             yield full, Owner(("power", full), f"the power over port '{path}.{copy}'", leaf.place, "port", f"{path}.{copy}")
-
-
-def _hint(owner: Owner) -> str:
-    name = owner.path.rpartition(".")[2]
-    if owner.kind == "node":
-        return f"Give the node another name, for example `{name}_node: [...]`."
-    return f"Give one of them another name, for example `{name}_2`."

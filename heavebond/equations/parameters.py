@@ -119,9 +119,11 @@ def formula_order(expanded: Expanded) -> list[str]:
         if isinstance(bound.value, Value) and isinstance(bound.value.expr, Number):
             continue
         try:
-            if (names := named.get(id(bound.value))) is None:
-                names = named[id(bound.value)] = list(_names(bound))
-            needed = [path for n in names if (path := _path(expanded, known, bound, n)) is not None]
+            if (value_names := named.get(id(bound.value))) is None:
+                assert isinstance(bound.value, Value)
+                _refuse_rates(bound.value.expr)
+                value_names = named[id(bound.value)] = list(names(bound.value.expr))
+            needed = [path for n in value_names if (path := _path(expanded, known, bound, n)) is not None]
         except ExpressionProblem as problem:
             assert isinstance(bound.value, Value)
             leaf = expanded.leaves.get(name.rpartition(".")[0])
@@ -134,12 +136,6 @@ def formula_order(expanded: Expanded) -> list[str]:
     order = _sorted(needs, known, problems)
     problems.raise_as(ModelError)
     return [name for name in order if name in needs]
-
-
-def _names(bound: Bound) -> Iterator[Name]:
-    assert isinstance(bound.value, Value)
-    _refuse_rates(bound.value.expr)
-    yield from names(bound.value.expr)
 
 
 def _refuse_rates(expr: Expr) -> None:

@@ -99,7 +99,22 @@ class Wires:
             return None  # its kind is unknown, which is said already
         component = known.get(head)
         if component is None or not port:
-            self._bad_end(end, prefix, known, owner)
+            part = end.path.partition(".")[0]
+            if part in known:
+                ports = [*known[part].ports, *known[part].signals]
+                self.meant |= {f"{prefix}{part}.{p}" for p in ports}
+                self.problems.add("port-missing", f"'{part}' is a component; a node joins its ports", end.place,
+                                  hint="Write " + " or ".join(f"`{part}.{p}`" for p in ports[:4]) + ".")
+                return None
+            names = [*owner.ports, *owner.signals] if owner else []
+            ends = [f"{n}.{p}" for n, c in known.items() for p in (*c.ports, *c.signals)] + names
+            near = nearest(end.path, ends)
+            if near:
+                self.meant.add(prefix + near)
+            problem = f"there is no component '{part}'" if "." in end.path or not owner else \
+                f"this block has neither a component nor a port '{part}'"
+            self.problems.add("end-unknown", problem, end.place,
+                              hint=suggest(end.path, ends) or suggest(part, known) or f"Components: {listing(known)}.")
             return None
         if component.composite and "." in port:  # a part inside the block
             leaf, _, port = f"{prefix}{end.path}".rpartition(".")
@@ -113,24 +128,6 @@ class Wires:
                               hint=suggest(port, choices) or f"Its ports: {listing(choices)}.")
             return None
         return PortEnd(prefix + head, port, 1, end.place)
-
-    def _bad_end(self, end: End, prefix: str, known: dict[str, Component], owner: Component | None) -> None:
-        head = end.path.partition(".")[0]
-        if head in known:
-            ports = [*known[head].ports, *known[head].signals]
-            self.meant |= {f"{prefix}{head}.{p}" for p in ports}
-            self.problems.add("port-missing", f"'{head}' is a component; a node joins its ports", end.place,
-                              hint="Write " + " or ".join(f"`{head}.{p}`" for p in ports[:4]) + ".")
-            return
-        names = [*owner.ports, *owner.signals] if owner else []
-        ends = [f"{n}.{p}" for n, c in known.items() for p in (*c.ports, *c.signals)] + names
-        near = nearest(end.path, ends)
-        if near:
-            self.meant.add(prefix + near)
-        problem = f"there is no component '{head}'" if "." in end.path or not owner else \
-            f"this block has neither a component nor a port '{head}'"
-        self.problems.add("end-unknown", problem, end.place,
-                          hint=suggest(end.path, ends) or suggest(head, known) or f"Components: {listing(known)}.")
 
     def _unconnected(self, prefix: str, instance: Instance, component: Component,
                      on: dict[str, tuple[str, Place]]) -> None:
@@ -203,8 +200,12 @@ class Wires:
         single = next((end for end in junction.ends if end.name not in arrays), None)
         if single is not None or len(set(shapes.values())) > 1:
             name, shape = next(iter(shapes.items()))
-            clash = f"'{single.name}' is one {'signal' if self._is_signal(single) else 'port'}" if single is not None else \
-                next(f"'{n}' is {s}" for n, s in shapes.items() if s != shape)
+            if single is not None:
+                leaf = self.leaves.get(single.leaf)
+                is_signal = leaf is not None and leaf.component.signal(single.port) is not None
+                clash = f"'{single.name}' is one {'signal' if is_signal else 'port'}"
+            else:
+                clash = next(f"'{n}' is {s}" for n, s in shapes.items() if s != shape)
             self.meant |= {name.partition("[")[0] for name in arrays}
             self.problems.add("array-length", f"node '{junction.path}' joins whole arrays: '{name}' is {shape}, {clash}",
                               junction.place, hint="Join arrays of one length, or single elements or parts, such as "
@@ -214,10 +215,6 @@ class Wires:
         return [Junction(f"{junction.path}{index}", tuple(replace(end, port=bases[end.name] + arrays[end.name][index])
                                                           for end in junction.ends), junction.place)
                 for index in next(iter(arrays.values()))]
-
-    def _is_signal(self, end: PortEnd) -> bool:
-        leaf = self.leaves.get(end.leaf)
-        return leaf is not None and leaf.component.signal(end.port) is not None
 
     def _array(self, end: PortEnd) -> dict[str, str] | None:
         """The indices of the elements that an end means, from 1, and those in the array of which it is the whole or a part;
