@@ -7,7 +7,7 @@ from collections.abc import Mapping as Dictionary
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from heavebond.core.errors import ModelError, Place, Problems, suggest
+from heavebond.core.errors import ModelError, Place, Problems, listing, suggest
 from heavebond.core.units import DIMENSIONLESS, ONE, Unit, UnitProblem, check_unit, is_generic
 from heavebond.language import reading
 from heavebond.language.definition import (
@@ -27,15 +27,16 @@ from heavebond.language.definition import (
     Variable,
 )
 from heavebond.language.effects import EffectReader, read_meaning, read_search_range, read_typical
-from heavebond.language.equation_lines import equation_lines
-from heavebond.language.extension import extension
 from heavebond.language.layout import read_layout
 from heavebond.language.state_chart import read_states, written_out
+from heavebond.language.values import add_formula_problem, check_bounds, check_dimension
 from heavebond.language.when import resets, when_entries
+from heavebond.text.dimensions import number_dimension
 from heavebond.text.expression import (
     Elements,
     Equation,
     Expr,
+    ExpressionProblem,
     Name,
     Number,
     constant,
@@ -44,13 +45,14 @@ from heavebond.text.expression import (
     parse_formula,
     put_in,
 )
-from heavebond.text.yaml_source import Mapping, Node, Scalar, Source
+from heavebond.text.yaml_source import Mapping, Node, Scalar, Sequence, Source
 
 T = TypeVar("T")
 COMPONENT_KEYS = (
     "component", "summary", "restrictions", "source", "ports", "parameters", "variables", "equations", "initial", "when",
     "travel_time", "opens", "components", "nodes", "layout", "stores", "dissipates", "unbalanced", "power", "requires",
     "effect", "domain", "symbol", "sliding", "units", "placeholder", "extends", "set", "approximation", "states", "frames")
+EXTENDING_KEYS = ("component", "extends", "summary", "restrictions", "source", "symbol", "set")
 _FRAMES = "Write `frames: {a to b: {turn: \"turn(n, phi)\", shift: \"[l, 0, 0]\"}}`, or `{a: ...}` in the fixed frame."
 _EACH = re.compile(r"each\s+([A-Za-z_]\w*)\s+in\s+(.+?)\.\.(.+?):\s*")
 
@@ -90,7 +92,7 @@ class _Parser:
         variables = reading.declarations(root.items.get("variables"), "variables", self._variable, problems)
         parameters = reading.declarations(root.items.get("parameters"), "parameters",
                                           lambda key, entry: self._parameter(key, entry, variables), problems)
-        equations = tuple(equation for line in equation_lines(root.items.get("equations"), problems)
+        equations = tuple(equation for line in reading.equation_lines(root.items.get("equations"), problems)
                           if (equation := self._equation(*line)) is not None)
         events = when_entries(root.items.get("when"), problems)
         states = read_states(root.items.get("states"), problems)
@@ -389,3 +391,69 @@ class _Parser:
             if read is not None:
                 requirements.append(replace(read, text=word.text))
         return tuple(requirements)
+
+
+# -- files that extend another component --------------------------------------------------------------------------------
+def extension(source: Source, base: Component, problems: Problems) -> Component:
+    """Read a component file that extends `base`: the same laws with other values, for example from a data sheet. Mistakes are
+    added to the problems.
+
+        component: Nitrogen
+        extends: Gas
+        summary: Nitrogen.
+        set: {R: 296.8 J/(kg*K), kappa: 1.4}
+    """
+    root = source.root
+    head = root.items["component"]
+    name, place = reading.text(head, "component", problems), head.place
+    if isinstance(head, Scalar):
+        reading.identifier(head, "a component", problems)
+    reading.known_keys(root, EXTENDING_KEYS, f"'{name}', which extends {base.name},", problems, ("component", "summary"))
+    # the values under `set:` for parameters, with elements of lists by their names
+    entries = reading.mapping(root.items.get("set"), "set", problems, "Write `set: {R: 296.8 J/(kg*K)}`.")
+    values: dict[str, Value] = {}
+    for key, item in (entries.items if entries else {}).items():
+        parameter = base.parameters.get(key)
+        if parameter is None:
+            assert entries is not None
+            problems.add("parameter-unknown", f"{base.name} has no parameter '{key}'", entries.keys[key].place,
+                         hint=suggest(key, base.parameters) or f"It has: {listing(base.parameters)}.")
+        elif parameter.count is None:
+            if (value := reading.value(item, key, problems)) is not None:
+                values[key] = value
+                # unit and bounds of a value; in a formula also the names, which must be parameters of the component
+                if parameter.integer or is_generic(parameter.unit.dimension):
+                    continue
+                before = len(problems.found)
+                try:
+                    dimension = None if isinstance(value.expr, Number) else number_dimension(
+                        value.expr, lambda n: ONE if n.text == "pi" else _named_parameter(n, base.parameters).unit.dimension)
+                except ExpressionProblem as problem:
+                    add_formula_problem(problem, value, problems)
+                    continue
+                check_dimension(key, value, dimension, parameter.unit, problems)
+                if len(problems.found) == before and isinstance(value.expr, Number):
+                    check_bounds(key, parameter, value.expr.value, value, problems)
+        elif isinstance(item, Sequence):
+            values.update(reading.elements(item, key, key, problems))
+        elif isinstance(item, Mapping):
+            values.update(reading.column_values(item, key, source, problems))
+        else:
+            problems.add("list-number", f"'{key}' of {base.name} is a list", item.place,
+                         hint=f"Write `{key}: [..., ...]`, each value with its unit.")
+    texts = {key: reading.text(root.items.get(key), key, problems) for key in EXTENDING_KEYS if key != "set"}
+    parameters = {key: replace(p, default=values.get(key, p.default)) for key, p in base.parameters.items()}
+    # a variation is not a separate law: a diagnosis tries the extended component
+    return replace(base, name=name, place=place, path=source.path, parameters=parameters, effects=(),
+                   extends=(base.name, *base.extends),
+                   values={**base.values, **{key: value for key, value in values.items() if "[" in key}},
+                   summary=texts["summary"], restrictions=texts["restrictions"] or base.restrictions,
+                   source=texts["source"] or base.source, symbol=texts["symbol"] or base.symbol)
+
+
+def _named_parameter(name: Name, known: Dictionary[str, Parameter]) -> Parameter:
+    word = name.text.partition("[")[0]
+    if word not in known:
+        raise ExpressionProblem("name-unknown", f"there is no parameter '{name.text}'", name.column, name.length,
+                                suggest(name.text, known) or f"Parameters here: {listing(known)}.")
+    return known[word]

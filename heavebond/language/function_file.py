@@ -32,7 +32,6 @@ from pathlib import Path
 from heavebond.core.errors import ModelError, Place, Problems, listing, suggest
 from heavebond.core.units import DIMENSIONLESS, ONE, Dimension, UnitProblem, check_unit, dimension_text
 from heavebond.language import reading
-from heavebond.language.equation_lines import equation_lines
 from heavebond.language.external_functions import FORMS, SIGNATURES
 from heavebond.text.dimensions import ANY, number_dimension
 from heavebond.text.expression import (
@@ -163,7 +162,7 @@ class _Parser:
 
     def _steps(self, node: Node | None) -> tuple[Step, ...]:
         steps = []
-        for content, label, place in equation_lines(node, self.problems):
+        for content, label, place in reading.equation_lines(node, self.problems):
             if re.match(r"each\s", content) or re.match(r"\w+\s*\[[^=]*=(?!=)", content):
                 self.problems.add("function-left", "a line of a function gives a whole list or matrix, not its elements",
                                   place, hint=ELEMENTS)

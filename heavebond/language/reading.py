@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -43,6 +43,7 @@ Declared: TypeAlias = "Callable[[], Parameter | SignalPort | None]"
 Kinds: TypeAlias = "Callable[[str], Component | None]"
 IDENTIFIER = re.compile(r"[A-Za-z_]\w*")
 CAMEL_CASE = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*")
+_EQUALS = re.compile(r"(?<![<>=!])=(?!=)")  # not a comparison
 _COMMA_IN_INDEX = re.compile(r"\s*,\s*(?=[^\[\]]*\])")
 RESERVED = {*KEYWORDS, "time", "pi"}
 SWITCHES = {"on": 1, "yes": 1, "true": 1, "off": 0, "no": 0, "false": 0}
@@ -545,3 +546,40 @@ def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
                      hint=f"Places in a drawing range from -{FARTHEST} to {FARTHEST}; the usual distance of parts is 2.")
         return None
     return place
+
+
+def equation_lines(node: Node | None, problems: Problems) -> Iterator[tuple[str, str, Place]]:
+    """(text, label behind `#`, place) of every equation under `equations:` of a component or a function. An equation continues
+    while a bracket is open."""
+    if node is None:
+        return
+    if not isinstance(node, Scalar):
+        problems.add("not-text", f"`equations:` holds {node.kind}; text is expected", node.place,
+                     hint="Write `equations: |` and one equation a line below it.")
+        return
+    if node.place.continued and not node.block:
+        problems.add("equations-joined", "without `|` YAML makes one line of all equations", node.place,
+                     hint="Write `equations: |` and one equation a line below it.")
+        return
+    for line in _joined_lines(node.lines()):
+        content, _, label = line.text.partition("#")
+        if content.strip():
+            yield content.rstrip(), label.strip(), line.place
+
+
+def _joined_lines(lines: list[Scalar]) -> list[Scalar]:
+    """Join a line with an open parenthesis or bracket to the next one, unless that is a separate equation."""
+    joined: list[Scalar] = []
+    for line in lines:
+        previous = joined[-1] if joined else None
+        head, _, comment = previous.text.partition("#") if previous is not None else ("", "", "")
+        is_open = head.count("(") > head.count(")") or head.count("[") > head.count("]")
+        if previous is not None and is_open and not _EQUALS.search(line.text.partition("#")[0]):
+            tail, _, more = line.text.partition("#")
+            content = head.rstrip() + " "
+            label = comment.strip() or more.strip()
+            place = replace(previous.place, continued=(*previous.place.continued, (len(content), line.place)))
+            joined[-1] = Scalar(content + tail.strip() + (f"  # {label}" if label else ""), place)
+        else:
+            joined.append(line)
+    return joined
