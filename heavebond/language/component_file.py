@@ -395,8 +395,8 @@ class _Parser:
 
 # -- files that extend another component --------------------------------------------------------------------------------
 def extension(source: Source, base: Component, problems: Problems) -> Component:
-    """Read a component file that extends `base`: the same laws with other values, for example from a data sheet. Mistakes are
-    added to the problems.
+    """Read a component file that extends `base`: the same laws with other values, for example from a data sheet. Mistakes
+    are added to the problems.
 
         component: Nitrogen
         extends: Gas

@@ -549,8 +549,8 @@ def _position(node: Node, problems: Problems) -> tuple[float, ...] | None:
 
 
 def equation_lines(node: Node | None, problems: Problems) -> Iterator[tuple[str, str, Place]]:
-    """(text, label behind `#`, place) of every equation under `equations:` of a component or a function. An equation continues
-    while a bracket is open."""
+    """(text, label behind `#`, place) of every equation under `equations:` of a component or a function. An equation
+    continues while a bracket is open."""
     if node is None:
         return
     if not isinstance(node, Scalar):
