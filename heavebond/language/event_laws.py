@@ -169,7 +169,7 @@ def _reset(component: Component, reset: Reset, lookup: Lookup, lengths: Lengths,
         return
     try:
         wanted = lookup(target)
-        # what is determined from outside: a parameter, the time, an input
+        # parameters, the time and inputs are determined from outside
         signal = component.signals.get(target.text)
         if target.text in component.parameters or target.text in ("time", "pi") or \
                 (signal is not None and signal.direction == "in"):

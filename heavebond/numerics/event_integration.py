@@ -136,7 +136,7 @@ class EventIntegration:
                 through = self._through_samples(coming)
                 k, n = 0, len(coming.times)
                 while True:
-                    # the first event may set what is true at the start
+                    # the first event may change which conditions are true at the start
                     if record.true_at_start is None and (k == n or coming.times[k] > begin + self.same):
                         record.true_at_start = self._true_at_start(state)
                     if through is not None and record.true_at_start is not None:
