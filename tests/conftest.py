@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+# the workers of the test run share the processors; commands that a test starts inherit this
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import heavebond.cli
 
 os.environ.pop("COLUMNS", None)  # workers of the test run are told a terminal's width, which would fold all tables

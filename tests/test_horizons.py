@@ -93,9 +93,14 @@ def test_the_level_of_a_closed_tank_is_compared_within_segments_of_about_a_perio
     assert "within segments of" in horizon_words(cut)[0] and not horizon_words(plain)
 
 
-@pytest.mark.parametrize(("chi2", "within_segments"), [(1.0, [False]), (3.0, [False]), (50.0, [False, True])])
+@pytest.mark.parametrize(("chi2", "share", "within_segments", "kept"), [
+    (1.0, 1.0, [False], True), (3.0, 1.0, [False], True), (50.0, 1.0, [False, True], False), (50.0, 0.6, [False, True], False),
+    (50.0, 0.4, [False, True], True)])
 def test_segments_are_searched_if_the_effects_do_not_explain_the_whole_records(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chi2: float, within_segments: list[bool]) -> None:
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chi2: float, share: float, within_segments: list[bool],
+        kept: bool) -> None:
+    """`share`: misfit within the segments of the effects on whole records, of the misfit of the effects within segments. A
+    vessel whose leak shows over the whole record, and in the segments of its fitted part only, keeps the leak."""
     plain = written(tmp_path, CLOSED, 0.3)
     searched = []
 
@@ -106,10 +111,11 @@ def test_segments_are_searched_if_the_effects_do_not_explain_the_whole_records(
         yield replace(state, last=last, selection=(cast(SelectedEffect, SimpleNamespace(chosen=chosen)),))
 
     monkeypatch.setattr(phases, "_search", search)
+    monkeypatch.setattr(phases, "_misfit_within", lambda cut, state: 1.0 if state.experiment.horizons else share)
     state = phases.State(plain, plain, models=(ladder_entry("vessel", compare(plain)),))
     task: Any = SimpleNamespace(budget=Budget(np.inf), say=lambda text: None)
     *_, found = phases.search(state, task)
-    assert searched == within_segments and bool(found.experiment.horizons) is within_segments[-1]
+    assert searched == within_segments and bool(found.experiment.horizons) is not kept
     if found.experiment.horizons:  # the table of models refers to the segments
         assert found.models[-1].chi2_fit < state.models[-1].chi2_fit / 10
 

@@ -63,13 +63,16 @@ def make_bar(title: str) -> Bar | None:
 
 @contextmanager
 def reported(title: str, progress: Progress | None = None) -> Iterator[Progress | None]:
-    """The progress callback of a function that is called with `progress`; cancellation inside is a KeyboardInterrupt."""
+    """The progress callback of a function that is called with `progress`; cancellation inside is a KeyboardInterrupt. Linear
+    algebra inside takes one thread (see `threads`)."""
     if _running.get():
         yield progress
         return
+    from threadpoolctl import threadpool_limits
+
     token, bar = _running.set(True), make_bar(title) if progress is None else None
     try:
-        with listening((signal.SIGINT,)):
+        with threadpool_limits(1, "blas"), listening((signal.SIGINT,)):
             try:
                 yield bar or progress
             except Exception as error:  # CasADi may convert Ctrl-C to another error
@@ -83,7 +86,7 @@ def reported(title: str, progress: Progress | None = None) -> Iterator[Progress 
 
 
 def reporting(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorator: show a progress bar if `progress` is not given, and make the call cancellable."""
+    """Decorator: show a progress bar if `progress` is not given, make the call cancellable and take one thread."""
 
     @wraps(function)
     def wrapped(*args: P.args, **named: P.kwargs) -> T:
@@ -97,7 +100,7 @@ def reporting(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def cancellable(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorator: make the call cancellable."""
+    """Decorator: make the call cancellable and take one thread."""
 
     @wraps(function)
     def wrapped(*args: P.args, **named: P.kwargs) -> T:

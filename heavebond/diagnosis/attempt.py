@@ -10,7 +10,6 @@ from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.presentation import brief, number
 from heavebond.core.progress import Progress
 from heavebond.core.reporting import reporting
-from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.answer.confirm import at_fit, confirmed, first_entries, loaded
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import fixed_values
@@ -52,7 +51,6 @@ class Attempt(facade.Displayed):
 
 
 @reporting
-@single_threaded
 def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] = (), *,
             progress: Progress | None = None) -> Attempt:
     """Insert one effect into the diagram of an experiment and fit it.

@@ -20,7 +20,6 @@ from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
-from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.answer.confirm import loaded
 from heavebond.diagnosis.answer.ranking import as_dicts, entries
 from heavebond.diagnosis.answer.sentences import (
@@ -185,7 +184,6 @@ class Diagnosis(facade.Displayed):
 
 
 @reporting
-@single_threaded
 def diagnose(experiment: ExperimentOrFile, *, steps: int = MOST, number: int | None = None,
              executor: Cluster | None = None, seconds: float | str = SECONDS, classes: Sequence[str] = (),
              samples: int | None = None, progress: Progress | None = None,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite, nan
+from math import inf, isfinite, nan
 
 from heavebond.core.cancellation import Budget
 from heavebond.core.errors import HeavebondError, SimulationError, StartError, listing
@@ -37,6 +37,7 @@ from heavebond.diagnosis.search.step import (
     Stage,
     choosing,
     fitted_base,
+    following,
     make_calibration_stage,
     make_curve_stage,
     make_stage,
@@ -53,8 +54,8 @@ from heavebond.diagnosis.search.stepwise import (
     near_the_noise,
     select_stepwise,
 )
-from heavebond.diagnosis.state import AddedEffect, LadderEntry
-from heavebond.estimation.comparison import Comparison
+from heavebond.diagnosis.state import AddedEffect, LadderEntry, chi2_sum
+from heavebond.estimation.comparison import Comparison, compare
 from heavebond.estimation.excerpts import as_long_as, excerpt
 from heavebond.estimation.experiment import Experiment
 from heavebond.estimation.fitting import Fit, fit
@@ -65,6 +66,7 @@ from heavebond.localise.misfit import Localization, localize
 # smallest and largest share of the time kept for the closing phases. LAST_RUNS: number of runs that the fit of the selected
 # effects to all samples takes.
 FITTING, KEPT, MOST_KEPT, LAST_RUNS = 0.4, 0.1, 0.4, 6.0
+SUPPORTED = 0.5  # as for a step of the selection, an advantage that is no matter of how the segments are cut
 SLIGHT = 4.0  # chi-square per sample of a residual of twice the noise: a drift of this size hardly suggests a false effect
 
 
@@ -229,7 +231,9 @@ def search(state: State, task: Task) -> Iterator[State]:
     If the machine integrates errors that are most of the misfit, the search takes at most half of the time. If its effects
     then leave more than noise, the free parameters are fitted again within segments of the records, and the search is
     repeated there. The result on the whole records is kept if the fitted parameters alone leave only noise within the
-    segments, and the effects on the whole records, if any, leave little more than noise (`SLIGHT`).
+    segments, and the effects on the whole records, if any, leave little more than noise (`SLIGHT`). It is also kept if it
+    leaves less than the share `SUPPORTED` of the misfit within the segments that the result of the segments leaves: a law
+    that is missing reduces the errors on both scales, a law that only bounds the drift does not.
     """
     last = state.models[-1].comparison
     task.say("examining the drift of the model")
@@ -251,12 +255,30 @@ def search(state: State, task: Task) -> Iterator[State]:
     chosen = whole.selection[-1].chosen if whole.selection else None
     if near_noise(models[-1]) and (chosen is None or max(chosen.chi2_fit, chosen.chi2_held_out) <= SLIGHT):
         return  # separate starts explain the misfit, so the segments cannot show an effect: the whole records tell more
+    misfit_of_whole = _misfit_within(cut, whole) if chosen is not None else inf
+
+    def supports_whole(within: State) -> bool:
+        return misfit_of_whole < SUPPORTED * _misfit_within(cut, within)
+
     within = replace(state, experiment=cut, base=base, models=tuple(models))
-    found = within
-    for found in _search(within, task, state.kept):
-        if found.selection:  # before, the result on the whole records is the better one
-            yield found
-    yield found
+    for improved in _search(within, task, state.kept):
+        within = improved
+        if within.selection and not supports_whole(within):  # before, the result on the whole records is the better one
+            yield within
+    yield whole if supports_whole(within) else within
+
+
+def _misfit_within(cut: Experiment, state: State) -> float:
+    """Chi-square of all samples within the segments of `cut`, for the selected effects at their fitted values, or for the
+    base model. Infinite if the diagram with the effects cannot be simulated."""
+    comparison = state.models[-1].comparison
+    if state.selection:
+        model = as_long_as(cut, following(state.selection[-1].step))
+        try:
+            comparison = compare(replace(model, horizons=cut.horizons))
+        except HeavebondError:
+            return inf
+    return chi2_sum(cut, list(comparison.records.values()))[0]
 
 
 def _search(state: State, task: Task, kept: float) -> Iterator[State]:

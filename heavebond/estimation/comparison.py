@@ -28,7 +28,6 @@ from heavebond.core.errors import (
 )
 from heavebond.core.presentation import brief, count, in_unit, number, readable, readable_time
 from heavebond.core.reporting import place, reporting
-from heavebond.core.threads import single_threaded
 from heavebond.core.units import Unit, check_turns, counts_from_origin, interval_unit, other_unit, read_unit
 from heavebond.equations.parameters import check_range
 from heavebond.estimation.channel_noise import with_noise
@@ -244,7 +243,6 @@ def outside_ranges(experiment: Experiment, values: Mapping[str, float]) -> list[
 
 
 @reporting
-@single_threaded
 def compare(experiment: ExperimentOrFile, *, parameters: Mapping[str, float | str] | None = None,
             progress: Callable[[str], None] | None = None) -> Comparison:
     """Simulate the diagram of an experiment with the measured inputs and compare it with the records.

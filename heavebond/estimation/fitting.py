@@ -40,7 +40,6 @@ from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_range, si_value
 from heavebond.core.reporting import reporting
-from heavebond.core.threads import single_threaded
 from heavebond.estimation.channel_noise import with_noise
 from heavebond.estimation.comparison import Comparison, RecordComparison, compare_record
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, Free, Record, load_experiment
@@ -189,7 +188,6 @@ class Fit(facade.Displayed):
 
 
 @reporting
-@single_threaded
 def fit(experiment: ExperimentOrFile, *, starts: int = 1, segments: int = 1, seed: int = 0, robust: bool = False,
         free: Mapping[str, Free | str] | None = None, executor: Cluster | None = None, kept: KeptLines | None = None,
         progress: Progress | None = None, partial: bool = False, seconds: float | str = math.inf,

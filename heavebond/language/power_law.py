@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from heavebond.core.errors import ModelError
+from heavebond.core.threads import single_threaded
 from heavebond.core.units import ONE, Dimension, Unit, solved, times
 from heavebond.language.definition import Component, Domain, FrameRelation, Parameter
 from heavebond.language.external_functions import NOT_ALLOWED
@@ -88,6 +89,7 @@ class PowerReport:
         return f"{self.component}: power balances to {self.imbalance:.1g} in {self.tried} motions"
 
 
+@single_threaded
 def check_power(component: Component, domains: Mapping[str, Domain], seed: int = 0) -> PowerReport:
     """Check law 3 of one component; a port of a generic domain (`$D`) is tried in each domain with an effort and a flow."""
     exempt = _exempt(component)

@@ -41,7 +41,6 @@ from heavebond.core.errors import HeavebondError, Problem, UsageError, listing, 
 from heavebond.core.presentation import brief, number
 from heavebond.core.progress import Progress
 from heavebond.core.reporting import reporting
-from heavebond.core.threads import single_threaded
 from heavebond.diagnosis.answer.files import Targets, write_findings
 from heavebond.diagnosis.candidates.catalogue import UNKNOWN, Candidate, EffectNumber, fresh, quantity, site_of, snake
 from heavebond.diagnosis.candidates.places import candidates
@@ -240,7 +239,6 @@ class Laws(facade.Displayed):
 
 
 @reporting
-@single_threaded
 def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), separation: bool = False,
               progress: Progress | None = None) -> Laws:
     """Search a formula, with units, for the law that the model of an experiment lacks.

@@ -14,7 +14,6 @@ from heavebond.core.errors import Problem, UsageError, suggest
 from heavebond.core.presentation import brief, number, readable
 from heavebond.core.progress import Progress
 from heavebond.core.reporting import reporting
-from heavebond.core.threads import single_threaded
 from heavebond.core.units import dimension_text, read_unit
 from heavebond.equations.places import Place
 from heavebond.estimation.channel_noise import with_noise
@@ -157,7 +156,6 @@ class Localization(facade.Displayed):
 
 
 @reporting
-@single_threaded
 def localize(experiment: ExperimentOrFile, *, values: Fit | Mapping[str, float | str] | None = None,
              progress: Callable[[str], None] | None = None, besides: Collection[Set[str]] | None = None
              ) -> Localization:

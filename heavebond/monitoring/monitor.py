@@ -28,7 +28,6 @@ from heavebond.core.presentation import brief, count, number
 from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
 from heavebond.core.reporting import reporting
-from heavebond.core.threads import single_threaded
 from heavebond.core.units import read_unit
 from heavebond.core.writable import new_file
 from heavebond.estimation.channel_noise import with_noise
@@ -207,7 +206,6 @@ class _Task:
 
 
 @reporting
-@single_threaded
 def monitor(experiment: ExperimentOrFile, folder: str | Path, *, walks: Mapping[str, float | str] | None = None,
             rate: float | str = FALSE_ALARMS, record: str | None = None,
             start_deviation: float | str = INPUT_ESTIMATION.start_deviation, estimates: bool = False,
