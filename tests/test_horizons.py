@@ -94,8 +94,8 @@ def test_the_level_of_a_closed_tank_is_compared_within_segments_of_about_a_perio
 
 
 @pytest.mark.parametrize(("chi2", "share", "within_segments", "kept"), [
-    (1.0, 1.0, [False], True), (3.0, 1.0, [False], True), (50.0, 1.0, [False, True], False), (50.0, 0.6, [False, True], False),
-    (50.0, 0.4, [False, True], True)])
+    (1.0, 1.0, [False], True), (3.0, 1.0, [False], True), (50.0, 1.0, [False, True], False),
+    (50.0, 0.6, [False, True], False), (50.0, 0.4, [False, True], True)])
 def test_segments_are_searched_if_the_effects_do_not_explain_the_whole_records(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chi2: float, share: float, within_segments: list[bool],
         kept: bool) -> None:
