@@ -125,6 +125,27 @@ def test_samples_of_a_running_machine_give_the_estimates_of_the_record(rig: Expe
     assert one.nis == pytest.approx(sum(v[i] ** 2 for v in estimate.innovations.values()))
 
 
+def test_samples_are_read_with_their_units_and_names(rig: Experiment) -> None:
+    """A number is in the unit of its column, a text has its own; an input that is no number would spoil all later estimates."""
+    numbers, texts = Estimator(rig), Estimator(rig)
+    for k in range(3):
+        one = numbers.step(0.1 * k, {"motor.u": 2.0}, {"body.x": 0.01 * k})
+        other = texts.step(f"{100 * k} ms", {"motor.u": "2000 mN"}, {"body.x": f"{10 * k} mm", "body.v": float("nan")})
+    assert other.values == pytest.approx(one.values, rel=1e-9)
+    for time, inputs, outputs, message in (
+            (1.0, {"motor.u": "2 m"}, {}, "unit-wrong"), (1.0, {"motor.u": 1.0}, {"body.x": "1 s"}, "unit-wrong"),
+            (1.0, {"motor.u": float("nan")}, {}, "input-value"), (1.0, {"motor.u": float("inf")}, {}, "input-value"),
+            (1.0, {"motor.v": 1.0, "motor.u": 1.0}, {}, "there is no input 'motor.v'"), (float("inf"), {"motor.u": 1.0}, {},
+                                                                                         "time-order"),
+            ("now", {"motor.u": 1.0}, {}, "Write for example `1 s`"), (0.1, {"motor.u": 1.0}, {}, "time-order")):
+        with pytest.raises(UsageError, match=message):
+            texts.step(time, inputs, outputs)
+    assert texts.step(0.3, {"motor.u": 2.0}, {}).values == pytest.approx(numbers.step(0.3, {"motor.u": 2.0}, {}).values)
+    assert "body.x" in repr(texts)
+    with pytest.raises(UsageError, match="estimator-needed"):
+        hb.moving_horizon("rig.yaml")  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("walks", "message"), [
     ({"body.y": 1.0}, "'body.y' is neither a state nor a free parameter"),
     ({"body.m": "1 kg"}, "'body.m' is neither a state nor a free parameter"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from heavebond.core.errors import Problem, UsageError
-from heavebond.core.units import Range, UnitProblem, check_unit, parse_quantity, parse_range, read_unit
+from heavebond.core.units import AS_QUANTITY, Range, UnitProblem, check_unit, parse_quantity, parse_range, read_unit
 
 
 def si_value(given: float | str, unit: str, subject: str) -> float:
@@ -21,7 +21,8 @@ def si_value(given: float | str, unit: str, subject: str) -> float:
         number, read = parse_quantity(given)
         check_unit(read, read_unit(unit), number, given)
     except UnitProblem as problem:
-        raise UsageError([Problem(problem.code, f"{subject}: {problem.message}", None, problem.hint)]) from None
+        hint = f"Write for example `1 {unit}`." if problem.hint == AS_QUANTITY and unit != "1" else problem.hint
+        raise UsageError([Problem(problem.code, f"{subject}: {problem.message}", None, hint)]) from None
     return number
 
 

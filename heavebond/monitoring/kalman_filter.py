@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from heavebond.core.errors import NAMES_LISTED, Problem, Problems, SimulationError, UsageError, listing, suggest
+from heavebond.core.presentation import brief
 from heavebond.core.quantities import si_value
 from heavebond.core.units import read_unit
 from heavebond.estimation.channel_noise import with_noise
@@ -138,6 +139,11 @@ class Estimator:
         self.time: float | None = None
         self._fed: dict[str, float] = {}
 
+    def __repr__(self) -> str:
+        return brief(self, self.experiment.name, f"states {listing(self.assembly.state_names, 12)}",
+                     f"estimated parameters {listing([k.name for k in self.known], 12)}" if self.known else "",
+                     f"outputs {listing(self.outputs, 12)}")
+
     # -- the recursion ---------------------------------------------------------------------------------------------
     def begin(self, time: float, u: Array) -> None:
         """Begin at the start of the diagram at a time, with the pieces `u` of the inputs."""
@@ -229,12 +235,17 @@ class Estimator:
                         for prior, j in zip(self.known, self.radau.places, strict=True)}
 
     # -- a running machine -----------------------------------------------------------------------------------------
-    def step(self, time: float, inputs: Mapping[str, float], outputs: Mapping[str, float]) -> Estimate:
+    def step(self, time: float | str, inputs: Mapping[str, float | str], outputs: Mapping[str, float | str]) -> Estimate:
         """Use one sample of a running machine: its time in s, the inputs and outputs by their names in the experiment, each
-        in the unit of its column. The first call begins at the start of the diagram. Inputs change linearly from sample to
-        sample, or hold their value (`interpolation: hold`). Outputs that are missing or nan are not used."""
+        in the unit of its column, or as text with a unit. The first call begins at the start of the diagram. Inputs change
+        linearly from sample to sample, or hold their value (`interpolation: hold`). Outputs that are missing or nan are not
+        used. Raises UsageError for unknown names, missing inputs, inputs that are not finite, and times that do not rise."""
         problems = Problems()
         declared = self.experiment.inputs_for(self.record)
+        time = si_value(time, "s", "time")
+        for name in [n for n in inputs if n not in declared]:
+            problems.add("input-unknown", f"there is no input '{name}'", hint=suggest(name, declared) or (
+                f"Inputs: {listing(list(declared))}." if declared else "The experiment has no inputs."))
         for name in [n for n in declared if n not in inputs]:
             problems.add("input-missing", f"the value of the input '{name}' is missing",
                          hint=f"Inputs: {listing(list(declared))}.")
@@ -244,7 +255,13 @@ class Estimator:
             problems.add("time-order", f"the time {time:g} s is not after the last one, {self.time:g} s",
                          hint="Give samples in the order of time, each once.")
         problems.raise_as(UsageError)
-        fed = {name: float(read_unit(f.unit).to_si(inputs[name] * f.factor)) for name, f in declared.items()}
+        fed = {name: _in_si(inputs[name], f.unit, name, f.factor) for name, f in declared.items()}
+        for name in [n for n, value in fed.items() if not np.isfinite(value)]:
+            problems.add("input-value", f"the value of the input '{name}' is {fed[name]:g}",
+                         hint="Give a finite number; for a missing sample the last value, for example.")
+        if not np.isfinite(time):
+            problems.add("time-order", f"the time is {time:g} s", hint="Give a finite time in s.")
+        problems.raise_as(UsageError)
         held = {name for name, f in declared.items() if f.interpolation == "hold"}
         before = self._fed or fed
         self._fed = fed
@@ -255,8 +272,8 @@ class Estimator:
             step = self._pieces(self.time, before, {n: before[n] if n in held else v for n, v in fed.items()},
                                 time - self.time)
             self.predict(time, step)
-        units = {name: read_unit(o.shown.unit) for name, o in self.experiment.outputs.items()}
-        values = np.array([units[n].to_si(outputs[n]) if n in outputs else np.nan for n in self.outputs])
+        units = {name: o.shown.unit for name, o in self.experiment.outputs.items()}
+        values = np.array([_in_si(outputs[n], units[n], n) if n in outputs else np.nan for n in self.outputs])
         noise = self._deviations()
         predicted, v = self.correct(values, noise, now)
         one = self.estimate(SampledRecord("", np.array([time]), values[None], noise[None], now),
@@ -333,6 +350,13 @@ def steps_between(begin: float, end: float, inputs: Pieced, longest: float) -> I
         begin = stop
 
 
+def _in_si(value: float | str, unit: str, subject: str, factor: float = 1.0) -> float:
+    """A sample in SI: a number in the unit of its column, which the calibration `factor` multiplies, or text with a unit."""
+    if isinstance(value, str):
+        return si_value(value, unit, subject)
+    return float(read_unit(unit).to_si(value * factor))
+
+
 def _walks(assembly: Assembly, experiment: Experiment, walks: Mapping[str, float | str]) -> tuple[list[Known], Array]:
     """The priors of the estimated parameters, and the squares of the process noise per second (n+k,): of states in nominal
     sizes, of parameters in units of their q."""
@@ -354,7 +378,7 @@ def _walks(assembly: Assembly, experiment: Experiment, walks: Mapping[str, float
             here = [*states, *experiment.free]
             is_parameter = name in assembly.parameter_names
             problems.add("walk-unknown", f"'{name}' is neither a state nor a free parameter", hint=
-                         f"Give its range in the experiment: `free: {{{name}: 0.9 .. 1.1}}`, with its unit." if is_parameter
+                         f"Give its range in the experiment: `free: {{{name}: {_example_range(assembly, name)}}}`." if is_parameter
                          else suggest(name, here) or f"States: {listing(list(states), 20)}; free parameters: "
                          f"{listing(list(experiment.free) or ['none'], 20)}.")
             continue
@@ -365,3 +389,7 @@ def _walks(assembly: Assembly, experiment: Experiment, walks: Mapping[str, float
     return known, np.concatenate([noise, of_known])
 
 
+def _example_range(assembly: Assembly, name: str) -> str:
+    """A tolerance of a fifth about the value of a parameter, with its unit."""
+    index = assembly.parameter_indices([name])[0]
+    return f"{assembly.flat.parameters[index].unit.written(float(assembly.p[index]))} +- 20 %"

@@ -43,6 +43,9 @@ def moving_horizon(estimator: Estimator, record: Record | None = None, *, horizo
     result are the residuals over their noise. Raises UsageError for a horizon of fewer than two samples, SimulationError if
     IPOPT finds no solution, and the errors of `Estimator.run`.
     """
+    if not isinstance(estimator, Estimator):
+        raise UsageError([Problem("estimator-needed", f"a {type(estimator).__name__} is not an estimator", None,
+                                  'Write for example hb.moving_horizon(hb.Estimator("rig.yaml"), horizon="2 s").')])
     samples = estimator.sampled(record)
     time, count = samples.time, len(samples.time)
     length = time[-1] - time[0] if horizon is None else si_value(horizon, "s", "horizon")

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from heavebond.core.errors import Problem, SimulationError, UsageError, listing, suggest
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
-from heavebond.core.quantities import ranges
-from heavebond.core.units import Range, UnitProblem, check_unit, parse_quantity, read_unit
+from heavebond.core.quantities import ranges, si_value
+from heavebond.core.units import Range, read_unit
 from heavebond.equations.flatten import Flat, flatten, unclocked
 from heavebond.equations.reduce import reduce_flattened
 from heavebond.language.model import ModelOrFile
@@ -355,11 +355,7 @@ def _at_end(assembly: Assembly, task: OptimalProblem) -> list[tuple[ca.SX, float
             raise UsageError([Problem("signal-unknown", f"at_end: '{name}' is not a variable of this diagram", None,
                                       suggest(name, flat.names) or "`heavebond check` lists the variables.")])
         unknown = flat.unknowns[flat.names[name]]
-        try:
-            value, unit = parse_quantity(text)
-            check_unit(unit, unknown.unit, value, text)
-        except UnitProblem as problem:
-            raise UsageError([Problem(problem.code, f"at_end: {name}: {problem.message}", None, problem.hint)]) from None
+        value = si_value(text, unknown.unit.text, f"at_end: {name}")
         prescribed.append((assembly.express(flat.levels[0][flat.names[name]]), value, unknown.nominal))
     return prescribed
 
