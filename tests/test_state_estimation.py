@@ -126,11 +126,12 @@ def test_samples_of_a_running_machine_give_the_estimates_of_the_record(rig: Expe
 
 
 def test_samples_are_read_with_their_units_and_names(rig: Experiment) -> None:
-    """A number is in the unit of its column, a text has its own; an input that is no number would spoil all later estimates."""
+    """A number is in the unit of its column, a text has its own; an input that is no number would
+    spoil all later estimates."""
     numbers, texts = Estimator(rig), Estimator(rig)
     for k in range(3):
-        one = numbers.step(0.1 * k, {"motor.u": 2.0}, {"body.x": 0.01 * k})
-        other = texts.step(f"{100 * k} ms", {"motor.u": "2000 mN"}, {"body.x": f"{10 * k} mm", "body.v": float("nan")})
+        one = numbers.step(0.1 * k, {"motor.u": 2.0}, {"body.x": 10.0 * k})
+        other = texts.step(f"{100 * k} ms", {"motor.u": "2000 mN"}, {"body.x": f"{k} cm", "body.v": float("nan")})
     assert other.values == pytest.approx(one.values, rel=1e-9)
     for time, inputs, outputs, message in (
             (1.0, {"motor.u": "2 m"}, {}, "unit-wrong"), (1.0, {"motor.u": 1.0}, {"body.x": "1 s"}, "unit-wrong"),
