@@ -390,6 +390,20 @@ def test_a_combination_without_a_result_is_not_available(folder: Path) -> None:
    13 |   required: {motion: <= 12 s}
       |                      ^^^^^^^
   Write the limit in mm or in a multiple of it."""),
+    ("<= 12 mm", "<= 12", """study.yaml:13: motion is in mm; its limit has no unit [unit-wrong]
+   13 |   required: {motion: <= 12}
+      |                      ^^^^^
+  Write the limit in mm or in a multiple of it."""),
+    ("{1 Hz: [30, 30], 2 Hz: {5 mm: 15}, 6 Hz: [20, -]}", "{1 Hz: [0, -], 2 Hz: {5 mm: 0}}",
+     """study.yaml:12: share: no combination occurs [occurrence-never]
+   12 |   share: {1 Hz: [0, -], 2 Hz: {5 mm: 0}}
+      |          ^
+  Write a number above 0 for at least one of them."""),
+    ("{1 Hz: [30, 30], 2 Hz: {5 mm: 15}, 6 Hz: [20, -]}", "scatter.csv",
+     """study.yaml:12: share: 'scatter.csv' is not a number with a unit [not-a-quantity]
+   12 |   share: scatter.csv
+      |          ^^^^^^^^^^^
+  Write a number, with its unit if it has one, or `-` for none."""),
     ("<= 12 mm", "12 mm", """study.yaml:13: motion: this is not a comparison with a limit [requirement-wrong]
    13 |   required: {motion: 12 mm}
       |                      ^^^^^
@@ -436,7 +450,7 @@ def test_wrong_scatter_diagrams_are_refused(folder: Path, old: str, new: str, me
     ("-, 0.6]", "0.6]", """study.yaml:12: transmission: 2 numbers are given along 'f', which has 3 levels [beside-number]
    12 |     transmission: {soft: [1.2, 0.6]}
       |                          ^
-  Write `-` for a missing number."""),
+  Write one number for each level (1 Hz, 2 Hz, 4 Hz), `-` where there is none."""),
     ("{soft: [", "{sofft: [", """study.yaml:12: transmission: these are not levels of one axis [level-unknown]
    12 |     transmission: {sofft: [1.2, -, 0.6]}
       |                   ^

@@ -140,6 +140,10 @@ class Problems:
     found: list[Problem] = field(default_factory=list)
     _known: set[Problem] = field(default_factory=set)
 
+    def __bool__(self) -> bool:
+        """True if there is a problem."""
+        return bool(self.found)
+
     def add(self, code: str, message: str, place: Place | None = None, *, hint: str = "",
             notes: Iterable[str] = ()) -> None:
         """Record a problem and continue; the same problem at the same place is recorded once."""

@@ -255,6 +255,8 @@ class Estimator:
             problems.add("time-order", f"the time {time:g} s is not after the last one, {self.time:g} s",
                          hint="Give samples in the order of time, each once.")
         problems.raise_as(UsageError)
+        units = {name: o.shown.unit for name, o in self.experiment.outputs.items()}
+        values = np.array([_in_si(outputs[n], units[n], n) if n in outputs else np.nan for n in self.outputs])
         fed = {name: _in_si(inputs[name], f.unit, name, f.factor) for name, f in declared.items()}
         for name in [n for n, value in fed.items() if not np.isfinite(value)]:
             problems.add("input-value", f"the value of the input '{name}' is {fed[name]:g}",
@@ -272,8 +274,6 @@ class Estimator:
             step = self._pieces(self.time, before, {n: before[n] if n in held else v for n, v in fed.items()},
                                 time - self.time)
             self.predict(time, step)
-        units = {name: o.shown.unit for name, o in self.experiment.outputs.items()}
-        values = np.array([_in_si(outputs[n], units[n], n) if n in outputs else np.nan for n in self.outputs])
         noise = self._deviations()
         predicted, v = self.correct(values, noise, now)
         one = self.estimate(SampledRecord("", np.array([time]), values[None], noise[None], now),
@@ -379,8 +379,8 @@ def _walks(assembly: Assembly, experiment: Experiment, walks: Mapping[str, float
             is_parameter = name in assembly.parameter_names
             problems.add("walk-unknown", f"'{name}' is neither a state nor a free parameter", hint=
                          f"Give its range in the experiment: `free: {{{name}: {_example_range(assembly, name)}}}`."
-                         if is_parameter else suggest(name, here) or f"States: {listing(list(states), 20)}; free parameters: "
-                         f"{listing(list(experiment.free) or ['none'], 20)}.")
+                         if is_parameter else suggest(name, here) or f"States: {listing(list(states), 20)}; free "
+                         f"parameters: {listing(list(experiment.free) or ['none'], 20)}.")
             continue
         if not (np.isfinite(value) and value >= 0):
             problems.add("walk-negative", f"the process noise of '{name}' is {value:g}: it must be 0 or above",

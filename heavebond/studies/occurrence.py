@@ -116,6 +116,7 @@ def check_units(occurrence: Occurrence, units: Mapping[str, Unit], problems: Pro
     """Report limits whose unit has another dimension than their quantity."""
     for requirement in occurrence.required:
         if requirement.unit.dimension != units[requirement.quantity].dimension:
-            problems.add("unit-wrong", f"{requirement.quantity} is in {units[requirement.quantity].text}; its limit is in "
-                         f"{requirement.unit.text}", requirement.place,
-                         hint=f"Write the limit in {units[requirement.quantity].text} or in a multiple of it.")
+            limit = "has no unit" if requirement.unit.text == "1" else f"is in {requirement.unit.text}"
+            problems.add("unit-wrong", f"{requirement.quantity} is in {units[requirement.quantity].text}; its limit {limit}",
+                         requirement.place, hint=f"Write the limit in {units[requirement.quantity].text} or in a multiple "
+                         "of it.")

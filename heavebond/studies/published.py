@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from heavebond.core.errors import Place, Problems, listing, suggest
-from heavebond.core.units import Unit, UnitProblem, parse_quantity, read_unit
+from heavebond.core.units import AS_QUANTITY, Unit, UnitProblem, parse_quantity, read_unit
 from heavebond.language import reading
 from heavebond.studies.axes import Axis
 from heavebond.text.yaml_source import Mapping as Entries
@@ -100,8 +100,10 @@ def _levels(node: Entries | Items, name: str, remaining: dict[int, Axis],
     elif isinstance(node, Items):
         k, axis = next(iter(remaining.items()))
         if len(node.items) != len(axis.levels):
+            levels = listing([level.name for level in axis.levels])
             problems.add("beside-number", f"{name}: {len(node.items)} numbers are given along '{axis.name}', which has "
-                         f"{len(axis.levels)} levels", node.place, hint=f"Write `{NONE}` for a missing number.")
+                         f"{len(axis.levels)} levels", node.place,
+                         hint=f"Write one number for each level ({levels}), `{NONE}` where there is none.")
         else:
             yield from ((k, level, item) for level, item in enumerate(node.items))
     else:
@@ -139,6 +141,8 @@ def _published(node: Scalar, name: str, problems: Problems) -> Published | None:
     try:
         value, unit = parse_quantity(node.text)
     except UnitProblem as problem:
-        problems.add(problem.code, f"{name}: {problem.message}", node.place, hint=problem.hint)
+        hint = f"Write a number, with its unit if it has one, or `{NONE}` for none." if problem.hint == AS_QUANTITY else \
+            problem.hint
+        problems.add(problem.code, f"{name}: {problem.message}", node.place, hint=hint)
         return None
     return Published(value, unit or read_unit("1"), node.place)
