@@ -256,9 +256,10 @@ def free_assembly(own: Assembly, task: OptimalProblem, *, events: bool = True) -
                                     "Tune it with `heavebond tune`; a free input is a signal, such as the output of a "
                                     "controller."))
         elif unknown is not None and own.flat.unknowns[unknown].unit.dimension != span.unit.dimension:
+            needed = own.flat.unknowns[unknown].unit.text
             of_range = "has no unit" if span.unit.text == "1" else f"is in {span.unit.text}"
-            problems.append(Problem("unit-wrong", f"{name} is in {own.flat.unknowns[unknown].unit.text}; its range {of_range}",
-                                    None, f"Give a range in {own.flat.unknowns[unknown].unit.text}."))
+            problems.append(Problem("unit-wrong", f"{name} is in {needed}; its range {of_range}", None,
+                                    f"Give a range in {needed}."))
         elif not span.low < span.high:
             problems.append(Problem("range-empty", f"the range of {name} is empty", None,
                                     "Write the lower limit first, for example `-1 .. 1`."))
