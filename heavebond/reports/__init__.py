@@ -91,115 +91,116 @@ def _diagnosis(diagnosis: Diagnosis) -> str:
 
 
 @provides("Modes._repr_html_")
-def _modes(found: Modes) -> str:
+def _modes(modes: Modes) -> str:
     from heavebond.reports import analysis_tables, notebook
 
-    return notebook.items_html(found.model, found.at, analysis_tables.modes_items(found))
+    return notebook.items_html(modes.model, modes.at, analysis_tables.modes_items(modes))
 
 
 @provides("RootLocus._repr_html_")
-def _root_locus(found: RootLocus) -> str:
+def _root_locus(locus: RootLocus) -> str:
     from heavebond.reports import notebook
 
-    return notebook.items_html(found.parameter, repr(found).partition(": ")[2].rstrip(">"), [], [found.plot()])
+    return notebook.items_html(locus.parameter, repr(locus).partition(": ")[2].rstrip(">"), [], [locus.plot()])
 
 
 @provides("Rankings._repr_html_")
-def _rankings(found: Rankings) -> str:
+def _rankings(rankings: Rankings) -> str:
     from heavebond.reports import analysis_tables, notebook
 
-    return notebook.items_html(found.model, "influence of parameters", analysis_tables.sensitivity_items(found))
+    return notebook.items_html(rankings.model, "influence of parameters", analysis_tables.sensitivity_items(rankings))
 
 
 @provides("EnergyAudit._repr_html_")
-def _energy(found: EnergyAudit) -> str:
+def _energy(audit: EnergyAudit) -> str:
     from heavebond.reports import analysis_tables, notebook
 
-    return notebook.items_html(found.result.assembly.model.name, "energy", analysis_tables.energy_items(found))
+    return notebook.items_html(audit.result.assembly.model.name, "energy", analysis_tables.energy_items(audit))
 
 
 @provides("SignalAnalysis._repr_html_")
-def _signal(found: SignalAnalysis) -> str:
+def _signal(analysis: SignalAnalysis) -> str:
     from heavebond.pictures.plot_spectra import plot_spectra
     from heavebond.reports import analysis_tables, notebook
 
-    figures = [] if found.still else [plot_spectra([found])]
-    return notebook.items_html(found.course.name, found.course.unit, analysis_tables.signal_items(found), figures)
+    figures = [] if analysis.still else [plot_spectra([analysis])]
+    return notebook.items_html(analysis.course.name, analysis.course.unit, analysis_tables.signal_items(analysis), figures)
 
 
 @provides("Tuned._repr_html_")
-def _tuned(found: Tuned) -> str:
+def _tuned(tuned: Tuned) -> str:
     from heavebond.reports import notebook, study_tables
 
-    return notebook.items_html("tuning", found.message, study_tables.tuning_items("", None, found))
+    return notebook.items_html("tuning", tuned.message, study_tables.tuning_items("", None, tuned))
 
 
 @provides("StudyResult._repr_html_")
-def _study(found: StudyResult) -> str:
+def _study(result: StudyResult) -> str:
     from heavebond.reports import notebook, study_tables
 
-    return notebook.items_html(found.study.name, found.study.summary, study_tables.study_items(found), found.plot())
+    return notebook.items_html(result.study.name, result.study.summary, study_tables.study_items(result), result.plot())
 
 
 @provides("StudyResult.to_pandas")
-def _study_table(found: StudyResult) -> pd.DataFrame:
+def _study_table(result: StudyResult) -> pd.DataFrame:
     from heavebond.studies.tables import to_pandas
 
-    return to_pandas(found)
+    return to_pandas(result)
 
 
 @provides("StudyResult.spreads")
-def _study_spreads(found: StudyResult) -> list[Spread]:
+def _study_spreads(result: StudyResult) -> list[Spread]:
     from heavebond.studies.uncertainty import spreads
 
-    return list(spreads(found))
+    return list(spreads(result))
 
 
 @provides("StudyResult.occurrence_means")
-def _study_occurrence(found: StudyResult) -> list[OccurrenceMeans]:
+def _study_occurrence(result: StudyResult) -> list[OccurrenceMeans]:
     from heavebond.studies.uncertainty import occurrence_means
 
-    return occurrence_means(found)
+    return occurrence_means(result)
 
 
 @provides("StudyResult.to_xarray")
-def _study_dataset(found: StudyResult) -> xr.Dataset:
+def _study_dataset(result: StudyResult) -> xr.Dataset:
     from heavebond.studies.tables import to_xarray
 
-    return to_xarray(found)
+    return to_xarray(result)
 
 
 @provides("Localization._repr_html_")
-def _localization(found: Localization) -> str:
+def _localization(localization: Localization) -> str:
     from heavebond.reports import notebook, result_tables
 
-    return notebook.items_html(found.experiment.name, "where the model fails", result_tables.localization_items(found))
+    return notebook.items_html(localization.experiment.name, "where the model fails",
+                               result_tables.localization_items(localization))
 
 
 @provides("Laws._repr_html_")
-def _laws(found: Laws) -> str:
+def _laws(laws: Laws) -> str:
     from heavebond.reports import notebook, result_tables
 
-    return notebook.items_html(found.experiment.name, "laws", result_tables.laws_items(found))
+    return notebook.items_html(laws.experiment.name, "laws", result_tables.laws_items(laws))
 
 
 @provides("Attempt._repr_html_")
-def _attempt(found: Attempt) -> str:
+def _attempt(attempt: Attempt) -> str:
     from heavebond.reports import notebook, result_tables
 
-    return notebook.items_html(found.finding.rung.name, "an effect, fitted", result_tables.attempt_items(found))
+    return notebook.items_html(attempt.finding.rung.name, "an effect, fitted", result_tables.attempt_items(attempt))
 
 
 @provides("TextPage._repr_html_")
-def _text_page(found: TextPage) -> str:
+def _text_page(page: TextPage) -> str:
     from heavebond.pictures.markup import element
 
-    return str(element("pre", str(found)))
+    return str(element("pre", str(page)))
 
 
 @provides("Monitoring._repr_html_")
-def _monitoring(found: Monitoring) -> str:
+def _monitoring(monitoring: Monitoring) -> str:
     from heavebond.reports import notebook
     from heavebond.reports.monitoring_page import monitoring_items
 
-    return notebook.items_html(found.experiment.name, "monitored records", monitoring_items(found))
+    return notebook.items_html(monitoring.experiment.name, "monitored records", monitoring_items(monitoring))

@@ -32,27 +32,27 @@ INFLUENCE = ("parameter", "value", "influence", "1 % more moves it by", "at")
 
 
 # -- modes -------------------------------------------------------------------------------------------------------------
-def modes_items(found: Modes) -> list[Item]:
+def modes_items(result: Modes) -> list[Item]:
     """The modes with their frequency, damping and components, and the sentences on stability and held variables."""
-    modes = found.modes
+    modes = result.modes
     first = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")))
              for mode in modes]
-    states = modes[0].states if found.period is not None and modes else found.states
-    title = f"{found.model} {found.at}, {count(len(states), 'state')}"
-    if found.period is None:
+    states = modes[0].states if result.period is not None and modes else result.states
+    title = f"{result.model} {result.at}, {count(len(states), 'state')}"
+    if result.period is None:
         rows = [(*begin, named(share.energy or mode.participation), named(share.damping))
-                for begin, mode, share in zip(first, modes, found.shares, strict=True)]
+                for begin, mode, share in zip(first, modes, result.shares, strict=True)]
         items: list[Item] = [ResultTable(title, ("frequency", "damping", "decay", "energy in", "damping contribution"), rows,
                                          5)]
     else:
         rows = [(*begin, _pole(mode), named(mode.participation)) for begin, mode in zip(first, modes, strict=True)]
-        items = [ResultTable(f"{title}, {sampled_words(found.period)}", ("frequency", "damping", "decay", "z", "states"),
+        items = [ResultTable(f"{title}, {sampled_words(result.period)}", ("frequency", "damping", "decay", "z", "states"),
                              rows, 5)]
-    items += map(Line, (*found.words, *sampled_lines(found.sampled),
-                        *clock_lines(found.clocks if found.sampled else ())))
-    items += (Line(note, highlight=True) for note in (*held_lines(found.held), *found.notes, found.filled) if note)
-    if found.shares and found.shares[0].left_out:
-        items.append(Line(f"not counted (described by mass and temperature): {', '.join(found.shares[0].left_out)}"))
+    items += map(Line, (*result.words, *sampled_lines(result.sampled),
+                        *clock_lines(result.clocks if result.sampled else ())))
+    items += (Line(note, highlight=True) for note in (*held_lines(result.held), *result.notes, result.filled) if note)
+    if result.shares and result.shares[0].left_out:
+        items.append(Line(f"not counted (described by mass and temperature): {', '.join(result.shares[0].left_out)}"))
     return items
 
 
@@ -102,18 +102,18 @@ def _influences(ranking: Ranking, rows: int) -> ResultTable:
 
 
 # -- energy ------------------------------------------------------------------------------------------------------------
-def energy_items(found: EnergyAudit) -> list[Item]:
+def energy_items(audit: EnergyAudit) -> list[Item]:
     """The energies of the components, and the notes on them."""
-    made = table(found)
-    rows = list(zip(*([str(cell) for cell in column.cells] for column in made.columns), strict=True))
-    shown = ResultTable(str(made.title), [str(column.header) for column in made.columns], rows)
-    return [shown, *map(Line, filter(None, str(made.caption or "").splitlines()))]
+    energies = table(audit)
+    rows = list(zip(*([str(cell) for cell in column.cells] for column in energies.columns), strict=True))
+    energy_table = ResultTable(str(energies.title), [str(column.header) for column in energies.columns], rows)
+    return [energy_table, *map(Line, filter(None, str(energies.caption or "").splitlines()))]
 
 
 # -- signal ------------------------------------------------------------------------------------------------------------
-def signal_items(one: SignalAnalysis) -> list[Item]:
+def signal_items(analysis: SignalAnalysis) -> list[Item]:
     """Mean, spectrum, waves and load cycles of a signal."""
-    unit, values = one.course.unit, one.as_dict()
+    unit, values = analysis.course.unit, analysis.as_dict()
     rows = [("mean", "mean", unit), ("deviation", "standard deviation", unit), ("least", "least", unit),
             ("most", "most", unit), ("significant", "spectrum: significant height, 4 sqrt(m0)", unit),
             ("peak_period", "spectrum: peak period", "s"), ("mean_period", "spectrum: mean period, m0/m1", "s"),
@@ -121,10 +121,11 @@ def signal_items(one: SignalAnalysis) -> list[Item]:
             ("wave_period", "waves: mean period", "s"), ("highest_third", "waves: mean height of the highest third", unit),
             ("period_of_highest_third", "waves: mean period of these", "s"), ("highest_wave", "waves: the highest", unit),
             ("cycles", "rainflow: cycles", ""), ("largest_range", "rainflow: largest range", unit),
-            ("equivalent_range", f"rainflow: equivalent range at 1 Hz, slope {one.slope:g}", unit)]
-    shown = [(words, number(float(str(values[key])), 4), of) for key, words, of in rows if values.get(key) is not None]
-    title = f"{one.course.name}, {one.course.time[0]:g} to {one.course.time[-1]:g} s"
-    return [ResultTable(title, ("", "value", "unit"), shown), *([Line(one.course.note)] if one.course.note else [])]
+            ("equivalent_range", f"rainflow: equivalent range at 1 Hz, slope {analysis.slope:g}", unit)]
+    statistics = [(words, number(float(str(values[key])), 4), of) for key, words, of in rows if values.get(key) is not None]
+    title = f"{analysis.course.name}, {analysis.course.time[0]:g} to {analysis.course.time[-1]:g} s"
+    return [ResultTable(title, ("", "value", "unit"), statistics),
+            *([Line(analysis.course.note)] if analysis.course.note else [])]
 
 
 # -- optimal inputs ------------------------------------------------------------------------------------------------------
@@ -134,10 +135,10 @@ Measures = Mapping[str, tuple[str, str]]  # formulas and units by name
 def optimal_items(title: str, results: Mapping[str, tuple[Assembly, Optimal]], measures: Measures) -> list[Item]:
     """Cost and measured numbers of the diagram and of its optimal input, by case; the limits, and the verdict."""
     rows, lines = list[tuple[str, ...]](), list[Item]()
-    for case, (own, result) in results.items():
+    for case, (diagram_assembly, result) in results.items():
         numbers = {"cost": (result.before, result.cost, result.cost_unit),
                    **({"duration": (float("nan"), result.duration, "s")} if result.task.duration is not None else {}),
-                   **_measured(own, result, measures)}
+                   **_measured(diagram_assembly, result, measures)}
         rows += [(case, name, _number(before, unit), _number(after, unit))
                  for name, (before, after, unit) in numbers.items()]
         subject = f"{case}: " if case else ""
@@ -157,17 +158,17 @@ def _number(value: float, unit: str) -> str:
     return readable(value, unit, 4) if value == value else ""
 
 
-def _measured(own: Assembly, result: Optimal, measures: Measures) -> dict[str, tuple[float, float, str]]:
+def _measured(diagram_assembly: Assembly, result: Optimal, measures: Measures) -> dict[str, tuple[float, float, str]]:
     """Measured numbers of the diagram's own run and of the run with the optimal input, in their units."""
     begin, numbers = float(result.inputs.time[0]), {}
     for name, (text, unit) in measures.items():
         values = []
-        for assembly, run in ((own, result.diagram_run), (result.run.assembly, result.run)):
+        for assembly, run in ((diagram_assembly, result.diagram_run), (result.run.assembly, result.run)):
             cost = read_cost(assembly, text)
             values.append(cost_values(assembly, run, [cost], [np.zeros(len(cost.functionals))], begin)[0])
-        shown = unit or cost.unit
-        before, after = (float(read_unit(shown).from_si(value)) for value in values)
-        numbers[name] = (before, after, shown)
+        display_unit = unit or cost.unit
+        before, after = (float(read_unit(display_unit).from_si(value)) for value in values)
+        numbers[name] = (before, after, display_unit)
     return numbers
 
 
@@ -179,8 +180,8 @@ def optimal_figures(title: str, results: Mapping[str, tuple[Assembly, Optimal]],
         "doubts": list(result.doubts), "differences": dict(result.differences), "intervals": result.intervals,
         "iterations": result.iterations, "error": result.error, "solver": result.message,
         "measures": {name: {"diagram": before, "optimal": after, "unit": unit}
-                     for name, (before, after, unit) in _measured(own, result, measures).items()}}
-        for case, (own, result) in results.items()}}
+                     for name, (before, after, unit) in _measured(diagram_assembly, result, measures).items()}}
+        for case, (diagram_assembly, result) in results.items()}}
 
 
 # -- designs ---------------------------------------------------------------------------------------------------------------
@@ -191,13 +192,14 @@ def design_items(model: Model, result: LoopDesign) -> list[Item]:
     gains = [(name, units[name].written(assembly.parameter_values[name]), units[name].written(value))
              for name, value in result.values.items()]
 
-    def margin(found: Margin | None, unit: str, digits: int = 4) -> str:
-        return "" if found is None else f"{number(found.value, digits)}{unit}"
+    def margin(entry: Margin | None, unit: str, digits: int = 4) -> str:
+        return "" if entry is None else f"{number(entry.value, digits)}{unit}"
 
-    rows = [(name, found.verdict, margin(found.gain_up, ""), margin(found.gain_down, ""), margin(found.least_phase, " deg"),
-             "" if found.least_phase is None else f"{number(found.least_phase.frequency, 4)} Hz",
-             "" if found.least_delay is None else readable(found.least_delay.value, "s", 4))
-            for name, found in {"design": result.crossings, **result.points}.items()]
+    rows = [(name, crossings.verdict, margin(crossings.gain_up, ""), margin(crossings.gain_down, ""),
+             margin(crossings.least_phase, " deg"),
+             "" if crossings.least_phase is None else f"{number(crossings.least_phase.frequency, 4)} Hz",
+             "" if crossings.least_delay is None else readable(crossings.least_delay.value, "s", 4))
+            for name, crossings in {"design": result.crossings, **result.points}.items()]
     band = f", bandwidth {number(result.bandwidth, 4)} Hz" if result.bandwidth == result.bandwidth else ""
     return [ResultTable(f"{model.name}: loop through {result.signal}", ("parameter", "before", "designed"), gains),
             Line(f"crossover {number(result.crossover, 4)} Hz, phase margin {number(result.phase_margin, 4)} deg{band}"),

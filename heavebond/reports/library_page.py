@@ -83,11 +83,11 @@ def _list(known: Library, wanted: str, page: _Lines) -> TextPage:
 
 def _with_words(summaries: dict[str, str], words: list[str]) -> dict[str, str]:
     """Select the summaries, by name, in which each of the lower-case words begins a word of the name or the summary."""
-    def found(name: str) -> bool:
+    def matches(name: str) -> bool:
         text = " ".join([re.sub("(?<=[a-z])(?=[A-Z])", " ", name), name, summaries[name]]).lower()
         return all(re.search(f"(?<![a-z]){re.escape(word)}", text) for word in words)
 
-    return {name: summary for name, summary in summaries.items() if found(name)}
+    return {name: summary for name, summary in summaries.items() if matches(name)}
 
 
 def _show_function(function: Function, page: _Lines) -> dict[str, object]:

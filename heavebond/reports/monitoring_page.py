@@ -16,25 +16,25 @@ ORDER = {CHANGED: 0, UNUSABLE: 1}
 SHOWN = 40  # records in the table of the terminal; the page has all
 
 
-def monitoring_items(found: Monitoring) -> list[Item]:
+def monitoring_items(monitoring: Monitoring) -> list[Item]:
     """The table of the records, those that need attention first, and the numbers of records."""
-    rows = [_row(record) for record in _ordered(found)]
+    rows = [_row(record) for record in _ordered(monitoring)]
     more = [Line(f"and {len(rows) - SHOWN} more records")] if len(rows) > SHOWN else []
-    reasons = [Line(f"{record.name}: {record.reason}") for record in found.unusable[:SHOWN]]
-    return [ResultTable("", HEAD, rows[:SHOWN], text=3), *more, *reasons, Line(f"{found.words}.")]
+    reasons = [Line(f"{record.name}: {record.reason}") for record in monitoring.unusable[:SHOWN]]
+    return [ResultTable("", HEAD, rows[:SHOWN], text=3), *more, *reasons, Line(f"{monitoring.words}.")]
 
 
-def monitoring_page(found: Monitoring, diagnoses: Mapping[str, object]) -> str:
+def monitoring_page(monitoring: Monitoring, diagnoses: Mapping[str, object]) -> str:
     """The table as a page, with a link to the picture of each record that left the model, and the answers of diagnoses."""
     marks = {CHANGED: "chosen", UNUSABLE: "alike"}
-    ordered = _ordered(found)
-    title = f"Records of {found.experiment.name}"
+    ordered = _ordered(monitoring)
+    title = f"Records of {monitoring.experiment.name}"
     answers = [element("section", element("h2", name), *(element("p", str(line)) for line in lines),
                        element("p", element("a", "report", href=f"{name}_report.html")))
                for name, lines in diagnoses.items() if isinstance(lines, list)]
     rows = [[_linked(record), record.outcome, record.statistic or record.reason, *_row(record)[3:]] for record in ordered]
     return page(title, element("header", element("h1", title), class_="page"), element(
-        "main", element("p", f"{found.words}."), *answers,
+        "main", element("p", f"{monitoring.words}."), *answers,
         table((*HEAD[:2], "alarm raised by, or reason", *HEAD[3:]), rows, numbers=range(3, len(HEAD)),
               marks=[marks.get(r.outcome, "") for r in ordered], wide=True)))
 
@@ -43,8 +43,8 @@ def _linked(record: MonitoredRecord) -> Html | str:
     return element("a", record.name, href=f"{record.name}.png") if record.outcome == CHANGED else record.name
 
 
-def _ordered(found: Monitoring) -> list[MonitoredRecord]:
-    return sorted(found.records, key=lambda r: ORDER.get(r.outcome, 2))
+def _ordered(monitoring: Monitoring) -> list[MonitoredRecord]:
+    return sorted(monitoring.records, key=lambda r: ORDER.get(r.outcome, 2))
 
 
 def _row(record: MonitoredRecord) -> tuple[str, ...]:

@@ -66,8 +66,8 @@ def result_html(result: Result) -> Html:
     """A run: its verdict, the first, minimum, maximum and last value of each output, and the plot of the outputs."""
     from heavebond.pictures.plot import drawn_run, plot_signals
 
-    shown = list(result.assembly.model.show) or list(result.assembly.state_names)
-    names = shown[:MOST_ROWS]
+    outputs = list(result.assembly.model.show) or list(result.assembly.state_names)
+    names = outputs[:MOST_ROWS]
     values, figures = result.signals(names), result.figures(names)
     head = ("output" if result.assembly.model.show else "state", "unit", "start", "minimum", "maximum", "end")
     rows = [_course(name, result.unit(name), float(values[name][0]), figures[name]) for name in names]
@@ -77,7 +77,7 @@ def result_html(result: Result) -> Html:
     points = len(names) * len(drawn_run(result, names).time) if few else 0
     picture = [_figure(plot_signals(result, names), points, "signals over time")] if few else []
     return element("div", _heading(result.assembly.model.name, span), element("p", f"Verdict: {result.verdict}"),
-                   signal_table, *_more(shown), *picture)
+                   signal_table, *_more(outputs), *picture)
 
 
 def saved_run_html(run: SavedRun) -> Html:
@@ -150,15 +150,16 @@ def _course(name: str, unit: str, start: float, figures: SignalFigures) -> tuple
     """The row of an output, in a unit suited to its largest value."""
     finite = [start, figures.least, figures.most, figures.final]
     largest = max(map(abs, finite))
-    shown = readable_unit(unit, largest)
-    source, target = read_unit(unit), read_unit(shown)
-    return name, unit_label(shown), *(number(target.from_si(source.to_si(v if abs(v) > ROUNDING * largest else 0.0)), 5)
-                                      for v in finite)
+    display_unit = readable_unit(unit, largest)
+    source, target = read_unit(unit), read_unit(display_unit)
+    return name, unit_label(display_unit), *(number(target.from_si(source.to_si(v if abs(v) > ROUNDING * largest else 0.0)),
+                                                    5)
+                                             for v in finite)
 
 
 # -- pieces --------------------------------------------------------------------------------------------------------
-def _heading(name: str, said: str) -> Html:
-    return element("p", element("strong", name), f": {said}" if said else "")
+def _heading(name: str, words: str) -> Html:
+    return element("p", element("strong", name), f": {words}" if words else "")
 
 
 def _list(words: Sequence[str]) -> Html:
@@ -182,16 +183,16 @@ def _more(rows: Sequence[object]) -> list[Html]:
     return [element("p", f"... and {len(rows) - MOST_ROWS} more")] if len(rows) > MOST_ROWS else []
 
 
-def _figure(figure: Figure, points: int, says: str) -> Html:
+def _figure(figure: Figure, points: int, alt: str) -> Html:
     """A figure as SVG, or as PNG if it has many points."""
     from matplotlib import rc_context
 
     svg, file = points <= MOST_POINTS, io.BytesIO()
     with rc_context({"svg.hashsalt": "heavebond", "svg.fonttype": "path"}):
         figure.savefig(file, format="svg" if svg else "png", metadata={"Date": None} if svg else None)
-    return _picture(file.getvalue(), "svg+xml" if svg else "png", says)
+    return _picture(file.getvalue(), "svg+xml" if svg else "png", alt)
 
 
-def _picture(data: bytes, kind: str, says: str) -> Html:
+def _picture(data: bytes, kind: str, alt: str) -> Html:
     text = base64.b64encode(data).decode("ascii")
-    return element("img", src=f"data:image/{kind};base64,{text}", alt=says, style=WIDTH)
+    return element("img", src=f"data:image/{kind};base64,{text}", alt=alt, style=WIDTH)

@@ -62,8 +62,8 @@ def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: 
     estimated inputs at its places. `written` are the experiment files of the findings, for the commands under the next
     steps.
     """
-    shown = shown_rungs(diagnosis.ladder)
-    sections = [s for s in _sections(diagnosis, shown, where, written) if s[2]]
+    styles = shown_rungs(diagnosis.ladder)
+    sections = [s for s in _sections(diagnosis, styles, where, written) if s[2]]
     contents = element("nav", *(element("a", title, href=f"#{name}") for name, title, _ in sections), aria_label="contents")
     parts = [element("section", element("h2", title, id=name), inside) for name, title, inside in sections]
     title = f"Diagnosis of {diagnosis.experiment.name}"
@@ -72,10 +72,10 @@ def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: 
     return page(title,
                 element("header", element("h1", title), element("p", f"Diagram {model.name}{summary}"),
                         element("p", f"Experiment {_named(diagnosis)}", class_="small"), class_="page"),
-                element("main", _verdict(diagnosis), contents, *parts), _foot(), data_block("series", packed(shown)))
+                element("main", _verdict(diagnosis), contents, *parts), _foot(), data_block("series", packed(styles)))
 
 
-def _sections(diagnosis: Diagnosis, shown: Sequence[ModelStyle], where: Localization | None,
+def _sections(diagnosis: Diagnosis, styles: Sequence[ModelStyle], where: Localization | None,
               written: Sequence[Path]) -> list[Section]:
     """The sections below the verdict: name, title and content of each."""
     if not diagnosis.ladder:  # no model was simulated
@@ -83,16 +83,16 @@ def _sections(diagnosis: Diagnosis, shown: Sequence[ModelStyle], where: Localiza
     fit = diagnosis.added[-1].fit if diagnosis.added else diagnosis.fitted
     finding = diagnosis.findings[0] if diagnosis.findings else diagnosis.shape
     apart = diagnosis.separation
-    records = shown[-1].rung.comparison.records.values()
-    return [("machine", "The machine", _machine(diagnosis, where)), ("finding", "Added effects", _found(diagnosis)),
+    records = styles[-1].rung.comparison.records.values()
+    return [("machine", "The machine", _machine(diagnosis, where)), ("finding", "Added effects", _effects(diagnosis)),
             ("records", "Records and models",
-             joined([key(), *(record_section(k, record, shown) for k, record in enumerate(records))])),
+             joined([key(), *(record_section(k, record, styles) for k, record in enumerate(records))])),
             ("ladder", "Errors of the models", _ladder(diagnosis.ladder)),
             ("where", "Where the diagram fails", failing(where, finding) if where is not None else Html("")),
             ("separation", "What to record next", separating(apart) if apart is not None else Html("")),
             ("candidates", "Candidates and their evidence", _candidates(diagnosis)),
             ("parameters", "Parameters", parameters(fit, diagnosis.fitted) if fit is not None else Html("")),
-            ("left", "Residual", _left(diagnosis)), ("tried", "What was tried", _tried(diagnosis)),
+            ("left", "Residual", _residual(diagnosis)), ("tried", "What was tried", _tried(diagnosis)),
             ("next", "How to go on", _next(diagnosis, written))]
 
 
@@ -185,7 +185,7 @@ def _drawn(model: Model, marks: dict[str, str], rivals: dict[str, str]) -> Html:
     return Html("")
 
 
-def _found(diagnosis: Diagnosis) -> Html:
+def _effects(diagnosis: Diagnosis) -> Html:
     """Each effect with its parameters, and the candidates that the records cannot distinguish from it."""
     parts = [element("h3", PROBABILITY), table(("explanation", "probability"), [e.row for e in diagnosis.events],
                                                numbers=(1,))] if diagnosis.events else []
@@ -200,24 +200,24 @@ def _found(diagnosis: Diagnosis) -> Html:
 
 def _finding(k: int, finding: AddedEffect) -> Html:
     candidate = finding.candidate
-    asleep = candidate.attaches == "in"
-    what = f"parameter of {candidate.component}:" if asleep else f"component {candidate.component}, in the diagram as"
+    inactive = candidate.attaches == "in"
+    role = f"parameter of {candidate.component}:" if inactive else f"component {candidate.component}, in the diagram as"
     rows = [(explained(p.name, parameter_description(finding.fit, p.name)), *valued(p),
              f"at the {p.ended} end of its range" if p.ended else "") for p in finding.parameters]
     parts = [element("h3", f"{k}. {candidate.kind[:1].upper()}{candidate.kind[1:]} {candidate.place}"),
-             element("p", f"{candidate.description[:1].upper()}{candidate.description[1:]}; {what} ",
+             element("p", f"{candidate.description[:1].upper()}{candidate.description[1:]}; {role} ",
                      element("code", candidate.name), ".")]
     if rows:
         parts.append(table(("number", "value", "95 % interval", ""), rows))
     if limits := restrictions(finding):
         parts.append(element("p", f"Limits of this law: {limits}", class_="small"))
     parts.append(element("details", element("summary", "as a diagram"), element("pre", element("code", _diagram(finding)))))
-    others = finding.alternatives[1:]
-    if others:
+    alternatives = finding.alternatives[1:]
+    if alternatives:
         parts.append(element("p", "The records cannot distinguish it from: " if not finding.certain else
                              "Other laws of the same class at the same place explain the records as well:"))
         parts.append(element("ul", *(element("li", f"{t.candidate.kind} {t.candidate.place} ({t.candidate.component}), "
-                                             f"chi-square held out {number(t.chi2_held_out, 4)}") for t in others)))
+                                             f"chi-square held out {number(t.chi2_held_out, 4)}") for t in alternatives)))
     return joined(parts)
 
 
@@ -277,7 +277,7 @@ def _candidates(diagnosis: Diagnosis) -> Html:
     return joined([words, *steps])
 
 
-def _left(diagnosis: Diagnosis) -> Html:
+def _residual(diagnosis: Diagnosis) -> Html:
     if not diagnosis.steps:
         return noise(diagnosis)
     names = [_stage(diagnosis, k) for k in range(len(diagnosis.steps))]
@@ -335,8 +335,8 @@ def _tries(diagnosis: Diagnosis, name: str) -> list[str]:
         for candidate in (t.candidate for t in finding.alternatives[:6]):
             where, pair = candidate.where, candidate.attaches == "across" and len(candidate.where) == 2
             place = f"--between {where[0]} {where[1]}" if pair else f"--at {where[0]}"
-            asleep = candidate.attaches == "in"
-            lines.append(f"heavebond try {name} " + (candidate.name if asleep else f"{candidate.component} {place}"))
+            inactive = candidate.attaches == "in"
+            lines.append(f"heavebond try {name} " + (candidate.name if inactive else f"{candidate.component} {place}"))
     return lines
 
 

@@ -147,8 +147,8 @@ def record_section(index: int, record: RecordComparison, ladder: Sequence[ModelS
     return element("section", element("h3", f"Record {record.name} ", element("span", use, class_="tag")),
                    element("p", f"{record.file.name}{more}.", class_="quiet small"),
                    element("div", *models, element("span", class_="between"),
-                           *(element("button", face, type="button", data_do=what, aria_label=words, title=words)
-                             for what, face, words in moves), class_="toolbar", role="toolbar",
+                           *(element("button", face, type="button", data_do=action, aria_label=words, title=words)
+                             for action, face, words in moves), class_="toolbar", role="toolbar",
                            aria_label="models and stretch of time"), *charts, *notes, data_record=index)
 
 

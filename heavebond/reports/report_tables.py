@@ -54,17 +54,17 @@ def ranking(step: Stage) -> Html:
     """All candidates of one step: the fitted candidates with their statistics, then the other candidates by reason."""
     ranked = entries(step)
     fitted = [e for e in ranked if e.trial is not None]
-    others = _others(ranked[len(fitted):])
+    unfitted = _others(ranked[len(fitted):])
     if not fitted:
         return joined([element("p", "No candidate was fitted: the residual is noise." if not step.left.significant else
-                               "No candidate could be fitted."), others])
+                               "No candidate could be fitted."), unfitted])
     caption = f"Before: reduced chi-square {number(step.chi2_fit, 4)} fitted, {number(step.chi2_held_out, 4)} held out; " \
               "1 is the noise level. BIC change is relative to that model: below zero a candidate is worth its parameters."
     parts = [_ranked(fitted[:FIRST_ROWS], 1, caption)]
     if len(fitted) > FIRST_ROWS:
         parts.append(_folded(f"{count(len(fitted) - FIRST_ROWS, 'more fitted candidate')}, ranked below these",
                              _ranked(fitted[FIRST_ROWS:], FIRST_ROWS + 1), None))
-    return joined([*parts, others])
+    return joined([*parts, unfitted])
 
 
 def _ranked(ranked: Sequence[Entry], first: int, caption: str = "") -> Html:
@@ -87,11 +87,11 @@ def _cell(column: Column, entry: Entry) -> Html | str:
     return column.text(entry)
 
 
-def _others(left: Sequence[Entry]) -> Html:
+def _others(unfitted: Sequence[Entry]) -> Html:
     """The candidates that were not fitted, by reason."""
     parts = []
     for reason, words in JUDGEMENTS.items():
-        entries = [e for e in left if e.judgement == reason and reason != "same_direction"]
+        entries = [e for e in unfitted if e.judgement == reason and reason != "same_direction"]
         if entries:
             columns = [BY_KEY[key] for key in ("class", "effect", "place", "score")]
             rows = [[column.text(e) for column in columns] for e in entries]
@@ -159,14 +159,14 @@ def _ended(value: str, p: Fitted) -> Html:
 
 def in_one_unit(unit: str, size: float, values: Sequence[float]) -> list[str]:
     """Values in SI as texts in the unit suited to `size`, each with the unit."""
-    shown, label = shown_unit(unit, size)
-    return [in_unit(value, shown, 5) + label for value in values]
+    display_unit, label = shown_unit(unit, size)
+    return [in_unit(value, display_unit, 5) + label for value in values]
 
 
 def shown_unit(unit: str, size: float) -> tuple[Unit, str]:
     """The unit suited to values of a size, and its text after a number."""
-    shown = readable_unit(unit, size)
-    return read_unit(shown), "" if shown == "1" else f" {unit_label(shown)}"
+    name = readable_unit(unit, size)
+    return read_unit(name), "" if name == "1" else f" {unit_label(name)}"
 
 
 # -- residual tests ----------------------------------------------------------------------------------------------------
@@ -227,20 +227,20 @@ def records(diagnosis: Diagnosis) -> Html:
     return table(("record", "use", "file", "length", "channels (samples)"), rows, numbers=(3,))
 
 
-def separating(found: Separation) -> Html:
+def separating(separation: Separation) -> Html:
     """The section on the next experiment: the most discriminating input, the predicted channels, the distinguished pairs."""
-    parts = [element("p", line) for line in found.words]
-    if found.best is None:
+    parts = [element("p", line) for line in separation.words]
+    if separation.best is None:
         return joined(parts)
     kinds = ["line" if dash is None else "dash" for dash in DASHES]
-    legend = swatch(*((kinds[k], COLOURS[k], name) for k, name in enumerate(found.alternatives[:len(COLOURS)])))
-    figures = [figure for name, channel in found.channels.items() for figure in _channel(found, name, channel)]
+    legend = swatch(*((kinds[k], COLOURS[k], name) for k, name in enumerate(separation.alternatives[:len(COLOURS)])))
+    figures = [figure for name, channel in separation.channels.items() for figure in _channel(separation, name, channel)]
     rows = [(p.one, p.other, p.channel, f"{number(p.at, 3)} s", number(p.size, 3), number(p.chi2, 4),
-             f"{100 * p.sure:.4g} %") for p in found.best.pairs]
+             f"{100 * p.sure:.4g} %") for p in separation.best.pairs]
     head = ("one", "other", "differ most in", "near", "by noise levels", "χ² of the wrong one higher by", "decides in")
     pairs = table(head, rows, numbers=(3, 4, 5, 6), caption="What the proposed record would decide")
-    parts += [element("figure", _input(found, found.best)), element("p", legend, class_="small"),
-              element("div", *(element("figure", figure) for figure in figures), class_="panels"), pairs, _tried(found)]
+    parts += [element("figure", _input(separation, separation.best)), element("p", legend, class_="small"),
+              element("div", *(element("figure", figure) for figure in figures), class_="panels"), pairs, _tried(separation)]
     return joined(parts)
 
 
@@ -248,31 +248,31 @@ def _thin(values: Array) -> Array:
     return values[::max(1, -(-len(values) // MOST_POINTS))]
 
 
-def _input(found: Separation, best: SimulatedInput) -> Html:
-    name, unit = best.proposal.input, found.limits[best.proposal.input][1]
-    shown = readable_unit(unit, float(np.max(np.abs(best.proposal.values), initial=0.0)))
-    values = best.proposal.values * (read_unit(unit).scale / read_unit(shown).scale)
-    return over([], [Line(_thin(found.time), _thin(values), INK, 1.4)], title=f"input {name}", across="time [s]",
-                up=f"[{unit_label(shown)}]" if shown != "1" else "dimensionless",
+def _input(separation: Separation, best: SimulatedInput) -> Html:
+    name, unit = best.proposal.input, separation.limits[best.proposal.input][1]
+    display_unit = readable_unit(unit, float(np.max(np.abs(best.proposal.values), initial=0.0)))
+    values = best.proposal.values * (read_unit(unit).scale / read_unit(display_unit).scale)
+    return over([], [Line(_thin(separation.time), _thin(values), INK, 1.4)], title=f"input {name}", across="time [s]",
+                up=f"[{unit_label(display_unit)}]" if display_unit != "1" else "dimensionless",
                 label=f"Proposed course of the input {name}", size=SIZE)
 
 
-def _channel(found: Separation, name: str, channel: Predicted) -> list[Html]:
+def _channel(separation: Separation, name: str, channel: Predicted) -> list[Html]:
     """A channel under each alternative, and the differences from the first alternative in multiples of the noise."""
-    shown = readable_unit(channel.unit, float(np.max(np.abs(channel.values), initial=0.0)))
-    source, target = read_unit(channel.unit), read_unit(shown)
+    display_unit = readable_unit(channel.unit, float(np.max(np.abs(channel.values), initial=0.0)))
+    source, target = read_unit(channel.unit), read_unit(display_unit)
     values = (channel.values * source.scale + source.offset - target.offset) / target.scale
     apart = (channel.values - channel.values[:1]) / channel.noise
-    pictures = ((values, f"{name} as each foresees it", f"[{unit_label(shown)}]"),
+    pictures = ((values, f"{name} as each foresees it", f"[{unit_label(display_unit)}]"),
                 (apart, f"{name}: each less the first", "[noise levels]"))
-    return [over([], [Line(_thin(found.time), _thin(course), COLOURS[k % len(COLOURS)], 1.4, DASHES[k % len(DASHES)])
+    return [over([], [Line(_thin(separation.time), _thin(course), COLOURS[k % len(COLOURS)], 1.4, DASHES[k % len(DASHES)])
                       for k, course in enumerate(courses)], title=title, across="time [s]", up=up, size=SIZE,
                  label=f"{title}, under each alternative") for courses, title, up in pictures]
 
 
-def _tried(found: Separation) -> Html:
+def _tried(separation: Separation) -> Html:
     rows = [(t.proposal.input, t.proposal.shape, f"{number(t.proposal.frequency, 3)} Hz" if t.proposal.frequency else "–",
-             str(t.decided), number(t.smallest, 4)) for t in found.tried[:SHOWN]]
+             str(t.decided), number(t.smallest, 4)) for t in separation.tried[:SHOWN]]
     head = ("input", "shape", "frequency", "pairs distinguished", "smallest rise of χ²")
-    caption = f"Inputs that were simulated, {len(found.tried)} in all, the best first"
+    caption = f"Inputs that were simulated, {len(separation.tried)} in all, the best first"
     return table(head, rows, numbers=(2, 3, 4), caption=caption)

@@ -20,42 +20,43 @@ PANELS = 3
 LAW, CURVE = "#000000", "#009e73"
 
 
-def failing(found: Localization, finding: AddedEffect | None) -> Html:
+def failing(localization: Localization, finding: AddedEffect | None) -> Html:
     """The section on the misfit of the model: over time, by state of motion and by place.
 
     The law of a finding is drawn over the estimated input at its place.
     """
-    parts = [element("p", line) for line in summary(found)]
+    parts = [element("p", line) for line in summary(localization)]
     best: dict[str, State] = {}
-    for state in found.states:
+    for state in localization.states:
         best.setdefault(state.channel, state)
-    over_states = [element("figure", _state(found, state)) for state in best.values()]
-    parts += [element("div", *figures, class_="panels") for figures in (_over_time(found), over_states) if figures]
-    parts += [element("p", line) for line in found.words]
-    for suspect in _chosen(found, finding):
+    over_states = [element("figure", _state(localization, state)) for state in best.values()]
+    parts += [element("div", *figures, class_="panels") for figures in (_over_time(localization), over_states) if figures]
+    parts += [element("p", line) for line in localization.words]
+    for suspect in _chosen(localization, finding):
         parts.append(_place(suspect, finding))
-    if found.unseen:
-        parts.append(element("p", f"Places that these records do not see: {', '.join(found.unseen)}.", class_="quiet small"))
+    if localization.unseen:
+        parts.append(element("p", f"Places that these records do not see: {', '.join(localization.unseen)}.",
+                             class_="quiet small"))
     return joined(parts)
 
 
-def _chosen(found: Localization, finding: AddedEffect | None) -> list[PlaceEstimate]:
+def _chosen(localization: Localization, finding: AddedEffect | None) -> list[PlaceEstimate]:
     """The best place, and the place of the finding if it is different."""
-    best = list(best_of_each_group(found))[:1]
+    best = list(best_of_each_group(localization))[:1]
     if finding is not None:
         wanted = set(finding.candidate.where)
-        there = next((s for s in found.suspects if {n.name for n in s.place.nodes} == wanted), None)
-        if there is not None and best and there is not best[0]:
+        at_finding = next((s for s in localization.suspects if {n.name for n in s.place.nodes} == wanted), None)
+        if at_finding is not None and best and at_finding is not best[0]:
             # both places have the same effect on the records, so one chart is sufficient
-            return [there] if there.place.name in best[0].alike else [best[0], there]
+            return [at_finding] if at_finding.place.name in best[0].alike else [best[0], at_finding]
     return best
 
 
 # -- when and in what state --------------------------------------------------------------------------------------------
-def _over_time(found: Localization) -> list[Html]:
+def _over_time(localization: Localization) -> list[Html]:
     figures = []
-    for record in dict.fromkeys(s.record for s in found.stretches):
-        parts = [s for s in found.stretches if s.record == record]
+    for record in dict.fromkeys(s.record for s in localization.stretches):
+        parts = [s for s in localization.stretches if s.record == record]
         edges = np.array([*(s.begin for s in parts), parts[-1].end])
         series = [(name, edges, np.array([s.chi2[name] for s in parts])) for name in parts[0].chi2]
         figures.append(element("figure",
@@ -64,8 +65,8 @@ def _over_time(found: Localization) -> list[Html]:
     return figures
 
 
-def _state(found: Localization, state: State) -> Html:
-    output_unit = read_unit(found.experiment.outputs[state.channel].shown.unit)
+def _state(localization: Localization, state: State) -> Html:
+    output_unit = read_unit(localization.experiment.outputs[state.channel].shown.unit)
     error, per_y = _shown(output_unit.text, state.y)
     across, per_x = _shown(state.unit, state.x)
     x, y = state.x * per_x, state.y * per_y
@@ -79,8 +80,8 @@ def _shown(unit: str, values: Array) -> tuple[str, float]:
     """A unit suited to the size of the values, and the factor from `unit` to it."""
     if not unit:
         return unit, 1.0
-    shown_ = readable_unit(unit, float(np.max(np.abs(values), initial=0.0)))
-    return shown_, read_unit(unit).scale / read_unit(shown_).scale
+    display_unit = readable_unit(unit, float(np.max(np.abs(values), initial=0.0)))
+    return display_unit, read_unit(unit).scale / read_unit(display_unit).scale
 
 
 # -- at a place --------------------------------------------------------------------------------------------------------

@@ -84,8 +84,8 @@ def noticed(comparison: Comparison) -> list[Notes]:
         notes = []
         for note in record.notes:
             records = fed.get(note.partition(" (")[0], []) if note in record.feedback else [name]
-            others = f" (the same in {listing(records[1:], 3)})" if len(records) > 1 else ""
-            notes += [note + others] if records[0] == name else []
+            same_note = f" (the same in {listing(records[1:], 3)})" if len(records) > 1 else ""
+            notes += [note + same_note] if records[0] == name else []
         rows += [(name if k == 0 else "", note) for k, note in enumerate(notes)]
     return [Notes(rows)] if rows else []
 
@@ -116,56 +116,56 @@ def _percent(value: float) -> str:
 
 
 # -- fit -----------------------------------------------------------------------------------------------------------------
-def fit_items(found: Fit) -> list[Item]:
+def fit_items(fit: Fit) -> list[Item]:
     """The fitted parameters with their intervals, the errors before and after, and how well the records determine them."""
-    unseen = found.identifiability.unseen_names
-    names = [p.name for p in found.parameters
+    unseen = fit.identifiability.unseen_names
+    names = [p.name for p in fit.parameters
              if p.at_bound and p.name + (f" ({p.record})" if p.record else "") not in unseen]
     at_bounds = f"{', '.join(names)} ended at the end of the range: often a sign that an effect is missing." if names else ""
     rows = []
-    for before_fit, part in zip(found.before.parts, found.after.parts, strict=True):
+    for before_fit, part in zip(fit.before.parts, fit.after.parts, strict=True):
         for k, channel in enumerate(part.channels.values()):
             before = before_fit.channels[channel.name]
             rows.append((f"{part.name} ({part.use})" if k == 0 else "", channel.name,
                          *(readable_difference(v, channel.unit, 3) for v in (before.error, channel.error, channel.noise)),
                          number(channel.chi2, 3)))
-    return [fitted_parameters(found), *map(Line, own_words(found)), ResultTable("", RECORDS, rows, text=2),
-            *noticed(found.after), *map(Line, found.identifiability.words), *([Line(at_bounds)] if at_bounds else [])]
+    return [fitted_parameters(fit), *map(Line, own_words(fit)), ResultTable("", RECORDS, rows, text=2),
+            *noticed(fit.after), *map(Line, fit.identifiability.words), *([Line(at_bounds)] if at_bounds else [])]
 
 
-def fitted_parameters(found: Fit) -> ResultTable:
+def fitted_parameters(fit: Fit) -> ResultTable:
     """The fitted parameters with their intervals."""
     rows = []
-    for p in found.parameters:
+    for p in fit.parameters:
         name = p.name + (f" ({p.record})" if p.record else "")
-        unit = found.experiment.free[p.name].range.unit
+        unit = fit.experiment.free[p.name].range.unit
         before, value, least, most = (in_unit(v, unit, digits) for v, digits in (
             (p.before, 6), (p.value, p.digits), (p.low, 6), (p.high, 6)))
         of = "" if unit.text in ("1", "") else f" {unit.text}"
         rows.append((name, f"{before}{of}", f"{value}{of}", p.known(partial(in_unit, unit=unit, digits=p.digits), of),
                      f"{least} .. {most}{of}" + (f", at its {p.at_bound} end" if p.at_bound else "")))
-    rows += [_own_row(found, record, p.name) for record, own in found.held_out.items()
-             for p in {p.name: p for p in found.parameters if p.name in own.values}.values()]
-    return ResultTable(f"{found.experiment.name}: {found.samples} samples, reduced chi-square {found.chi2:.4g}",
+    rows += [_own_row(fit, record, p.name) for record, record_fit in fit.held_out.items()
+             for p in {p.name: p for p in fit.parameters if p.name in record_fit.values}.values()]
+    return ResultTable(f"{fit.experiment.name}: {fit.samples} samples, reduced chi-square {fit.chi2:.4g}",
                        FITTED, rows)
 
 
-def _own_row(found: Fit, record: str, name: str) -> tuple[str, str, str, str, str]:
+def _own_row(fit: Fit, record: str, name: str) -> tuple[str, str, str, str, str]:
     """The row of a parameter that is fitted separately to a held-out record."""
-    p = next(p for p in found.parameters if p.name == name)
-    unit = found.experiment.free[name].range.unit
+    p = next(p for p in fit.parameters if p.name == name)
+    unit = fit.experiment.free[name].range.unit
     of = "" if unit.text in ("1", "") else f" {unit.text}"
-    value, least, most = (in_unit(v, unit, 6) for v in (found.held_out[record].values[name], p.low, p.high))
+    value, least, most = (in_unit(v, unit, 6) for v in (fit.held_out[record].values[name], p.low, p.high))
     return f"{name} ({record}, held out)", "-", f"{value}{of}", "-", f"{least} .. {most}{of}"
 
 
-def own_words(found: Fit) -> list[str]:
+def own_words(fit: Fit) -> list[str]:
     """Sentences on the treatment of parameters `each: record` for held-out records."""
-    instants = {name: record for record, own in found.held_out.items() for name in own.instants}
-    names = listing([name for name, free in found.experiment.free.items() if free.each and name not in instants], 4)
-    fitted = [f"the first {number(own.seconds, 3)} s of {record}" for record, own in found.held_out.items()
-              if {*own.values} - {*own.instants}]
-    failed = [record for record, own in found.held_out.items() if not own.values]
+    instants = {name: record for record, record_fit in fit.held_out.items() for name in record_fit.instants}
+    names = listing([name for name, free in fit.experiment.free.items() if free.each and name not in instants], 4)
+    fitted = [f"the first {number(record_fit.seconds, 3)} s of {record}" for record, record_fit in fit.held_out.items()
+              if {*record_fit.values} - {*record_fit.instants}]
+    failed = [record for record, record_fit in fit.held_out.items() if not record_fit.values]
     sentences = []
     if fitted:
         sentences.append(f"{names} (each: record): on held-out records fitted too, to {listing(fitted, 4)}, with all other "
@@ -174,42 +174,42 @@ def own_words(found: Fit) -> list[str]:
         sentences.append(f"{listing(instants, 4)} (each: record): on held-out records sought on the whole record, with all "
                          "other values given; one value of each held-out record is fitted to it.")
     if failed:
-        names = listing([name for name, free in found.experiment.free.items() if free.each], 4)
+        names = listing([name for name, free in fit.experiment.free.items() if free.each], 4)
         sentences.append(f"{names} (each: record): could not be fitted on {listing(failed, 4)}, where the model cannot be "
                          "simulated; the values of the diagram are used there.")
     return sentences
 
 
 # -- localize ------------------------------------------------------------------------------------------------------------
-def localization_items(found: Localization) -> list[Item]:
+def localization_items(localization: Localization) -> list[Item]:
     """The times and states of motion with a large misfit, and the places at which an effect may be missing."""
-    table = [ResultTable("", PLACES, [_place(s) for s in found.suspects], text=1)] if found.missing else []
-    unseen = [Line(f"Not seen in these records: {', '.join(found.unseen)}.")] if found.unseen else []
-    return [*map(Line, summary(found)), *table, *unseen, *map(Line, found.words)]
+    table = [ResultTable("", PLACES, [_place(s) for s in localization.suspects], text=1)] if localization.missing else []
+    unseen = [Line(f"Not seen in these records: {', '.join(localization.unseen)}.")] if localization.unseen else []
+    return [*map(Line, summary(localization)), *table, *unseen, *map(Line, localization.words)]
 
 
 def _place(suspect: PlaceEstimate) -> tuple[str, ...]:
     curve = suspect.curve
-    told = ("-", "-", "-")
+    curve_cells = ("-", "-", "-")
     if curve is not None:
         times = f" * {curve.times}" if curve.times else f", {curve.second.formula}" if curve.second is not None else ""
-        told = (curve.variable.formula + times, f"{max(curve.r2, 0.0):.2f}", curve.shape)
+        curve_cells = (curve.variable.formula + times, f"{max(curve.r2, 0.0):.2f}", curve.shape)
     return (suspect.place.name, f"{100 * suspect.explained:.4g} %", number(suspect.behind, 3),
-            readable(suspect.rms, suspect.place.unit.text, 3), *told)
+            readable(suspect.rms, suspect.place.unit.text, 3), *curve_cells)
 
 
 # -- diagnose ------------------------------------------------------------------------------------------------------------
-def diagnosis_items(found: Diagnosis) -> list[Item]:
+def diagnosis_items(diagnosis: Diagnosis) -> list[Item]:
     """The answer with its levels, the table of models, the candidates of each step, the parameters of the added effects, the
     probabilities and the verdict."""
-    items: list[Item] = [*map(Line, found.tree.words), *tree_tables(found.tree)]
-    items += [ladder_table(found.ladder, "model")] if found.ladder else []
-    items += [ranking_table(step, f"Step {k}: " if len(found.steps) > 1 else "")
-              for k, step in enumerate(found.steps, 1) if step.trials]
-    if found.verdict == "parameters" and found.fitted is not None:
-        items.append(fitted_parameters(found.fitted))
-    items += [effect_table(finding) for finding in found.added]
-    return [*items, *probability_table(found), *map(Line, found.words)]
+    items: list[Item] = [*map(Line, diagnosis.tree.words), *tree_tables(diagnosis.tree)]
+    items += [ladder_table(diagnosis.ladder, "model")] if diagnosis.ladder else []
+    items += [ranking_table(step, f"Step {k}: " if len(diagnosis.steps) > 1 else "")
+              for k, step in enumerate(diagnosis.steps, 1) if step.trials]
+    if diagnosis.verdict == "parameters" and diagnosis.fitted is not None:
+        items.append(fitted_parameters(diagnosis.fitted))
+    items += [effect_table(finding) for finding in diagnosis.added]
+    return [*items, *probability_table(diagnosis), *map(Line, diagnosis.words)]
 
 
 def tree_tables(tree: Tree) -> list[ResultTable]:
@@ -222,30 +222,30 @@ def tree_tables(tree: Tree) -> list[ResultTable]:
     return tables
 
 
-def probability_table(found: Diagnosis) -> list[ResultTable]:
+def probability_table(diagnosis: Diagnosis) -> list[ResultTable]:
     """The possible explanations of the records with their probabilities; if several effects were added, of the first one."""
-    return [ResultTable(PROBABILITY, EVENTS, [e.row for e in found.events])] if found.events else []
+    return [ResultTable(PROBABILITY, EVENTS, [e.row for e in diagnosis.events])] if diagnosis.events else []
 
 
-def attempt_items(found: Attempt) -> list[Item]:
+def attempt_items(attempt: Attempt) -> list[Item]:
     """The errors with an effect that the user chose, its parameters, and whether it is statistically justified."""
-    held_out = "the error falls by more than chance." if found.earned else \
+    held_out = "the error falls by more than chance." if attempt.earned else \
         "the effect does not lower the error by more than chance."
-    ends = at_ends(found.finding, found.earned and found.bic_difference < 0)
-    return [ladder_table(found.ladder, "model"), effect_table(found.finding), *map(Line, ends),
-            Line(f"BIC changes by {number(found.bic_difference, 4)} (below -10 is strong evidence for the effect); on "
+    ends = at_ends(attempt.finding, attempt.earned and attempt.bic_difference < 0)
+    return [ladder_table(attempt.ladder, "model"), effect_table(attempt.finding), *map(Line, ends),
+            Line(f"BIC changes by {number(attempt.bic_difference, 4)} (below -10 is strong evidence for the effect); on "
                  f"held-out data {held_out}")]
 
 
-def laws_items(found: Laws) -> list[Item]:
+def laws_items(laws: Laws) -> list[Item]:
     """The formulas that were refitted in simulation, the laws of the catalogue for comparison, and the answer."""
     rows = [(law.text, law.formula.place.name, f"{law.formula.count}", number(law.chi2_fit, 3), number(law.chi2_held_out, 3),
-             percent(law.probability)) for law in found.laws]
+             percent(law.probability)) for law in laws.laws]
     rows += [(f"{t.candidate.component} (catalogue)", "-".join(t.candidate.where), f"{len(t.candidate.numbers)}",
-              number(t.chi2_fit, 3), number(t.chi2_held_out, 3), "") for t in found.catalogue]
+              number(t.chi2_fit, 3), number(t.chi2_held_out, 3), "") for t in laws.catalogue]
     columns = ("formula", "place", "parameters", "fitted", "held out", "probability")
     table = [ResultTable("Formulas refitted in simulation; reduced chi-square (1 = noise level)", columns, rows, text=2)]
-    return [*(table if rows else []), *map(Line, found.words)]
+    return [*(table if rows else []), *map(Line, laws.words)]
 
 
 def ladder_table(rungs: Sequence[LadderEntry], first: str) -> ResultTable:
@@ -255,15 +255,15 @@ def ladder_table(rungs: Sequence[LadderEntry], first: str) -> ResultTable:
     return ResultTable("Error in % of what was measured; reduced chi-square (1 = noise level)", (first, *LADDER), rows)
 
 
-def ranking_table(step: Stage, which: str) -> ResultTable:
+def ranking_table(step: Stage, prefix: str) -> ResultTable:
     """The best candidates of a step; `which` is the first part of the title and names the step."""
     columns = shown_in("terminal")
     ranked = entries(step)
-    shown = ranked[:min(RANKED, len(step.trials))]  # plus indistinguishable candidates
-    shown += tuple(e for e in ranked[len(shown):] if e["cluster"])
-    rows = [[column.text(entry) for column in columns] for entry in shown]
+    listed = ranked[:min(RANKED, len(step.trials))]  # plus indistinguishable candidates
+    listed += tuple(e for e in ranked[len(listed):] if e["cluster"])
+    rows = [[column.text(entry) for column in columns] for entry in listed]
     more = f", the {RANKED} best shown" if len(step.trials) > RANKED else ""
-    title = f"{which}{count(len(step.scores), 'candidate')} scored, {len(step.trials)} fitted{more} ({conclusion(step)})"
+    title = f"{prefix}{count(len(step.scores), 'candidate')} scored, {len(step.trials)} fitted{more} ({conclusion(step)})"
     return ResultTable(title, [column.title for column in columns], rows, text=sum(not c.numeric for c in columns))
 
 

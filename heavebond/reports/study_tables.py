@@ -57,10 +57,10 @@ def study_items(result: StudyResult) -> list[Item]:
     if left_out:
         items.append(Line(f"and {left_out} more rows, in table.csv"))
     # statistics of a sample: means, distributions, Sobol indices and slopes
-    titles, means, left = mean_rows(result)
+    titles, means, text_columns = mean_rows(result)
     if means:
         items += [ResultTable("over the sample: mean with its 95 % interval", tuple(titles),
-                              [tuple(m) for m in means], left),
+                              [tuple(m) for m in means], text_columns),
                   Line("deviations, quantiles and extremes are in study.json (`spreads`)")]
     for title, columns, entries, texts in (
             ("over the sample",

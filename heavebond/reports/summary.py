@@ -137,13 +137,13 @@ class Summary:
         return [f"Diagram {self.model}", *columns(rows, width)]
 
     def _equations(self, width: int) -> list[str]:
-        left = f"{count(len(self.states), 'differential equation')}, " \
+        remaining = f"{count(len(self.states), 'differential equation')}, " \
             f"{count(len(self.algebraic), 'algebraic unknown')}"
         if self.algebraic:
-            left += f": {listing(self.algebraic, SHOWN_NAMES)}"
+            remaining += f": {listing(self.algebraic, SHOWN_NAMES)}"
         rows = [("assembled", f"{count(self.equations, 'equation')} in {count(self.unknowns, 'unknown')}"),
                 ("index", f"{self.index}; {count(len(self.differentiated), 'equation')} differentiated"),
-                ("left", left), ("loops", count(len(self.loops), "algebraic loop"))]
+                ("left", remaining), ("loops", count(len(self.loops), "algebraic loop"))]
         lines = ["Equations", *columns(rows, width)]
         if self.loops:
             lines += ["", "Algebraic loops", *columns([(listing(loop.components, 6), _loop_words(loop))
@@ -226,11 +226,11 @@ def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
     chart_list = []
     for part in charts.home.parts[::-1]:  # positions before their rates
         # a part contains the highest derivatives; states are one order lower
-        states, others = ([assembly.reduced.name((j, order - 1)) for j, order in part.columns if
-                           ((j, order) in part.dummies) == dummy] for dummy in (False, True))
+        states, replacements = ([assembly.reduced.name((j, order - 1)) for j, order in part.columns if
+                                 ((j, order) in part.dummies) == dummy] for dummy in (False, True))
         moving = [flat.equations[i] for i in part.rows if any((i, j) in charts.home.moving for j, _ in part.columns)]
         # omit derivatives that have another name
-        named = [name for name in others if not name.startswith("der(")] or others
+        named = [name for name in replacements if not name.startswith("der(")] or replacements
         chart_list.append(OpenChoice(tuple(states), tuple(named), tuple(f"{e.owner}: {_one_space(e.text)}" for e in moving)))
     return tuple(chart_list)
 
@@ -254,14 +254,14 @@ def _by_kind(assembly: Assembly, *, composite: bool) -> dict[str, tuple[str, ...
 def _medium(assembly: Assembly, medium: Medium) -> str:
     """The medium of a circuit and its source, without values that are formulas of other parameters."""
     values, units, leaves = assembly.parameter_values, assembly.flat.units, assembly.flat.expanded.leaves
-    told: dict[str, str] = {}
+    settings: dict[str, str] = {}
     for taker in medium.takers:
         path, _, name = taker.rpartition(".")
         asked = leaves[path].component.parameters[name].medium
         number = values.get(f"{medium.source}.{asked}" if medium.source else taker)
         if number is not None:
-            told.setdefault(asked, f"{asked} {readable(number, units[taker].text)}")
-    circuit, numbers = f"the circuit of {listing(medium.nodes, 3)}", ", ".join(told.values())
+            settings.setdefault(asked, f"{asked} {readable(number, units[taker].text)}")
+    circuit, numbers = f"the circuit of {listing(medium.nodes, 3)}", ", ".join(settings.values())
     if medium.source:
         return f"{medium.source} ({medium.kind}) fills {circuit}" + (f": {numbers}" if numbers else "")
     return f"no {medium.kind} in {circuit}; usual values for {listing(medium.takers, 6)}: {numbers}"
@@ -280,10 +280,10 @@ def _differentiation(equation: FlatEquation, times: int) -> Differentiation:
     return Differentiation(equation.owner, _one_space(equation.text), times, equation.place.file, equation.place.line)
 
 
-def _loop(assembly: Assembly, owners: Sequence[str], torn: tuple[str, ...], left: int) -> AlgebraicLoop:
+def _loop(assembly: Assembly, owners: Sequence[str], torn: tuple[str, ...], iterated: int) -> AlgebraicLoop:
     """An algebraic loop with its components; nodes are omitted if the loop contains components."""
     leaves = assembly.flat.expanded.leaves
-    return AlgebraicLoop(tuple(o for o in owners if o in leaves) or tuple(owners), torn, left)
+    return AlgebraicLoop(tuple(o for o in owners if o in leaves) or tuple(owners), torn, iterated)
 
 
 def _one_space(text: str) -> str:
