@@ -13,13 +13,12 @@ from heavebond.energy_audit.audit import EnergyAudit, table
 from heavebond.language.model import Model
 from heavebond.linear.design import LoopDesign
 from heavebond.linear.held_variables import clock_lines, held_lines, sampled_lines
-from heavebond.linear.linearisation import Mode
 from heavebond.linear.margins import Margin
 from heavebond.linear.modes import Modes
 from heavebond.linear.sampled import sampled_words
 from heavebond.numerics.dae import Assembly, assemble
 from heavebond.optimise.costs import read_cost
-from heavebond.optimise.influence import Ranking, Rankings
+from heavebond.optimise.influence import Rankings
 from heavebond.optimise.optimal import Optimal, cost_values
 from heavebond.records.spectra import SignalAnalysis
 from heavebond.reports.result_tables import Item, Line, ResultTable
@@ -35,7 +34,8 @@ INFLUENCE = ("parameter", "value", "influence", "1 % more moves it by", "at")
 def modes_items(result: Modes) -> list[Item]:
     """The modes with their frequency, damping and components, and the sentences on stability and held variables."""
     modes = result.modes
-    first = [(_frequency(mode), *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")))
+    first = [("free" if not mode.value else f"{mode.frequency:.4g} Hz" if mode.swings else "non-oscillatory",
+              *((f"{mode.damping:.4g}", f"{-mode.value.real:.4g} 1/s") if mode.value else ("", "")))
              for mode in modes]
     states = modes[0].states if result.period is not None and modes else result.states
     title = f"{result.model} {result.at}, {count(len(states), 'state')}"
@@ -45,7 +45,10 @@ def modes_items(result: Modes) -> list[Item]:
         items: list[Item] = [ResultTable(title, ("frequency", "damping", "decay", "energy in", "damping contribution"), rows,
                                          5)]
     else:
-        rows = [(*begin, _pole(mode), named(mode.participation)) for begin, mode in zip(first, modes, strict=True)]
+        rows = []
+        for begin, mode in zip(first, modes, strict=True):
+            z = mode.z or 0j
+            rows.append((*begin, f"{z.real:.4g} ± {z.imag:.4g}j" if z.imag else f"{z.real:.4g}", named(mode.participation)))
         items = [ResultTable(f"{title}, {sampled_words(result.period)}", ("frequency", "damping", "decay", "z", "states"),
                              rows, 5)]
     items += map(Line, (*result.words, *sampled_lines(result.sampled),
@@ -54,18 +57,6 @@ def modes_items(result: Modes) -> list[Item]:
     if result.shares and result.shares[0].left_out:
         items.append(Line(f"not counted (described by mass and temperature): {', '.join(result.shares[0].left_out)}"))
     return items
-
-
-def _frequency(mode: Mode) -> str:
-    if not mode.value:
-        return "free"
-    return f"{mode.frequency:.4g} Hz" if mode.swings else "non-oscillatory"
-
-
-def _pole(mode: Mode) -> str:
-    """`0.9973 ± 0.06718j`."""
-    z = mode.z or 0j
-    return f"{z.real:.4g} ± {z.imag:.4g}j" if z.imag else f"{z.real:.4g}"
 
 
 def named(shares: dict[str, float]) -> str:
@@ -86,19 +77,18 @@ def _large(shares: dict[str, float]) -> list[tuple[str, float]]:
 # -- sensitivity -------------------------------------------------------------------------------------------------------
 def sensitivity_items(rankings: Rankings, rows: int = ROWS) -> list[Item]:
     """The parameters with the largest influence on each signal."""
-    items: list[Item] = [_influences(ranking, rows) for ranking in rankings.rankings]
+    items: list[Item] = []
+    for ranking in rankings.rankings:
+        size = f"rms {readable(ranking.size, ranking.unit, 3)} " + ("(it stands still)" if ranking.still
+                                                                    else "about its mean")
+        items.append(ResultTable(f"{ranking.signal}: {size}", INFLUENCE, [
+            (i.parameter, readable(i.value, i.unit.text, 4), number(i.relative, 3),
+             readable(i.peak / 100, ranking.unit, 3) if i.peak else "-", f"{number(i.time, 4)} s" if i.peak else "-")
+            for i in ranking.influences[:rows]]))
     if rankings.left_out:
         items.append(Line(f"{len(rankings.left_out)} more parameters were not tried; add --most "
                           f"{rankings.tried + len(rankings.left_out)}: {', '.join(rankings.left_out)}"))
     return [*items, *([Line(f"Run {rankings.filled}", highlight=True)] if rankings.filled else [])]
-
-
-def _influences(ranking: Ranking, rows: int) -> ResultTable:
-    size = f"rms {readable(ranking.size, ranking.unit, 3)} " + ("(it stands still)" if ranking.still else "about its mean")
-    return ResultTable(f"{ranking.signal}: {size}", INFLUENCE, [
-        (i.parameter, readable(i.value, i.unit.text, 4), number(i.relative, 3),
-         readable(i.peak / 100, ranking.unit, 3) if i.peak else "-", f"{number(i.time, 4)} s" if i.peak else "-")
-        for i in ranking.influences[:rows]])
 
 
 # -- energy ------------------------------------------------------------------------------------------------------------

@@ -85,11 +85,24 @@ def _check_diagram(model: ModelOrFile, names: bool, parameters: Mapping[str, flo
         lines.add(line, style="bold" if line[:1].strip() else "")
     if names:
         lines.add("")
-        _names(assembly, lines)
+        # variables, then parameters with their values: the names for formulas, --plot and --set
+        flat = assembly.flat
+        name_rows = [(name, flat.unknowns[j].unit.text, "", flat.unknowns[j].doc) for name, j in flat.names.items()]
+        name_rows += [(h.name, h.unit.text, "", h.doc) for h in flat.held]
+        name_rows += [(q.name, q.unit.text, readable(q.value, q.unit.text), "") for q in flat.parameters]
+        lines.table("Names", ("name", "unit", "value", "what"), name_rows, 4)
     if failure:
         lines.add("")
         return lines.page(assembly.model.name, entries.as_dict(), failure.problems)
-    powers = _check_powers(assembly, lines)
+    # add undeclared sources and losses of power in user-defined components; ModelError if one creates power
+    checked_model = assembly.model
+    powers = list(power_problems(used(checked_model.library, [checked_model.body]), checked_model.library.domains))
+    created = [problem for problem in powers if problem.code == CREATED]
+    for problem in powers:
+        if problem not in created:
+            lines.add(str(problem), style="yellow")
+    if created:
+        raise ModelError(created)
     growing: list[dict[str, object]] = []
     if first is not None:
         report_verdict(assembly.model.name, at_point(assembly, first))
@@ -98,19 +111,6 @@ def _check_diagram(model: ModelOrFile, names: bool, parameters: Mapping[str, flo
             lines.add(words, style="warning")
     return lines.page(assembly.model.name, {**entries.as_dict(), "power": [problem.as_dict() for problem in powers],
                                             "growing": growing})
-
-
-def _check_powers(assembly: Assembly, lines: Lines) -> list[Problem]:
-    """Add undeclared sources and losses of power in user-defined components; ModelError if one creates power."""
-    model = assembly.model
-    power_issues = list(power_problems(used(model.library, [model.body]), model.library.domains))
-    created = [problem for problem in power_issues if problem.code == CREATED]
-    for problem in power_issues:
-        if problem not in created:
-            lines.add(str(problem), style="yellow")
-    if created:
-        raise ModelError(created)
-    return power_issues
 
 
 def _check_experiment(path: Path, lines: Lines) -> dict[str, object]:
@@ -193,15 +193,6 @@ def _check_function(path: Path, lines: Lines) -> dict[str, object]:
     return {"function": function.name, "usage": function.usage,
             "inputs": {q.name: q.unit.text for q in function.inputs.values()},
             "outputs": {q.name: q.unit.text for q in function.outputs.values()}}
-
-
-def _names(assembly: Assembly, lines: Lines) -> None:
-    """Variables, then parameters with their values: the names for formulas, --plot and --set."""
-    flat = assembly.flat
-    rows = [(name, flat.unknowns[j].unit.text, "", flat.unknowns[j].doc) for name, j in flat.names.items()]
-    rows += [(h.name, h.unit.text, "", h.doc) for h in flat.held]
-    rows += [(q.name, q.unit.text, readable(q.value, q.unit.text), "") for q in flat.parameters]
-    lines.table("Names", ("name", "unit", "value", "what"), rows, 4)
 
 
 def _start(assembly: Assembly) -> tuple[Start, Point]:

@@ -155,78 +155,16 @@ def _show(component: Component, page: _Lines) -> dict[str, object]:
             for line in columns(rows, page.width):
                 page.add(line.rstrip())
     _equations(component, page)
-    _example(component, page)
-    page.add(f"\n{path_text(component.path)}", style="dim")
-    return {"component": _as_dict(component)}
-
-
-def _equations(component: Component, page: _Lines) -> None:
-
-    if component.equations:
-        page.add("\nEquations", style="bold")
-        written = [(_text(component, k), line.label) for k, line in enumerate(component.equations)]
-        width = max(len(text) for text, _ in written)
-        for text, label in written:
-            page.add(f"  {text.ljust(width)}  # {label}" if label else f"  {text}")
-    rows = [(key, formula.text) for key, formula in (
-        ("stores", component.stores), ("dissipates", component.dissipates)) if formula]
-    if component.unbalanced:
-        rows.append(("unbalanced", f"{component.unbalanced.text}   ({component.unbalanced_why})"))
-    if component.power:
-        rows.append(("power", component.power))
-    rows += [("requires", formula.text) for formula in component.requires]
-    rows += [("source", component.source)] if component.source else []
-    if rows:
-        page.add("\nEnergy and origin", style="bold")
-        for line in columns(rows, page.width):
-            page.add(line)
-
-
-def _example(component: Component, page: _Lines) -> None:
-
-    path = example(component)
-    if path is None:
-        return
-    page.add(f"\nExample (heavebond run examples/{path.stem})", style="bold")
-    for line in read_text(path).splitlines():
-        page.add(f"  {line}")
-
-
-def _text(component: Component, k: int) -> str:
-    """An equation in the author's form, `each` included."""
-    line = component.equations[k]
-    written = line.place.text.partition("#")[0].strip()
-    return written if line.text.strip() in written else line.text.strip()
-
-
-def _unit(item: Parameter | Variable) -> str:
-    return item.unit.text if item.count is None else f"{'list' if item.columns is None else 'matrix'}, {item.unit.text}"
-
-
-def _given(parameter: Parameter, medium: str) -> str:
-    """Default and bounds: `default 0 m, at least 0`."""
-
-    parts = []
-    if parameter.default is not None:
-        parts.append(f"default {parameter.default.text}")
-    if parameter.neutral is not None:
-        parts.append(f"absent at {number(parameter.neutral)}")
-    if parameter.medium:
-        parts.append(f"{parameter.medium} of the {medium}")
-    if parameter.low is not None:
-        parts.append(f">= {number(parameter.low)}")
-    if parameter.high is not None:
-        parts.append(f"<= {number(parameter.high)}")
-    return ", ".join(parts)
-
-
-def _as_dict(component: Component) -> dict[str, object]:
-
     example_path = example(component)
+    if example_path is not None:
+        page.add(f"\nExample (heavebond run examples/{example_path.stem})", style="bold")
+        for line in read_text(example_path).splitlines():
+            page.add(f"  {line}")
+    page.add(f"\n{path_text(component.path)}", style="dim")
     formulas = {key: formula.text for key, formula in (
         ("stores", component.stores), ("dissipates", component.dissipates), ("unbalanced", component.unbalanced))
         if formula}
-    return {
+    return {"component": {
         "name": component.name, "summary": component.summary, "restrictions": component.restrictions,
         "source": component.source, "file": str(component.path),
         "example": str(example_path) if example_path else None, "power": component.power, **formulas,
@@ -248,4 +186,51 @@ def _as_dict(component: Component) -> dict[str, object]:
         "initial": {r.target.text: r.value.text for r in component.initial},
         "equations": [{"text": line.text.strip(), "label": line.label} for line in component.equations],
         "parts": {i.name: i.kind for i in component.body.instances.values()},
-    }
+    }}
+
+
+def _equations(component: Component, page: _Lines) -> None:
+
+    if component.equations:
+        page.add("\nEquations", style="bold")
+        labelled = []
+        for equation in component.equations:
+            # the equation in the author's form, `each` included
+            written, text = equation.place.text.partition("#")[0].strip(), equation.text.strip()
+            labelled.append((written if text in written else text, equation.label))
+        width = max(len(text) for text, _ in labelled)
+        for text, label in labelled:
+            page.add(f"  {text.ljust(width)}  # {label}" if label else f"  {text}")
+    rows = [(key, formula.text) for key, formula in (
+        ("stores", component.stores), ("dissipates", component.dissipates)) if formula]
+    if component.unbalanced:
+        rows.append(("unbalanced", f"{component.unbalanced.text}   ({component.unbalanced_why})"))
+    if component.power:
+        rows.append(("power", component.power))
+    rows += [("requires", formula.text) for formula in component.requires]
+    rows += [("source", component.source)] if component.source else []
+    if rows:
+        page.add("\nEnergy and origin", style="bold")
+        for line in columns(rows, page.width):
+            page.add(line)
+
+
+def _unit(item: Parameter | Variable) -> str:
+    return item.unit.text if item.count is None else f"{'list' if item.columns is None else 'matrix'}, {item.unit.text}"
+
+
+def _given(parameter: Parameter, medium: str) -> str:
+    """Default and bounds: `default 0 m, at least 0`."""
+
+    parts = []
+    if parameter.default is not None:
+        parts.append(f"default {parameter.default.text}")
+    if parameter.neutral is not None:
+        parts.append(f"absent at {number(parameter.neutral)}")
+    if parameter.medium:
+        parts.append(f"{parameter.medium} of the {medium}")
+    if parameter.low is not None:
+        parts.append(f">= {number(parameter.low)}")
+    if parameter.high is not None:
+        parts.append(f"<= {number(parameter.high)}")
+    return ", ".join(parts)

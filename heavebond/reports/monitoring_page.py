@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from heavebond.core.presentation import number
 from heavebond.monitoring.monitor import CHANGED, UNUSABLE, MonitoredRecord, Monitoring
-from heavebond.pictures.markup import Html, element, page, table
+from heavebond.pictures.markup import element, page, table
 from heavebond.reports.result_tables import Item, Line, ResultTable
 
 HEAD = ("record", "outcome", "alarm raised by", "NIS per sample", "95 % bounds", "change [s]", "95 % interval [s]",
@@ -32,15 +32,12 @@ def monitoring_page(monitoring: Monitoring, diagnoses: Mapping[str, object]) -> 
     answers = [element("section", element("h2", name), *(element("p", str(line)) for line in lines),
                        element("p", element("a", "report", href=f"{name}_report.html")))
                for name, lines in diagnoses.items() if isinstance(lines, list)]
-    rows = [[_linked(record), record.outcome, record.statistic or record.reason, *_row(record)[3:]] for record in ordered]
+    rows = [[element("a", record.name, href=f"{record.name}.png") if record.outcome == CHANGED else record.name,
+             record.outcome, record.statistic or record.reason, *_row(record)[3:]] for record in ordered]
     return page(title, element("header", element("h1", title), class_="page"), element(
         "main", element("p", f"{monitoring.words}."), *answers,
         table((*HEAD[:2], "alarm raised by, or reason", *HEAD[3:]), rows, numbers=range(3, len(HEAD)),
               marks=[marks.get(r.outcome, "") for r in ordered], wide=True)))
-
-
-def _linked(record: MonitoredRecord) -> Html | str:
-    return element("a", record.name, href=f"{record.name}.png") if record.outcome == CHANGED else record.name
 
 
 def _ordered(monitoring: Monitoring) -> list[MonitoredRecord]:

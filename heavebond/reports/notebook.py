@@ -55,7 +55,13 @@ def model_html(model: Model) -> Html | None:
         drawing = str(draw(model))
     except HeavebondError:
         return None
-    rows = [(name, kind, text) for name, kind, text in _settings(model)]
+    # name, component and value of each parameter that the diagram sets, as written
+    instance_settings = {f"{name}.{key}": (instance.kind, value) for name, instance in model.body.instances.items()
+                         for key, value in instance.settings.items()}
+    settings = {**{name: ("", value) for name, value in model.parameters.items()}, **instance_settings}
+    settings |= {path: (settings.get(path, ("", None))[0], setting.value) for path, setting in model.settings.items()}
+    rows = [(name, kind, _value_text(value) if isinstance(value, Value) else "from a file")
+            for name, (kind, value) in settings.items()]
     details = element("details", element("summary", count(len(rows), "parameter")),
                       table(("parameter", "component", "value"), rows))
     return element("div", _heading(model.name, model.summary), _picture(drawing.encode("utf-8"), "svg+xml", model.name),
@@ -128,16 +134,6 @@ def diagnosis_html(diagnosis: Diagnosis) -> Html:
 
 
 # -- rows ----------------------------------------------------------------------------------------------------------
-def _settings(model: Model) -> Iterable[tuple[str, str, str]]:
-    """Name, component and value of each parameter that the diagram sets, as written."""
-    instance_settings = {f"{name}.{key}": (instance.kind, value) for name, instance in model.body.instances.items()
-                         for key, value in instance.settings.items()}
-    settings = {**{name: ("", value) for name, value in model.parameters.items()}, **instance_settings}
-    settings |= {path: (settings.get(path, ("", None))[0], setting.value) for path, setting in model.settings.items()}
-    for name, (kind, value) in settings.items():
-        yield name, kind, _value_text(value) if isinstance(value, Value) else "from a file"
-
-
 def _value_text(value: Value) -> str:
     """A value as written; a number that was set in Python gets the SI unit of its parameter."""
     if not (value.si and isinstance(value.expr, Number)):

@@ -21,9 +21,7 @@ from heavebond.diagnosis.answer.verdict import without_effects
 from heavebond.diagnosis.diagnose import Diagnosis
 from heavebond.diagnosis.evidence.probability import PROBABILITY, percent
 from heavebond.diagnosis.state import AddedEffect, LadderEntry, channel_errors, parameter_description, restrictions
-from heavebond.estimation.comparison import RecordComparison
 from heavebond.language.library import bundled
-from heavebond.language.model import Model
 from heavebond.localise.misfit import Localization
 from heavebond.pictures.drawing import draw
 from heavebond.pictures.markup import Html, data_block, element, joined, page, table
@@ -72,7 +70,9 @@ def report(diagnosis: Diagnosis, where: Localization | None = None, *, written: 
     return page(title,
                 element("header", element("h1", title), element("p", f"Diagram {model.name}{summary}"),
                         element("p", f"Experiment {_named(diagnosis)}", class_="small"), class_="page"),
-                element("main", _verdict(diagnosis), contents, *parts), _foot(), data_block("series", packed(styles)))
+                element("main", _verdict(diagnosis), contents, *parts),
+                element("footer", element("p", f"Made by heavebond {VERSION}. This page is self-contained and "
+                                          "loads nothing.")), data_block("series", packed(styles)))
 
 
 def _sections(diagnosis: Diagnosis, styles: Sequence[ModelStyle], where: Localization | None,
@@ -162,26 +162,17 @@ def _machine(diagnosis: Diagnosis, where: Localization | None) -> Html:
     if not marks and where is not None and where.suspects and diagnosis.verdict == "undetermined":
         marks = {n.name: "unknown input" for n in where.suspects[0].place.nodes}
         caption = "The diagram without changes; marked is the place where an unknown input would explain most."
-    picture = _drawn(model, marks, _rivals(diagnosis))
-    if not picture:
-        return picture
-    return element("figure", element("div", picture, class_="diagram"), element("figcaption", caption))
-
-
-def _rivals(diagnosis: Diagnosis) -> dict[str, str]:
-    """The alternative places of uncertain findings."""
-    return {name: f"or here: {trial.candidate.kind}" for finding in diagnosis.findings if not finding.certain
-            for trial in finding.alternatives[1:] for name in trial.candidate.where[:1]
-            if trial.candidate.where != finding.candidate.where}
-
-
-def _drawn(model: Model, marks: dict[str, str], rivals: dict[str, str]) -> Html:
-    """The drawing, with fewer marks if some cannot be drawn; empty if the diagram cannot be drawn."""
-    for wanted in ({**rivals, **marks}, marks, {}):
+    # the alternative places of uncertain findings
+    alternatives = {name: f"or here: {trial.candidate.kind}" for finding in diagnosis.findings if not finding.certain
+                    for trial in finding.alternatives[1:] for name in trial.candidate.where[:1]
+                    if trial.candidate.where != finding.candidate.where}
+    # fewer marks if some cannot be drawn
+    for highlight in ({**alternatives, **marks}, marks, {}):
         try:
-            return Html(draw(model, highlight=wanted))
+            picture = Html(draw(model, highlight=highlight))
         except HeavebondError:
             continue
+        return element("figure", element("div", picture, class_="diagram"), element("figcaption", caption))
     return Html("")
 
 
@@ -211,7 +202,12 @@ def _finding(k: int, finding: AddedEffect) -> Html:
         parts.append(table(("number", "value", "95 % interval", ""), rows))
     if limits := restrictions(finding):
         parts.append(element("p", f"Limits of this law: {limits}", class_="small"))
-    parts.append(element("details", element("summary", "as a diagram"), element("pre", element("code", _diagram(finding)))))
+    # the text of a diagram that adds a finding to the previous diagram
+    values = {p.name: read_unit(readable_unit(p.unit, p.value)).written(p.value) for p in finding.parameters}
+    added, diagram_path = finding.candidate, finding.fit.experiment.model.path
+    label = f"with {added.kind} {added.place}"
+    diagram = added.change.with_values(values).diagram(diagram_path.stem + "_2", label, diagram_path.name)
+    parts.append(element("details", element("summary", "as a diagram"), element("pre", element("code", diagram))))
     alternatives = finding.alternatives[1:]
     if alternatives:
         parts.append(element("p", "The records cannot distinguish it from: " if not finding.certain else
@@ -221,18 +217,16 @@ def _finding(k: int, finding: AddedEffect) -> Html:
     return joined(parts)
 
 
-def _diagram(finding: AddedEffect) -> str:
-    """The text of a diagram that adds a finding to the previous diagram."""
-    values = {p.name: read_unit(readable_unit(p.unit, p.value)).written(p.value) for p in finding.parameters}
-    candidate, path = finding.candidate, finding.fit.experiment.model.path
-    label = f"with {candidate.kind} {candidate.place}"
-    return candidate.change.with_values(values).diagram(path.stem + "_2", label, path.name)
-
-
 # -- errors ------------------------------------------------------------------------------------------------------------
 def _ladder(rungs: Sequence[LadderEntry]) -> Html:
     """The errors of the models as a bar chart and a table."""
-    levels = [100 * _noise_level(rungs[-1], use) for use in ("fit", "validate")]
+    levels = []
+    for use in ("fit", "validate"):
+        # the error due to noise alone on the records of one use; NaN if there are no such records
+        shares = [float(np.mean([(c.noise * c.normalised / c.error)**2 if c.error > 0 else 0.0
+                                 for c in part.channels.values()])) for part in rungs[-1].comparison.parts
+                  if (part.use == "fit") == (use == "fit")]
+        levels.append(100 * (float(np.sqrt(np.mean(shares))) if shares else math.nan))
     falls = [Fall(r.name, (("fitted", 100 * r.error_fit, levels[0]), ("held out", 100 * r.error_held_out, levels[1])))
              for r in rungs]
     rows = [(r.name, *(f"{number(100 * e, 4)} %" if math.isfinite(e) else "–" for e in (r.error_fit, r.error_held_out)),
@@ -248,16 +242,6 @@ def _ladder(rungs: Sequence[LadderEntry]) -> Html:
     return joined([element("figure", element("div", ladder(falls, (FITTED, HELD_OUT), label), class_="scroll"),
                            element("figcaption", legend)), element("p", words, class_="small"),
                    table(head, rows, numbers=(1, 2, 3, 4))])
-
-
-def _noise_level(rung: LadderEntry, use: str) -> float:
-    """The error due to noise alone on the records of one use; NaN if there are no such records."""
-    shares = [_noise_share(part) for part in rung.comparison.parts if (part.use == "fit") == (use == "fit")]
-    return float(np.sqrt(np.mean(shares))) if shares else math.nan
-
-
-def _noise_share(record: RecordComparison) -> float:
-    return float(np.mean([(c.noise * c.normalised / c.error)**2 if c.error > 0 else 0.0 for c in record.channels.values()]))
 
 
 # -- evidence ----------------------------------------------------------------------------------------------------------
@@ -280,15 +264,11 @@ def _candidates(diagnosis: Diagnosis) -> Html:
 def _residual(diagnosis: Diagnosis) -> Html:
     if not diagnosis.steps:
         return noise(diagnosis)
-    names = [_stage(diagnosis, k) for k in range(len(diagnosis.steps))]
+    first = "the diagram, its free parameters fitted" if diagnosis.fitted is not None else "the diagram"
+    names = [f"the diagram with {diagnosis.findings[k - 1].candidate.label}" if k and diagnosis.verdict != "parameters"
+             else first for k in range(len(diagnosis.steps))]
     note = "Tests on the fitted samples; together they are wrong 2 times in 100 where nothing is missing."
     return joined([tests(diagnosis.steps, names), element("p", note, class_="quiet small"), noise(diagnosis)])
-
-
-def _stage(diagnosis: Diagnosis, k: int) -> str:
-    if k and diagnosis.verdict != "parameters":
-        return f"the diagram with {diagnosis.findings[k - 1].candidate.label}"
-    return "the diagram, its free parameters fitted" if diagnosis.fitted is not None else "the diagram"
 
 
 def _tried(diagnosis: Diagnosis) -> Html:
@@ -309,11 +289,19 @@ def _named(diagnosis: Diagnosis) -> str:
 def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
     """The commands of the next steps."""
     name = _named(diagnosis)
+    # a `heavebond try` command for each of the indistinguishable effects
+    lines = []
+    for finding in diagnosis.findings:
+        for candidate in (t.candidate for t in finding.alternatives[:6]):
+            where, pair = candidate.where, candidate.attaches == "across" and len(candidate.where) == 2
+            place = f"--between {where[0]} {where[1]}" if pair else f"--at {where[0]}"
+            inactive = candidate.attaches == "in"
+            lines.append(f"heavebond try {name} " + (candidate.name if inactive else f"{candidate.component} {place}"))
     advice, lines = {
         "nothing": ("The diagram may be used as it is.", [f"heavebond compare {name} --output compared.png"]),
         "parameters": ("Write the fitted values back as a diagram:", [f"heavebond fit {name} --write fitted.yaml"]),
         "effect": ("Add the effect, and diagnose again:", [f"heavebond diagnose {name}"]),
-        "one_of": ("A further record can distinguish them. Each can be added by hand:", _tries(diagnosis, name)),
+        "one_of": ("A further record can distinguish them. Each can be added by hand:", lines),
         "mainly": ("Add the effect, and diagnose again, as more is missing:", [f"heavebond diagnose {name}"]),
         "shape": ("Look at the unknown input at the places, and describe it by a component with an entry `effect:`:",
                   [f"heavebond localize {name} --fitted --output where.png", f"heavebond candidates {name}"]),
@@ -326,20 +314,3 @@ def _next(diagnosis: Diagnosis, written: Sequence[Path]) -> Html:
         lines = [*(f"heavebond compare {file}" for file in files), f"heavebond diagnose {files[-1]}"]
         advice = "The added effects are written to files. Compare them with the records, and diagnose again:"
     return joined([element("p", advice), element("pre", element("code", "\n".join(lines)))])
-
-
-def _tries(diagnosis: Diagnosis, name: str) -> list[str]:
-    """A `heavebond try` command for each of the indistinguishable effects."""
-    lines = []
-    for finding in diagnosis.findings:
-        for candidate in (t.candidate for t in finding.alternatives[:6]):
-            where, pair = candidate.where, candidate.attaches == "across" and len(candidate.where) == 2
-            place = f"--between {where[0]} {where[1]}" if pair else f"--at {where[0]}"
-            inactive = candidate.attaches == "in"
-            lines.append(f"heavebond try {name} " + (candidate.name if inactive else f"{candidate.component} {place}"))
-    return lines
-
-
-def _foot() -> Html:
-    return element("footer", element("p", f"Made by heavebond {VERSION}. This page is self-contained and "
-                                     "loads nothing."))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -183,9 +184,17 @@ def over(clouds: Sequence[Cloud], lines: Sequence[Line], *, title: str, across: 
     xs = np.concatenate([*(c.x for c in clouds), *(part.x for part in lines)])
     ys = limits if limits is not None else np.concatenate([c.y for c in clouds] or [part.y for part in lines])
     frame = Frame(*size, _ends(xs, 0.03), _ends(ys, 0.08))
-    name = f"clip{_hash(label, xs, ys):x}"
-    inside = [element("path", d=_points(frame, c), stroke=c.colour, stroke_width=f"{c.size:g}", stroke_linecap="round",
-                      stroke_opacity="0.5", fill="none") for c in clouds]
+    digest = hashlib.sha256(label.encode("utf-8", "replace"))  # the same on every machine
+    for array in (xs, ys):
+        digest.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
+    name = f"clip{int.from_bytes(digest.digest()[:6], 'big'):x}"
+    inside = []
+    for c in clouds:
+        thin = slice(None, None, max(1, -(-len(c.x) // MOST_POINTS)))
+        inside.append(element("path", d="".join(f"M{a:.1f} {b:.1f}h0"
+                                                for a, b in zip(frame.px(c.x[thin]), frame.py(c.y[thin]), strict=True)),
+                              stroke=c.colour, stroke_width=f"{c.size:g}", stroke_linecap="round",
+                              stroke_opacity="0.5", fill="none"))
     inside += [element("path", d=frame.path(part.x, part.y, part.ends), stroke=part.colour, stroke_width=f"{part.width:g}",
                        stroke_dasharray=part.dash, stroke_linejoin="round", fill="none",
                        stroke_opacity=f"{part.opacity:g}" if part.opacity < 1 else None) for part in lines]
@@ -193,16 +202,6 @@ def over(clouds: Sequence[Cloud], lines: Sequence[Line], *, title: str, across: 
                                        width=f"{size[0] - frame.left - frame.right:g}",
                                        height=f"{size[1] - frame.top - frame.bottom:g}"), id=name)
     return svg(*size, label, clip, *frame.axes(title, across, up), element("g", *inside, clip_path=f"url(#{name})"))
-
-
-def _hash(label: str, *arrays: Array) -> int:
-    """A hash of a picture that is the same on every machine."""
-    import hashlib
-
-    digest = hashlib.sha256(label.encode("utf-8", "replace"))
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
-    return int.from_bytes(digest.digest()[:6], "big")
 
 
 def steps(series: Sequence[tuple[str, Array, Array]], *, title: str, across: str, up: str, label: str) -> Html:
@@ -239,11 +238,6 @@ def _short(value: float) -> str:
     """The label of a number at an axis: 5e7 for 50000000."""
     mantissa, exponent, power = f"{value:.6g}".partition("e")
     return f"{mantissa}e{int(power)}" if exponent else mantissa
-
-
-def _points(frame: Frame, cloud: Cloud) -> str:
-    thin = slice(None, None, max(1, -(-len(cloud.x) // MOST_POINTS)))
-    return "".join(f"M{a:.1f} {b:.1f}h0" for a, b in zip(frame.px(cloud.x[thin]), frame.py(cloud.y[thin]), strict=True))
 
 
 def _ends(values: Array, room: float) -> tuple[float, float]:

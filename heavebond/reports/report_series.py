@@ -50,15 +50,15 @@ def packed(ladder: Sequence[ModelStyle]) -> list[dict[str, object]]:
     records = list(ladder[-1].rung.comparison.records.values()) if ladder else []
     count = sum(len(r.channels) for r in records) * (1 + len(ladder))
     most = min(MOST, max(500, IN_ALL // max(1, count)))
-    return [{"span": _span(record), "shown": [s.label for s in ladder if s.at_first],
-             "charts": [_chart(f"{k}-{c}", record, name, ladder, most) for c, name in enumerate(record.channels)]}
-            for k, record in enumerate(records)]
-
-
-def _span(record: RecordComparison) -> list[float]:
-    begin = min(float(c.time[0]) for c in record.channels.values())
-    end = max(float(c.time[-1]) for c in record.channels.values())
-    return [begin, end if end > begin else begin + 1.0]
+    entries: list[dict[str, object]] = []
+    for k, record in enumerate(records):
+        begin = min(float(c.time[0]) for c in record.channels.values())
+        end = max(float(c.time[-1]) for c in record.channels.values())
+        entries.append({"span": [begin, end if end > begin else begin + 1.0],
+                        "shown": [s.label for s in ladder if s.at_first],
+                        "charts": [_chart(f"{k}-{c}", record, name, ladder, most)
+                                   for c, name in enumerate(record.channels)]})
+    return entries
 
 
 def _chart(identity: str, record: RecordComparison, name: str, ladder: Sequence[ModelStyle], most: int) -> dict[str, object]:

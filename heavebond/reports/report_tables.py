@@ -17,7 +17,7 @@ from heavebond.diagnosis.evidence.residual_tests import LEVELS
 from heavebond.diagnosis.search.step import Stage
 from heavebond.diagnosis.state import parameter_description
 from heavebond.estimation.fitting import Fit, Fitted
-from heavebond.experiment_design.separation import Predicted, Separation, SimulatedInput
+from heavebond.experiment_design.separation import Predicted, Separation
 from heavebond.numerics.dae import Array
 from heavebond.pictures.markup import Html, element, joined, table
 from heavebond.reports.report_charts import BLUE, GREEN, INK, MOST_POINTS, ORANGE, PURPLE, Line, interval, over, swatch
@@ -130,12 +130,7 @@ def _parameter(p: Fitted, alone: Fitted | None, both: bool, description: str) ->
                        f"{p.name}: {value}, 95 %: {inside}, range {least} to {most}")
     earlier = [_ended(in_one_unit(p.unit, p.value, (alone.value,))[0], alone) if alone is not None else "–"] if both else []
     name = explained(p.name + (f" ({p.record})" if p.record else ""), description)
-    return [name, before if known else "–", *earlier, _ended(value, p), inside, _span(least, most), picture]
-
-
-def _span(least: str, most: str) -> str:
-    """A range with one unit."""
-    return f"{least.split(' ')[0]} … {most}"
+    return [name, before if known else "–", *earlier, _ended(value, p), inside, f"{least.split(' ')[0]} … {most}", picture]
 
 
 def valued(p: Fitted) -> tuple[str, str]:
@@ -239,22 +234,27 @@ def separating(separation: Separation) -> Html:
              f"{100 * p.sure:.4g} %") for p in separation.best.pairs]
     head = ("one", "other", "differ most in", "near", "by noise levels", "χ² of the wrong one higher by", "decides in")
     pairs = table(head, rows, numbers=(3, 4, 5, 6), caption="What the proposed record would decide")
-    parts += [element("figure", _input(separation, separation.best)), element("p", legend, class_="small"),
-              element("div", *(element("figure", figure) for figure in figures), class_="panels"), pairs, _tried(separation)]
+    # the proposed input
+    input_name, unit = separation.best.proposal.input, separation.limits[separation.best.proposal.input][1]
+    display_unit = readable_unit(unit, float(np.max(np.abs(separation.best.proposal.values), initial=0.0)))
+    input_values = separation.best.proposal.values * (read_unit(unit).scale / read_unit(display_unit).scale)
+    tried_rows = [(t.proposal.input, t.proposal.shape,
+                   f"{number(t.proposal.frequency, 3)} Hz" if t.proposal.frequency else "–",
+                   str(t.decided), number(t.smallest, 4)) for t in separation.tried[:SHOWN]]
+    tried_head = ("input", "shape", "frequency", "pairs distinguished", "smallest rise of χ²")
+    caption = f"Inputs that were simulated, {len(separation.tried)} in all, the best first"
+    parts += [element("figure", over([], [Line(_thin(separation.time), _thin(input_values), INK, 1.4)],
+                                     title=f"input {input_name}", across="time [s]",
+                                     up=f"[{unit_label(display_unit)}]" if display_unit != "1" else "dimensionless",
+                                     label=f"Proposed course of the input {input_name}", size=SIZE)),
+              element("p", legend, class_="small"),
+              element("div", *(element("figure", figure) for figure in figures), class_="panels"), pairs,
+              table(tried_head, tried_rows, numbers=(2, 3, 4), caption=caption)]
     return joined(parts)
 
 
 def _thin(values: Array) -> Array:
     return values[::max(1, -(-len(values) // MOST_POINTS))]
-
-
-def _input(separation: Separation, best: SimulatedInput) -> Html:
-    name, unit = best.proposal.input, separation.limits[best.proposal.input][1]
-    display_unit = readable_unit(unit, float(np.max(np.abs(best.proposal.values), initial=0.0)))
-    values = best.proposal.values * (read_unit(unit).scale / read_unit(display_unit).scale)
-    return over([], [Line(_thin(separation.time), _thin(values), INK, 1.4)], title=f"input {name}", across="time [s]",
-                up=f"[{unit_label(display_unit)}]" if display_unit != "1" else "dimensionless",
-                label=f"Proposed course of the input {name}", size=SIZE)
 
 
 def _channel(separation: Separation, name: str, channel: Predicted) -> list[Html]:
@@ -268,11 +268,3 @@ def _channel(separation: Separation, name: str, channel: Predicted) -> list[Html
     return [over([], [Line(_thin(separation.time), _thin(course), COLOURS[k % len(COLOURS)], 1.4, DASHES[k % len(DASHES)])
                       for k, course in enumerate(courses)], title=title, across="time [s]", up=up, size=SIZE,
                  label=f"{title}, under each alternative") for courses, title, up in pictures]
-
-
-def _tried(separation: Separation) -> Html:
-    rows = [(t.proposal.input, t.proposal.shape, f"{number(t.proposal.frequency, 3)} Hz" if t.proposal.frequency else "–",
-             str(t.decided), number(t.smallest, 4)) for t in separation.tried[:SHOWN]]
-    head = ("input", "shape", "frequency", "pairs distinguished", "smallest rise of χ²")
-    caption = f"Inputs that were simulated, {len(separation.tried)} in all, the best first"
-    return table(head, rows, numbers=(2, 3, 4), caption=caption)

@@ -29,53 +29,43 @@ def failing(localization: Localization, finding: AddedEffect | None) -> Html:
     best: dict[str, State] = {}
     for state in localization.states:
         best.setdefault(state.channel, state)
-    over_states = [element("figure", _state(localization, state)) for state in best.values()]
-    parts += [element("div", *figures, class_="panels") for figures in (_over_time(localization), over_states) if figures]
+    over_states = []
+    for state in best.values():
+        output_unit = read_unit(localization.experiment.outputs[state.channel].shown.unit)
+        error, per_y = _shown(output_unit.text, state.y)
+        across, per_x = _shown(state.unit, state.x)
+        x, y = state.x * per_x, state.y * per_y
+        zero = Line(np.array([x.min(), x.max()]), np.zeros(2), "#7d8894", 1.0)
+        over_states.append(element("figure", over(
+            [Cloud(x, y, BLUE, 5.0)], [Line(x, y, BLUE), zero], title=f"error of {state.channel}, R² {state.r2:.2f}",
+            across=f"{state.variable} [{unit_label(across)}]", up=f"error [{unit_label(error)}]",
+            label=f"Mean error of {state.channel} over {state.variable}")))
+    over_time = []
+    for record in dict.fromkeys(s.record for s in localization.stretches):
+        stretches = [s for s in localization.stretches if s.record == record]
+        edges = np.array([*(s.begin for s in stretches), stretches[-1].end])
+        series = [(name, edges, np.array([s.chi2[name] for s in stretches])) for name in stretches[0].chi2]
+        over_time.append(element("figure",
+                                 steps(series, title=f"record {record}", across="time [s]", up="reduced χ²",
+                                       label=f"Misfit over time in record {record}; 1 = noise level")))
+    parts += [element("div", *figures, class_="panels") for figures in (over_time, over_states) if figures]
     parts += [element("p", line) for line in localization.words]
-    for suspect in _chosen(localization, finding):
-        parts.append(_place(suspect, finding))
+    # the best place, and the place of the finding if it is different
+    places = list(best_of_each_group(localization))[:1]
+    if finding is not None:
+        wanted = set(finding.candidate.where)
+        at_finding = next((s for s in localization.suspects if {n.name for n in s.place.nodes} == wanted), None)
+        if at_finding is not None and places and at_finding is not places[0]:
+            # both places have the same effect on the records, so one chart is sufficient
+            places = [at_finding] if at_finding.place.name in places[0].alike else [places[0], at_finding]
+    parts += [_place(suspect, finding) for suspect in places]
     if localization.unseen:
         parts.append(element("p", f"Places that these records do not see: {', '.join(localization.unseen)}.",
                              class_="quiet small"))
     return joined(parts)
 
 
-def _chosen(localization: Localization, finding: AddedEffect | None) -> list[PlaceEstimate]:
-    """The best place, and the place of the finding if it is different."""
-    best = list(best_of_each_group(localization))[:1]
-    if finding is not None:
-        wanted = set(finding.candidate.where)
-        at_finding = next((s for s in localization.suspects if {n.name for n in s.place.nodes} == wanted), None)
-        if at_finding is not None and best and at_finding is not best[0]:
-            # both places have the same effect on the records, so one chart is sufficient
-            return [at_finding] if at_finding.place.name in best[0].alike else [best[0], at_finding]
-    return best
-
-
 # -- when and in what state --------------------------------------------------------------------------------------------
-def _over_time(localization: Localization) -> list[Html]:
-    figures = []
-    for record in dict.fromkeys(s.record for s in localization.stretches):
-        parts = [s for s in localization.stretches if s.record == record]
-        edges = np.array([*(s.begin for s in parts), parts[-1].end])
-        series = [(name, edges, np.array([s.chi2[name] for s in parts])) for name in parts[0].chi2]
-        figures.append(element("figure",
-                               steps(series, title=f"record {record}", across="time [s]", up="reduced χ²",
-                                     label=f"Misfit over time in record {record}; 1 = noise level")))
-    return figures
-
-
-def _state(localization: Localization, state: State) -> Html:
-    output_unit = read_unit(localization.experiment.outputs[state.channel].shown.unit)
-    error, per_y = _shown(output_unit.text, state.y)
-    across, per_x = _shown(state.unit, state.x)
-    x, y = state.x * per_x, state.y * per_y
-    zero = Line(np.array([x.min(), x.max()]), np.zeros(2), "#7d8894", 1.0)
-    return over([Cloud(x, y, BLUE, 5.0)], [Line(x, y, BLUE), zero],
-                title=f"error of {state.channel}, R² {state.r2:.2f}", across=f"{state.variable} [{unit_label(across)}]",
-                up=f"error [{unit_label(error)}]", label=f"Mean error of {state.channel} over {state.variable}")
-
-
 def _shown(unit: str, values: Array) -> tuple[str, float]:
     """A unit suited to the size of the values, and the factor from `unit` to it."""
     if not unit:
@@ -100,7 +90,17 @@ def _place(suspect: PlaceEstimate, finding: AddedEffect | None) -> Html:
     if drawn and finding is not None:
         marks.append(("line", LAW, f"{finding.candidate.component} as it was found"))
     caption = element("figcaption", swatch(*marks))
-    courses = [element("figure", _course(suspect, record, up, per)) for record in suspect.implied]
+    courses = []
+    for record in suspect.implied:
+        # the estimated input over time in one record, with a band of twice its standard deviation
+        implied = suspect.implied[record]
+        thin = slice(None, None, max(1, -(-len(implied.time) // MOST_POINTS)))
+        t, value, wide = implied.time[thin], implied.value[thin] * per, 2 * implied.deviation[thin] * per
+        lines = [Line(t, value + sign * wide, "#9cc7e2", 1.0) for sign in (-1, 1)]
+        courses.append(element("figure", over([], [*lines, Line(t, value, BLUE, 1.2)], title=f"record {record}",
+                                              across="time [s]", up=up, limits=value,
+                                              label=f"What acts {suspect.place.words} over time in record {record}",
+                                              size=(518.0, 215.0))))
     return joined([element("h3", f"The {noun(suspect)} that the records ask for {suspect.place.words}"),
                    element("p", f"It would explain {number(100 * suspect.explained, 4)} % of the misfit. "
                            "Below: over what moves there, and over time (pale: twice its standard deviation).",
@@ -163,16 +163,6 @@ def _through(finding: AddedEffect, suspect: PlaceEstimate, result: Result, name:
         except HeavebondError:
             return None
     return None
-
-
-def _course(suspect: PlaceEstimate, record: str, up: str, per: float) -> Html:
-    """The estimated input over time in one record, with a band of twice its standard deviation."""
-    implied = suspect.implied[record]
-    thin = slice(None, None, max(1, -(-len(implied.time) // MOST_POINTS)))
-    t, value, wide = implied.time[thin], implied.value[thin] * per, 2 * implied.deviation[thin] * per
-    lines = [Line(t, value + sign * wide, "#9cc7e2", 1.0) for sign in (-1, 1)]
-    return over([], [*lines, Line(t, value, BLUE, 1.2)], title=f"record {record}", across="time [s]", up=up, limits=value,
-                label=f"What acts {suspect.place.words} over time in record {record}", size=(518.0, 215.0))
 
 
 # -- identified curves -----------------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from heavebond.diagnosis.state import AddedEffect, LadderEntry, parameter_descri
 from heavebond.estimation.comparison import Channel, Comparison
 from heavebond.estimation.fitting import Fit
 from heavebond.laws.find import Laws
-from heavebond.localise.misfit import Localization, PlaceEstimate, summary
+from heavebond.localise.misfit import Localization, summary
 from heavebond.records import metrics
 
 RANKED = 12  # maximum number of candidates in a table
@@ -67,7 +67,14 @@ Item = ResultTable | Line | Notes
 # -- compare -----------------------------------------------------------------------------------------------------------
 def comparison_items(comparison: Comparison) -> list[Item]:
     """The errors of each channel and record, the notes and the advice."""
-    return [_compared(comparison),
+    largest: dict[str, float] = {}
+    for part in comparison.parts:
+        for name, channel in part.channels.items():
+            largest[name] = max(largest.get(name, 0.0), channel.error, channel.noise)
+    rows = [(part.name if k == 0 else "", *_row(channel, largest[name])) for part in comparison.parts
+            for k, (name, channel) in enumerate(part.channels.items())]
+    heads = ("record", "channel", *(s.column for s in metrics.STATISTICS if s.column), "noise", "error/noise")
+    return [ResultTable(comparison.experiment.name, heads, rows, text=2),
             *(Line(f"{part.name} ({part.use}): normalised error {_percent(100 * part.normalised)}, "
                    f"reduced chi-square {number(part.chi2, 3)}") for part in comparison.parts),
             *noticed(comparison), *map(Line, comparison.advice)]
@@ -88,17 +95,6 @@ def noticed(comparison: Comparison) -> list[Notes]:
             notes += [note + same_note] if records[0] == name else []
         rows += [(name if k == 0 else "", note) for k, note in enumerate(notes)]
     return [Notes(rows)] if rows else []
-
-
-def _compared(comparison: Comparison) -> ResultTable:
-    largest: dict[str, float] = {}
-    for part in comparison.parts:
-        for name, channel in part.channels.items():
-            largest[name] = max(largest.get(name, 0.0), channel.error, channel.noise)
-    rows = [(part.name if k == 0 else "", *_row(channel, largest[name])) for part in comparison.parts
-            for k, (name, channel) in enumerate(part.channels.items())]
-    heads = ("record", "channel", *(s.column for s in metrics.STATISTICS if s.column), "noise", "error/noise")
-    return ResultTable(comparison.experiment.name, heads, rows, text=2)
 
 
 def _row(channel: Channel, largest: float) -> tuple[str, ...]:
@@ -144,19 +140,16 @@ def fitted_parameters(fit: Fit) -> ResultTable:
         of = "" if unit.text in ("1", "") else f" {unit.text}"
         rows.append((name, f"{before}{of}", f"{value}{of}", p.known(partial(in_unit, unit=unit, digits=p.digits), of),
                      f"{least} .. {most}{of}" + (f", at its {p.at_bound} end" if p.at_bound else "")))
-    rows += [_own_row(fit, record, p.name) for record, record_fit in fit.held_out.items()
-             for p in {p.name: p for p in fit.parameters if p.name in record_fit.values}.values()]
+    # parameters that are fitted separately to a held-out record
+    for record, record_fit in fit.held_out.items():
+        for name in dict.fromkeys(p.name for p in fit.parameters if p.name in record_fit.values):
+            p = next(p for p in fit.parameters if p.name == name)
+            unit = fit.experiment.free[name].range.unit
+            of = "" if unit.text in ("1", "") else f" {unit.text}"
+            value, least, most = (in_unit(v, unit, 6) for v in (record_fit.values[name], p.low, p.high))
+            rows.append((f"{name} ({record}, held out)", "-", f"{value}{of}", "-", f"{least} .. {most}{of}"))
     return ResultTable(f"{fit.experiment.name}: {fit.samples} samples, reduced chi-square {fit.chi2:.4g}",
                        FITTED, rows)
-
-
-def _own_row(fit: Fit, record: str, name: str) -> tuple[str, str, str, str, str]:
-    """The row of a parameter that is fitted separately to a held-out record."""
-    p = next(p for p in fit.parameters if p.name == name)
-    unit = fit.experiment.free[name].range.unit
-    of = "" if unit.text in ("1", "") else f" {unit.text}"
-    value, least, most = (in_unit(v, unit, 6) for v in (fit.held_out[record].values[name], p.low, p.high))
-    return f"{name} ({record}, held out)", "-", f"{value}{of}", "-", f"{least} .. {most}{of}"
 
 
 def own_words(fit: Fit) -> list[str]:
@@ -183,19 +176,18 @@ def own_words(fit: Fit) -> list[str]:
 # -- localize ------------------------------------------------------------------------------------------------------------
 def localization_items(localization: Localization) -> list[Item]:
     """The times and states of motion with a large misfit, and the places at which an effect may be missing."""
-    table = [ResultTable("", PLACES, [_place(s) for s in localization.suspects], text=1)] if localization.missing else []
+    places = []
+    for s in localization.suspects:
+        curve = s.curve
+        curve_cells = ("-", "-", "-")
+        if curve is not None:
+            times = f" * {curve.times}" if curve.times else f", {curve.second.formula}" if curve.second is not None else ""
+            curve_cells = (curve.variable.formula + times, f"{max(curve.r2, 0.0):.2f}", curve.shape)
+        places.append((s.place.name, f"{100 * s.explained:.4g} %", number(s.behind, 3),
+                       readable(s.rms, s.place.unit.text, 3), *curve_cells))
+    table = [ResultTable("", PLACES, places, text=1)] if localization.missing else []
     unseen = [Line(f"Not seen in these records: {', '.join(localization.unseen)}.")] if localization.unseen else []
     return [*map(Line, summary(localization)), *table, *unseen, *map(Line, localization.words)]
-
-
-def _place(suspect: PlaceEstimate) -> tuple[str, ...]:
-    curve = suspect.curve
-    curve_cells = ("-", "-", "-")
-    if curve is not None:
-        times = f" * {curve.times}" if curve.times else f", {curve.second.formula}" if curve.second is not None else ""
-        curve_cells = (curve.variable.formula + times, f"{max(curve.r2, 0.0):.2f}", curve.shape)
-    return (suspect.place.name, f"{100 * suspect.explained:.4g} %", number(suspect.behind, 3),
-            readable(suspect.rms, suspect.place.unit.text, 3), *curve_cells)
 
 
 # -- diagnose ------------------------------------------------------------------------------------------------------------

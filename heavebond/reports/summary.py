@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from heavebond.core.errors import listing
@@ -99,7 +98,11 @@ class Summary:
 
     def text(self, width: int = 100) -> str:
         """The summary as lines of about `width` characters; each section begins with a line that is not indented."""
-        rows = [(c.domain, f"{listing(c.nodes, MOST_OF_A_CIRCUIT)}: {_tie(c)}") for c in self.circuits]
+        rows = []
+        for c in self.circuits:
+            reference = f"held by {listing(c.held, 6)}" if c.held else \
+                f"carried by {listing(c.carried, 6)}; its level is a matter of the start" if c.carried else "held by nothing"
+            rows.append((c.domain, f"{listing(c.nodes, MOST_OF_A_CIRCUIT)}: {reference}"))
         if not self.states:
             states = ["States", "  none"]
         else:
@@ -146,8 +149,13 @@ class Summary:
                 ("left", remaining), ("loops", count(len(self.loops), "algebraic loop"))]
         lines = ["Equations", *columns(rows, width)]
         if self.loops:
-            lines += ["", "Algebraic loops", *columns([(listing(loop.components, 6), _loop_words(loop))
-                                                       for loop in self.loops], width)]
+            loops = []
+            for loop in self.loops:
+                torn = listing(loop.torn, 6)
+                loops.append((listing(loop.components, 6), f"solved explicitly, starting from {torn}" if loop.left == 0 else
+                              f"tearing variables {torn}, iterated by the integrator" if loop.left == len(loop.torn) else
+                              f"torn at {torn}; {loop.left} of these iterated by the integrator"))
+            lines += ["", "Algebraic loops", *columns(loops, width)]
         if self.differentiated:
             lines += ["", "Differentiated", *columns([
                 (d.component, TIMES.get(d.times, f"{d.times} times"), d.equation) for d in self.differentiated], width)]
@@ -155,7 +163,9 @@ class Summary:
 
     def _start(self, width: int) -> list[str]:
         head = "Initial conditions" + (f" ({self.start_mode})" if self.start_mode else "")
-        rows = [("variable", "specified", "computed", "why"), *(_start_row(line) for line in self.start)]
+        rows = [("variable", "specified", "computed", "why"),
+                *((line.name, line.asked.lstrip("= ") or "-", readable(line.used, line.unit, 6), line.why)
+                  for line in self.start)]
         lines = [head, *columns(rows, width)]
         if self.solved:
             lines += ["", "Parameters solved for", *columns([
@@ -169,7 +179,22 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
     expanded, model = flat.expanded, assembly.model
     table = start.table if start is not None else ()
     asked = set(model.initial.solve)
+    # a value below 1e-10 of the nominal value, such as 1e-18 m/s, is a rounding error of Newton's method
     sizes = dict(zip(assembly.state_names, assembly.x_nominal.tolist(), strict=True))
+    # algebraic loops with their components; nodes are omitted if the loop contains components
+    loops = [AlgebraicLoop(tuple(o for o in loop.equations if o in expanded.leaves) or tuple(loop.equations), loop.torn,
+                           loop.left) for loop in reduced.loops]
+    differentiated = []
+    for i, times in reduced.differentiated:
+        equation = flat.equations[i]
+        differentiated.append(Differentiation(equation.owner, _one_space(equation.text), times, equation.place.file,
+                                              equation.place.line))
+    machines = []
+    for path, leaf in expanded.leaves.items():
+        if states := leaf.component.states:
+            held = next(h for h in flat.held if h.name == f"{path}.{STATE}")  # the number of the initial state
+            machines.append(f"{path} begins in '{states[int(assembly.p[held.index]) - 1].name}' of "
+                            f"{listing(state.name for state in states)}")
     return Summary(
         model=model.name, summary=model.summary, files=tuple(map(path_text, model.files)),
         components=_by_kind(assembly, composite=False), blocks=_by_kind(assembly, composite=True),
@@ -180,26 +205,21 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         equations=len(flat.equations), unknowns=len(flat.unknowns),
         inputs=tuple(f"{k.name} ({k.source.column} in {k.source.file.name})" for k in flat.inputs),
         events=tuple(f"{event.name} ({event.text})" for event in flat.events), index=reduced.index,
-        differentiated=tuple(_differentiation(flat.equations[i], times) for i, times in reduced.differentiated),
-        states=tuple(ChosenState(assembly.state_names[k], _rate_unit(flat.unknowns[j].unit.text, order),
-                                 _why(assembly, (j, order))) for k, (j, order) in enumerate(reduced.states)),
+        differentiated=tuple(differentiated),
+        states=tuple(ChosenState(assembly.state_names[k], flat.unknowns[j].unit.text + (
+            "" if order == 0 else "/s" if order == 1 else f"/s**{order}"), _why(assembly, (j, order)))
+            for k, (j, order) in enumerate(reduced.states)),
         charts=_charts(assembly), algebraic=tuple(assembly.algebraic_names),
-        loops=tuple(_loop(assembly, loop.equations, loop.torn, loop.left) for loop in reduced.loops),
+        loops=tuple(loops),
         start_mode=model.initial.mode or "",
-        start=tuple(_tidy(line, sizes.get(line.name, 0.0)) for line in table if line.name not in asked),
+        start=tuple(StartLine(line.name, line.asked, 0.0, line.unit, line.why)
+                    if abs(line.used) < 1e-10 * sizes.get(line.name, 0.0) else line for line in table
+                    if line.name not in asked),
         solved=tuple(line for line in table if line.name in asked),
         placeholders=tuple(f"{path}: {leaf.component.placeholder}" for path, leaf in expanded.leaves.items()
                            if leaf.component.placeholder), sampled=_sampled(assembly),
         transitions=tuple(t.text for t in assembly.update_order.transitions(assembly.p)),
-        machines=tuple(f"{path} begins in '{_first_state(assembly, path)}' of "
-                       f"{listing(state.name for state in leaf.component.states)}"
-                       for path, leaf in expanded.leaves.items() if leaf.component.states))
-
-
-def _first_state(assembly: Assembly, path: str) -> str:
-    """The initial state of a state machine."""
-    held = next(h for h in assembly.flat.held if h.name == f"{path}.{STATE}")
-    return assembly.flat.expanded.leaves[path].component.states[int(assembly.p[held.index]) - 1].name
+        machines=tuple(machines))
 
 
 def _sampled(assembly: Assembly) -> tuple[str, ...]:
@@ -235,14 +255,6 @@ def _charts(assembly: Assembly) -> tuple[OpenChoice, ...]:
     return tuple(chart_list)
 
 
-def _tie(circuit: Circuit) -> str:
-    """The reference of a circuit in words, for example `held by tank`."""
-    if circuit.held:
-        return f"held by {listing(circuit.held, 6)}"
-    return f"carried by {listing(circuit.carried, 6)}; its level is a matter of the start" if circuit.carried else \
-        "held by nothing"
-
-
 def _by_kind(assembly: Assembly, *, composite: bool) -> dict[str, tuple[str, ...]]:
     paths_by_kind: dict[str, tuple[str, ...]] = {}
     for path, leaf in assembly.flat.expanded.leaves.items():
@@ -267,41 +279,9 @@ def _medium(assembly: Assembly, medium: Medium) -> str:
     return f"no {medium.kind} in {circuit}; usual values for {listing(medium.takers, 6)}: {numbers}"
 
 
-def _tidy(line: StartLine, nominal: float) -> StartLine:
-    """Replace a rounding error of Newton's method, such as 1e-18 m/s, by zero."""
-    return StartLine(line.name, line.asked, 0.0, line.unit, line.why) if abs(line.used) < 1e-10 * nominal else line
-
-
-def _start_row(line: StartLine) -> tuple[str, str, str, str]:
-    return line.name, line.asked.lstrip("= ") or "-", readable(line.used, line.unit, 6), line.why
-
-
-def _differentiation(equation: FlatEquation, times: int) -> Differentiation:
-    return Differentiation(equation.owner, _one_space(equation.text), times, equation.place.file, equation.place.line)
-
-
-def _loop(assembly: Assembly, owners: Sequence[str], torn: tuple[str, ...], iterated: int) -> AlgebraicLoop:
-    """An algebraic loop with its components; nodes are omitted if the loop contains components."""
-    leaves = assembly.flat.expanded.leaves
-    return AlgebraicLoop(tuple(o for o in owners if o in leaves) or tuple(owners), torn, iterated)
-
-
 def _one_space(text: str) -> str:
     """Replace the spaces that align an equation in its file by single spaces."""
     return " ".join(text.split())
-
-
-def _rate_unit(unit: str, order: int) -> str:
-    return unit if order == 0 else f"{unit}/s" if order == 1 else f"{unit}/s**{order}"
-
-
-def _loop_words(loop: AlgebraicLoop) -> str:
-    torn = listing(loop.torn, 6)
-    if loop.left == 0:
-        return f"solved explicitly, starting from {torn}"
-    if loop.left == len(loop.torn):
-        return f"tearing variables {torn}, iterated by the integrator"
-    return f"torn at {torn}; {loop.left} of these iterated by the integrator"
 
 
 def _why(assembly: Assembly, state: Column) -> str:

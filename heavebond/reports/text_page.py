@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from heavebond.core import facade
@@ -36,19 +36,18 @@ class TextPage(facade.Displayed):
         return dict(self.content)
 
     def __str__(self) -> str:
-        return "\n".join(line for item in self.items for line in _lines(item))
+        lines = []
+        for item in self.items:
+            if isinstance(item, TextLine):
+                lines.append(item.text)
+            else:
+                lines += [item.title] if item.title else []
+                lines += [line.rstrip() for line in columns([item.head, *item.rows], WIDTH)]
+        return "\n".join(lines)
 
     def __repr__(self) -> str:
         return brief(self, self.name, f"{count(str(self).count(chr(10)) + 1, 'line')}, shown by print()",
                      count(len(self.problems), "problem") if self.problems else "")
-
-
-def _lines(item: TextLine | ResultTable) -> Iterator[str]:
-    if isinstance(item, TextLine):
-        yield item.text
-    else:
-        yield from ([item.title] if item.title else [])
-        yield from (line.rstrip() for line in columns([item.head, *item.rows], WIDTH))
 
 
 class Lines:
