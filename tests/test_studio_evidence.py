@@ -303,7 +303,7 @@ def test_a_fit_has_the_figures_of_the_command_line_and_is_written(rig: Path) -> 
             assert _code(lambda: jobs.begin("where", "measured.yaml", rig / "measured.yaml", "v", {})) == "job-running"
             await _done(job)
             assert job.state == "done", job.problems
-            return job.told, texts, await job.write({})
+            return job.result, texts, await job.write({})
         finally:
             jobs.close()
 
@@ -330,8 +330,8 @@ def test_a_job_that_is_stopped_gives_its_best_so_far_and_one_that_fails_its_reas
             assert len(job.ladder) == 2  # as it stands, and with its parameters fitted
             job.stop()
             await _done(job)
-            assert job.state == "done" and job.told["partial"] and job.told["verdict"] == "undetermined"
-            assert job.told["ladder"] == job.ladder
+            assert job.state == "done" and job.result["partial"] and job.result["verdict"] == "undetermined"
+            assert job.result["ladder"] == job.ladder
             written = [Path(file) for file in await job.write({"report": True})]
             assert [file.name for file in written] == ["measured_report.html"]
             assert "Diagnosis of rig, measured" in written[0].read_text(encoding="utf-8")
@@ -358,7 +358,7 @@ def test_a_tuning_has_the_figures_of_the_command_line_and_results_on_bundled_fil
             files = await job.write({})
             fit = await _done(jobs.begin("fit", "bundled:passive_rig/friction", bundled.with_name("friction.yaml"), "v",
                                          {"folder": str(rig)}))
-            return job.told, files, await fit.write({})
+            return job.result, files, await fit.write({})
         finally:
             jobs.close()
 
@@ -379,7 +379,7 @@ def test_a_diagnosis_has_the_figures_of_the_command_line(rig: Path) -> None:
         try:
             job = await _done(jobs.begin("diagnose", "measured.yaml", rig / "measured.yaml", "v",
                                          {"classes": ["dry friction"]}))
-            return job.told
+            return job.result
         finally:
             jobs.close()
 

@@ -135,7 +135,7 @@ def _show(component: Component, page: _Lines) -> dict[str, object]:
                   *((s.name, f"signal {s.direction}{', vector' * (s.count is not None)}",
                      f"{s.unit.text}{', ' * bool(s.doc)}{s.doc}")
                     for s in component.signals.values())],
-        "Parameters": [(p.name, "integer" if p.integer else _unit(p), _given(p, medium), p.doc)
+        "Parameters": [(p.name, "integer" if p.integer else _unit(p), _bounds(p, medium), p.doc)
                        for p in component.parameters.values()],
         "Variables": [(v.name, _unit(v), v.doc if v.held is None else f"{v.doc} (held)".lstrip())
                       for v in component.variables.values()],
@@ -219,7 +219,7 @@ def _unit(item: Parameter | Variable) -> str:
     return item.unit.text if item.count is None else f"{'list' if item.columns is None else 'matrix'}, {item.unit.text}"
 
 
-def _given(parameter: Parameter, medium: str) -> str:
+def _bounds(parameter: Parameter, medium: str) -> str:
     """Default and bounds: `default 0 m, at least 0`."""
 
     parts = []

@@ -54,7 +54,7 @@ def ranking(step: Stage) -> Html:
     """All candidates of one step: the fitted candidates with their statistics, then the other candidates by reason."""
     ranked = entries(step)
     fitted = [e for e in ranked if e.trial is not None]
-    unfitted = _others(ranked[len(fitted):])
+    unfitted = _unfitted(ranked[len(fitted):])
     if not fitted:
         return joined([element("p", "No candidate was fitted: the residual is noise." if not step.left.significant else
                                "No candidate could be fitted."), unfitted])
@@ -87,7 +87,7 @@ def _cell(column: Column, entry: Entry) -> Html | str:
     return column.text(entry)
 
 
-def _others(unfitted: Sequence[Entry]) -> Html:
+def _unfitted(unfitted: Sequence[Entry]) -> Html:
     """The candidates that were not fitted, by reason."""
     parts = []
     for reason, words in JUDGEMENTS.items():

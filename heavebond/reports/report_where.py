@@ -32,8 +32,8 @@ def failing(localization: Localization, finding: AddedEffect | None) -> Html:
     over_states = []
     for state in best.values():
         output_unit = read_unit(localization.experiment.outputs[state.channel].shown.unit)
-        error, per_y = _shown(output_unit.text, state.y)
-        across, per_x = _shown(state.unit, state.x)
+        error, per_y = _display_unit(output_unit.text, state.y)
+        across, per_x = _display_unit(state.unit, state.x)
         x, y = state.x * per_x, state.y * per_y
         zero = Line(np.array([x.min(), x.max()]), np.zeros(2), "#7d8894", 1.0)
         over_states.append(element("figure", over(
@@ -66,7 +66,7 @@ def failing(localization: Localization, finding: AddedEffect | None) -> Html:
 
 
 # -- when and in what state --------------------------------------------------------------------------------------------
-def _shown(unit: str, values: Array) -> tuple[str, float]:
+def _display_unit(unit: str, values: Array) -> tuple[str, float]:
     """A unit suited to the size of the values, and the factor from `unit` to it."""
     if not unit:
         return unit, 1.0
@@ -76,7 +76,7 @@ def _shown(unit: str, values: Array) -> tuple[str, float]:
 
 # -- at a place --------------------------------------------------------------------------------------------------------
 def _place(suspect: PlaceEstimate, finding: AddedEffect | None) -> Html:
-    unit, per = _shown(suspect.place.unit.text, np.concatenate([i.value for i in suspect.implied.values()]))
+    unit, per = _display_unit(suspect.place.unit.text, np.concatenate([i.value for i in suspect.implied.values()]))
     up = f"{noun(suspect)} [{unit_label(unit)}]"
     # the explanatory variables of the estimated input, the best first
     variables: list[str] = []
@@ -116,7 +116,7 @@ def _panel(suspect: PlaceEstimate, name: str, finding: AddedEffect | None, up: s
     x = np.concatenate([i.local[name] for i in suspect.implied.values()])
     y = np.concatenate([i.value for i in suspect.implied.values()]) * per
     up_ = np.concatenate([np.gradient(i.local[name]) > 0 for i in suspect.implied.values()])
-    unit, across = _shown(curve.units.get(name, ""), x)
+    unit, across = _display_unit(curve.units.get(name, ""), x)
     clouds = [Cloud(x[mask] * across, y[mask], colour) for mask, colour in ((up_, BLUE), (~up_, ORANGE)) if mask.any()]
     lines = []
     is_variable = name == curve.variable.formula
@@ -184,7 +184,7 @@ def learnt(finding: AddedEffect) -> Html:
     order = np.argsort(x)
     drawn_points = order[np.unique(np.linspace(0, len(order) - 1, 400).astype(int))]
     units = [runs[0].si.unit(name) for name in names]
-    (across, per_x), (up, per_y) = _shown(units[0], x), _shown(units[1], y)
+    (across, per_x), (up, per_y) = _display_unit(units[0], x), _display_unit(units[1], y)
     axes = [name.replace(f"{finding.candidate.name}.", "") for name in names]  # the heading names the component
     drawn = over([], [Line(x[drawn_points] * per_x, y[drawn_points] * per_y, LAW)], title="identified curve",
                  size=(518.0, 300.0), across=f"{axes[0]} [{unit_label(across)}]", up=f"{axes[1]} [{unit_label(up)}]",

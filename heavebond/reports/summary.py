@@ -178,7 +178,7 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
     flat, reduced = assembly.flat, assembly.reduced
     expanded, model = flat.expanded, assembly.model
     table = start.table if start is not None else ()
-    asked = set(model.initial.solve)
+    solved_for = set(model.initial.solve)
     # a value below 1e-10 of the nominal value, such as 1e-18 m/s, is a rounding error of Newton's method
     sizes = dict(zip(assembly.state_names, assembly.x_nominal.tolist(), strict=True))
     # algebraic loops with their components; nodes are omitted if the loop contains components
@@ -214,8 +214,8 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         start_mode=model.initial.mode or "",
         start=tuple(StartLine(line.name, line.asked, 0.0, line.unit, line.why)
                     if abs(line.used) < 1e-10 * sizes.get(line.name, 0.0) else line for line in table
-                    if line.name not in asked),
-        solved=tuple(line for line in table if line.name in asked),
+                    if line.name not in solved_for),
+        solved=tuple(line for line in table if line.name in solved_for),
         placeholders=tuple(f"{path}: {leaf.component.placeholder}" for path, leaf in expanded.leaves.items()
                            if leaf.component.placeholder), sampled=_sampled(assembly),
         transitions=tuple(t.text for t in assembly.update_order.transitions(assembly.p)),
@@ -269,10 +269,10 @@ def _medium(assembly: Assembly, medium: Medium) -> str:
     settings: dict[str, str] = {}
     for taker in medium.takers:
         path, _, name = taker.rpartition(".")
-        asked = leaves[path].component.parameters[name].medium
-        number = values.get(f"{medium.source}.{asked}" if medium.source else taker)
+        property_name = leaves[path].component.parameters[name].medium
+        number = values.get(f"{medium.source}.{property_name}" if medium.source else taker)
         if number is not None:
-            settings.setdefault(asked, f"{asked} {readable(number, units[taker].text)}")
+            settings.setdefault(property_name, f"{property_name} {readable(number, units[taker].text)}")
     circuit, numbers = f"the circuit of {listing(medium.nodes, 3)}", ", ".join(settings.values())
     if medium.source:
         return f"{medium.source} ({medium.kind}) fills {circuit}" + (f": {numbers}" if numbers else "")
@@ -308,6 +308,7 @@ def _why(assembly: Assembly, state: Column) -> str:
         if j in members:
             rivals.update(dict.fromkeys(flat.unknowns[m].name for m in sorted(members - states)))
     if rivals:
-        asked = order == 0 and flat.unknowns[j].name in assembly.model.initial.conditions
-        words += f"; chosen before {listing(tuple(rivals), 3)}" + (", as its initial value is asked for" if asked else "")
+        specified = order == 0 and flat.unknowns[j].name in assembly.model.initial.conditions
+        words += f"; chosen before {listing(tuple(rivals), 3)}" + (", as its initial value is asked for" if specified
+                                                                   else "")
     return words

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from heavebond.core.presentation import converted, readable_unit
 from heavebond.equations.flatten import Flat
-from heavebond.equations.resolver import Bond
 from heavebond.language.symbols import stack
 from heavebond.linear.linearisation import ModesAtStart
 from heavebond.linear.modal_values import energy_shares
@@ -32,7 +31,12 @@ def animation(result: Result) -> tuple[Entry, Array]:
     """
     flat = result.assembly.flat
     wanted = [*_of_nodes(flat), *_of_parts(flat)]
-    chosen = _instants(result.time)
+    # indices of output points that are about evenly spread over the time
+    times = result.time
+    if len(times) <= FRAMES:
+        chosen: NDArray[np.intp] = np.arange(len(times))
+    else:
+        chosen = np.unique(np.searchsorted(times, np.linspace(times[0], times[-1], FRAMES)))
     values = result.evaluate(stack([expr for *_, expr in wanted]))[:, chosen] if wanted else np.zeros((0, len(chosen)))
     entries: dict[str, dict[str, Entry]] = {"nodes": {}, "parts": {}}
     rows = [result.time[chosen]]
@@ -45,13 +49,6 @@ def animation(result: Result) -> tuple[Entry, Array]:
                                                                         else display_unit]
         rows.append(converted(row, unit, display_unit))
     return dict(entries), np.vstack(rows)
-
-
-def _instants(time: Array) -> NDArray[np.intp]:
-    """Indices of output points that are about evenly spread over the time."""
-    if len(time) <= FRAMES:
-        return np.arange(len(time))
-    return np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], FRAMES)))
 
 
 Wanted = tuple[str, str, str, str, str, ca.SX]  # nodes or parts, path, quantity, unit, domain, expression
@@ -74,26 +71,14 @@ def _of_nodes(flat: Flat) -> Iterable[Wanted]:
                                                                   ca.SX(0))
         if domain.effort is None or domain.flow is None:  # several pairs, or one power
             continue
-        for quantity, name, number in (("effort", domain.effort, _effort), ("flow", domain.flow, _flow)):
-            numbers = [number(bond) for bond in bonds_at_node]
-            shared = name not in domain.through
-            value = values[numbers[0]] if shared else _largest([values[k] for k in numbers])
+        for quantity, name, numbers in (("effort", domain.effort, [bond.efforts[0] for bond in bonds_at_node]),
+                                        ("flow", domain.flow, [bond.flows[0] for bond in bonds_at_node])):
+            value = values[numbers[0]]
+            if name in domain.through:
+                value = ca.fabs(value)
+                for k in numbers[1:]:
+                    value = ca.fmax(value, ca.fabs(values[k]))
             yield "nodes", path, quantity, flat.unknowns[numbers[0]].unit.text, domain.name, value
-
-
-def _effort(bond: Bond) -> int:
-    return bond.efforts[0]
-
-
-def _flow(bond: Bond) -> int:
-    return bond.flows[0]
-
-
-def _largest(values: list[ca.SX]) -> ca.SX:
-    largest = ca.fabs(values[0])
-    for value in values[1:]:
-        largest = ca.fmax(largest, ca.fabs(value))
-    return largest
 
 
 def _of_parts(flat: Flat) -> Iterable[Wanted]:

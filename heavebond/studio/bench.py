@@ -267,8 +267,8 @@ class Bench:
     def spectrum(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
         """The frequency (Hz) and the density of a signal, as `heavebond signal` computes them."""
         result, name = self._result(job), names[0]
-        found = spectrum(evenly(name, result.unit(name), result.time, result.signals([name])[name]))
-        return {"signals": [name]}, np.vstack([found.frequency[1:], found.density[1:]])
+        density = spectrum(evenly(name, result.unit(name), result.time, result.signals([name])[name]))
+        return {"signals": [name]}, np.vstack([density.frequency[1:], density.density[1:]])
 
     def signals(self, job: Job, names: Sequence[str]) -> tuple[Entry, Array]:
         """Further signals of a run; a run that is not stored any more is repeated."""

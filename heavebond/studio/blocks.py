@@ -73,8 +73,8 @@ def read_block(source: Source) -> Block:
     model = replace(around.model, body=component.body)
 
     # the parts inside the block, with paths relative to it
-    def bounds(given: dict[str, Bound]) -> dict[str, Bound]:
-        return {name: replace(bound, scope=bound.scope.removeprefix(f"{NAME}.")) for name, bound in given.items()}
+    def bounds(entries: dict[str, Bound]) -> dict[str, Bound]:
+        return {name: replace(bound, scope=bound.scope.removeprefix(f"{NAME}.")) for name, bound in entries.items()}
 
     leaves = {_cut(path): replace(leaf, path=_cut(path), parameters=bounds(leaf.parameters), inputs=bounds(leaf.inputs))
               for path, leaf in around.leaves.items() if path != NAME}

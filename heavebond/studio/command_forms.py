@@ -70,47 +70,49 @@ def arguments(group: click.Group, name: str, values: Mapping[str, Any]) -> list[
     if name not in {n for names in COMMANDS.values() for n in names} or name not in group.commands:
         raise UsageError([Problem("usage", "the page asked for something unknown")])
     known = {str(p.name): p for p in _options(group.commands[name])}
-    given: list[str] = []
+    texts: list[str] = []
     for key, value in values.items():
         option = known.get(str(key))
         if option is None:
             raise UsageError([Problem("usage", "the page asked for something unknown")])
         if option.is_flag:
-            given += [option.opts[-1]] if value is True else []
+            texts += [option.opts[-1]] if value is True else []
             continue
         for text in value if isinstance(value, list) else [value]:
             if SHORTEST <= len(str(text).strip()) <= LONGEST:
-                given.append(f"{option.opts[-1]}={str(text).strip()}")
-    return given
+                texts.append(f"{option.opts[-1]}={str(text).strip()}")
+    return texts
 
 
 def run_command(path: Path, options: Mapping[str, Any], folder: Path) -> Entry:
     """Run a command on a document: its printed text, its picture, and the files that it wrote. UsageError with its message
     if it fails."""
     group, name = _group(str(options["command_line"])), str(options.get("command", ""))
-    given = arguments(group, name, dict(options.get("values") or {}))
+    words = arguments(group, name, dict(options.get("values") or {}))
     command, written = group.commands[name], ""
     with tempfile.TemporaryDirectory(prefix=".heavebond-", dir=folder) as scratch:
         if options.get("picture") is True and _draws(command):
-            given.append(f"--output={Path(scratch).resolve() / 'picture.svg'}")
+            words.append(f"--output={Path(scratch).resolve() / 'picture.svg'}")
         elif name in FORMS:
             suffix = options.get("format")
             if suffix not in FORMS[name]:
                 raise UsageError([Problem("usage", "the page asked for something unknown")])
             written = f"{re.sub(r'[^A-Za-z0-9_]+', '_', path.stem)}.{suffix}"
-            given.append(f"--output={folder.resolve() / written}")
+            words.append(f"--output={folder.resolve() / written}")
         out, err, code = io.StringIO(), io.StringIO(), 0
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), contextlib.chdir(folder):
             try:
-                group.main([name, *given, "--", str(path)])
+                group.main([name, *words, "--", str(path)])
             except SystemExit as ended:
                 code = int(ended.code or 0)
         picture = Path(scratch) / "picture.svg"
         svg = picture.read_text(encoding="utf-8") if picture.is_file() else ""
-    said = [line for line in err.getvalue().splitlines() if line.strip()]
+    messages = [line for line in err.getvalue().splitlines() if line.strip()]
     if code and not out.getvalue().strip():
-        raise UsageError([Problem("command-failed", "\n".join(said) or f"the command ended with code {code}")])
-    shown = " ".join(["heavebond", name, path.name, *(f"'{g}'" if " " in g else g for g in given if scratch not in g)])
+        raise UsageError([Problem("command-failed", "\n".join(messages) or f"the command ended with code {code}")])
+    command_text = " ".join(["heavebond", name, path.name,
+                             *(f"'{g}'" if " " in g else g for g in words if scratch not in g)])
     printed = "\n".join(line for line in out.getvalue().splitlines() if scratch not in line)
-    return {"kind": "command", "command": shown, "text": printed, "warnings": said, "code": code,
-            "pictures": [{"title": shown, "svg": svg}] if svg else [], "files": [written] if written and not code else []}
+    return {"kind": "command", "command": command_text, "text": printed, "warnings": messages, "code": code,
+            "pictures": [{"title": command_text, "svg": svg}] if svg else [],
+            "files": [written] if written and not code else []}

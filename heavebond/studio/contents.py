@@ -29,7 +29,11 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
     """Parts and nodes by their paths, the diagram's parameters, and its outputs; signals if it is assembled."""
     ports = port_entries(expanded, network, drawn) if drawn is not None else {}
     joined = {end.name for junction in expanded.junctions.values() for end in junction.ends if end.sign > 0}
-    names = _signals(assembly) if assembly is not None else {}
+    names: dict[str, dict[str, str]] = {}  # every variable with unit and description
+    if assembly is not None:
+        flat = assembly.flat
+        names = {name: {"unit": flat.unknowns[j].unit.text, "doc": flat.unknowns[j].doc} for name, j in flat.names.items()}
+        names |= {h.name: {"unit": h.unit.text, "doc": h.doc} for h in flat.held}
     # variables by the innermost part or node at the beginning of their path; a part and a node may have the same name
     known, entries_by_owner = {*expanded.leaves, *expanded.junctions}, dict[str, list[Entry]]()
     for variable, entry in names.items():
@@ -47,11 +51,16 @@ def contents(expanded: Expanded, network: Network, assembly: Assembly | None, te
         name = path.removeprefix(f"{owner}.") if owner else path
         parameter = leaf.component.parameters[name] if leaf is not None else None
         parameters_by_owner.setdefault(owner, []).append(_parameter(path, name, bound, parameter, path in free))
+    # signal inputs with a given value
     parts = {path: {"kind": leaf.component.name, "summary": leaf.component.summary, "block": leaf.component.composite,
                     "path": str(leaf.component.path), "line": leaf.place.line if leaf.place.file == text_name else None,
-                    "parameters": [*parameters_by_owner.get(path, ()), *_inputs(leaf, free), *_missing(leaf, joined)],
+                    "parameters": [*parameters_by_owner.get(path, ()),
+                                   *[_parameter(f"{leaf.path}.{name}", name, bound, leaf.component.signals[name],
+                                                f"{leaf.path}.{name}" in free)
+                                     for name, bound in leaf.inputs.items()], *_missing(leaf, joined)],
                     "signals": owned.get(path, []), "ports": ports.get(path, [])} for path, leaf in expanded.leaves.items()}
-    nodes = {path: {"domain": _domain(network, path), "line": j.place.line if j.place.file == text_name else None,
+    domains = {path: network.groups[index].domain for path, index in network.group_of_node.items()}
+    nodes = {path: {"domain": domains.get(path, "signal"), "line": j.place.line if j.place.file == text_name else None,
                     "ends": [f"{end.leaf}.{end.port}" for end in j.ends if end.sign > 0],
                     "signals": owned.get(path, [])} for path, j in expanded.junctions.items()}
     model = expanded.model
@@ -110,24 +119,6 @@ def own_parameters(block: Component) -> list[Entry]:
     return [{"path": p.name, "name": p.name, "text": p.default.text if p.default else "", "doc": p.doc, "unit": p.unit.text,
              "limits": [None if v is None else p.unit.from_si(v) for v in (p.low, p.high)]}
             for p in block.parameters.values()]
-
-
-def _domain(network: Network, path: str) -> str:
-    index = network.group_of_node.get(path)
-    return "signal" if index is None else network.groups[index].domain
-
-
-def _signals(assembly: Assembly) -> dict[str, dict[str, str]]:
-    """Every variable by its name, with unit and description."""
-    flat = assembly.flat
-    entries = {name: {"unit": flat.unknowns[j].unit.text, "doc": flat.unknowns[j].doc} for name, j in flat.names.items()}
-    return entries | {h.name: {"unit": h.unit.text, "doc": h.doc} for h in flat.held}
-
-
-def _inputs(leaf: Leaf, free: set[str]) -> list[Entry]:
-    """Signal inputs with a given value."""
-    return [_parameter(f"{leaf.path}.{name}", name, bound, leaf.component.signals[name], f"{leaf.path}.{name}" in free)
-            for name, bound in leaf.inputs.items()]
 
 
 def _missing(leaf: Leaf, joined: set[str]) -> list[Entry]:

@@ -32,10 +32,10 @@ class Written:
     """The text of a diagram while it is edited, and its YAML tree: values may still be wrong."""
 
     text: str
-    said: dict[str, Tree]
+    root: dict[str, Tree]
     def section(self, name: str) -> dict[str, Tree]:
         """The entries of a section of this file; empty if it is missing."""
-        entries = self.said.get(name)
+        entries = self.root.get(name)
         return entries if isinstance(entries, dict) else {}
 
 
@@ -48,7 +48,7 @@ class Diagram(Written):
     network: Network
 
     @property
-    def taken(self) -> set[str]:
+    def used_names(self) -> set[str]:
         """Names of parts, nodes and parameters, in a block also of its ports and variables."""
         block = self.expanded.leaves.get("")
         component = block.component if block is not None else None
@@ -66,7 +66,7 @@ class Diagram(Written):
                                                      *kind.body.instances, *kind.body.wires)}
         return Named(name, frozenset(members), name in self.model.body.instances, name in self.model.body.wires)
 
-    def own(self, name: str) -> str:
+    def declared_part(self, name: str) -> str:
         """Check that this file declares the part; UsageError for others."""
         if name not in self.section("components"):
             known = name in self.model.body.instances
@@ -111,7 +111,7 @@ def place_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     kind = str(action["kind"])
     component = diagram.model.library.component(kind)
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", kind.removesuffix(".fmu"))
-    name = free_name(re.sub(r"\W+", "_", words).lower(), diagram.taken)
+    name = free_name(re.sub(r"\W+", "_", words).lower(), diagram.used_names)
     needed = [n for n, p in component.parameters.items() if p.default is None and p.neutral is None and not p.medium]
     example_values = _example_values(component, kind)
     settings: dict[str, Tree] = {n: example_values[n] for n in needed if n in example_values}
@@ -131,7 +131,7 @@ def _example_values(component: Any, kind: str) -> dict[str, Tree]:
 
 def rename_part(diagram: Diagram, job: Job, action: Entry) -> Entry:
     """Rename a part, in wires and formulas too. The new name may be the name of a node on one of its ports."""
-    old, new = diagram.own(str(action["part"])), str(action["name"])
+    old, new = diagram.declared_part(str(action["part"])), str(action["name"])
     if old == new:
         return {"text": diagram.text, "part": old}
     on = {name for name, wire in diagram.model.body.wires.items() if any(e.path.partition(".")[0] == old for e in wire.ends)}
@@ -148,7 +148,7 @@ def rename_node(diagram: Diagram, job: Job, action: Entry) -> Entry:
     wire = diagram.model.body.wires.get(old)
     on_it = {end.path.partition(".")[0] for end in wire.ends} if wire else set()
     _check_name(new, diagram, allowed=on_it - set(diagram.model.body.wires))
-    if old not in diagram.section("nodes") or "extends" in diagram.said:
+    if old not in diagram.section("nodes") or "extends" in diagram.root:
         raise UsageError([Problem("node-inherited", f"node '{old}' is named in another file", None, "Rename it there.")])
     text = renamed_mentions(diagram.text, diagram.named(old), new, node=True)
     return {"text": _renamed_layout(rename_key(text, ("nodes", old), new), "wires", old, new), "node": new}
@@ -180,7 +180,7 @@ def _check_name(name: str, diagram: Diagram, allowed: Iterable[str] = ()) -> Non
     if problems.found or len(name) > 80:
         raise UsageError([Problem("name-bad", f"'{name[:80]}' cannot be a name", None, "A name has letters, digits and _, a "
                                   "letter first, and is not a word of the formula language.")])
-    if name in diagram.taken - set(allowed):
+    if name in diagram.used_names - set(allowed):
         raise UsageError([Problem("name-twice", f"there is already a part, a node or a parameter '{name}'")])
 
 
@@ -199,7 +199,7 @@ def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
         if name not in diagram.section("components") and name in diagram.model.body.instances:
             text = add_item(text, ("remove",), name)
             continue
-        text = _without_part(diagram, diagram.own(name), job)
+        text = _without_part(diagram, diagram.declared_part(name), job)
     for name in map(str, action.get("nodes", ())):
         text = without_node(read_diagram(text, job), name)
     after = tree(parse(text).root)
@@ -207,7 +207,7 @@ def delete(diagram: Diagram, job: Job, action: Entry) -> Entry:
     # entries that were removed with parts and nodes: outputs, initial conditions, settings and shapes
     removed_entries = []
     for section, word in (("show", "output"), ("initial", "initial value"), ("set", "setting"), ("view", "shape")):
-        old, new = before.said.get(section), after.get(section)
+        old, new = before.root.get(section), after.get(section)
         remaining = new if isinstance(new, dict) else {}
         removed_entries += [f"{word} {name}" for name in old if name not in remaining] if isinstance(old, dict) else []
     return {"text": text, "removed": removed_entries}

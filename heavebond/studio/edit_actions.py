@@ -96,8 +96,8 @@ def edited(job: Job, action: Entry) -> Entry:
     add an unreadable value to a readable diagram."""
     name = str(action["act"])
     written = read_text_only(job.text, job)
-    if name in RUNS and "component" in written.said:
-        raise UsageError([unrunnable(str(written.said["component"]))])
+    if name in RUNS and "component" in written.root:
+        raise UsageError([unrunnable(str(written.root["component"]))])
     if name not in VALUES:
         return ACTIONS[name](read_diagram(job.text, job), job, action)
     answer = VALUES[name](written, job, action)

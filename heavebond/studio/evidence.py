@@ -170,11 +170,11 @@ def _unit_of(assembly: Assembly, signal: str) -> str:
 def proposal(job: Job, file: str) -> tuple[Entry, None]:
     """The columns of a record with their likely meaning for the diagram of the page."""
     assembly = assemble(load(job.path))
-    proposal_found = propose(read_table(Path(file)), assembly)
-    return {"columns": [asdict(c) for c in proposal_found.columns],
-            "inputs": {k: list(v) for k, v in proposal_found.inputs.items()},
-            "outputs": {k: list(v) for k, v in proposal_found.outputs.items()},
-            "remarks": list(proposal_found.remarks)}, None
+    proposed = propose(read_table(Path(file)), assembly)
+    return {"columns": [asdict(c) for c in proposed.columns],
+            "inputs": {k: list(v) for k, v in proposed.inputs.items()},
+            "outputs": {k: list(v) for k, v in proposed.outputs.items()},
+            "remarks": list(proposed.remarks)}, None
 
 
 def written_experiment(path: str, name: str, title: str, model: str, files: Mapping[str, str],
@@ -191,8 +191,8 @@ def written_experiment(path: str, name: str, title: str, model: str, files: Mapp
     if twice := next((c.target for k, c in enumerate(chosen) if c.target and any(
             c.target == d.target and c.role == d.role for d in chosen[:k])), ""):
         raise UsageError([Problem("record-roles", f"two columns are both {twice}", None, "Keep one of them.")])
-    given = Records(Path(model), {Path(f): use for f, use in files.items()}, chosen, free, every=every)
-    text = experiment_text(title, Path(path), given)
+    measured = Records(Path(model), {Path(f): use for f, use in files.items()}, chosen, free, every=every)
+    text = experiment_text(title, Path(path), measured)
     experiment = experiment_from_source(parse(text, Path(path), name))
     for record in experiment.records.values():
         try:

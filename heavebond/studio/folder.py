@@ -156,7 +156,7 @@ class Folder:
         path = path.resolve()
         return path.relative_to(self.root.resolve()).as_posix() if self._shown(path) else ""
 
-    def _shown(self, path: Path) -> bool:
+    def _is_visible(self, path: Path) -> bool:
         """True if a resolved path lies in the folder, and in no hidden part of it."""
         root = self.root.resolve()
         return path.is_relative_to(root) and path != root and \
@@ -314,13 +314,13 @@ def _remove_stale(marker: str | Path, at: dict[str, int]) -> bool:
     """Remove a lock file older than STALE; whether it was removed. One of several processes that wait may do so, after it
     has created a second file, named after the time of the first: else another one would remove the next lock file."""
     with suppress(OSError):  # it was removed meanwhile
-        left = os.stat(marker, follow_symlinks=False, **at).st_mtime_ns
-        if time.time() - left / 1e9 <= STALE:
+        created = os.stat(marker, follow_symlinks=False, **at).st_mtime_ns
+        if time.time() - created / 1e9 <= STALE:
             return False
-        guard = f"{marker}.{left}"
+        guard = f"{marker}.{created}"
         os.close(os.open(guard, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK, 0o666, **at))
         try:
-            if os.stat(marker, follow_symlinks=False, **at).st_mtime_ns == left:
+            if os.stat(marker, follow_symlinks=False, **at).st_mtime_ns == created:
                 os.unlink(marker, **at)
                 return True
         finally:

@@ -34,7 +34,7 @@ class JobProcess:
     """One computation with its result; `pipe` leads to the server, which may be gone."""
 
     def __init__(self, pipe: Connection):
-        self.pipe, self.asked = pipe, queue.Queue[tuple[str, Any]]()
+        self.pipe, self.requests = pipe, queue.Queue[tuple[str, Any]]()
         self.busy, self.lost, self._last = True, False, 0.0
 
     def listen(self) -> None:
@@ -49,15 +49,15 @@ class JobProcess:
             if request in (STOP, LOST) and self.busy:
                 _thread.interrupt_main()
             if request != STOP:
-                self.asked.put((request, arguments))
+                self.requests.put((request, arguments))
             if request == LOST:
                 return
 
-    def tell(self, kind: str, *told: Any) -> None:
+    def tell(self, kind: str, *content: Any) -> None:
         """Send a message to the server, if it exists."""
         with contextlib.suppress(OSError, ValueError):
             if not self.lost:
-                self.pipe.send((kind, *told))
+                self.pipe.send((kind, *content))
 
     def progress(self, text: str) -> None:
         """The progress callback of the computation."""
@@ -85,12 +85,9 @@ class JobProcess:
             self.tell("stopped") if is_interrupt(error) else self.tell("problems", reasons(error))
         self.busy = False
         clear_signal()
-        self._wait(write)
-
-    def _wait(self, write: Writing | None) -> None:
         while write is not None:
             try:
-                request, arguments = self.asked.get()
+                request, arguments = self.requests.get()
                 if request == WRITE:
                     self.tell("written", [str(p) for p in write(arguments)])
                 elif request == LOST:

@@ -33,23 +33,23 @@ Push = Callable[["LongJob"], None]
 
 
 class LongJob:
-    """A computation on a document: its `state` is running, done, failed or stopped; `told` is its result."""
+    """A computation on a document: its `state` is running, done, failed or stopped; `result` is the entry of the page."""
 
     numbers = itertools.count(1)
 
-    def __init__(self, kind: str, name: str, path: Path, version: str, given: Mapping[str, Any], push: Push):
+    def __init__(self, kind: str, name: str, path: Path, version: str, settings: Mapping[str, Any], push: Push):
         self.number, self.kind, self.name, self.version, self.push = next(self.numbers), kind, name, version, push
         self.state, self.text, self.stopping = "running", "starting", False
         self.began, self.seconds = time.monotonic(), 0.0
         self.ladder: list[Entry] = []
-        self.told: Entry = {}
+        self.result: Entry = {}
         self.arrays: dict[str, Any] = {}
         self.problems: list[Problem] = []
         self._writing: asyncio.Future[list[str]] | None = None
         self._loop = asyncio.get_running_loop()
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        options = {**given, "allow_native": native_allowed()}  # the permission of the server, not of the page
+        options = {**settings, "allow_native": native_allowed()}  # the permission of the server, not of the page
         self._process = context.Process(target=serve, args=(theirs, kind, str(path), options))
         self._process.start()
         theirs.close()
@@ -65,7 +65,7 @@ class LongJob:
         return {"number": self.number, "kind": self.kind, "name": self.name, "version": self.version, "state": self.state,
                 "text": BEST.sub("", self.text), "stopping": self.stopping, "seconds": seconds, "done": steps_done, "of": of,
                 "best": {"name": best.group(1), "chi2": best.group(2)} if best else None, "ladder": self.ladder,
-                "result": self.told or None, "problems": problems,
+                "result": self.result or None, "problems": problems,
                 "can_write": self._process.is_alive() and self.state == "done"}
 
     def stop(self) -> None:
@@ -102,9 +102,9 @@ class LongJob:
             self._process.join(GRACE)
         self._pipe.close()
 
-    def _send(self, request: str, given: Any) -> None:
+    def _send(self, request: str, content: Any) -> None:
         with contextlib.suppress(OSError, ValueError):
-            self._pipe.send((request, given))
+            self._pipe.send((request, content))
 
     def _end(self, state: str) -> None:
         if self.state == "running":
@@ -119,7 +119,7 @@ class LongJob:
             self.ladder = _plain(content[0])
         elif kind == "done":
             result: dict[str, Any] = _plain(content[0])
-            self.told, self.arrays = result, content[1]
+            self.result, self.arrays = result, content[1]
             self.ladder = result.get("ladder") or self.ladder
             self._end("done")
         elif kind == "problems":
@@ -131,16 +131,16 @@ class LongJob:
             self._written(kind, content)
         self.push(self)
 
-    def _written(self, kind: str, told: list[Any]) -> None:
+    def _written(self, kind: str, content: list[Any]) -> None:
         if kind == "gone" and self.state == "running":
             self.problems = [LOST]
             self._end("stopped" if self.stopping else "failed")
         if self._writing is None or self._writing.done():
             return
         if kind == "written":
-            self._writing.set_result(told[0])
+            self._writing.set_result(content[0])
         else:
-            self._writing.set_exception(HeavebondError(told[0] if told else [LOST]))
+            self._writing.set_exception(HeavebondError(content[0] if content else [LOST]))
 
 
 def known(kind: str) -> str:

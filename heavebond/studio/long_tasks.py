@@ -44,7 +44,7 @@ class Teller(Protocol):
     def progress(self, text: str) -> None:
         """The progress callback."""
 
-    def tell(self, kind: str, *told: Any) -> None:
+    def tell(self, kind: str, *content: Any) -> None:
         """Send other data, such as the growing table of models."""
 
 
@@ -59,7 +59,7 @@ def fitted(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     early = fit_result.message == ENDED_EARLY
     items = [*fit_items(fit_result), *([Line("ended early: these are the best values so far", True)] if early else [])]
     return _result("fit", items, fit_result.as_dict(), early, adds=[{"label": "the fitted values"}]), {}, \
-        lambda asked: [] if asked.get("lost") else _write_fit(fit_result, path, _folder(path, options))
+        lambda request: [] if request.get("lost") else _write_fit(fit_result, path, _folder(path, options))
 
 
 def _folder(path: Path, options: Mapping[str, Any]) -> Path:
@@ -77,10 +77,10 @@ def _write_fit(fit_result: Fit, path: Path, folder: Path) -> list[Path]:
     return [diagram, experiment]
 
 
-def _free_path(path: Path, *others: Path) -> Path:
+def _free_path(path: Path, *reserved: Path) -> Path:
     """The path, with the next free number if it exists."""
     names = (path.with_stem(f"{path.stem}_{k}") if k > 1 else path for k in itertools.count(1))
-    return next(p for p in names if not os.path.lexists(p) and p not in others)
+    return next(p for p in names if not os.path.lexists(p) and p not in reserved)
 
 
 # -- localize ------------------------------------------------------------------------------------------------------------
@@ -153,9 +153,10 @@ def diagnosed(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
                     for e in entries(step) if e.trial is not None and e.candidate.label not in chosen][:ALTERNATIVES]
     return _result("diagnose", diagnosis_items(diagnosis), diagnosis.as_dict(), diagnosis.partial, adds=adds,
                    others=alternatives, ladder=[rung_entry(r.as_dict()) for r in diagnosis.ladder],
-                   verdict=diagnosis.verdict), {}, lambda asked: [_write_report(diagnosis, _folder(path, options))] \
-        if asked.get("report") else _write_added(experiment, diagnosis.added[:int(asked.get("count", len(diagnosis.added)))],
-                                                 _folder(path, options))
+                   verdict=diagnosis.verdict), {}, lambda request: [_write_report(diagnosis, _folder(path, options))] \
+        if request.get("report") else _write_added(experiment,
+                                                   diagnosis.added[:int(request.get("count", len(diagnosis.added)))],
+                                                   _folder(path, options))
 
 
 def _write_report(diagnosis: Diagnosis, folder: Path) -> Path:
@@ -174,7 +175,8 @@ def tried(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
                         progress=job.progress)
     label = f"{attempted.finding.candidate.kind} {attempted.finding.candidate.place}"
     return _result("try", attempt_items(attempted), attempted.as_dict(), False, adds=[{"label": label, "count": 1}],
-                   ladder=[rung_entry(r.as_dict()) for r in attempted.ladder]), {}, lambda asked: [] if asked.get("lost") \
+                   ladder=[rung_entry(r.as_dict())
+                           for r in attempted.ladder]), {}, lambda request: [] if request.get("lost") \
         else _write_added(experiment, [attempted.finding], _folder(path, options))
 
 
@@ -198,25 +200,25 @@ def tuned(path: Path, options: Mapping[str, Any], job: Teller) -> Done:
     from heavebond.reports.study_tables import tuning_figures, tuning_items
     from heavebond.studies.tuning_request import tuning_request, with_free
 
-    asked = tuning_request(str(path), str(options["cost"]) if options.get("cost") else None,
-                           [str(t) for t in options.get("limits", ())], options.get("evaluate") or None, {})
-    assembly = assemble(asked.model)
-    task = with_free(assembly, asked.task, [str(t) for t in options.get("free", ())])
+    tuning = tuning_request(str(path), str(options["cost"]) if options.get("cost") else None,
+                            [str(t) for t in options.get("limits", ())], options.get("evaluate") or None, {})
+    assembly = assemble(tuning.model)
+    task = with_free(assembly, tuning.task, [str(t) for t in options.get("free", ())])
     objective = Objective(assembly, task)
     result = tune(objective, task, progress=job.progress, partial=True)
     early = result.message == ENDED_EARLY
     robust = None if early else robustness(objective, result, progress=job.progress)
-    items = [*tuning_items(asked.name, assembly, result, robust),
+    items = [*tuning_items(tuning.name, assembly, result, robust),
              *([Line("ended early: these are the best values so far", True)] if early else [])]
 
-    def write_tuned(said: Mapping[str, Any]) -> list[Path]:
-        if said.get("lost"):
+    def write_tuned(request: Mapping[str, Any]) -> list[Path]:
+        if request.get("lost"):
             return []
-        target = _free_path(_folder(path, options) / f"{asked.model.path.stem}_tuned.yaml")
-        write(target, tuned_diagram(asked.model, task, result, target, {}))
+        target = _free_path(_folder(path, options) / f"{tuning.model.path.stem}_tuned.yaml")
+        write(target, tuned_diagram(tuning.model, task, result, target, {}))
         return [target]
 
-    return _result("tune", items, tuning_figures(asked.name, result, robust), early,
+    return _result("tune", items, tuning_figures(tuning.name, result, robust), early,
                    adds=[{"label": "the tuned values"}]), {}, write_tuned
 
 

@@ -53,17 +53,16 @@ def component_entry(folder: Path, name: str) -> Entry:
     component = library([folder]).component(name)
     ports = [{"name": p.name, "what": p.domain, "doc": p.doc} for p in component.ports.values()]
     ports += [{"name": s.name, "what": f"signal {s.direction}put", "doc": s.doc} for s in component.signals.values()]
+    parameters = []
+    for p in component.parameters.values():
+        default = p.default.text if isinstance(p.default, Value) else \
+            "no effect" if p.neutral is not None else ""
+        parameters.append({"name": p.name, "unit": _unit(p), "doc": p.doc, "default": default,
+                           "limits": [None if v is None else p.unit.from_si(v) for v in (p.low, p.high)]})
     return {**_brief(component), "restrictions": component.restrictions, "source": component.source, "port_list": ports,
-            "parameter_list": [_parameter(p) for p in component.parameters.values()],
+            "parameter_list": parameters,
             "equations": [f"{line.text.strip()}  # {line.label}" if line.label else line.text.strip()
                           for line in component.equations]}
-
-
-def _parameter(parameter: Parameter) -> Entry:
-    default = parameter.default.text if isinstance(parameter.default, Value) else \
-        "no effect" if parameter.neutral is not None else ""
-    return {"name": parameter.name, "unit": _unit(parameter), "doc": parameter.doc, "default": default,
-            "limits": [None if v is None else parameter.unit.from_si(v) for v in (parameter.low, parameter.high)]}
 
 
 def _unit(parameter: Parameter) -> str:

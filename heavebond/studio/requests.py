@@ -33,7 +33,7 @@ async def _home(tab: Tab, _: dict[str, Any]) -> Answer:
 
 async def _open(tab: Tab, message: dict[str, Any]) -> Answer:
     tab.document = await asyncio.to_thread(tab.folder.read, str(message["name"]))
-    tab.others = {}
+    tab.other_files = {}
     return "done", document_entry(tab.document), None
 
 
@@ -85,25 +85,9 @@ async def _view(tab: Tab, message: dict[str, Any]) -> Answer:
     for part in answer[1].get("parts", {}).values() if answer[0] == "done" else ():
         part["file"] = tab.folder.document(Path(part.pop("path")))
     if answer[0] == "done" and tab.document is not None and tab.document.name == job.name:
-        tab.others = await asyncio.to_thread(times, answer[1].get("files", []))
+        tab.other_files = await asyncio.to_thread(times, answer[1].get("files", []))
         tab.expect_runs()
     return answer
-
-
-async def _edit(tab: Tab, message: dict[str, Any]) -> Answer:
-    return await tab.checker.ask_again("edit", tab.job(message), dict(message["action"]))
-
-
-async def _palette(tab: Tab, message: dict[str, Any]) -> Answer:
-    return await tab.librarian.ask("palette", tab.job({"text": "", **message}))
-
-
-async def _component(tab: Tab, message: dict[str, Any]) -> Answer:
-    return await tab.librarian.ask("component", tab.job({"text": "", **message}), str(message["kind"]))
-
-
-async def _picture(tab: Tab, message: dict[str, Any]) -> Answer:
-    return await tab.librarian.ask("picture", tab.job(message))
 
 
 async def _forms(tab: Tab, _: dict[str, Any]) -> Answer:
@@ -125,26 +109,7 @@ async def _stop(tab: Tab, _: dict[str, Any]) -> Answer:
     return "done", {}, None
 
 
-# -- records and long computations -------------------------------------------------------------------------------------
-async def _compare(tab: Tab, message: dict[str, Any]) -> Answer:
-    return await tab.runner.ask_newest("compare", tab.job(message))
-
-
-async def _channel(tab: Tab, message: dict[str, Any]) -> Answer:
-    return await tab.runner.ask("channel", tab.job(message), str(message["record"]), str(message["channel"]))
-
-
-async def _against(tab: Tab, message: dict[str, Any]) -> Answer:
-    return await tab.runner.ask("against", tab.job(message), str(message["record"]), str(message["channel"]),
-                                str(message["signal"]))
-
-
 # -- records that become an experiment -----------------------------------------------------------------------------------
-async def _propose(tab: Tab, message: dict[str, Any]) -> Answer:
-    file = tab.folder.record(str(message["file"]))
-    return await tab.checker.ask("propose", tab.job(message), str(file))
-
-
 async def _experiment(tab: Tab, message: dict[str, Any]) -> Answer:
     """Write an experiment for a diagram into its folder, or into the opened folder for a bundled one; existing files are
     unchanged.
@@ -219,10 +184,21 @@ def _name(tab: Tab, path: Path) -> str:
     return path.resolve().relative_to(root).as_posix() if path.resolve().is_relative_to(root) else path.name
 
 
+# requests that are one task of a worker
+ASKED: dict[str, Handler] = {
+    "edit": lambda tab, message: tab.checker.ask_again("edit", tab.job(message), dict(message["action"])),
+    "palette": lambda tab, message: tab.librarian.ask("palette", tab.job({"text": "", **message})),
+    "component": lambda tab, message: tab.librarian.ask("component", tab.job({"text": "", **message}), str(message["kind"])),
+    "picture": lambda tab, message: tab.librarian.ask("picture", tab.job(message)),
+    "compare": lambda tab, message: tab.runner.ask_newest("compare", tab.job(message)),
+    "channel": lambda tab, message: tab.runner.ask("channel", tab.job(message), str(message["record"]),
+                                                   str(message["channel"])),
+    "against": lambda tab, message: tab.runner.ask("against", tab.job(message), str(message["record"]),
+                                                   str(message["channel"]), str(message["signal"])),
+    "propose": lambda tab, message: tab.checker.ask("propose", tab.job(message),
+                                                    str(tab.folder.record(str(message["file"]))))}
 HANDLERS: dict[str, Handler] = {
     "home": _home, "open": _open, "new": _new, "copy": _copy, "derive": _derive, "write": _write, "save": _save,
-    "view": _view, "edit": _edit, "palette": _palette, "forms": _forms, "picture": _picture,
-    "component": _component, "stop": _stop,
+    "view": _view, "forms": _forms, "stop": _stop, **ASKED,
     **dict.fromkeys(("run", "prepare", "preview", "signals", "spectrum", "animation", "modes", "film"), _run),
-    "compare": _compare, "channel": _channel, "against": _against, "propose": _propose, "experiment": _experiment,
-    "join": _join, "jobs": _jobs, "begin": _begin, "end": _end, "array": _array, "add": _add}
+    "experiment": _experiment, "join": _join, "jobs": _jobs, "begin": _begin, "end": _end, "array": _array, "add": _add}

@@ -43,7 +43,7 @@ def sheet_entry(drawn: Drawn | None) -> Entry:
     """The places of the parts of a drawing, its notes, and the nodes of whose wires pieces are fixed."""
     if drawn is None:
         return {"places": None, "notes": {}, "routed": []}
-    notes = {name: {"text": found.text, "at": [found.x, found.y]} for name, found in drawn.sheet.notes.items()}
+    notes = {name: {"text": entry.text, "at": [entry.x, entry.y]} for name, entry in drawn.sheet.notes.items()}
     return {"places": places_of(drawn), "notes": notes, "routed": [net.path for net in drawn.sheet.nets if net.pieces]}
 
 
@@ -124,9 +124,10 @@ def turn(diagram: Diagram, job: Job, action: Entry) -> Entry:
         raise UsageError([Problem("part-upright", f"the symbol of '{name}' is never turned")])
     place = drawn[name]
     degrees, mirrored = int(place[2]) if len(place) > 2 else 0, len(place) > 3
-    now = next((m for m in allowed if _words(m) == [str(degrees), *([MIRRORED] if mirrored else [])]), allowed[0])
+    current = next((m for m in allowed if _words(m) == [str(degrees), *([MIRRORED] if mirrored else [])]), allowed[0])
     if action.get("mirror"):
-        options: list[Matrix] = [(-now[0], now[1], -now[2], now[3]), (now[0], -now[1], now[2], -now[3])]
+        options: list[Matrix] = [(-current[0], current[1], -current[2], current[3]),
+                                 (current[0], -current[1], current[2], -current[3])]
         chosen = next((m for m in options if m in allowed), None)
         if chosen is None:
             raise UsageError([Problem("part-upright", f"the symbol of '{name}' cannot be mirrored")])
@@ -145,9 +146,9 @@ def route(diagram: Diagram, job: Job, action: Entry) -> Entry:
     if node not in diagram.model.body.wires:
         raise UsageError([Problem("node-unknown", f"there is no node '{node}'")])
     pieces = [[str(v) for v in piece] for piece in diagram.model.body.layout.wires.get(node, ())]
-    own = diagram.section("layout").get("wires")
+    fixed = diagram.section("layout").get("wires")
     if action.get("piece") is None:
-        if not isinstance(own, dict) or node not in own:
+        if not isinstance(fixed, dict) or node not in fixed:
             raise UsageError([Problem("edit-refused", f"no piece of the wire '{node}' is fixed in this file")])
         return {"text": without_layout(diagram.text, "wires", node), "node": node}
     piece = [int(v) for v in action["piece"]]
@@ -185,7 +186,7 @@ def note(diagram: Diagram, job: Job, action: Entry) -> Entry:
 # -- clipboard -----------------------------------------------------------------------------------------------------------
 def fragment(diagram: Diagram, job: Job, action: Entry) -> Entry:
     """Parts with the wires between them, as the YAML text of a clipboard."""
-    names, drawn = [diagram.own(str(name)) for name in action["parts"]], read_places(action)
+    names, drawn = [diagram.declared_part(str(name)) for name in action["parts"]], read_places(action)
     parts = diagram.section("components")
     if plain := [name for name in names if not isinstance(parts[name], dict)]:
         raise UsageError([Problem("edit-refused", f"{listing(plain)} cannot be copied")])
@@ -218,14 +219,14 @@ def paste(diagram: Diagram, job: Job, action: Entry) -> Entry:
             isinstance(part, dict) and isinstance(part.get("is"), str) for part in parts.values()):
         raise UsageError([Problem("edit-refused", "the clipboard has no parts of a diagram", None,
                                   "Copy parts in a drawing, or text that begins with `components:`.")])
-    drawn, taken = read_places(action), set(diagram.taken)
+    drawn, used = read_places(action), set(diagram.used_names)
     fresh: dict[str, str] = {}
     for name in parts:
-        fresh[name] = free_name(re.sub(r"[0-9]+$", "", name) or name if name in taken else name, taken)
-        taken.add(fresh[name])
+        fresh[name] = free_name(re.sub(r"[0-9]+$", "", name) or name if name in used else name, used)
+        used.add(fresh[name])
     layout = content.get("layout")
-    given = layout.get("parts") if isinstance(layout, dict) else None
-    at = read_places({"places": {k: v for k, v in given.items() if k in parts}} if isinstance(given, dict) else {})
+    copied = layout.get("parts") if isinstance(layout, dict) else None
+    at = read_places({"places": {k: v for k, v in copied.items() if k in parts}} if isinstance(copied, dict) else {})
     left = min((int(p[0]) for p in at.values()), default=0)
     top = min((int(p[1]) for p in at.values()), default=0)
     dx, dy = (int(action["x"]) - left, int(action["y"]) - top) if action.get("x") is not None else (STEP, STEP)
@@ -243,8 +244,8 @@ def paste(diagram: Diagram, job: Job, action: Entry) -> Entry:
         joined: list[Tree] = [f"{fresh[head]}.{port}" for end in (ends if isinstance(ends, list) else ())
                               for head, _, port in [str(end).lstrip("+").partition(".")] if head in fresh]
         if len(joined) > 1:
-            new = fresh.get(node) or free_name(re.sub(r"[0-9]+$", "", node) or node if node in taken else node, taken)
-            taken.add(new)
+            new = fresh.get(node) or free_name(re.sub(r"[0-9]+$", "", node) or node if node in used else node, used)
+            used.add(new)
             text = set_entry(text, ("nodes", new), joined, after=section_before(text, "nodes"))
     changed = read_diagram(text, job)
     return {"text": with_places(changed, text, places, drawn), "part": fresh[next(reversed(parts))],

@@ -40,7 +40,7 @@ class Tab:
         self.checker, self.runner, self.librarian = Worker(pool), Worker(pool), Worker(pool)
         self.document: Document | None = None
         self.checked = ""  # the latest checked document
-        self.others: dict[str, float] = {}  # the other files of the diagram, with their times
+        self.other_files: dict[str, float] = {}  # the other files of the diagram, with their times
         self.sending, self.pending = asyncio.Lock(), asyncio.Semaphore(PENDING)
         self.tasks: set[asyncio.Task[None]] = set()
 
@@ -76,12 +76,12 @@ class Tab:
         if self.document is not None and self.document.name == job.name:
             self._begin(self.send({"push": "job", "job": job.entry()}))
 
-    def _begin(self, work: Any, done: Callable[[], None] | None = None) -> None:
+    def _begin(self, work: Any, finished: Callable[[], None] | None = None) -> None:
         task = asyncio.get_running_loop().create_task(work)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
-        if done is not None:
-            task.add_done_callback(lambda _: done())
+        if finished is not None:
+            task.add_done_callback(lambda _: finished())
 
     async def _handle(self, message: dict[str, Any]) -> None:
         number = message.get("id") if isinstance(message.get("id"), (int, str)) else None
@@ -125,9 +125,9 @@ class Tab:
                 if await asyncio.to_thread(_missing, self.folder, document) and self.document is document:
                     self.document = replace(document, version=GONE)
                     await self.send({"push": "gone", "name": document.name})
-            now_times = await asyncio.to_thread(times, list(self.others))
-            if now_times != self.others and self.document is document:
-                self.others = now_times
+            now_times = await asyncio.to_thread(times, list(self.other_files))
+            if now_times != self.other_files and self.document is document:
+                self.other_files = now_times
                 await self.send({"push": "others"})
 
     def job(self, message: dict[str, Any]) -> Job:

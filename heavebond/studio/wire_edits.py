@@ -25,7 +25,7 @@ def join_ports(diagram: Diagram, job: Job, action: Entry) -> Entry:
     if first and second:
         # move the ports of the second node to the first, and replace the second's name in formulas
         ends = diagram.section("nodes").get(second)
-        if "extends" in diagram.said or not isinstance(ends, list):
+        if "extends" in diagram.root or not isinstance(ends, list):
             raise UsageError([Problem("edit-refused",
                                       f"'{first}' and '{second}' are nodes of the diagram that this one extends", None,
                                       "Join them there.")])
@@ -34,7 +34,9 @@ def join_ports(diagram: Diagram, job: Job, action: Entry) -> Entry:
             text = add_item(text, ("nodes", first), str(end))
         return {"text": text, "node": first}
     node, port = (first, two) if first else (second, one)
-    return {"text": _added(diagram, node, port), "node": node}
+    inherited = node not in diagram.section("nodes")
+    return {"text": add_item(diagram.text, ("nodes", node), f"+{port}" if inherited or "extends" in diagram.root else port),
+            "node": node}
 
 
 def node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
@@ -49,12 +51,7 @@ def node_name(diagram: Diagram, ports: tuple[str, str]) -> str:
             if single and part not in diagram.model.body.wires and not members & diagram.named(part).members:
                 return part
     named = next((port for port in ports if _port_facts(diagram, port)[1]), ports[0])
-    return free_name(re.sub(r"\W+", "_", named).strip("_"), diagram.taken)
-
-
-def _added(diagram: Diagram, node: str, port: str) -> str:
-    inherited = node not in diagram.section("nodes")
-    return add_item(diagram.text, ("nodes", node), f"+{port}" if inherited or "extends" in diagram.said else port)
+    return free_name(re.sub(r"\W+", "_", named).strip("_"), diagram.used_names)
 
 
 def leave_node(diagram: Diagram, job: Job, action: Entry) -> Entry:

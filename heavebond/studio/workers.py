@@ -55,7 +55,7 @@ class Pool:
         """Wait until `worker` may have a process."""
         async with self._idle:
             while worker not in self.workers and len(self.workers) >= self.most:
-                idle = next((worker_found for worker_found in self.workers if not worker_found.busy), None)
+                idle = next((candidate for candidate in self.workers if not candidate.busy), None)
                 if idle is None:
                     await self._idle.wait()
                 else:
@@ -92,24 +92,24 @@ class Worker:
         self._since = 0.0  # begin of the running task; 0 if there is none
         self.stopped = self._killed = False
 
-    async def ask(self, task: str, *given: Any) -> Answer:
+    async def ask(self, task: str, *arguments: Any) -> Answer:
         """The answer to a task, after earlier tasks."""
         async with self._at_work():
-            return await self._do(task, given)
+            return await self._do(task, arguments)
 
-    async def ask_again(self, task: str, *given: Any) -> Answer:
+    async def ask_again(self, task: str, *arguments: Any) -> Answer:
         """The same for a short task: if its process was ended from outside, it is repeated by a new one."""
-        answer = await self.ask(task, *given)
-        return await self.ask(task, *given) if answer == LOST else answer
+        answer = await self.ask(task, *arguments)
+        return await self.ask(task, *arguments) if answer == LOST else answer
 
-    async def ask_newest(self, task: str, *given: Any, patience: float = float("inf")) -> Answer:
+    async def ask_newest(self, task: str, *arguments: Any, patience: float = float("inf")) -> Answer:
         """The same, but a waiting task is dropped if a newer one arrives, and one that takes longer than `patience` (s)
         is ended for it."""
         ticket = self._newest = object()
         if self.turn.locked() and self._since and time.monotonic() - self._since > patience:
             self.stop()
         async with self._at_work():
-            return SUPERSEDED if self._newest is not ticket else await self._do(task, given)
+            return SUPERSEDED if self._newest is not ticket else await self._do(task, arguments)
 
     async def begin(self) -> None:
         """Start the process before it is needed, because that takes some time."""
@@ -194,27 +194,23 @@ def work(pipe: Connection, allow_native: bool = False) -> None:
     """The worker's loop, until the server ends; diagrams may run the programs of external functions with `allow_native`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server handles Ctrl-C and ends its workers
     with native_code(allow_native):
-        _work(pipe)
+        from heavebond.studio.bench import tasks
 
-
-def _work(pipe: Connection) -> None:
-    from heavebond.studio.bench import tasks
-
-    known = tasks()
-    while True:
-        try:
-            task, arguments = pipe.recv()
-        except (EOFError, OSError):
-            return
-        answer: Answer
-        try:
-            entry, values = known[task](*arguments)
-            answer = ("done", entry, values)
-        except Exception as error:
-            # the integrator of searches gives no reason
-            failed = task in ("preview", "prepare") and isinstance(error, RuntimeError)
-            answer = ("failed", {}, None) if failed else ("problems", reasons(error), None)
-        try:
-            pipe.send(answer)
-        except OSError:
-            return
+        known = tasks()
+        while True:
+            try:
+                task, arguments = pipe.recv()
+            except (EOFError, OSError):
+                return
+            answer: Answer
+            try:
+                entry, values = known[task](*arguments)
+                answer = ("done", entry, values)
+            except Exception as error:
+                # the integrator of searches gives no reason
+                failed = task in ("preview", "prepare") and isinstance(error, RuntimeError)
+                answer = ("failed", {}, None) if failed else ("problems", reasons(error), None)
+            try:
+                pipe.send(answer)
+            except OSError:
+                return
