@@ -26,7 +26,7 @@ def has_event(expr: Expr) -> bool:
     return any(n.lower() in EVENTS for n in calls(expr))
 
 
-def make_placeholder(component: Component, given: Collection[str] = ()) -> None:
+def make_placeholder(component: Component, assigned_names: Collection[str] = ()) -> None:
     """Constants in place of equations that are not translated: for each output, and for the effort of each port that the
     submodel determines (`given` are the quantities of ports that it assigns); the flow of other ports is 0."""
     component.equations, component.events, component.initial = [], {}, {}
@@ -37,7 +37,7 @@ def make_placeholder(component: Component, given: Collection[str] = ()) -> None:
             value, doc = component.fresh(f"{item.name}_value"), f"value of the output {item.name}, which is not computed"
             component.items[value] = Item(value, "parameter", "", doc, 0.0)
             component.equations.append((f.name(item.name), f.name(value), "not translated"))
-        elif item.kind == "bond" and f"{item.name}.e" in given and f"{item.name}.f" not in given:
+        elif item.kind == "bond" and f"{item.name}.e" in assigned_names and f"{item.name}.f" not in assigned_names:
             value, doc = component.fresh(f"{item.name}_effort"), f"effort of the port {item.name}, which is not computed"
             component.items[value] = Item(value, "parameter", "W", doc, 0.0)
             component.equations.append((f.name(f"{item.name}.e"), f.name(value), "not translated"))

@@ -29,7 +29,7 @@ class Part:
     """Part of a block, with its component, its values, and its place."""
 
     name: str
-    what: Component | Block
+    content: Component | Block
     x: float
     y: float
     inputs: dict[str, str] = field(default_factory=dict)
@@ -54,7 +54,7 @@ class Block:
         """True if an end of a node, `part.port` or a port of the block, belongs to a bond."""
         name, _, port = end.partition(".")
         part = next((p for p in self.parts.values() if p.name == name), None)
-        items = part.what.items if part and port else self.items
+        items = part.content.items if part and port else self.items
         return (port or name) in items and items[port or name].kind == "bond"
 
 
@@ -154,11 +154,11 @@ class Translator:
         # `global` without a value belongs to an enclosing submodel, or to another submodel that assigns it
         self.scopes[-1] = {label: f"{prefix}{label}" for label in (*component.shared.values(), *component.gives.values())
                            if not (outer and re.fullmatch(f"({outer})(_[0-9]+)*", identifier(label)))}
-        component.shared = {own: self.scoped(label) for own, label in component.shared.items()}
-        component.gives = {own: self.scoped(label) for own, label in component.gives.items()}
-        for own, label in component.shared.items():
-            if (value := component.items[own].value) is not None:
-                self.values[label] = value, component.items[own].unit
+        component.shared = {local_name: self.scoped(label) for local_name, label in component.shared.items()}
+        component.gives = {local_name: self.scoped(label) for local_name, label in component.gives.items()}
+        for local_name, label in component.shared.items():
+            if (value := component.items[local_name].value) is not None:
+                self.values[label] = value, component.items[local_name].unit
         if component.equations or component.events or component.untranslated:
             return component
         self.notes += [(new, line, why) for line, why in component.omitted]
@@ -196,8 +196,8 @@ class Translator:
                 item = component.items.get(name)
                 if not plotted.startswith(prefix) or (sampled is not None and name not in sampled):
                     continue
-                if item is not None and item.kind in ("variable", "out", "held") and name not in component.shown:
-                    component.shown[name] = builder.memory.at_samples(f.name(name))
+                if item is not None and item.kind in ("variable", "out", "held") and name not in component.sampled_values:
+                    component.sampled_values[name] = builder.memory.at_samples(f.name(name))
         if computed is not None:
             component.untranslated.append((submodel.line,
                                            "its global relations have results, which is supported in a submodel "
@@ -205,8 +205,8 @@ class Translator:
         if SAMPLE_TIME in component.shared:
             component.items[SAMPLE_TIME].value = self.sampling.times.get(id(submodel))
         component.name = title(submodel, self.library)
-        component.shared = {own: self.scoped(label) for own, label in component.shared.items()}
-        component.gives = {own: self.scoped(label) for own, label in component.gives.items()}
+        component.shared = {local_name: self.scoped(label) for local_name, label in component.shared.items()}
+        component.gives = {local_name: self.scoped(label) for local_name, label in component.gives.items()}
         if submodel.equations is None and submodel.ports:
             component.untranslated.append((submodel.line, "it has no implementation"))
         self._experiment(component, old, builder)
@@ -216,39 +216,40 @@ class Translator:
 
     def finish(self) -> None:
         """Set the initial values, after all global quantities that are known before the run have been determined."""
-        for _, made in self.components:
-            self.computed.update({label: value for own, label in made.shared.items() if label not in self.computed
-                                  and (value := made.items[own].value) is not None})
+        for _, component in self.components:
+            self.computed.update({label: value for local_name, label in component.shared.items()
+                                  if label not in self.computed
+                                  and (value := component.items[local_name].value) is not None})
         size = -1
         while size != len(self.computed):
             size = len(self.computed)
-            for made, _, builder in self.pending:
-                known = _known_values(made, builder, self._of_globals(made)) if made.gives else {}
-                self.computed.update({label: known[own] for own, label in made.gives.items()
-                                      if own in known and label not in self.computed})
-        for made, prefix, builder in self.pending:
+            for component, _, builder in self.pending:
+                known = _known_values(component, builder, self._of_globals(component)) if component.gives else {}
+                self.computed.update({label: known[local_name] for local_name, label in component.gives.items()
+                                      if local_name in known and label not in self.computed})
+        for component, prefix, builder in self.pending:
             # initial values from the experiment, or from the equations; a parameter without a value is 0
-            values = dict.fromkeys((item.name for item in made.of_kind("parameter")), 0.0) | self._of_globals(made)
-            known = _known_values(made, builder, values)
-            for held, first in made.first.items():
+            values = dict.fromkeys((item.name for item in component.of_kind("parameter")), 0.0) | self._of_globals(component)
+            known = _known_values(component, builder, values)
+            for held, first in component.first.items():
                 value = fold(first, known)
                 if value is None:
                     why = f"the first value of '{held}' depends on the run; 0 is used"
-                    made.omitted.append((builder.submodel.line, why))
-                made.items[held].value = value or 0.0
-            for variable, first in list(made.initial.items()):
+                    component.omitted.append((builder.submodel.line, why))
+                component.items[held].value = value or 0.0
+            for variable, first in list(component.initial.items()):
                 of_element = re.sub(r"((?:_[0-9]+)*)$", r"_initial\1", variable)  # x_initial[2]
                 stated = self.emx.initials.get(f"{prefix}{variable}_initial", self.emx.initials.get(f"{prefix}{of_element}"))
                 value = fold(first, known) if stated is None else stated
                 if value is None:
                     why = f"the initial value of '{variable}' depends on the run; 0 is used"
-                    made.omitted.append((builder.submodel.line, why))
-                made.initial[variable] = first.__class__("number", value=value or 0.0)
+                    component.omitted.append((builder.submodel.line, why))
+                component.initial[variable] = first.__class__("number", value=value or 0.0)
 
     def _of_globals(self, component: Component) -> dict[str, float]:
         """The known values of the global quantities that a component needs, by its local names."""
         known = {**self.computed, **{name: value for name, (value, _) in self.values.items()}}
-        return {own: known[label] for own, label in component.shared.items() if label in known}
+        return {local_name: known[label] for local_name, label in component.shared.items() if label in known}
 
     def _experiment(self, component: Component, old: str, builder: Builder) -> None:
         """Values of the experiment. 20-sim writes 0 for parameters of global relations that it has not compiled; then the
@@ -348,43 +349,43 @@ class Translator:
             nets.join(alias[0], alias[1])
         return nets, ends
 
-    def _nodes(self, made: Block, nets: Nets) -> None:
+    def _nodes(self, block: Block, nets: Nets) -> None:
         for group in nets.groups():
-            inner = [(made.parts[e.rpartition("\\")[0]], e.rpartition("\\")[2]) for e in group
-                     if e.rpartition("\\")[0] in made.parts]
-            knot_elements = [e for e in group if e in made.elements]
-            widths = {len(p.elements.get(port, [port])) for p, port in inner} | {len(made.elements[e])
+            inner = [(block.parts[e.rpartition("\\")[0]], e.rpartition("\\")[2]) for e in group
+                     if e.rpartition("\\")[0] in block.parts]
+            knot_elements = [e for e in group if e in block.elements]
+            widths = {len(p.elements.get(port, [port])) for p, port in inner} | {len(block.elements[e])
                                                                                  for e in knot_elements}
             if len(widths) > 1:
-                made.untranslated.append((made.line, f"the ends of {', '.join(group)} have different sizes"))
+                block.untranslated.append((block.line, f"the ends of {', '.join(group)} have different sizes"))
             for k in range(min(widths, default=0)):
-                self._node(made, [(p, p.elements.get(port, [port])[k]) for p, port in inner],
-                           [made.elements[e][k] for e in knot_elements])
-        for part in made.parts.values():
-            self._free(made, part)
-        driven = {end for ends in made.nodes.values() for end in ends} | {left for left, _ in made.equations}
-        for item in made.items.values():
+                self._node(block, [(p, p.elements.get(port, [port])[k]) for p, port in inner],
+                           [block.elements[e][k] for e in knot_elements])
+        for part in block.parts.values():
+            self._free(block, part)
+        driven = {end for ends in block.nodes.values() for end in ends} | {left for left, _ in block.equations}
+        for item in block.items.values():
             if item.kind == "out" and item.name not in driven:
-                made.equations.append((item.name, "0"))
-                made.untranslated.append((made.line, f"the output '{item.name}' is connected to nothing; it is 0"))
+                block.equations.append((item.name, "0"))
+                block.untranslated.append((block.line, f"the output '{item.name}' is connected to nothing; it is 0"))
 
-    def _node(self, block: Block, inner: list[tuple[Part, str]], own: list[str]) -> None:
+    def _node(self, block: Block, inner: list[tuple[Part, str]], block_ends: list[str]) -> None:
         for p, e in inner:
-            if e not in p.what.items:
+            if e not in p.content.items:
                 why = f"a connection ends at '{p.name}\\{e}', which is not a port; it is left out"
                 block.untranslated.append((block.line, why))
-        inner = [(p, e) for p, e in inner if e in p.what.items]
-        kinds = {e: block.items[e].kind for e in own}
-        bonds = [f"{p.name}\\{e}" for p, e in inner if p.what.items[e].kind == "bond"]
-        bonds += [e for e in own if kinds[e] == "bond"]
-        if bonds and len(bonds) < len(inner) + len(own):
+        inner = [(p, e) for p, e in inner if e in p.content.items]
+        kinds = {e: block.items[e].kind for e in block_ends}
+        bonds = [f"{p.name}\\{e}" for p, e in inner if p.content.items[e].kind == "bond"]
+        bonds += [e for e in block_ends if kinds[e] == "bond"]
+        if bonds and len(bonds) < len(inner) + len(block_ends):
             block.untranslated.append((block.line, f"a signal is connected to the power port '{bonds[0]}'; it is left out"))
-            inner = [(p, e) for p, e in inner if p.what.items[e].kind != "bond"]
-            block.equations += [(f"{e}.f", "0") for e in own if kinds[e] == "bond"]
-            own = [e for e in own if kinds[e] != "bond"]
-        sources = [(p, e) for p, e in inner if p.what.items[e].kind == "out"]
-        inputs_of_block = [e for e in own if kinds[e] == "in"]
-        outs = [e for e in own if kinds[e] == "out"]
+            inner = [(p, e) for p, e in inner if p.content.items[e].kind != "bond"]
+            block.equations += [(f"{e}.f", "0") for e in block_ends if kinds[e] == "bond"]
+            block_ends = [e for e in block_ends if kinds[e] != "bond"]
+        sources = [(p, e) for p, e in inner if p.content.items[e].kind == "out"]
+        inputs_of_block = [e for e in block_ends if kinds[e] == "in"]
+        outs = [e for e in block_ends if kinds[e] == "out"]
         ends = [f"{p.name}.{e}" for p, e in (*sources, *((p, e) for p, e in inner if (p, e) not in sources))]
         if inputs_of_block and outs:
             block.equations += [(out, inputs_of_block[0]) for out in outs]
@@ -392,7 +393,7 @@ class Translator:
         elif len(outs) > 1:
             block.equations += [(out, outs[0]) for out in outs[1:]]
             outs = outs[:1]
-        ends += [e for e in own if kinds[e] == "bond"] + inputs_of_block + outs
+        ends += [e for e in block_ends if kinds[e] == "bond"] + inputs_of_block + outs
         if not inner or len(ends) < 2:
             return
         first, element = (sources or inner)[0]
@@ -402,17 +403,17 @@ class Translator:
     def _free(self, block: Block, part: Part) -> None:
         """Power ports without a connection are free ends; inputs without one are 0, as in 20-sim."""
         joined = {end for ends in block.nodes.values() for end in ends}
-        for item in part.what.items.values():
+        for item in part.content.items.values():
             if f"{part.name}.{item.name}" in joined:
                 continue
             if item.kind == "bond":
                 used_names = {*block.items, *(p.name for p in block.parts.values()), *block.nodes}
                 block.nodes[_unused(f"{part.name}_{item.name}", used_names)] = [f"{part.name}.{item.name}"]
-                if isinstance(part.what, Component) and part.what.untranslated:  # no flow: its effort is 0
-                    part.what.equations = [(Expr(left.op, left.args, f"{item.name}.e"), right, comment)
-                                           if left.name == f"{item.name}.f" else (left, right, comment)
-                                           for left, right, comment in part.what.equations]
-            elif item.kind == "in" and item.name not in getattr(part.what, "shared", {}):
+                if isinstance(part.content, Component) and part.content.untranslated:  # no flow: its effort is 0
+                    part.content.equations = [(Expr(left.op, left.args, f"{item.name}.e"), right, comment)
+                                              if left.name == f"{item.name}.f" else (left, right, comment)
+                                              for left, right, comment in part.content.equations]
+            elif item.kind == "in" and item.name not in getattr(part.content, "shared", {}):
                 part.inputs[item.name] = "0"
 
 
@@ -458,15 +459,16 @@ class Nets:
         return list(groups.values())
 
 
-def passing(made: Component, equations: Iterable[tuple[str, str]], nets: Nets) -> None:
+def passing(component: Component, equations: Iterable[tuple[str, str]], nets: Nets) -> None:
     """Give a component the equations of a submodel without parts, whose ports are connected to each other: signals are
     equal, and bonds have one effort and flows whose sum is 0. `equations` are the known equations between its signals."""
-    made.equations = [(f.name(left), f.number(0) if right == "0" else f.name(right), "") for left, right in equations]
-    set_names = {left.name for left, *_ in made.equations}
+    component.equations = [(f.name(left), f.number(0) if right == "0" else f.name(right), "") for left, right in equations]
+    set_names = {left.name for left, *_ in component.equations}
     for group in nets.groups():
-        for own in zip(*(made.elements[e] for e in group if e in made.elements), strict=False):
-            inputs, outputs, bonds = ([e for e in own if made.items[e].kind == kind] for kind in ("in", "out", "bond"))
-            made.equations += [(f.name(e), f.name(inputs[0]), "") for e in outputs if inputs and e not in set_names]
-            made.equations += [(f.name(f"{e}.e"), f.name(f"{bonds[0]}.e"), "") for e in bonds[1:]]
+        for elements in zip(*(component.elements[e] for e in group if e in component.elements), strict=False):
+            inputs, outputs, bonds = ([e for e in elements if component.items[e].kind == kind]
+                                      for kind in ("in", "out", "bond"))
+            component.equations += [(f.name(e), f.name(inputs[0]), "") for e in outputs if inputs and e not in set_names]
+            component.equations += [(f.name(f"{e}.e"), f.name(f"{bonds[0]}.e"), "") for e in bonds[1:]]
             if bonds:
-                made.equations.append((reduce(f.add, (f.name(f"{e}.f") for e in bonds)), f.number(0), ""))
+                component.equations.append((reduce(f.add, (f.name(f"{e}.f") for e in bonds)), f.number(0), ""))

@@ -50,7 +50,7 @@ def without_memory(values: Mapping[str, Expr], candidates: Collection[str], cons
     return reduced_values
 
 
-def _depends(values: Mapping[str, Expr], name: str, other: str) -> bool:
+def _depends(values: Mapping[str, Expr], name: str, dependent: str) -> bool:
     """True if the value of a variable depends on another one, which must not depend on it then."""
     visited, front = set[str](), [name]
     while front:
@@ -58,7 +58,7 @@ def _depends(values: Mapping[str, Expr], name: str, other: str) -> bool:
         if reached_name not in visited and reached_name in values:
             visited.add(reached_name)
             front += names(values[reached_name])
-    return other in visited
+    return dependent in visited
 
 
 def _reads(expr: Expr, name: str, guards: Guards) -> Iterator[Guards]:

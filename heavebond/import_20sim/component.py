@@ -63,7 +63,7 @@ class Component:
     elements: dict[str, list[str]] = field(default_factory=dict)  # names for each port of the submodel
     requires: list[Expr] = field(default_factory=list)  # conditions on parameters
     junction: tuple[Ends, tuple[str, ...]] | None = None  # for a 1-junction: its bonds, and the outputs that are its flow
-    shown: dict[str, str] = field(default_factory=dict)  # for plotted discrete variables: their values at the last sample
+    sampled_values: dict[str, str] = field(default_factory=dict)  # of plotted discrete variables, at the last sample
     delay: tuple[Expr, str, str] | None = None  # the last rounding of a quantity by another: its result and both names
     tables: dict[str, Table | Grid] = field(default_factory=dict)  # lists by the beginnings of their names
 

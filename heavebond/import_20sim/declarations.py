@@ -25,7 +25,8 @@ class Symbols:
 
     def __init__(self, submodel: Submodel, component: Component, calculus: Calculus, ends: Iterable[tuple[str, str, str]],
                  known: Mapping[str, float], stated: Callable[[str], float | None]):
-        self.submodel, self.source, self.made, self.known = submodel, submodel.equations or Equations(), component, known
+        self.submodel, self.component, self.known = submodel, component, known
+        self.source = submodel.equations or Equations()
         self.names: dict[str, Matrix] = {}
         self.many: dict[str, list[tuple[str, bool]]] = {}  # for a knot's port: elements and True if they point out
         self.numbers: dict[str, float] = {}
@@ -64,7 +65,7 @@ class Symbols:
         try:
             action()
         except Unreadable as problem:
-            self.made.untranslated.append((problem.line or line, problem.reason))
+            self.component.untranslated.append((problem.line or line, problem.reason))
 
     def _constant(self, item: Declared) -> None:
         if item.kind == "string":
@@ -85,7 +86,7 @@ class Symbols:
             flat = flat * (rows * columns) if len(flat) == 1 else flat
             if len(flat) != rows * columns or None in flat:
                 raise Unreadable(item.line, f"the constant '{item.name}' is not {rows} x {columns} known numbers")
-            labels = [name for row in self._elements(item.name, item.size, taken=False) for name in row]
+            labels = [name for row in self._elements(item.name, item.size, unique=False) for name in row]
             flat = [old if (new := self.stated(name)) is None else new for name, old in zip(labels, flat, strict=True)]
             self.names[item.name] = [[f.number(flat[i * columns + k] or 0.0) for k in range(columns)] for i in range(rows)]
             return
@@ -101,7 +102,7 @@ class Symbols:
             raise Unreadable(self.submodel.line, f"a size of {rows} x {columns} is not possible")
         return rows, columns
 
-    def _elements(self, label: str, size: tuple[Expr, ...], *, taken: bool = True) -> list[list[str]]:
+    def _elements(self, label: str, size: tuple[Expr, ...], *, unique: bool = True) -> list[list[str]]:
         """The names of the elements of a quantity: `x`, or `x_1`, `x_2`, or `x_1_1` ..."""
         rows, columns = self._shape(size)
         base = identifier(label)
@@ -112,7 +113,8 @@ class Symbols:
                 element_names = [[f"{base}_{i + 1}"] for i in range(rows)]
             else:
                 element_names = [[f"{base}_{i + 1}_{k + 1}" for k in range(columns)] for i in range(rows)]
-            if not taken or not any(name in self.made.items for name in (base, *(e for row in element_names for e in row))):
+            if not unique or not any(name in self.component.items
+                                     for name in (base, *(e for row in element_names for e in row))):
                 return element_names
             base += "_"
 
@@ -121,9 +123,10 @@ class Symbols:
             self._terminals(port)
             return
         if not port.many:
-            self._end(port, port.name, self._elements(port.name, port.size, taken=False), port.direction == "out")
+            self._end(port, port.name, self._elements(port.name, port.size, unique=False), port.direction == "out")
             return
-        self.many[port.name] = [(identifier(name), way == "out") for own, name, way in self.ends if own == port.name]
+        self.many[port.name] = [(identifier(name), direction == "out") for port_name, name, direction in self.ends
+                                if port_name == port.name]
         rows, columns = self._shape(port.size)
         for label, out in self.many[port.name]:
             group = [[label]] if rows * columns == 1 else [[f"{label}_{i + 1}"] for i in range(rows * columns)]
@@ -144,7 +147,7 @@ class Symbols:
                                                               for r, s in zip(through, signed, strict=True)]
                 for name, _ in further_ends:
                     for mine, their_name in zip(across, self.names[f"{name}.a"], strict=True):
-                        self.made.equations += [(b, a, "") for a, b in zip(mine, their_name, strict=True)]
+                        self.component.equations += [(b, a, "") for a, b in zip(mine, their_name, strict=True)]
                 assert through is not None
                 effort, flow = (through, across) if port.domain in ACROSS_IS_FLOW else (across, through)
                 self._members(port, port.name, effort, flow)
@@ -152,15 +155,15 @@ class Symbols:
     def _end(self, port: Port, label: str, group: list[list[str]], out: bool) -> None:
         """One port of the component with its elements."""
         names = [e for row in group for e in row]
-        self.made.elements[label] = names
+        self.component.elements[label] = names
         if port.domain == "signal":
             for name in names:
-                self.made.items[name] = Item(name, "out" if port.direction == "out" else "in", port.unit, port.doc)
+                self.component.items[name] = Item(name, "out" if port.direction == "out" else "in", port.unit, port.doc)
             self.names[label] = [[f.name(e) for e in row] for row in group]
             return
         doc = port.doc or ("" if port.domain == "power" else port.domain)
         for name in names:
-            self.made.items[name] = Item(name, "bond", "", doc, out=out)
+            self.component.items[name] = Item(name, "bond", "", doc, out=out)
         effort = [[f.name(f"{e}.e") for e in row] for row in group]
         flow = [[f.negative(f.name(f"{e}.f")) if out else f.name(f"{e}.f") for e in row] for row in group]
         self._members(port, label, effort, flow)
@@ -171,20 +174,22 @@ class Symbols:
         """
         high, low = (identifier(f"{port.name}_{side}") for side in ("high", "low"))
         for name in (high, low):
-            self.made.items[name] = Item(name, "bond", "", port.domain)
-            self.made.elements[name] = [name]
+            self.component.items[name] = Item(name, "bond", "", port.domain)
+            self.component.elements[name] = [name]
         out = port.direction == "out"
         if port.domain not in ACROSS_IS_FLOW:
             effort = Expr("-", (f.name(f"{high}.e"), f.name(f"{low}.e")))
             flow = f.name(f"{high}.f")
-            self.made.equations.append((f.name(f"{low}.f"), f.negative(flow), "what enters at one end leaves at the other"))
+            self.component.equations.append((f.name(f"{low}.f"), f.negative(flow),
+                                             "what enters at one end leaves at the other"))
             self._members(port, port.name, [[effort]], [[f.negative(flow) if out else flow]])
             return
-        directions = {name: way for _, name, way in self.ends}
+        directions = {name: direction for _, name, direction in self.ends}
         speeds = [f.negative(f.name(f"{n}.f")) if directions.get(n) == "out" else f.name(f"{n}.f") for n in (high, low)]
         force = f.name(f"{high}.e")
         same = (directions.get(high) == "out") != (directions.get(low) == "out")  # the arrows pass through the element
-        self.made.equations.append((f.name(f"{low}.e"), force if same else f.negative(force), "the force passes through"))
+        self.component.equations.append((f.name(f"{low}.e"), force if same else f.negative(force),
+                                         "the force passes through"))
         reverse = (directions.get(high) == "out") != out
         self._members(port, port.name, [[f.negative(force) if reverse else force]], [[Expr("-", (speeds[0], speeds[1]))]])
 
@@ -207,15 +212,15 @@ class Symbols:
             values = values * count if len(values) == 1 else values
             if len(values) != count:
                 raise Unreadable(item.line, f"'{item.name}' has {len(values)} values for {count} elements")
-        values_known = {**self.known, **{n: i.value for n, i in self.made.items.items() if i.value is not None}}
+        values_known = {**self.known, **{n: i.value for n, i in self.component.items.items() if i.value is not None}}
         for k, name in enumerate(e for row in names for e in row):
             value = fold(values[k], {**values_known, **self.numbers}) if values else None
             if values and value is None:
-                self.made.omitted.append((item.line, f"the value of the parameter '{item.name}' is not a known number"))
-            self.made.items[name] = Item(name, "parameter", unit.base, " ".join(filter(None, (item.doc, unit.doc))),
-                                         None if value is None else unit.si(value), before="" if k else item.before)
+                self.component.omitted.append((item.line, f"the value of the parameter '{item.name}' is not a known number"))
+            self.component.items[name] = Item(name, "parameter", unit.base, " ".join(filter(None, (item.doc, unit.doc))),
+                                              None if value is None else unit.si(value), before="" if k else item.before)
             if item.is_global:
-                self.made.shared[name] = f"{item.name}{name[len(identifier(item.name)):]}"
+                self.component.shared[name] = f"{item.name}{name[len(identifier(item.name)):]}"
         self.names[item.name] = [[f.name(e) for e in row] for row in names]
 
     def _variable(self, item: Declared) -> None:
@@ -225,8 +230,9 @@ class Symbols:
         unit = unit_of(item.unit)
         for k, name in enumerate(e for row in names for e in row):
             kind = "in" if "import" in item.words else "variable"
-            self.made.items[name] = Item(name, kind, unit.base, " ".join(filter(None, (item.doc, unit.doc))),
-                                         before="" if k else item.before)
+            self.component.items[name] = Item(name, kind, unit.base, " ".join(filter(None, (item.doc, unit.doc))),
+                                              before="" if k else item.before)
             if item.is_global and kind == "variable":
-                self.made.gives[name] = item.name if len(names) == 1 else f"{item.name}{name[len(identifier(item.name)):]}"
+                index = "" if len(names) == 1 else name[len(identifier(item.name)):]
+                self.component.gives[name] = f"{item.name}{index}"
         self.names[item.name] = [[f.name(e) for e in row] for row in names]

@@ -57,8 +57,8 @@ class EmxFile:
 class _Handler:
     """Collects the texts of the elements that the importer uses."""
 
-    def __init__(self, parser: expat.XMLParserType, found: EmxFile):
-        self.parser, self.found = parser, found
+    def __init__(self, parser: expat.XMLParserType, emx: EmxFile):
+        self.parser, self.emx = parser, emx
         self.path: list[str] = []
         self.text: list[str] = []
         self.elements = 0
@@ -70,12 +70,12 @@ class _Handler:
         self.elements += 1
         self.path.append(tag)
         if len(self.path) > DEEPEST or self.elements > MOST_ELEMENTS:
-            raise _refused(self.found.path, self.parser.CurrentLineNumber, "emx-nesting", "its XML is nested too deeply "
+            raise _refused(self.emx.path, self.parser.CurrentLineNumber, "emx-nesting", "its XML is nested too deeply "
                            "or has too many elements")
         if tag == "Experiment":
-            self.experiment, self.use_every = EmxFile(self.found.path), False
+            self.experiment, self.use_every = EmxFile(self.emx.path), False
         if tag == "Sidops":
-            self.found.first_line = self.parser.CurrentLineNumber
+            self.emx.first_line = self.parser.CurrentLineNumber
         self.text = []
 
     def data(self, text: str) -> None:
@@ -83,10 +83,10 @@ class _Handler:
 
     def end(self, tag: str) -> None:
         text = "".join(self.text)
-        if tag == "Sidops" and not self.found.sidops:
-            self.found.sidops = text
+        if tag == "Sidops" and not self.emx.sidops:
+            self.emx.sidops = text
         elif tag == "DefaultExperiment":
-            self.found.default = text.strip()
+            self.emx.default = text.strip()
         elif tag == "Experiment":
             self.keep()
         elif self.experiment is not None:
@@ -100,9 +100,9 @@ class _Handler:
         read, self.experiment = self.experiment, None
         if read is None:
             return
-        if not self.found.name or (read.name == self.found.default != self.found.name):
-            self.found = replace(read, sidops=self.found.sidops, first_line=self.found.first_line,
-                                 default=self.found.default, name=read.name or "Experiment")
+        if not self.emx.name or (read.name == self.emx.default != self.emx.name):
+            self.emx = replace(read, sidops=self.emx.sidops, first_line=self.emx.first_line,
+                               default=self.emx.default, name=read.name or "Experiment")
 
     def _settings(self, emx: EmxFile, tag: str, text: str) -> None:
         if tag == "Name" and self.path[-2:-1] == ["Experiment"]:
@@ -151,7 +151,7 @@ def _refused(path: Path, line: int, code: str, why: str, hint: str = "") -> Mode
 def _check_text(path: Path, content: bytes) -> None:
     """ModelError if a file is compressed or encrypted, or a text that is not XML."""
     head = content[:4096]
-    packed = next((what for mark, what in COMPRESSED.items() if content.startswith(mark)), None)
+    packed = next((kind for mark, kind in COMPRESSED.items() if content.startswith(mark)), None)
     binary = content[:2] not in UTF_16 and sum(c < 32 and c not in b"\t\n\r" for c in head) > MOST_CONTROL * len(head)
     if packed or binary:
         raise _refused(path, 1, "emx-binary", f"it is {packed}" if packed else
@@ -199,9 +199,9 @@ def read_emx(path: Path) -> EmxFile:
     except (expat.ExpatError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
         if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
             refuse()
-        if not handler.found.sidops:
+        if not handler.emx.sidops:
             raise _refused(path, getattr(error, "lineno", 1), "emx-xml", f"its XML is wrong: {error}") from None
         handler.keep()
-    if not handler.found.sidops.strip():
+    if not handler.emx.sidops.strip():
         raise _refused(path, 1, "emx-xml", "it has no SIDOPS text; 20-sim models of version 4 and later have one")
-    return handler.found
+    return handler.emx

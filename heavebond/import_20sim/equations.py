@@ -70,15 +70,16 @@ class Builder(Execution):
         super().__init__()
         self.discrete, self.held_inputs, self.plotted, self.sampled = discrete, held, plotted, sampled
         self.submodel, self.comments = submodel, comments
-        self.made = Component(camel(submodel.type or submodel.name), "")
-        self.memory = Memory(self.made)
-        self.symbols = Symbols(submodel, self.made, self.memory, ends, known, stated)
+        self.component = Component(camel(submodel.type or submodel.name), "")
+        self.memory = Memory(self.component)
+        self.symbols = Symbols(submodel, self.component, self.memory, ends, known, stated)
         self.source, self.evaluate, self.numbers = self.symbols.source, self.symbols.evaluate, self.symbols.numbers
         self.evaluate.knots = partial(knot_value, self.symbols)
         self.evaluate.final = self._final
         everything = (*submodel.parameters, *self.source.parameters, *self.source.constants)
         declared = {identifier(d.name): d.value.name for d in everything if d.kind == "string" and d.value is not None}
-        outside = External(self.made, self.memory, folder, {**declared, **texts}, programs or Programs(), self._results_of)
+        outside = External(self.component, self.memory, folder, {**declared, **texts}, programs or Programs(),
+                           self._results_of)
         self.evaluate.table, self.evaluate.external = outside.table, outside.function
         self.labels: dict[str, str] = {}  # the quantities by the names of their elements
         self.triggers: Env = {}  # variables that are events
@@ -89,7 +90,7 @@ class Builder(Execution):
 
     def build(self) -> Component:
         """The component; it lists constructs that cannot be translated."""
-        component = self.made
+        component = self.component
         component.line = self.submodel.line
         component.untranslated += [*self.submodel.problems, *self.source.problems]
         self.symbols.declare()
@@ -182,9 +183,9 @@ class Builder(Execution):
 
         used = {n for s in (*self.source.equations, *self.source.code) for n in mentioned(s)}
         unknown = sum(size(label) for label in used if (rows := self.symbols.names.get(label)) and
-                      (item := self.made.items.get(rows[0][0].name)) is not None and item.kind in ("variable", "out"))
+                      (item := self.component.items.get(rows[0][0].name)) is not None and item.kind in ("variable", "out"))
         equation_count = sum(map(size, left)) + len(plain) - len(left) + sum(map(size, elsewhere - set(left)))
-        return again if equation_count == unknown + len(self.made.of_kind("bond")) else set()
+        return again if equation_count == unknown + len(self.component.of_kind("bond")) else set()
 
     def _code(self) -> Env:
         """Assignments of the statements of `code`."""
@@ -192,7 +193,7 @@ class Builder(Execution):
         if self.discrete:  # a quantity that is read before its assignment has the value of the last sample
             written = [base for s in self.source.code for base in assigned(s)]
             elements = [e for base in written for row in self.symbols.names.get(base, []) for e in row]
-            env |= {e.name: Expr("prev", name=e.name) for e in elements if e.name in self.made.items}
+            env |= {e.name: Expr("prev", name=e.name) for e in elements if e.name in self.component.items}
         return self._in_turn(self.source.code, env, set())
 
     def _in_turn(self, statements: list[Statement], env: Env, elsewhere: set[str]) -> Env:
@@ -208,7 +209,7 @@ class Builder(Execution):
                 if base in later_statements:
                     continue
                 for key in (f.text(e) for row in self.symbols.names.get(base, []) for e in row):
-                    item, value = self.made.items.get(key), env.get(key)
+                    item, value = self.component.items.get(key), env.get(key)
                     if value is None or item is None or item.kind not in ("variable", "out") or value.op == "number" or \
                             triggers(value):
                         continue
@@ -220,54 +221,56 @@ class Builder(Execution):
         """The initial values of states for which `int` and `ddt` have none: from the initial equations, or 0."""
         assigned_labels = {label for s in (*self.source.equations, *self.source.code) for label in assigned(s)}
         for name, first in self.memory.begun.items():
-            item = self.made.items.get(name)
+            item = self.component.items.get(name)
             if item is not None and item.kind == "variable" and self.labels.get(name) not in assigned_labels:
-                self.made.initial.setdefault(name, first)
-        for left, right, _ in list(self.made.equations):
+                self.component.initial.setdefault(name, first)
+        for left, right, _ in list(self.component.equations):
             for name in (e.args[0].name for side in (left, right) for e in derivatives(side) if e.args[0].op == "name"):
-                value, own_initial = start.get(name), self.made.initial.get(name)
+                value, own_initial = start.get(name), self.component.initial.get(name)
                 if own_initial is None and (value is not None or left == f.call("der", f.name(name))):
-                    self.made.initial[name] = f.number(0) if value is None else value
+                    self.component.initial[name] = f.number(0) if value is None else value
                 elif own_initial is not None and value is not None and own_initial != value:
                     self.memory.note(self.submodel.line, f"the initial equation of '{name}' is not used: its integral or "
                                      "derivative states an initial value")
 
     def _used(self) -> set[str]:
-        return {n for left, right, _ in self.made.equations for n in (*names(left), *names(right))} \
-            | {n for event in self.made.events.values() for v in event.then.values() for n in names(v)}
+        return {n for left, right, _ in self.component.equations for n in (*names(left), *names(right))} \
+            | {n for event in self.component.events.values() for v in event.then.values() for n in names(v)}
 
     def _unwritten(self, start: Env, written: set[str]) -> None:
         """Variables that are set once, that another submodel computes, or that are not used."""
-        used = self._used() | set(self.made.gives)
-        once = {name: value for name, value in start.items() if (item := self.made.items.get(name)) is not None
+        used = self._used() | set(self.component.gives)
+        once = {name: value for name, value in start.items() if (item := self.component.items.get(name)) is not None
                 and name not in written and item.kind in ("variable", "out")}
-        reached = [name for name in once if name in used or self.made.items[name].kind == "out"]
+        reached = [name for name in once if name in used or self.component.items[name].kind == "out"]
         for name in reached:  # these may depend on others
             reached += [n for n in dict.fromkeys(names(once[name])) if n in once and n not in reached]
         for name in (n for n in once if n in reached):
             *before, beside = self.comment(self.labels.get(name, name)).split("\n")
-            self.made.equations.append((f.name(name), once[name], "\n".join([*before, beside or "set once, at the start"])))
+            self.component.equations.append((f.name(name), once[name],
+                                             "\n".join([*before, beside or "set once, at the start"])))
             written.add(name)
         used = self._used()
-        for name, item in list(self.made.items.items()):
-            if item.kind != "variable" or name in written or name in self.made.initial:
+        for name, item in list(self.component.items.items()):
+            if item.kind != "variable" or name in written or name in self.component.initial:
                 continue
-            if name in self.made.gives:
+            if name in self.component.gives:
                 item.kind = "in"  # computed by another submodel
-                self.made.shared[name] = self.made.gives.pop(name)
+                self.component.shared[name] = self.component.gives.pop(name)
             elif name not in used:
-                del self.made.items[name]
+                del self.component.items[name]
         self._undetermined()
 
     def _undetermined(self) -> None:
         """Set variables that no equation assigns to 0, as in 20-sim, if there are fewer equations than unknowns."""
-        if self.made.untranslated:
+        if self.component.untranslated:
             return
-        unknown = self.made.of_kind("variable", "out", "bond")
-        assigned = {left.args[0].name if left.op == "call" and left.args else left.name for left, *_ in self.made.equations}
-        missing = len(unknown) - len(self.made.equations)
+        unknown = self.component.of_kind("variable", "out", "bond")
+        assigned = {left.args[0].name if left.op == "call" and left.args else left.name
+                    for left, *_ in self.component.equations}
+        missing = len(unknown) - len(self.component.equations)
         for item in [i for i in unknown if i.kind != "bond" and i.name not in assigned][:max(missing, 0)]:
-            self.made.equations.append((f.name(item.name), f.number(0), "no equation assigns it"))
+            self.component.equations.append((f.name(item.name), f.number(0), "no equation assigns it"))
             base = re.sub(r"(_[0-9]+)+$", "", item.name)
             self.memory.note(self.submodel.line, f"no equation assigns '{base}'; it is 0")
 
@@ -295,10 +298,10 @@ class Builder(Execution):
     def _without_memory(self, env: Env, other_statements: Iterable[Statement]) -> Env:
         """Remove former values that are not needed; `other_statements` are the statements that read the values unchanged."""
         read = {n for s in other_statements for n in mentioned(s)} | self._used()  # by integrals and events, too
-        read |= {n for e in self.made.events.values() for text in e.when.values() for n in re.findall(r"\w+", text)}
-        read |= {n for first in (*self.made.initial.values(), *self.made.first.values()) for n in names(first)}
-        kinds = {name: item.kind for name, item in self.made.items.items()}
-        candidates = [name for name in env if kinds.get(name) == "variable" and name not in self.made.gives and
+        read |= {n for e in self.component.events.values() for text in e.when.values() for n in re.findall(r"\w+", text)}
+        read |= {n for first in (*self.component.initial.values(), *self.component.first.values()) for n in names(first)}
+        kinds = {name: item.kind for name, item in self.component.items.items()}
+        candidates = [name for name in env if kinds.get(name) == "variable" and name not in self.component.gives and
                       not {name, self.labels.get(name, name)} & {*read, *self.plotted}]
         reduced = without_memory(env, candidates, {n for n, kind in kinds.items() if kind == "parameter"})
         for name in candidates:
@@ -323,7 +326,7 @@ class Builder(Execution):
         for k, (x, y) in enumerate(zip(a, spread(right, len(a), self.submodel.line), strict=True)):
             y = between_events(y)
             sides = (x.args[0], f.negative(y)) if x.op == "negative" else (x, y)
-            self.made.equations.append((*sides, "" if k else comment))
+            self.component.equations.append((*sides, "" if k else comment))
 
     def _equation(self, statement: Assign, written: set[str]) -> None:
         left, right, line = statement.left, statement.right, statement.line
@@ -359,15 +362,15 @@ class Builder(Execution):
 
     def _constant_trigger(self, name: str) -> None:
         """A variable that is true at instants only is omitted, or 0 if it is an output."""
-        item = self.made.items.get(name)
-        shared = name in self.made.gives
+        item = self.component.items.get(name)
+        shared = name in self.component.gives
         if shared:
             why = f"the global event '{name}' is true at instants only; it is 0 elsewhere in the model"
             self.memory.note(self.submodel.line, why)
         if item is not None and (item.kind == "out" or shared):
-            self.made.equations.append((f.name(name), f.number(0), "true at its events only"))
+            self.component.equations.append((f.name(name), f.number(0), "true at its events only"))
         elif item is not None:
-            del self.made.items[name]
+            del self.component.items[name]
 
     def _rate(self, left: Expr, right: Expr, comment: str, written: set[str]) -> None:
         """`ddt (x) = ...`, or `next (x) = ...` for a discrete state."""
@@ -383,22 +386,22 @@ class Builder(Execution):
         values, begins = (spread(m, len(elements), left.line) for m in (self.evaluate(right), first))
         starts = {e.name: begins[k] for k, e in enumerate(elements)}
         for e, value in zip(elements, values, strict=True):
-            item = self.made.items.get(e.name)
+            item = self.component.items.get(e.name)
             if item is None or item.kind != "variable":
                 raise Unreadable(left.line, "`next` sets variables only")
             item.kind, item.value = "held", 0.0
-            self.made.first[e.name] = starts[e.name]
+            self.component.first[e.name] = starts[e.name]
             self.memory.sampled({e.name: value})
 
     def _initial(self, target: Matrix, values: Matrix) -> None:
         elements = [e for row in target for e in row]
         for e, value in zip(elements, spread(values, len(elements), self.submodel.line), strict=True):
-            self.made.initial[f.text(e)] = value
+            self.component.initial[f.text(e)] = value
 
     def _final(self, expr: Expr) -> Matrix | None:
         """The variables in an expression, with their values after all statements."""
         elements = self.symbols.names.get(expr.name, []) if expr.op == "name" else []
-        kinds = {item.kind if (item := self.made.items.get(e.name)) else "" for row in elements for e in row}
+        kinds = {item.kind if (item := self.component.items.get(e.name)) else "" for row in elements for e in row}
         return elements if elements and kinds <= {"variable", "out"} else None
 
     def _assign(self, statement: Assign, env: Env) -> None:
@@ -423,37 +426,38 @@ class Builder(Execution):
         written.add(name)
         if value.size > f.LARGEST:
             raise Unreadable(self.submodel.line, f"'{name}' depends on too many branches one after the other")
-        item = self.made.items.get(name)
+        item = self.component.items.get(name)
         if self.discrete and item is not None and item.kind in ("variable", "out"):
             value = self._of_last_sample(name, value, start)
         between = at_event(value, None) if keeps(value, name) else between_events(value)
         comment = self.comment(self.labels.get(name, name))
         if item is None and name in self.targets and not keeps(value, name):
-            self.made.equations.append((self.targets[name], between, comment))
+            self.component.equations.append((self.targets[name], between, comment))
             return
         if item is None or item.kind not in ("variable", "out"):
-            self.made.untranslated.append((self.submodel.line, f"'{name}' cannot be assigned"))
+            self.component.untranslated.append((self.submodel.line, f"'{name}' cannot be assigned"))
             return
         if not keeps(value, name):
             if triggers(value) and between == f.number(0) and item.kind == "variable":
                 self._constant_trigger(name)
             else:
-                self.made.equations.append((f.name(name), between, comment))
+                self.component.equations.append((f.name(name), between, comment))
             return
         if between.op not in ("if", "prev") and not triggers(value):
             raise Unreadable(self.submodel.line, AT_EVERY_STEP.format(name))
         cases = leaves(between, Expr("prev", name=name))
-        if any(moves(self.made, leaf) for _, leaf in cases) and name not in self.momentary:
+        if any(moves(self.component, leaf) for _, leaf in cases) and name not in self.momentary:
             if not any(keeps(e, name) for pair in cases for e in pair):
                 self._follows(name, item, between, cases, start.get(name, f.number(0)), comment)
                 return
-            self.made.omitted.append((self.submodel.line, f"'{name}' depends on the value that it had before; it is set "
-                                      "only at the instants at which the conditions of its branches become true"))
+            self.component.omitted.append((self.submodel.line,
+                                           f"'{name}' depends on the value that it had before; it is set "
+                                           "only at the instants at which the conditions of its branches become true"))
         self._held(name, item, value, start.get(name, f.number(0)), comment)
 
     def _of_last_sample(self, name: str, value: Expr, start: Env) -> Expr:
         """A value in which former values of variables, its own among them, are the values at the last sample."""
-        before = dict.fromkeys(n for n in former(value) if n in self.made.items)
+        before = dict.fromkeys(n for n in former(value) if n in self.component.items)
         if keeps(value, name):
             before[name] = None
         for n in before:
@@ -465,34 +469,34 @@ class Builder(Execution):
     def _follows(self, name: str, item: Item, value: Expr, cases: Iterable[tuple[Expr, Expr]], first: Expr,
                  text: str) -> None:
         """A variable that follows an expression while a branch assigns it, and keeps its last value otherwise."""
-        held_value = self.made.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
-        self.made.equations.append((f.name(name), renamed(value, name, f.name(held_value)), text))
+        held_value = self.component.hold(f"{name}_kept", item.unit, f"last value of {name}", first)
+        self.component.equations.append((f.name(name), renamed(value, name, f.name(held_value)), text))
         for condition, leaf in cases:
-            condition = passed(self.made, self.assigned, condition)
-            flag = self.made.hold(f"{name}_assigned", "", f"1 while a branch assigns {name}", f.number(0))
+            condition = passed(self.component, self.assigned, condition)
+            flag = self.component.hold(f"{name}_assigned", "", f"1 while a branch assigns {name}", f.number(0))
             # exit only after entry: at the start a condition may change from equality to either side
             left = Expr("and", (simplified(Expr("not", (condition,))), Expr("==", (f.name(flag), f.number(1)))))
-            self.made.on("at_start", {"at": "0"}, {flag: Expr("if", (condition, f.number(1), f.number(0)))})
-            self.made.on(f"{name}_begins", {"condition": f.text(condition)}, {flag: f.number(1)})
-            ends = self.made.on(f"{name}_ends", {"condition": f.text(left)}, {held_value: leaf, flag: f.number(0)})
+            self.component.on("at_start", {"at": "0"}, {flag: Expr("if", (condition, f.number(1), f.number(0)))})
+            self.component.on(f"{name}_begins", {"condition": f.text(condition)}, {flag: f.number(1)})
+            ends = self.component.on(f"{name}_ends", {"condition": f.text(left)}, {held_value: leaf, flag: f.number(0)})
             self.followed.append(Kept(held_value, flag, ends, condition, leaf))
 
     def _held(self, name: str, item: Item, value: Expr, first: Expr, text: str) -> None:
         """A variable that keeps its value: held, and set by events."""
         held = name
         if item.kind == "out":
-            held = self.made.fresh(f"{name}_held")
-            self.made.equations.append((f.name(name), f.name(held), text or "kept between events"))
+            held = self.component.fresh(f"{name}_held")
+            self.component.equations.append((f.name(name), f.name(held), text or "kept between events"))
         doc = item.doc or ("" if held != name else "; ".join(filter(None, text.split("\n"))))
-        self.made.items[held] = Item(held, "held", item.unit, doc, 0.0, before=item.before if held == name else "")
-        self.made.first[held] = first
+        self.component.items[held] = Item(held, "held", item.unit, doc, 0.0, before=item.before if held == name else "")
+        self.component.first[held] = first
         value = renamed(value, name, f.name(held))
         begun = simplified(renamed(at_start(value), "time", f.number(0)))
         if begun != f.name(held):
-            self.made.on("at_start", {"at": "0"}, {held: begun})
+            self.component.on("at_start", {"at": "0"}, {held: begun})
         for trigger in triggers(value):
             for ending, when in self.memory.instants(trigger):
-                self.made.on(f"{held}_{ending}", when, {held: at_event(value, trigger)})
+                self.component.on(f"{held}_{ending}", when, {held: at_event(value, trigger)})
         for condition, leaf in leaves(at_event(value, None), f.name(held)):
-            when = {"condition": f.text(passed(self.made, self.assigned, condition))}
-            self.made.on(f"{held}_event", when, {held: leaf})
+            when = {"condition": f.text(passed(self.component, self.assigned, condition))}
+            self.component.on(f"{held}_event", when, {held: leaf})

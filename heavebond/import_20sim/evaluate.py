@@ -180,7 +180,7 @@ class Evaluator:
         if len(indices) == 1:
             rows = [[e] for row in rows for e in row]
         sizes = (len(rows), len(rows[0]) if rows else 0)
-        positions = [self._ways(e, n) for e, n in zip(indices, sizes, strict=False)]
+        positions = [self._possible_positions(e, n) for e, n in zip(indices, sizes, strict=False)]
         whole, known = self.scalar(value), [self.scalar(e) if e.op == "name" else None for e in indices]
         choices = []
         for place in product_of(*positions):
@@ -193,7 +193,7 @@ class Evaluator:
             choices.append((element, reduce(lambda a, b: Expr("and", (a, b)), conditions), element_value))
         return choices
 
-    def _ways(self, index: Expr, size: int) -> list[tuple[int, Expr | None]]:
+    def _possible_positions(self, index: Expr, size: int) -> list[tuple[int, Expr | None]]:
         """The positions that an index may name, with the condition for each if the run determines it."""
         if index.op == "range" or fold(value := self.scalar(index), self.numbers) is not None:
             return [(k, None) for k in self._range(index, size)]
@@ -394,7 +394,7 @@ def _pairs(a: Matrix, b: Matrix, line: int) -> list[list[tuple[Expr, Expr]]]:
         b = [[b[0][0] for _ in row] for row in a]
     if (len(a), len(a[0])) != (len(b), len(b[0])):
         raise Unreadable(line, "two vectors have different sizes")
-    return [list(zip(row, other, strict=True)) for row, other in zip(a, b, strict=True)]
+    return [list(zip(row, row_of_b, strict=True)) for row, row_of_b in zip(a, b, strict=True)]
 
 
 def _product(a: Matrix, b: Matrix, line: int) -> Matrix:

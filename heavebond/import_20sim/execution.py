@@ -26,7 +26,7 @@ def _where(env: Env, condition: Expr, value: bool) -> Env:
 class Execution:
     """Symbolic execution of the statements of one submodel; an `Env` holds the values by the text of each element."""
 
-    made: Component
+    component: Component
     memory: Memory
     comments: Mapping[int, str]
     evaluate: Evaluator
@@ -47,7 +47,7 @@ class Execution:
             try:
                 self._statement(statement, env)
             except Unreadable as problem:
-                self.made.untranslated.append((problem.line or statement.line, problem.reason))
+                self.component.untranslated.append((problem.line or statement.line, problem.reason))
         self.evaluate.values = outer
 
     def _statement(self, statement: Statement, env: Env) -> None:

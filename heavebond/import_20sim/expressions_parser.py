@@ -43,29 +43,29 @@ class Reader:
         self.declaring = False
 
     @property
-    def now(self) -> Token:
+    def current(self) -> Token:
         return self.tokens[self.at]
 
     def take(self) -> Token:
-        token = self.now
+        token = self.current
         if token.kind != "end":
             self.at += 1
         return token
 
     def skip(self, *texts: str) -> bool:
         """Skip the next token if it is one of these."""
-        if self.now.text.lower() in texts and self.now.kind in ("name", "sign"):
+        if self.current.text.lower() in texts and self.current.kind in ("name", "sign"):
             self.at += 1
             return True
         return False
 
     def need(self, text: str) -> Token:
-        if self.now.text.lower() != text:
-            raise Unreadable(self.now.line, f"'{text}' is missing before '{self.now.text[:30]}'")
+        if self.current.text.lower() != text:
+            raise Unreadable(self.current.line, f"'{text}' is missing before '{self.current.text[:30]}'")
         return self.take()
 
     def to_semicolon(self) -> None:
-        while self.now.kind != "end" and self.now.text != ";" and self.now.word not in SECTIONS:
+        while self.current.kind != "end" and self.current.text != ";" and self.current.word not in SECTIONS:
             self.at += 1
         self.skip(";")
 
@@ -73,7 +73,7 @@ class Reader:
         self.depth += 1
         if self.depth > DEEPEST:
             raise ModelError([Problem("emx-nesting", f"more than {DEEPEST} constructs lie within each other",
-                                      Place(self.file, self.now.line))])
+                                      Place(self.file, self.current.line))])
 
     # -- expressions -------------------------------------------------------------------------------------------------
     def expression(self, level: int = 0, *, equals: bool = True) -> Expr:
@@ -82,11 +82,11 @@ class Reader:
         try:
             if level == len(LEVELS):
                 return self._sign()
-            if level == COMPARE and self.now.word == "not":
+            if level == COMPARE and self.current.word == "not":
                 line = self.take().line
                 return Expr("not", (self.expression(level, equals=equals),), line=line)
             left = self.expression(level + 1, equals=equals)
-            while self.now.text.lower() in LEVELS[level] and (equals or self.now.text != "="):
+            while self.current.text.lower() in LEVELS[level] and (equals or self.current.text != "="):
                 sign = self.take()
                 op = {"=": "==", "<>": "!=", ".*": ".*"}.get(sign.text, sign.text.lower())
                 left = Expr(op, (left, self.expression(level + 1, equals=equals)), line=sign.line)
@@ -97,15 +97,15 @@ class Reader:
     def _sign(self) -> Expr:
         self.deeper()
         try:
-            if self.now.text in ("-", "+"):
+            if self.current.text in ("-", "+"):
                 sign = self.take()
                 inner = self._sign()
                 return Expr("negative", (inner,), line=sign.line) if sign.text == "-" else inner
             base = self._primary()
-            while self.now.text == "[":
+            while self.current.text == "[":
                 line = self.take().line
                 base = Expr("index", (base, *self._list("]", ranges=True)), line=line)
-            if self.now.text in ("^", ".^"):
+            if self.current.text in ("^", ".^"):
                 sign = self.take()
                 return Expr(sign.text, (base, self._sign()), line=sign.line)
             return base
@@ -114,7 +114,7 @@ class Reader:
 
     def _list(self, end: str, *, ranges: bool = False) -> list[Expr]:
         items: list[Expr] = []
-        while self.now.text != end:
+        while self.current.text != end:
             first = self.expression()
             if ranges and self.skip(":"):
                 first = Expr("range", (first, self.expression()), line=first.line)
@@ -128,7 +128,7 @@ class Reader:
         token = self.take()
         if token.kind == "number" and float(token.text) > LARGEST:
             raise Unreadable(token.line, f"the number {token.text[:30]} is too large")
-        if token.kind == "number" and self.now.kind == "unit" and not (
+        if token.kind == "number" and self.current.kind == "unit" and not (
                 self.declaring and self.tokens[self.at + 1].text in (";", ",")):  # this is the unit of the declaration
             return Expr("number", value=float(token.text) * unit_of(self.take().text[1:-1]).factor, line=token.line)
         if token.kind == "number":
@@ -153,7 +153,7 @@ class Reader:
         condition = self.expression()
         self.need("then")
         then = self.expression()
-        if self.now.word in ("elsif", "elseif"):
+        if self.current.word in ("elsif", "elseif"):
             return Expr("if", (condition, then, self._conditional(self.take())), line=token.line)
         self.need("else")
         otherwise = self.expression()
@@ -162,7 +162,7 @@ class Reader:
 
     def _matrix(self, token: Token) -> Expr:
         rows: list[list[Expr]] = [[]]
-        while self.now.text != "]":
+        while self.current.text != "]":
             rows[-1].append(self.expression())
             if self.skip(";"):
                 rows.append([])
@@ -177,10 +177,10 @@ class Reader:
     def statements(self, *ends: str) -> list[Statement]:
         """Statements up to a keyword of `ends` or the next section; one that cannot be read is kept as an error."""
         statement_list: list[Statement] = []
-        while self.now.kind != "end" and self.now.word not in SECTIONS and self.now.word not in ends:
+        while self.current.kind != "end" and self.current.word not in SECTIONS and self.current.word not in ends:
             if self.skip(";"):
                 continue
-            if self.now.kind == "string":  # a description in the text
+            if self.current.kind == "string":  # a description in the text
                 self.take()
                 continue
             start = self.at
@@ -200,7 +200,7 @@ class Reader:
             self.depth -= 1
 
     def _one_statement(self) -> Statement:
-        token = self.now
+        token = self.current
         if token.word == "if":
             self.take()
             return self._if(token)
@@ -212,13 +212,13 @@ class Reader:
             self.take()
             return self._switch(token.line)
         left = self.expression(equals=False)
-        if left.op == "call" and self.now.text != "=":
+        if left.op == "call" and self.current.text != "=":
             self.skip(";")
             return Do(left, token.line)
         self.need("=")
         right = self.expression()
-        if self.now.text != ";" and self.now.word not in (*SECTIONS, "end", "else"):
-            raise Unreadable(self.now.line, f"';' is missing before '{self.now.text[:30]}'")
+        if self.current.text != ";" and self.current.word not in (*SECTIONS, "end", "else"):
+            raise Unreadable(self.current.line, f"';' is missing before '{self.current.text[:30]}'")
         self.skip(";")
         return Assign(left, right, token.line)
 
@@ -227,7 +227,7 @@ class Reader:
         self.need("then")
         then = self.statements("else", "end", "elsif", "elseif")
         otherwise: list[Statement] = []
-        if self.now.word in ("elsif", "elseif"):
+        if self.current.word in ("elsif", "elseif"):
             otherwise = [self._if(self.take())]
             return If(condition, tuple(then), tuple(otherwise), token.line)
         if self.skip("else"):
@@ -268,7 +268,7 @@ class Reader:
         value, closed = self.expression(), False
         branches: list[tuple[Expr, list[Statement]]] = []
         otherwise: list[Statement] = []
-        while self.now.word in ("case", "default"):
+        while self.current.word in ("case", "default"):
             case = self.take().word == "case"
             tests = [Expr("==", (value, self.expression()), line=line)] if case else []
             while case and self.skip(","):
@@ -277,11 +277,11 @@ class Reader:
             body = self.statements("end", "case", "default")
             if self.skip("end"):
                 self.skip(";")
-                closed = closed or self.now.word in ("case", "default")
+                closed = closed or self.current.word in ("case", "default")
             if case:
                 test = tests[0]
-                for other in tests[1:]:
-                    test = Expr("or", (test, other), line=line)
+                for further_test in tests[1:]:
+                    test = Expr("or", (test, further_test), line=line)
                 branches.append((test, body))
             else:
                 otherwise = body
@@ -298,21 +298,21 @@ class Reader:
     def declarations(self, problems: list[tuple[int, str]]) -> list[Declared]:
         """Declarations up to the next section or `end`."""
         declared_list: list[Declared] = []
-        while self.now.kind != "end" and self.now.word not in SECTIONS and self.now.word not in ("end", "restrictions",
-                                                                                              "ports", "description"):
+        ends = {*SECTIONS, "end", "restrictions", "ports", "description"}
+        while self.current.kind != "end" and self.current.word not in ends:
             if self.skip(";"):
                 continue
-            if self.now.kind == "string":  # a description of the declaration before it
+            if self.current.kind == "string":  # a description of the declaration before it
                 comment = self.take().text[1:-1]
                 declared_list[-1:] = [replace(item, doc=item.doc or comment) for item in declared_list[-1:]]
                 continue
             try:
-                if self.now.word not in KINDS:
-                    raise Unreadable(self.now.line, f"'{self.now.text[:30]}' is not a declaration")
+                if self.current.word not in KINDS:
+                    raise Unreadable(self.current.line, f"'{self.current.text[:30]}' is not a declaration")
                 declared_list += self._declared()
             except Unreadable as problem:
                 problems.append((problem.line, problem.reason))
-                if self.now.word not in SECTIONS:
+                if self.current.word not in SECTIONS:
                     self.take()
                 self.to_semicolon()
         return declared_list
@@ -328,10 +328,10 @@ class Reader:
     def _declared(self) -> list[Declared]:
         kind, words = self.take().word, []
         declared_list: list[Declared] = []
-        while self.now.word in WORDS:
+        while self.current.word in WORDS:
             words.append(self.take().word)
         while True:
-            while declared_list and self.now.word in WORDS and self.tokens[self.at + 1].kind == "name":
+            while declared_list and self.current.word in WORDS and self.tokens[self.at + 1].kind == "name":
                 self.take()
             token = self.take()
             if token.kind != "name":
@@ -342,15 +342,15 @@ class Reader:
             while True:
                 if self.skip("("):
                     depth = 1
-                    while depth and self.now.kind != "end" and self.now.text != ";":
+                    while depth and self.current.kind != "end" and self.current.text != ";":
                         depth += {"(": 1, ")": -1}.get(self.take().text, 0)
                 elif self.skip("["):
                     size = self._list("]")
                 elif self.skip("="):
                     value = self._stated()
-                elif self.now.kind == "unit":
+                elif self.current.kind == "unit":
                     unit = self.take().text[1:-1].strip()
-                elif self.now.kind == "string":
+                elif self.current.kind == "string":
                     self.take()
                 else:
                     break

@@ -69,7 +69,7 @@ class External:
 
     def __init__(self, component: Component, memory: Memory, folder: Path | None, texts: Mapping[str, str],
                  programs: Programs, results: Callable[[Expr], int]):
-        self.made, self.memory, self.folder, self.texts = component, memory, folder, texts
+        self.component, self.memory, self.folder, self.texts = component, memory, folder, texts
         self.programs, self.results = programs, results
         self.unread = False  # whether a table of two inputs could not be read
 
@@ -86,12 +86,12 @@ class External:
         if self.folder is None or not text:
             raise Unreadable(name.line, "the name of the table's file is not known")
         points = read(self.folder, text, name.line)
-        label = next((n for n, known in self.made.tables.items() if known == points), None)
+        label = next((n for n, known in self.component.tables.items() if known == points), None)
         if label is None:
-            label = self.made.fresh(identifier(PureWindowsPath(text).stem))
-            while label in self.made.tables or any(f"{label}_{kind}" in self.made.items for kind in "nmxyv"):
+            label = self.component.fresh(identifier(PureWindowsPath(text).stem))
+            while label in self.component.tables or any(f"{label}_{kind}" in self.component.items for kind in "nmxyv"):
                 label += "_table"
-            self.made.tables[label] = points
+            self.component.tables[label] = points
             self.memory.note(name.line, f"outside its points, the table '{PureWindowsPath(text).name}' is constant")
         return label
 
@@ -114,15 +114,15 @@ class External:
         function = self._text(call.args[1]) if len(call.args) == 3 else ""
         if re.fullmatch(r"[A-Za-z_]\w*", function, re.ASCII):
             args = [e for row in evaluate(call.args[2]) for e in row]
-            if (found := self.programs.call(function, args, self.results(call))) is not None:
-                return [[e] for e in found]
+            if (results := self.programs.call(function, args, self.results(call))) is not None:
+                return [[e] for e in results]
             raise Unreadable(call.line, f"`{call.name}`: {EXTERNAL['dll']}; import it again with its C source, "
                              f"`--function {function}=source.c`")
         raise Unreadable(call.line, f"`{call.name}`: {EXTERNAL['dll']}")
 
     def _read(self, call: Expr, arguments: list[Expr]) -> Expr:
         """The value of a table of two inputs: the argument is its number and its inputs, of rows and of columns."""
-        grids = [label for label, table in self.made.tables.items() if len(table) == 3]
+        grids = [label for label, table in self.component.tables.items() if len(table) == 3]
         if self.unread:
             return f.number(0)  # its reason is listed
         if len(arguments) != 3 or len(grids) != 1:

@@ -70,10 +70,10 @@ class Imported:
 
     def left_over(self, folder: Path) -> list[Path]:
         """Components in a folder from an earlier import of the same model that this import does not write."""
-        told = f"of the 20-sim model {self.model}."
+        origin = f"of the 20-sim model {self.model}."
         component_files = sorted((folder / "components").glob("*.yaml")) if (folder / "components").is_dir() else []
         return [path for path in component_files if f"components/{path.name}" not in self.files
-                and told in path.read_text(encoding="utf-8", errors="replace")[:READ]]
+                and origin in path.read_text(encoding="utf-8", errors="replace")[:READ]]
 
     def write(self, folder: Path) -> list[Path]:
         """Write all files below a folder, which is created if it does not exist."""
@@ -120,7 +120,8 @@ def import_model(file: str | Path, folder: str | Path = "", *, functions: Mappin
             raise UsageError([Problem("import-function", f"'{source}' of the function {name} is not a C source", None,
                                       "Give the path of its file, `--function NAME=FILE.c`.")])
     programs = Programs(sources)
-    imported = import_emx(file, frozenset(known_library().names()), programs, [Path(other) for other in global_files])
+    imported = import_emx(file, frozenset(known_library().names()), programs,
+                          [Path(global_file) for global_file in global_files])
     if unused := [name for name in sources if name not in {function.lower() for function, *_ in programs.called.values()}]:
         calls = [function for function, *_ in programs.called.values()] + [*programs.without]
         raise UsageError([Problem("import-function", f"the model does not call a function '{unused[0]}' of a library", None,
@@ -143,8 +144,8 @@ def import_emx(path: Path, library: frozenset[str] = frozenset(), programs: Prog
         root.name = path.stem
         emx.within(identifier(path.stem))
         root = Submodel("model", root.line, submodels=[root])
-    for other in global_files:
-        _enter_globals(root, other)
+    for global_file in global_files:
+        _enter_globals(root, global_file)
     if emx.start:
         shift_time(root, emx.start)
     comments = tokenise(emx.sidops, path.name, emx.first_line).comments
@@ -196,7 +197,7 @@ class _Writer:
         self.texts: dict[tuple[str, str], str] = {}  # wanted name and common text of all parts of a kind: the name
         self.defaults: dict[int, Component] = {}  # for each component: the one whose values are in its file
         self.kinds: dict[str, Component] = {}  # for each file: the first component of its kind
-        self.taken: set[str] = set()
+        self.file_names: set[str] = set()
         self.globals: dict[str, tuple[float, str]] = {}
         self.docs: dict[str, str] = {}  # of global parameters
         self.set: list[tuple[str, str]] = []
@@ -311,7 +312,7 @@ class _Writer:
         self.translator.components = [(path, component) for path, component in self.translator.components
                                       if id(component) not in empty]
         for _, block in self.translator.blocks:
-            remaining_parts = {name: part for name, part in block.parts.items() if id(part.what) not in empty}
+            remaining_parts = {name: part for name, part in block.parts.items() if id(part.content) not in empty}
             block.parts = remaining_parts or block.parts
 
     def _sample_time(self) -> None:
@@ -339,7 +340,7 @@ class _Writer:
         plotted = {label.replace("\\", ".") for name in self.emx.plotted for label in labels(name)}
         matches: dict[str, tuple[Part, Match]] = {}
         for part in block.parts.values():
-            component, full_name = part.what, f"{path}.{part.name}" if path else part.name
+            component, full_name = part.content, f"{path}.{part.name}" if path else part.name
             if not isinstance(component, Component):
                 continue
             match = recognised(component, {n for n in component.items if f"{part.name}.{n}" in joined})
@@ -354,7 +355,7 @@ class _Writer:
                              for end in bonds):
                 del matches[bonds[0].partition(".")[0]]
         for part, match in matches.values():
-            self.matches[id(part.what)] = match
+            self.matches[id(part.content)] = match
             renamed = {f"{part.name}.{a}": f"{part.name}.{b}" for a, b in match.ports.items()}
             block.nodes = {name: [renamed.get(end, end) for end in ends if renamed.get(end) or end.partition(".")[0]
                                   != part.name] for name, ends in block.nodes.items()}
@@ -367,9 +368,9 @@ class _Writer:
             self.set = [(back.get(name, name), value) for name, value in self.set
                         if name in back or not name.startswith(f"{full_name}.")]
 
-    def _given(self, block: Block) -> dict[int, list[tuple[str, str]]]:
+    def _part_values(self, block: Block) -> dict[int, list[tuple[str, str]]]:
         path = next((p for p, b in self.translator.blocks if b is block), "")
-        return {id(part.what): self._values(part, path) for part in block.parts.values()}
+        return {id(part.content): self._values(part, path) for part in block.parts.values()}
 
     @staticmethod
     def _tables(component: Component, names: dict[str, str]) -> list[tuple[str, str]]:
@@ -379,7 +380,7 @@ class _Writer:
 
     def _values(self, part: Part, path: str) -> list[tuple[str, str]]:
         """The values of a part that differ from the defaults of its file."""
-        match, content = self.matches.get(id(part.what)), part.what
+        match, content = self.matches.get(id(part.content)), part.content
         if not isinstance(content, Component):
             return []
         if match is None:
@@ -403,10 +404,10 @@ class _Writer:
     def _place(self, block: Block) -> None:
         """Write the contents of a block, the inner files first."""
         for part in block.parts.values():
-            content = part.what
+            content = part.content
             if isinstance(content, Block):
                 self._place(content)
-                parts = parts_text(content, self.names, self._given(content), *_origin(content))
+                parts = parts_text(content, self.names, self._part_values(content), *_origin(content))
                 name, new = self._kind(content, block_text(content, "", parts))
                 text = block_text(content, name, parts) if new else ""
             elif id(content) in self.matches:
@@ -426,9 +427,9 @@ class _Writer:
         new = key not in self.texts
         if new:
             name, k = content.name, 1
-            while name.lower() in self.taken:
+            while name.lower() in self.file_names:
                 k, name = k + 1, f"{content.name}{k + 1}"
-            self.taken.add(name.lower())
+            self.file_names.add(name.lower())
             self.texts[key] = name
             content.summary = f"Submodel {content.name} of the 20-sim model {self.emx.path.stem}."
         self.names[id(content)] = self.texts[key]
@@ -440,7 +441,7 @@ class _Writer:
             comments = {name: f"   # {remark(doc)}" for name, doc in self.docs.items() if doc}
             lines += ["parameters:",
                       *(f"  {identifier(n)}: {quantity(v, u)}{comments.get(n, '')}" for n, (v, u) in self.globals.items())]
-        lines += parts_text(self.top, self.names, self._given(self.top), *_origin(self.top))
+        lines += parts_text(self.top, self.names, self._part_values(self.top), *_origin(self.top))
         if self.set:
             lines += ["set:", *(f"  {path}: {scalar(value)}" for path, value in self.set)]
         initial: list[tuple[str, str]] = []
@@ -472,7 +473,7 @@ class _Writer:
             if (match := self.matches.get(id(component))) is not None:
                 renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in match.ports.items()})
             elif isinstance(component, Component):
-                renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in component.shown.items()})
+                renamed.update({f"{path}.{a}": f"{path}.{b}" for a, b in component.sampled_values.items()})
         bonds = {f"{path}.{name}": item for path, component in self.translator.components
                  for name, item in component.items.items()
                  if item.kind == "bond"}
@@ -589,12 +590,12 @@ def with_free_effort(components: list[tuple[str, Component]], blocks: list[tuple
 def _gives_flow(block: Block, end: str) -> bool:
     """True if the equations of a port state its flow: they may contain its effort too without determining it."""
     name, _, port = end.partition(".")
-    what = next(p.what for p in block.parts.values() if p.name == name)
-    if isinstance(what, Component):
-        stated = {left.args[0].name if left.op == "negative" else left.name for left, *_ in what.equations}
+    content = next(p.content for p in block.parts.values() if p.name == name)
+    if isinstance(content, Component):
+        stated = {left.args[0].name if left.op == "negative" else left.name for left, *_ in content.equations}
         return f"{port}.f" in stated and f"{port}.e" not in stated
-    inner = [e for ends in what.nodes.values() if port in ends for e in ends if e != port and what.is_bond(e)]
-    return len(inner) == 1 and "." in inner[0] and _gives_flow(what, inner[0])
+    inner = [e for ends in content.nodes.values() if port in ends for e in ends if e != port and content.is_bond(e)]
+    return len(inner) == 1 and "." in inner[0] and _gives_flow(content, inner[0])
 
 
 def _rates(expr: Expr) -> Iterator[str]:
@@ -605,15 +606,15 @@ def _rates(expr: Expr) -> Iterator[str]:
         yield from _rates(e)
 
 
-def _of_component(prefix: str, made: Component) -> Rows:
-    sides = [(left, right) for left, right, _ in made.equations]
+def _of_component(prefix: str, component: Component) -> Rows:
+    sides = [(left, right) for left, right, _ in component.equations]
     rates = [{*_rates(left), *_rates(right)} for left, right in sides]
     states = set().union(*rates) if rates else set()
-    kinds = {name: item.kind for name, item in made.items.items()}
+    kinds = {name: item.kind for name, item in component.items.items()}
 
     def unknown(name: str) -> bool:
         base = name.partition(".")[0]
-        return name not in states and kinds.get(base) in ("variable", "out", "in", "bond") and base not in made.shared
+        return name not in states and kinds.get(base) in ("variable", "out", "in", "bond") and base not in component.shared
 
     return [{prefix + n for e in pair for n in names(e) if unknown(n)} | {f"{prefix}der {n}" for n in base}
             for pair, base in zip(sides, rates, strict=True)]

@@ -51,8 +51,8 @@ def keep_values_before_jumps(component: Component, branches: list[Kept]) -> None
                                                                  {item.name for item in component.of_kind("parameter")}):
                 name = component.fresh(f"{branch.name.removesuffix('_kept')}_value")
                 component.items[name] = Item(name, "variable", "", f"the value of the branch that {branch.name} keeps")
-                component.equations = [(left, _replaced(right, value, f.name(name)), said)
-                                       for left, right, said in component.equations]
+                component.equations = [(left, _replaced(right, value, f.name(name)), comment)
+                                       for left, right, comment in component.equations]
                 component.equations.append((f.name(name), value, ""))
                 value = f.name(name)
             instant = f"{branch.name}_at"
@@ -92,10 +92,10 @@ def _setting(component: Component, wanted: set[str], formulas: dict[str, Expr]) 
 
 def _reached(labels: Iterable[str], formulas: dict[str, Expr]) -> set[str]:
     """These names, and those in the equations of these variables."""
-    left, visited = list(labels), set[str]()
-    while left:
-        name = left.pop()
+    waiting, visited = list(labels), set[str]()
+    while waiting:
+        name = waiting.pop()
         if name not in visited:
             visited.add(name)
-            left += names(formulas[name]) if name in formulas else ()
+            waiting += names(formulas[name]) if name in formulas else ()
     return visited

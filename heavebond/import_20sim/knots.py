@@ -82,5 +82,5 @@ def one_junction(symbols: Symbols) -> tuple[Ends, tuple[str, ...]] | None:
             flows.append(s.left.name)
         else:
             return None
-    ends = [(symbols.made.elements[name], out) for name, out in symbols.many["p"]]
+    ends = [(symbols.component.elements[name], out) for name, out in symbols.many["p"]]
     return (ends, tuple(flows)) if sorted(written) == ["p.e", "p.f"] and len({out for _, out in ends}) == 2 else None

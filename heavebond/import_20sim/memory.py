@@ -32,7 +32,7 @@ class Memory:
     """
 
     def __init__(self, component: Component):
-        self.made, self.target = component, ""
+        self.component, self.target = component, ""
         self.begun: dict[str, Expr] = {}  # initial values of differentiated quantities
 
     def _name(self, rate: Expr, ending: str) -> str:
@@ -42,10 +42,10 @@ class Memory:
     # -- integrals ---------------------------------------------------------------------------------------------------
     def state(self, rate: Expr, first: Expr | None, line: int, ending: str = "int") -> Expr:
         """A new state with this rate, for an integral inside an expression."""
-        name = self.made.fresh(self._name(rate, ending))
-        self.made.items[name] = Item(name, "variable", "", "integral")
-        self.made.equations.append((f.call("der", f.name(name)), at_event(rate, None), ""))
-        self.made.initial[name] = first or f.number(0)
+        name = self.component.fresh(self._name(rate, ending))
+        self.component.items[name] = Item(name, "variable", "", "integral")
+        self.component.equations.append((f.call("der", f.name(name)), at_event(rate, None), ""))
+        self.component.initial[name] = first or f.number(0)
         return f.name(name)
 
     def begins(self, state: Expr, first: Expr) -> None:
@@ -67,10 +67,10 @@ class Memory:
         for trigger in triggers(reset):
             for ending, when in self.instants(trigger):
                 then = simplified(Expr("if", (at_event(reset, trigger), new, integral)))
-                self.made.on(f"{integral.name}_reset_{ending}", when, {integral.name: then})
+                self.component.on(f"{integral.name}_reset_{ending}", when, {integral.name: then})
         if between.op != "number":
-            self.made.on(f"{integral.name}_reset", {"condition": f.text(between)}, {integral.name: new})
-            self.made.on("at_start", {"at": "0"}, {integral.name: Expr("if", (between, new, integral))})
+            self.component.on(f"{integral.name}_reset", {"condition": f.text(between)}, {integral.name: new})
+            self.component.on("at_start", {"at": "0"}, {integral.name: Expr("if", (between, new, integral))})
         return integral
 
     def limited(self, args: list[Expr], line: int) -> Expr:
@@ -78,7 +78,8 @@ class Memory:
         if len(args) not in (3, 4):
             raise Unreadable(line, "`limint` needs a rate, two limits and a first value")
         rate, low, high = args[:3]
-        at_limit = self.made.hold(self._name(rate, "at_limit"), "", "1 at the upper limit, -1 at the lower one", f.number(0))
+        at_limit = self.component.hold(self._name(rate, "at_limit"), "", "1 at the upper limit, -1 at the lower one",
+                                       f.number(0))
         free = Expr("==", (f.name(at_limit), f.number(0)))
         integral = self.state(Expr("if", (free, rate, f.number(0))), args[3] if len(args) > 3 else None, line, "limint")
         for side, sign, limit in (("high", 1, high), ("low", -1, low)):
@@ -86,10 +87,10 @@ class Memory:
             beyond, back = (">", "<") if sign > 0 else ("<", ">")
             # only if the rate leads outwards: it begins at the limit when it leaves it
             outwards = Expr("and", (Expr(beyond, (integral, limit)), Expr(beyond, (rate, f.number(0)))))
-            self.made.on(f"{integral.name}_{side}", {"condition": f.text(Expr("and", (outwards, free)))},
-                         {at_limit: f.number(sign), integral.name: limit})
+            self.component.on(f"{integral.name}_{side}", {"condition": f.text(Expr("and", (outwards, free)))},
+                              {at_limit: f.number(sign), integral.name: limit})
             inwards = Expr("and", (Expr(back, (rate, f.number(0))), at_this_limit))
-            self.made.on(f"{integral.name}_leaves_{side}", {"condition": f.text(inwards)}, {at_limit: f.number(0)})
+            self.component.on(f"{integral.name}_leaves_{side}", {"condition": f.text(inwards)}, {at_limit: f.number(0)})
         return integral
 
     def delayed(self, args: list[Expr], line: int) -> Expr:
@@ -101,40 +102,41 @@ class Memory:
         if fold(time, {}) == 0:
             return args[0]
         if fold(time, {}) is None and time.op != "name":
-            name = self.made.fresh(self._name(value, "delay_time"))
-            self.made.items[name] = Item(name, "variable", "", "delay of `tdelay`")
-            self.made.equations.append((f.name(name), at_event(time, None), ""))
+            name = self.component.fresh(self._name(value, "delay_time"))
+            self.component.items[name] = Item(name, "variable", "", "delay of `tdelay`")
+            self.component.equations.append((f.name(name), at_event(time, None), ""))
             time = f.name(name)
-        w, z = ([self._kept(value, f"delay_{letter}{k + 1}") for k in range(PAIRS)] for letter in "wz")
+        w, z = ([self._state_from_zero(value, f"delay_{letter}{k + 1}") for k in range(PAIRS)] for letter in "wz")
         gaps = [Expr("-", (b, a)) for a, b in zip(w, z, strict=True)]
         per = Expr("/", (f.number(2), time))
         ahead = [total(gaps[k:]) for k in range(PAIRS)]
         for k in range(PAIRS):
             along = total([f.multiply(f.number(4.0 * j + 1), ahead[j]) for j in range(k + 1)])
-            self.made.equations.append((f.call("der", w[k]), f.multiply(per, along), "delay" if k == 0 else ""))
+            self.component.equations.append((f.call("der", w[k]), f.multiply(per, along), "delay" if k == 0 else ""))
             behind = Expr("-", (Expr("-", (value, w[k])), ahead[0]))
-            self.made.equations.append((f.call("der", z[k]), f.add(f.call("der", w[k]), f.multiply(
+            self.component.equations.append((f.call("der", z[k]), f.add(f.call("der", w[k]), f.multiply(
                 f.multiply(per, f.number(4.0 * k + 3)), behind)), ""))
         self.note(line, "`tdelay` is approximated by a filter of order 6 (Pade), good up to frequencies of about 1/T; "
                   "before the start its input counts as 0")
         result = Expr("-", (value, f.multiply(f.number(2), ahead[0])))
         if value.op == time.op == "name":
-            self.made.delay = result, value.name, time.name
+            self.component.delay = result, value.name, time.name
         return result
 
-    def _kept(self, value: Expr, ending: str) -> Expr:
+    def _state_from_zero(self, value: Expr, ending: str) -> Expr:
         """A new state that begins at 0."""
-        name = self.made.fresh(self._name(value, ending))
-        self.made.items[name] = Item(name, "variable", "", DELAYED)
-        self.made.initial[name] = f.number(0)
+        name = self.component.fresh(self._name(value, ending))
+        self.component.items[name] = Item(name, "variable", "", DELAYED)
+        self.component.initial[name] = f.number(0)
         return f.name(name)
 
     # -- discrete functions ------------------------------------------------------------------------------------------
     def sample_time(self) -> Expr:
         """The sample time, a global parameter."""
-        if SAMPLE_TIME not in self.made.items:
-            self.made.items[SAMPLE_TIME] = Item(SAMPLE_TIME, "parameter", "s", "sample time of the discrete parts", None)
-            self.made.shared[SAMPLE_TIME] = SAMPLE_TIME
+        if SAMPLE_TIME not in self.component.items:
+            self.component.items[SAMPLE_TIME] = Item(SAMPLE_TIME, "parameter", "s", "sample time of the discrete parts",
+                                                     None)
+            self.component.shared[SAMPLE_TIME] = SAMPLE_TIME
         return f.name(SAMPLE_TIME)
 
     def discrete(self, kind: str, args: list[Expr], final: Expr | None, line: int) -> Expr:
@@ -148,11 +150,11 @@ class Memory:
             return value
         if kind == "dint":
             doc = "sum of the samples before times the sample time"
-            sampled_value = f.name(self.made.hold(self._name(value, "dint"), "", doc, first))
+            sampled_value = f.name(self.component.hold(self._name(value, "dint"), "", doc, first))
             self.sampled({sampled_value.name: f.add(sampled_value, f.multiply(period, value))})
             return sampled_value
         if kind == "hold":
-            name = self.made.hold(self._name(value, "hold"), "", "held between the samples", first)
+            name = self.component.hold(self._name(value, "hold"), "", "held between the samples", first)
             self.sampled({name: value})
             return f.name(name)
         sampled_value = f.name(self.at_samples(value if final is None else final, first))
@@ -160,20 +162,20 @@ class Memory:
 
     def at_samples(self, value: Expr, first: Expr | None = None) -> str:
         """A held variable with the value at the last sample, and its first value."""
-        event = self.made.events.get(SAMPLE)
+        event = self.component.events.get(SAMPLE)
         for name, old in event.then.items() if event is not None else ():
-            if old == value and name.endswith(SAMPLED) and first in (None, self.made.first[name]):
+            if old == value and name.endswith(SAMPLED) and first in (None, self.component.first[name]):
                 return name
         doc = f"{f.text(value)} at the last sample" if value.op == "name" else "value at the last sample"
-        name = self.made.hold(self._name(value, SAMPLED), "", doc, f.number(0) if first is None else first)
+        name = self.component.hold(self._name(value, SAMPLED), "", doc, f.number(0) if first is None else first)
         self.sampled({name: value})
         return name
 
     def keep_samples(self, quantities: Collection[str]) -> None:
         """Let continuous equations use the last sampled values of quantities that change at samples only."""
-        component = self.made
+        component = self.component
 
-        def kept(expr: Expr) -> Expr:
+        def with_samples(expr: Expr) -> Expr:
             for name in dict.fromkeys(n for n in names(expr) if n in quantities):
                 expr = renamed(expr, name, f.name(self.at_samples(f.name(name))))
             return expr
@@ -181,7 +183,7 @@ class Memory:
         read: set[str] = set()  # by continuous equations
         for k, (left, right, comment) in enumerate(component.equations):
             if left.op != "name" or left.name not in quantities:
-                component.equations[k] = kept(left), kept(right), comment
+                component.equations[k] = with_samples(left), with_samples(right), comment
                 read.update(n for side in component.equations[k][:2] for n in names(side))
         for label, event in component.events.items():
             conditions = re.findall(r"\w+", " ".join(event.when.values()))
@@ -192,13 +194,13 @@ class Memory:
     def sampled(self, then: dict[str, Expr]) -> None:
         """Set values at every sample, after all other events of the same instant, such as a step of an input: a clock
         counts the samples, and an unprocessed count is a sample."""
-        if SAMPLE not in self.made.events:
+        if SAMPLE not in self.component.events:
             self.sample_time()
-            ticks, counted = (self.made.hold(name, "", doc, f.number(0)) for name, doc in (
+            ticks, counted = (self.component.hold(name, "", doc, f.number(0)) for name, doc in (
                 ("ticks", "samples that are due"), ("samples", "samples that are taken")))
-            self.made.on("tick", {"every": SAMPLE_TIME}, {ticks: f.add(f.name(ticks), f.number(1))})
-            self.made.on(SAMPLE, {"condition": f"{ticks} > {counted}"}, {counted: f.name(ticks)})
-        self.made.events[SAMPLE].then.update({name: at_event(value, None) for name, value in then.items()})
+            self.component.on("tick", {"every": SAMPLE_TIME}, {ticks: f.add(f.name(ticks), f.number(1))})
+            self.component.on(SAMPLE, {"condition": f"{ticks} > {counted}"}, {counted: f.name(ticks)})
+        self.component.events[SAMPLE].then.update({name: at_event(value, None) for name, value in then.items()})
 
     # -- events ------------------------------------------------------------------------------------------------------
     def event(self, kind: str, args: list[Expr], line: int) -> Expr:
@@ -224,48 +226,48 @@ class Memory:
 
     def _time(self, value: Expr, name: str) -> str:
         """A parameter in s with this value, as a time of `every:` must be."""
-        known = fold(value, {n: item.value for n, item in self.made.items.items() if item.value is not None})
+        known = fold(value, {n: item.value for n, item in self.component.items.items() if item.value is not None})
         if known is None:
             raise Unreadable(0, "`frequencyevent` needs a period and a first time that are known")
-        parameter_name = next((n for n, item in self.made.items.items() if item.doc.startswith("of `frequencyevent`")
-                               and item.value == known), None) or self.made.fresh(name)
-        self.made.items[parameter_name] = Item(parameter_name, "parameter", "s", "of `frequencyevent`", known)
+        parameter_name = next((n for n, item in self.component.items.items() if item.doc.startswith("of `frequencyevent`")
+                               and item.value == known), None) or self.component.fresh(name)
+        self.component.items[parameter_name] = Item(parameter_name, "parameter", "s", "of `frequencyevent`", known)
         return parameter_name
 
     def noise(self, line: int) -> Expr:
         """Random noise is left out."""
-        self.made.omitted.append((line, "random noise is left out: 0 is used"))
+        self.component.omitted.append((line, "random noise is left out: 0 is used"))
         return f.number(0)
 
     def require(self, index: Expr, size: int) -> bool:
         """Require that an index of parameters lies in a vector; False if it depends on more than parameters."""
-        kinds = {item.kind if (item := self.made.items.get(n)) is not None else "" for n in names(index)}
+        kinds = {item.kind if (item := self.component.items.get(n)) is not None else "" for n in names(index)}
         if kinds != {"parameter"}:
             return False
         limits = Expr(">", (index, f.number(0.5))), Expr("<", (index, f.number(size + 0.5)))
-        self.made.requires += [limit for limit in limits if limit not in self.made.requires]
+        self.component.requires += [limit for limit in limits if limit not in self.component.requires]
         return True
 
     def note(self, line: int, text: str) -> None:
         """List the interpretation of a construct."""
-        if (line, text) not in self.made.omitted:
-            self.made.omitted.append((line, text))
+        if (line, text) not in self.component.omitted:
+            self.component.omitted.append((line, text))
 
     # -- whole numbers -----------------------------------------------------------------------------------------------
     def floor(self, value: Expr) -> Expr:
         """The largest whole number not above a value, followed by events."""
         label = identifier(f"{self.target or 'value'}_floor")
-        name = self.made.hold(label, "", "largest whole number not above the value", f.number(0))
+        name = self.component.hold(label, "", "largest whole number not above the value", f.number(0))
         held = f.name(name)
-        self.made.on("at_start", {"at": "0"}, {name: f.call("floor", value)})
+        self.component.on("at_start", {"at": "0"}, {name: f.call("floor", value)})
         above, below = f.add(held, f.number(1)), Expr("-", (held, f.number(1)))
-        self.made.on(f"{name}_up", {"condition": f.text(Expr(">=", (value, above)))}, {name: above})
-        self.made.on(f"{name}_down", {"condition": f.text(Expr("<", (value, held)))}, {name: below})
+        self.component.on(f"{name}_up", {"condition": f.text(Expr(">=", (value, above)))}, {name: above})
+        self.component.on(f"{name}_down", {"condition": f.text(Expr("<", (value, held)))}, {name: below})
         return held
 
     def truncated(self, ratio: Expr) -> Expr:
         """The whole part of a ratio, towards zero, followed by events."""
-        name = self.made.hold(identifier(f"{self.target or 'value'}_steps"), "", "whole part of a ratio", f.number(0))
+        name = self.component.hold(identifier(f"{self.target or 'value'}_steps"), "", "whole part of a ratio", f.number(0))
         whole = Expr("if", (Expr(">=", (ratio, f.number(0))), f.call("floor", ratio),
                             f.negative(f.call("floor", f.negative(ratio)))))
         held = f.name(name)
@@ -274,7 +276,7 @@ class Memory:
         below = Expr("-", (held, f.number(1)))
         down = Expr("or", (Expr("and", (Expr("<=", (held, f.number(0))), Expr("<", (ratio, below)))),
                            Expr("and", (Expr(">", (held, f.number(0))), Expr("<", (ratio, held))))))
-        self.made.on("at_start", {"at": "0"}, {name: whole})
-        self.made.on(f"{name}_up", {"condition": f.text(up)}, {name: f.add(held, f.number(1))})
-        self.made.on(f"{name}_down", {"condition": f.text(down)}, {name: below})
+        self.component.on("at_start", {"at": "0"}, {name: whole})
+        self.component.on(f"{name}_up", {"condition": f.text(up)}, {name: f.add(held, f.number(1))})
+        self.component.on(f"{name}_down", {"condition": f.text(down)}, {name: below})
         return held

@@ -62,19 +62,20 @@ def _all_numbers(expr: Expr) -> bool:
     return expr.op == "number" or (expr.op == "if" and all(map(_all_numbers, expr.args[1:])))
 
 
-def _continuous(made: Component, assigned: Mapping[str, Expr], expr: Expr, seen: tuple[str, ...]) -> bool:
+def _continuous(component: Component, assigned: Mapping[str, Expr], expr: Expr, visited: tuple[str, ...]) -> bool:
     """True if a value follows the time, a state or a port other than through conditions; inputs are assumed to be whole
     numbers.
     """
     if expr.op in f.TRUTHS:
         return False
     if expr.op in ("name", "prev"):
-        item = made.items.get(expr.name)
+        item = component.items.get(expr.name)
         if item is None:
             return expr.name != "pi"  # the time, or a quantity of a port
-        if item.kind not in ("variable", "out") or expr.name in seen:
+        if item.kind not in ("variable", "out") or expr.name in visited:
             return False
-        formulas = [right for left, right, _ in made.equations if left == f.name(expr.name)]
+        formulas = [right for left, right, _ in component.equations if left == f.name(expr.name)]
         formulas += [assigned[expr.name]] if expr.name in assigned else []
-        return expr.name in made.initial or any(_continuous(made, assigned, e, (*seen, expr.name)) for e in formulas)
-    return any(_continuous(made, assigned, e, seen) for e in (expr.args[1:] if expr.op == "if" else expr.args))
+        return expr.name in component.initial or any(_continuous(component, assigned, e, (*visited, expr.name))
+                                                     for e in formulas)
+    return any(_continuous(component, assigned, e, visited) for e in (expr.args[1:] if expr.op == "if" else expr.args))

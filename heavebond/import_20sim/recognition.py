@@ -120,12 +120,12 @@ def _real(value: complex) -> float:
 
 @dataclass(frozen=True)
 class Point:
-    """Point of evaluation of a law: its quantities and the value of s. `taken` records the branches of its choices: the
+    """Point of evaluation of a law: its quantities and the value of s. `branches` are the branches taken of its choices: the
     expression of a condition, or of a function that chooses, by its identity, with the outcome."""
 
     at: Mapping[str, complex]
     s: complex = 0j
-    taken: Taken = field(default_factory=set)
+    branches: Taken = field(default_factory=set)
 
 
 def _value(expr: syntax.Expr, point: Point) -> complex:
@@ -147,7 +147,7 @@ def _value(expr: syntax.Expr, point: Point) -> complex:
             real = [_real(v) for v in values]
             value = REAL[expr.function](*real)
             if expr.function in CHOOSING:
-                point.taken.add((id(expr), real.index(value) if len(real) > 1 else real[0] > 0))
+                point.branches.add((id(expr), real.index(value) if len(real) > 1 else real[0] > 0))
             return value
         return ANALYTIC[expr.function](*values)
     raise ValueError
@@ -160,7 +160,7 @@ def _true(expr: syntax.Expr, point: Point) -> bool:
         return (all if expr.op == "and" else any)(_true(e, point) for e in (expr.left, expr.right))
     if isinstance(expr, syntax.Compare):
         outcome = COMPARED[expr.op](_real(_value(expr.left, point)), _real(_value(expr.right, point)))
-        point.taken.add((id(expr), outcome))
+        point.branches.add((id(expr), outcome))
         return outcome
     raise ValueError
 
@@ -178,7 +178,7 @@ def _computed(law: Law, known: Mapping[str, complex],
             if not isinstance(equation.left, syntax.Name) or equation.left.text not in inner:
                 continue
             try:
-                values[equation.left.text] = _value(equation.right, Point(values, taken=branches))
+                values[equation.left.text] = _value(equation.right, Point(values, branches=branches))
             except (ValueError, KeyError):
                 continue
             if equation.left.text in law.states:
@@ -197,13 +197,13 @@ def _matrix(law: Law, where: Point, chosen: Sequence[syntax.Equation] | None = N
     inner: Sequence[str] = law.inner
     known = where.at
     if chosen is None:
-        known, chosen, inner = _computed(law, known, where.taken)
+        known, chosen, inner = _computed(law, known, where.branches)
     unknown = [*(f"{p}.{q}" for p in law.bonds for q in "ef"), *law.outputs, *inner]
     draw = random.Random(3)
     point = [complex(draw.uniform(1, 2), draw.uniform(1, 2)) for _ in unknown]
 
     def residual(values: Sequence[complex]) -> Array:
-        at = Point({**known, **dict(zip(unknown, values, strict=True))}, where.s, where.taken)
+        at = Point({**known, **dict(zip(unknown, values, strict=True))}, where.s, where.branches)
         return np.array([_value(e.left, at) - _value(e.right, at) for e in chosen], complex)
 
     zero = residual([0j] * len(unknown))
@@ -243,21 +243,21 @@ def _imported(component: Component, joined: set[str]) -> Law | None:
         return None
     outputs = [i.name for i in component.of_kind("out")]
     bonds = tuple(i.name for i in component.of_kind("bond"))
-    taken = tuple(n for n in outputs if n in joined or not (bonds or joined & set(outputs)))
-    inner = (*(n for n in outputs if n not in taken), *(i.name for i in component.of_kind("variable")))
+    law_outputs = tuple(n for n in outputs if n in joined or not (bonds or joined & set(outputs)))
+    inner = (*(n for n in outputs if n not in law_outputs), *(i.name for i in component.of_kind("variable")))
     used = {n for left, right, _ in component.equations for n in (*names(left), *names(right))}
     parameters = tuple(i.name for i in component.of_kind("parameter") if i.name in used)  # others are initial values
     inputs = tuple(i.name for i in component.of_kind("in"))
-    if len(parameters) > MOST_PARAMETERS or len(inputs) + len(taken) > MOST_SIGNALS or len(bonds) > MOST_BONDS:
+    if len(parameters) > MOST_PARAMETERS or len(inputs) + len(law_outputs) > MOST_SIGNALS or len(bonds) > MOST_BONDS:
         return None
-    if not (taken or bonds):
+    if not (law_outputs or bonds):
         return None
     try:
         equations = tuple(parse_equation(f"{f.text(left)} = {f.value_text(right)}")
                           for left, right, _ in component.equations)
     except ValueError:
         return None
-    return Law(equations, bonds, inputs, taken, parameters, inner)
+    return Law(equations, bonds, inputs, law_outputs, parameters, inner)
 
 
 @lru_cache(maxsize=1)
@@ -296,13 +296,13 @@ def _unit(text: str) -> str:
 
 
 # -- the comparison --------------------------------------------------------------------------------------------------------
-def recognised(made: Component, joined: set[str]) -> Match | None:
+def recognised(imported: Component, joined: set[str]) -> Match | None:
     """The component of the library with the law of an imported one, whose ports `joined` are connected."""
-    if (whole := table_match(made) or linear_match(made, joined) or _delay(made) or
-            _junction(made, joined)) is not None:
+    if (whole := table_match(imported) or linear_match(imported, joined) or _delay(imported) or
+            _junction(imported, joined)) is not None:
         return whole
-    law = _imported(made, joined)
-    if law is None or made.tables or any(not isinstance(e, syntax.Name) for e in law.differentiated):
+    law = _imported(imported, joined)
+    if law is None or imported.tables or any(not isinstance(e, syntax.Name) for e in law.differentiated):
         return None
     simplest = sorted(_candidates(), key=lambda pair: (pair[0].effect is not None, len(pair[1].inputs),
                                                        len(pair[1].parameters), len(pair[0].name), pair[0].name))
@@ -313,19 +313,20 @@ def recognised(made: Component, joined: set[str]) -> Match | None:
                                                               and len(library_law.inputs) > len(law.inputs)) or \
                 len(library_law.inputs) - len(law.inputs) + len(library_law.parameters) < len(law.parameters):
             continue
-        for match in _assignments(made, law, component, library_law):
-            if _within_bounds(made, component, match) and _agree(law, library_law, match) and \
-                    (complete := _with_states(made, law, component, library_law, match)) is not None:
+        for match in _assignments(imported, law, component, library_law):
+            if _within_bounds(imported, component, match) and _agree(law, library_law, match) and \
+                    (complete := _with_states(imported, law, component, library_law, match)) is not None:
                 return complete
     # the library component for a law with gains of 1, as numbers in place of parameters: 1/(tau*s + 1)
-    ones = [n for n in law.parameters if made.items[n].value == 1 and not made.items[n].unit and n not in made.shared]
+    ones = [n for n in law.parameters if imported.items[n].value == 1 and not imported.items[n].unit
+            and n not in imported.shared]
     if not ones or len(ones) == len(law.parameters):
         return None
-    equations = made.equations
+    equations = imported.equations
     for name in ones:
-        equations = [(left, renamed(right, name, f.number(1)), said) for left, right, said in equations]
-    items = {n: item for n, item in made.items.items() if n not in ones}
-    return recognised(replace(made, equations=equations, items=items), joined)
+        equations = [(left, renamed(right, name, f.number(1)), comment) for left, right, comment in equations]
+    items = {n: item for n, item in imported.items.items() if n not in ones}
+    return recognised(replace(imported, equations=equations, items=items), joined)
 
 
 def _junction(component: Component, joined: set[str]) -> Match | None:
@@ -478,15 +479,15 @@ def linear_match(component: Component, joined: Collection[str]) -> Match | None:
     inputs, outputs = [i.name for i in component.of_kind("in")], [i.name for i in component.of_kind("out")]
     states = [i.name for i in component.of_kind("variable")]
     rates = {left.args[0].name: right for left, right, _ in component.equations if left.op == "call" and left.name == "der"}
-    others = {left.name: right for left, right, _ in component.equations if left.op == "name"}
+    output_formulas = {left.name: right for left, right, _ in component.equations if left.op == "name"}
     if component.events or component.untranslated or component.shared or component.gives \
             or component.tables or component.of_kind("bond", "held"):
         return None
     if not all(map(MATRIX.fullmatch, values)) or None in values.values() or not (states and inputs and outputs):
         return None
-    if set(rates) != set(states) or set(others) != set(outputs) or not set(inputs) <= set(joined):
+    if set(rates) != set(states) or set(output_formulas) != set(outputs) or not set(inputs) <= set(joined):
         return None
-    rows, columns = [*(rates[x] for x in states), *(others[y] for y in outputs)], [*states, *inputs]
+    rows, columns = [*(rates[x] for x in states), *(output_formulas[y] for y in outputs)], [*states, *inputs]
     known = {name: value for name, value in values.items() if value is not None}
 
     def at(point: np.ndarray) -> np.ndarray | None:
@@ -549,18 +550,18 @@ def table_match(component: Component) -> Match | None:
                   input_name) if input_name in component.items and component.items[input_name].kind == "in" else None
 
 
-def _match(component: Component, given: str) -> Match:
+def _match(component: Component, input_name: str) -> Match:
     output = component.of_kind("out")[0].name
-    if given == "time":
+    if input_name == "time":
         return Match("TableSource", {output: "y"}, {}, {}, {}, lists={"x": "t", "v": "v"})
     steps = any(a == b for table in component.tables.values() for a, b in pairwise(table[0]))
-    return Match("StepLookup" if steps else "Lookup", {output: "y", given: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
+    return Match("StepLookup" if steps else "Lookup", {output: "y", input_name: "u"}, {}, {}, {}, lists={"x": "x", "v": "v"})
 
 
-def _of_matrix(made: Component) -> Match | None:
+def _of_matrix(component: Component) -> Match | None:
     """A component whose only parameters are a matrix of points (x, y) in rows, with an output that is linear between them
     and constant outside; these points become its table."""
-    values = {item.name: item.value for item in made.of_kind("parameter")}
+    values = {item.name: item.value for item in component.of_kind("parameter")}
     entries = {(m[1], int(m[2]), int(m[3])): v for n, v in values.items() if (m := re.fullmatch(r"(.*)_([0-9]+)_([12])", n))
                and v is not None}
     rows, bases = len(entries) // 2, {base for base, *_ in entries}
@@ -572,15 +573,15 @@ def _of_matrix(made: Component) -> Match | None:
     if not np.all(np.diff(x) > 0) or not np.all(np.isfinite(y)):
         return None
     known = {name: value for name, value in values.items() if value is not None}
-    input_name = made.of_kind("in")[0].name if made.of_kind("in") else "time"
+    input_name = component.of_kind("in")[0].name if component.of_kind("in") else "time"
     steps = np.diff(x, append=2 * x[-1] - x[-2])
     tried = [x[0] - steps[0], *(x[i] + share * steps[i] for i in range(rows) for share in BETWEEN)]
     near = ON_TABLE * (np.ptp(y) or 1.0)
-    if any(not _agrees(made, {**known, input_name: float(u)}, float(np.interp(u, x, y)), near) for u in tried):
+    if any(not _agrees(component, {**known, input_name: float(u)}, float(np.interp(u, x, y)), near) for u in tried):
         return None
     table: Table = (tuple(points[0]), tuple(points[1]))
-    made.tables = {base: table}
-    return _match(made, input_name)
+    component.tables = {base: table}
+    return _match(component, input_name)
 
 
 def _agrees(component: Component, known: Mapping[str, float], expected: float, tolerance: float) -> bool:

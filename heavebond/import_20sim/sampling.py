@@ -79,13 +79,13 @@ class _Graph:
         statements = (*leaf.equations.equations, *leaf.equations.code)
         return {name.lower() for e in _expressions(statements) for name in calls(e)}
 
-    def sources(self, end: End, seen: frozenset[End] = frozenset()) -> list[End]:
+    def sources(self, end: End, visited: frozenset[End] = frozenset()) -> list[End]:
         """The outputs of submodels of equations that feed an end."""
-        if end in seen:
+        if end in visited:
             return []
         sources = []
         for start in self.feeds.get(end, ()):
-            sources += [start] if start[0] in self.leaves else self.sources(start, seen | {end})
+            sources += [start] if start[0] in self.leaves else self.sources(start, visited | {end})
         return sources
 
     def inputs(self, leaf: int) -> dict[str, list[End]]:
@@ -177,8 +177,8 @@ def _times(graph: _Graph, inputs: Mapping[int, Mapping[str, list[End]]], result:
         first = graph.paths.get(name.rpartition("\\")[0])
         front = [] if first is None or first in times else [first]
         while front:
-            times[now := front.pop()] = time
-            front += [neighbour for neighbour in beside[now] if neighbour not in times]
+            times[reached := front.pop()] = time
+            front += [neighbour for neighbour in beside[reached] if neighbour not in times]
     for leaf, held in result.held.items():  # continuous ones that take its signals
         known_times = [times[source] for name in held for source, _ in inputs[leaf][name] if source in times]
         times.update({leaf: known_times[0]} if known_times and leaf not in times else {})

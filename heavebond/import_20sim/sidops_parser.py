@@ -21,7 +21,7 @@ def parse_sidops(text: str, file: str, first_line: int = 1) -> Submodel:
     raises ModelError if its structure cannot be read."""
     reader = Reader(tokenise(text, file, first_line), file)
     try:
-        name, following = reader.now, reader.tokens[min(1, len(reader.tokens) - 1)]
+        name, following = reader.current, reader.tokens[min(1, len(reader.tokens) - 1)]
         if name.kind in ("name", "string") and name.word != "model" and following.kind == "number":
             reader.take()
             return Submodel("model", name.line, submodels=[_submodel(reader, name.text.strip("'"))])
@@ -34,9 +34,9 @@ def parse_sidops(text: str, file: str, first_line: int = 1) -> Submodel:
 
 def _numbers(reader: Reader) -> list[float]:
     numbers = []
-    while reader.now.kind == "number" or reader.now.text == "-":
+    while reader.current.kind == "number" or reader.current.text == "-":
         sign = -1.0 if reader.skip("-") else 1.0
-        if reader.now.kind == "number":
+        if reader.current.kind == "number":
             numbers.append(sign * float(reader.take().text))
     return numbers
 
@@ -44,7 +44,7 @@ def _numbers(reader: Reader) -> list[float]:
 def _submodel(reader: Reader, name: str) -> Submodel:
     """Parse the text after the name of a submodel."""
     reader.deeper()
-    submodel = Submodel(name, reader.now.line)
+    submodel = Submodel(name, reader.current.line)
     place = _numbers(reader)
     submodel.x, submodel.y = (*place, 0.0, 0.0)[:2]
     if reader.skip("specifications"):
@@ -53,7 +53,7 @@ def _submodel(reader: Reader, name: str) -> Submodel:
         active = reader.take().text
         while reader.skip("specification"):
             chosen = reader.take().text == active
-            inner = Submodel(submodel.name, reader.now.line, submodel.x, submodel.y)
+            inner = Submodel(submodel.name, reader.current.line, submodel.x, submodel.y)
             _placement(reader)
             _body(reader, inner)
             _placement(reader)
@@ -71,37 +71,38 @@ def _submodel(reader: Reader, name: str) -> Submodel:
 
 def _placement(reader: Reader) -> None:
     """Skip optional parts of a specification after its implementation: texts, and the place and size of its icon."""
-    while reader.now.kind in ("string", "number") or reader.now.text in ("-", ";"):
+    while reader.current.kind in ("string", "number") or reader.current.text in ("-", ";"):
         reader.take()
 
 
 def _body(reader: Reader, submodel: Submodel) -> None:
     _description(reader, submodel)
-    submodel.knot = reader.now.word == "knot"
+    submodel.knot = reader.current.word == "knot"
     if not reader.skip("type", "knot"):
-        raise Unreadable(reader.now.line, f"'type' is missing before '{reader.now.text[:30]}'")
+        raise Unreadable(reader.current.line, f"'type' is missing before '{reader.current.text[:30]}'")
     submodel.type = reader.take().text.strip("'")
-    while reader.now.kind != "end" and not reader.skip("end"):
+    while reader.current.kind != "end" and not reader.skip("end"):
         if reader.skip("ports"):
-            while reader.now.kind == "name" and reader.now.word not in ("end", "parameters", "restrictions", "variables",
-                                                                        "description"):
+            while reader.current.kind == "name" and reader.current.word not in ("end", "parameters", "restrictions",
+                                                                                "variables",
+                                                                                "description"):
                 submodel.ports.append(_port(reader))
         elif reader.skip("parameters"):
             submodel.parameters += reader.declarations(submodel.problems)
         elif reader.skip("variables", "constants"):
             submodel.variables += reader.declarations(submodel.problems)
         elif reader.skip("restrictions"):
-            while reader.now.word in ("causality", "fixed", "constraint"):
+            while reader.current.word in ("causality", "fixed", "constraint"):
                 reader.to_semicolon()
         else:
             reader.take()
     reader.skip(";")
-    while reader.now.word in ("icon", "description", "help"):
-        if reader.now.word == "icon":
+    while reader.current.word in ("icon", "description", "help"):
+        if reader.current.word == "icon":
             # skip an icon, up to the `end` at the beginning of a statement; groups nest
             depth, starts = 1, True
             reader.take()
-            while depth and reader.now.kind != "end":
+            while depth and reader.current.kind != "end":
                 token = reader.take()
                 if starts and token.word == "end":
                     depth -= 1
@@ -120,20 +121,20 @@ def _body(reader: Reader, submodel: Submodel) -> None:
     elif kind == "eq":
         submodel.equations = _equations(reader)
     else:
-        submodel.problems.append((reader.now.line, f"an implementation `{kind}` is not translated"))
-        while reader.now.kind != "end" and reader.now.word != "implementation_end":
+        submodel.problems.append((reader.current.line, f"an implementation `{kind}` is not translated"))
+        while reader.current.kind != "end" and reader.current.word != "implementation_end":
             reader.take()
     reader.need("implementation_end")
     reader.skip(";")
     # some elements of the library have their last equations after `implementation_end`
-    while submodel.equations and reader.now.kind == "name" and reader.tokens[reader.at + 1].text in ("=", "["):
+    while submodel.equations and reader.current.kind == "name" and reader.tokens[reader.at + 1].text in ("=", "["):
         submodel.equations.equations += reader.statements("specification", "end")
 
 
 def _description(reader: Reader, submodel: Submodel) -> None:
     """Skip descriptions, except for the global relations in them."""
     while reader.skip("description", "help"):
-        while reader.now.kind == "string":
+        while reader.current.kind == "string":
             token = reader.take()
             for relations in RELATIONS.finditer(token.text):
                 line = token.line + token.text.count("\n", 0, relations.start(1))
@@ -145,30 +146,30 @@ def _description(reader: Reader, submodel: Submodel) -> None:
 
 
 def _port(reader: Reader) -> Port:
-    line, domain = reader.now.line, reader.take().word
+    line, domain = reader.current.line, reader.take().word
     words: list[str] = []
     name = ""
-    while reader.now.kind == "name":
+    while reader.current.kind == "name":
         token = reader.take()
-        if token.word in PORT_WORDS | DIRECTIONS and reader.now.kind == "name":
+        if token.word in PORT_WORDS | DIRECTIONS and reader.current.kind == "name":
             words.append(token.word)
         else:
             name = token.text
             break
     size, unit = [], ""
-    while reader.now.text not in (";", ""):
+    while reader.current.text not in (";", ""):
         if reader.skip("["):
-            while reader.now.text not in ("]", ";", ""):
+            while reader.current.text not in ("]", ";", ""):
                 size.append(reader.expression())
                 reader.skip(",")
             reader.skip("]")
-        elif reader.now.kind == "unit":
+        elif reader.current.kind == "unit":
             unit = reader.take().text[1:-1].strip()
         else:
             reader.take()
     reader.skip(";")
     doc = ""
-    while reader.now.kind == "string":
+    while reader.current.kind == "string":
         doc = reader.take().text[1:-1]
         reader.skip(";")
     if not name:
@@ -183,7 +184,7 @@ def _equations(reader: Reader) -> Equations:
                 "externals": equations.externals}
     written = {"initialequations": equations.initial, "equations": equations.equations, "code": equations.code,
                "dynamic": equations.equations, "finalequations": []}  # the last ones act after the run
-    while reader.now.kind != "end" and reader.now.word != "implementation_end":
+    while reader.current.kind != "end" and reader.current.word != "implementation_end":
         token = reader.take()
         if token.word in declared:
             declared[token.word] += reader.declarations(equations.problems)
@@ -191,26 +192,26 @@ def _equations(reader: Reader) -> Equations:
             written[token.word] += reader.statements()
         elif token.text not in ("", ";") and token.kind != "string":
             equations.problems.append((token.line, f"'{token.text[:30]}' is not translated"))
-            while reader.now.kind != "end" and reader.now.word not in (*declared, *written, "implementation_end"):
+            while reader.current.kind != "end" and reader.current.word not in (*declared, *written, "implementation_end"):
                 reader.take()
     return equations
 
 
 def _graph(reader: Reader, submodel: Submodel) -> None:
-    while reader.now.kind != "end" and reader.now.word != "implementation_end":
+    while reader.current.kind != "end" and reader.current.word != "implementation_end":
         if reader.skip("submodels"):
-            while reader.now.kind in ("name", "string") and reader.now.word != "end":
+            while reader.current.kind in ("name", "string") and reader.current.word != "end":
                 token = reader.take()
-                if token.word == "plug" and reader.now.kind == "name":
+                if token.word == "plug" and reader.current.kind == "name":
                     reader.to_semicolon()
                 else:
                     submodel.submodels.append(_submodel(reader, token.text.strip("'")))
             reader.need("end")
             reader.skip(";")
         elif reader.skip("connections"):
-            while reader.now.kind in ("name", "string") and reader.now.word != "end":
+            while reader.current.kind in ("name", "string") and reader.current.word != "end":
                 # `a -> b` for a signal, `a => b` for a bond; a bar marks the causal stroke of a bond
-                line, start = reader.now.line, _end(reader)
+                line, start = reader.current.line, _end(reader)
                 sign = reader.take().text.strip("|")
                 stop = _end(reader)
                 reader.to_semicolon()
@@ -223,8 +224,9 @@ def _graph(reader: Reader, submodel: Submodel) -> None:
                 submodel.connections.append(connection)
             reader.need("end")
             reader.skip(";")
-        elif reader.now.word in ("figures", "variables", "parameters"):
-            while reader.now.kind != "end" and reader.now.word not in ("submodels", "connections", "implementation_end"):
+        elif reader.current.word in ("figures", "variables", "parameters"):
+            while reader.current.kind != "end" and reader.current.word not in ("submodels", "connections",
+                                                                               "implementation_end"):
                 reader.take()
         else:
             reader.take()
@@ -233,6 +235,6 @@ def _graph(reader: Reader, submodel: Submodel) -> None:
 def _end(reader: Reader) -> str:
     r"""One end of a connection: names, in quotes if they contain spaces, with `\` between them."""
     path = reader.take().text.strip("'")
-    while reader.now.text == "\\" or (reader.now.kind in ("name", "string") and path.endswith("\\")):
+    while reader.current.text == "\\" or (reader.current.kind in ("name", "string") and path.endswith("\\")):
         path += reader.take().text.strip("'")
     return path

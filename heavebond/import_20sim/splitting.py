@@ -26,38 +26,39 @@ def share_repeated(component: Component) -> None:
         name = component.fresh(f"{f.text(target.args[0] if target.args else target).replace('.', '_')}_part")
         component.items[name] = Item(name, "variable", "", f"part of {f.text(target)}")
         long, short = f.text(expr), f.name(name)
-        component.equations = [(left, _exchanged(right, expr, short), said) for left, right, said in component.equations]
+        component.equations = [(left, _exchanged(right, expr, short), comment)
+                               for left, right, comment in component.equations]
         component.equations.insert(at, (short, expr, ""))
         for event in component.events.values():
-            event.then = {own: _exchanged(value, expr, short) for own, value in event.then.items()}
+            event.then = {target_name: _exchanged(value, expr, short) for target_name, value in event.then.items()}
             event.when = {key: text.replace(long, name) for key, text in event.when.items()}  # a call, in its brackets
 
 
 def read_held(component: Component) -> None:
     """Let equations and events read a held variable directly and not by the output that shows it, which counts as moving."""
-    for shown, right, _ in list(component.equations):
-        if shown.op != "name" or right.op != "name" or right.name not in component.items \
+    for output, right, _ in list(component.equations):
+        if output.op != "name" or right.op != "name" or right.name not in component.items \
                 or component.items[right.name].kind != "held":
             continue
-        component.equations = [(left, value if left == shown else renamed(value, shown.name, right), said)
-                               for left, value, said in component.equations]
-        word = re.compile(rf"(?<![\w.]){re.escape(shown.name)}(?![\w.])")
+        component.equations = [(left, value if left == output else renamed(value, output.name, right), comment)
+                               for left, value, comment in component.equations]
+        word = re.compile(rf"(?<![\w.]){re.escape(output.name)}(?![\w.])")
         for event in component.events.values():
-            event.then = {target: renamed(value, shown.name, right) for target, value in event.then.items()}
+            event.then = {target: renamed(value, output.name, right) for target, value in event.then.items()}
             event.when = {key: word.sub(right.name, text) for key, text in event.when.items()}
 
 
 def _repeated(component: Component) -> Expr | None:
     """The largest choice or call in the equations that occurs twice in the component."""
-    seen: set[Expr] = set()
+    occurring: set[Expr] = set()
     twice: list[Expr] = []
 
     def visit(expr: Expr) -> None:
         if expr.op in ("if", "call") and expr.size >= REPEATED and expr.name != "der":
-            if expr in seen:
+            if expr in occurring:
                 twice.append(expr)
                 return
-            seen.add(expr)
+            occurring.add(expr)
         for e in expr.args:
             visit(e)
 
@@ -87,12 +88,12 @@ def split_deep(component: Component) -> None:
         event.then = {name: _shallow(component, name, value) for name, value in event.then.items()}
 
 
-def _shallow(made: Component, target: str, expr: Expr) -> Expr:
+def _shallow(component: Component, target: str, expr: Expr) -> Expr:
     large = expr.size > LARGEST
     if not large and _depth(expr) < OPERATIONS // 2 and _brackets(expr) < BRACKETS - 2:
         return expr
     inner = _small if large else _shallow
-    return rebuilt(expr, lambda e: _part(made, target, inner(made, target, e), large))
+    return rebuilt(expr, lambda e: _part(component, target, inner(component, target, e), large))
 
 
 def _small(component: Component, target: str, expr: Expr) -> Expr:

@@ -139,7 +139,7 @@ def parts_text(block: Block, names: Mapping[int, str], values: Mapping[int, Iter
     lines = ["components:"]
     width = max((len(p.name) for p in block.parts.values()), default=0) + 1
     for part in block.parts.values():
-        entries = [("is", names[id(part.what)]), *values.get(id(part.what), ()),
+        entries = [("is", names[id(part.content)]), *values.get(id(part.content), ()),
                    *((n, v) for n, v in part.inputs.items()),
                    ("at", f"[{_place(part.x - x)}, {_place(y - part.y)}]")]
         lines.append(f"  {part.name + ':':<{width}} {mapping(entries)}")
