@@ -35,7 +35,15 @@ def simplified(expr: Expr) -> Expr:
     if expr.op == "+" and f.number(0) in expr.args:
         return expr.args[1] if expr.args[0] == f.number(0) else expr.args[0]
     if expr.op in ("and", "or"):
-        return _joined(rebuilt(expr, _condition))
+        expr = rebuilt(expr, _condition)
+        left, right = expr.args
+        ends = expr.op == "or"  # the value of a side that determines the whole
+        for side, opposite in ((left, right), (right, left)):
+            if side.op == "number":
+                return (TRUE if ends else FALSE) if bool(side.value) == ends else opposite
+        if left == right:
+            return left
+        return expr if ends else _and(expr)
     if expr.op == "not":
         expr = rebuilt(expr, _condition)
         inner = expr.args[0]
@@ -69,17 +77,6 @@ def decided(expr: Expr, condition: Expr, value: bool) -> Expr:
             break
         expr = expr.args[1 if same == value else 2]
     return expr
-
-
-def _joined(expr: Expr) -> Expr:
-    left, right = expr.args
-    ends = expr.op == "or"  # the value of a side that determines the whole
-    for side, opposite in ((left, right), (right, left)):
-        if side.op == "number":
-            return (TRUE if ends else FALSE) if bool(side.value) == ends else opposite
-    if left == right:
-        return left
-    return expr if ends else _and(expr)
 
 
 def _and(expr: Expr) -> Expr:

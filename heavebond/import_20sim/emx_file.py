@@ -148,20 +148,6 @@ def _refused(path: Path, line: int, code: str, why: str, hint: str = "") -> Mode
     return ModelError([Problem(code, f"'{path.name}' is not read: {why}", Place(path.name, max(1, line)), hint)])
 
 
-def _check_text(path: Path, content: bytes) -> None:
-    """ModelError if a file is compressed or encrypted, or a text that is not XML."""
-    head = content[:4096]
-    packed = next((kind for mark, kind in COMPRESSED.items() if content.startswith(mark)), None)
-    binary = content[:2] not in UTF_16 and sum(c < 32 and c not in b"\t\n\r" for c in head) > MOST_CONTROL * len(head)
-    if packed or binary:
-        raise _refused(path, 1, "emx-binary", f"it is {packed}" if packed else
-                       "it is not text; it may be encrypted or compressed", SAVE_AS_TEXT)
-    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if content[:2] not in UTF_16 and not text.startswith(b"<"):
-        raise _refused(path, 1, "emx-xml", "it does not begin as XML" if text else "it is empty",
-                       "A 20-sim model is XML with a <Sidops> text. " + SAVE_AS_TEXT)
-
-
 def _well_encoded(content: bytes) -> bytes:
     """The content without control characters, and converted to UTF-8 if it is declared so but is not: 20-sim copies texts
     of icons in the code page of Windows, such as letters of a symbol font, into files that it declares as UTF-8."""
@@ -192,7 +178,17 @@ def read_emx(path: Path) -> EmxFile:
 
     parser.StartDoctypeDeclHandler, parser.EntityDeclHandler = refuse, refuse
     raw = path.read_bytes()
-    _check_text(path, raw)
+    # ModelError if a file is compressed or encrypted, or a text that is not XML
+    head = raw[:4096]
+    packed = next((kind for mark, kind in COMPRESSED.items() if raw.startswith(mark)), None)
+    binary = raw[:2] not in UTF_16 and sum(c < 32 and c not in b"\t\n\r" for c in head) > MOST_CONTROL * len(head)
+    if packed or binary:
+        raise _refused(path, 1, "emx-binary", f"it is {packed}" if packed else
+                       "it is not text; it may be encrypted or compressed", SAVE_AS_TEXT)
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if raw[:2] not in UTF_16 and not text.startswith(b"<"):
+        raise _refused(path, 1, "emx-xml", "it does not begin as XML" if text else "it is empty",
+                       "A 20-sim model is XML with a <Sidops> text. " + SAVE_AS_TEXT)
     content = _well_encoded(raw)
     try:
         parser.Parse(content, True)

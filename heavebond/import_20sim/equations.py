@@ -37,6 +37,7 @@ from heavebond.import_20sim.choices import (
 from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.declarations import Symbols
 from heavebond.import_20sim.evaluate import spread
+from heavebond.import_20sim.event_conditions import moves, passed, with_conditions_before
 from heavebond.import_20sim.execution import Env, Execution
 from heavebond.import_20sim.expressions_parser import Unreadable
 from heavebond.import_20sim.external import External, Programs
@@ -44,9 +45,7 @@ from heavebond.import_20sim.jumps import Kept, keep_values_before_jumps
 from heavebond.import_20sim.knots import collected, knot_equations, knot_value, one_junction
 from heavebond.import_20sim.matrices import Matrix
 from heavebond.import_20sim.memory import Memory
-from heavebond.import_20sim.momentary import with_conditions_before
 from heavebond.import_20sim.names import camel, identifier
-from heavebond.import_20sim.passed_conditions import moves, passed
 from heavebond.import_20sim.sidops_tree import Assign, Do, Expr, For, If, Statement, Submodel, While
 from heavebond.import_20sim.splitting import read_held, share_repeated, split_deep
 
@@ -151,7 +150,13 @@ class Builder(Execution):
             else:
                 self.symbols.guard(partial(self._top, statement, written, start), statement.line)
         self._results(again, start, written)
-        code = self._code()
+        # assignments of the statements of `code`
+        env: Env = dict(self.triggers)
+        if self.discrete:  # a quantity that is read before its assignment has the value of the last sample
+            assigned_names = [base for s in self.source.code for base in assigned(s)]
+            elements = [e for base in assigned_names for row in self.symbols.names.get(base, []) for e in row]
+            env |= {e.name: Expr("prev", name=e.name) for e in elements if e.name in self.component.items}
+        code = self._in_turn(self.source.code, env, set())
         if not self.discrete:
             code = self._without_memory(code, self.source.equations)
         self.evaluate.values = {}
@@ -186,15 +191,6 @@ class Builder(Execution):
                       (item := self.component.items.get(rows[0][0].name)) is not None and item.kind in ("variable", "out"))
         equation_count = sum(map(size, left)) + len(plain) - len(left) + sum(map(size, elsewhere - set(left)))
         return again if equation_count == unknown + len(self.component.of_kind("bond")) else set()
-
-    def _code(self) -> Env:
-        """Assignments of the statements of `code`."""
-        env: Env = dict(self.triggers)
-        if self.discrete:  # a quantity that is read before its assignment has the value of the last sample
-            written = [base for s in self.source.code for base in assigned(s)]
-            elements = [e for base in written for row in self.symbols.names.get(base, []) for e in row]
-            env |= {e.name: Expr("prev", name=e.name) for e in elements if e.name in self.component.items}
-        return self._in_turn(self.source.code, env, set())
 
     def _in_turn(self, statements: list[Statement], env: Env, elsewhere: set[str]) -> Env:
         """Assignments of statements that are executed in sequence. After its last assignment, a variable represents its
@@ -259,19 +255,16 @@ class Builder(Execution):
                 self.component.shared[name] = self.component.gives.pop(name)
             elif name not in used:
                 del self.component.items[name]
-        self._undetermined()
-
-    def _undetermined(self) -> None:
-        """Set variables that no equation assigns to 0, as in 20-sim, if there are fewer equations than unknowns."""
+        # set variables that no equation assigns to 0, as in 20-sim, if there are fewer equations than unknowns
         if self.component.untranslated:
             return
         unknown = self.component.of_kind("variable", "out", "bond")
         assigned = {left.args[0].name if left.op == "call" and left.args else left.name
                     for left, *_ in self.component.equations}
         missing = len(unknown) - len(self.component.equations)
-        for item in [i for i in unknown if i.kind != "bond" and i.name not in assigned][:max(missing, 0)]:
-            self.component.equations.append((f.name(item.name), f.number(0), "no equation assigns it"))
-            base = re.sub(r"(_[0-9]+)+$", "", item.name)
+        for unknown_item in [i for i in unknown if i.kind != "bond" and i.name not in assigned][:max(missing, 0)]:
+            self.component.equations.append((f.name(unknown_item.name), f.number(0), "no equation assigns it"))
+            base = re.sub(r"(_[0-9]+)+$", "", unknown_item.name)
             self.memory.note(self.submodel.line, f"no equation assigns '{base}'; it is 0")
 
     def _trigger(self, statement: Statement) -> None:
@@ -428,7 +421,14 @@ class Builder(Execution):
             raise Unreadable(self.submodel.line, f"'{name}' depends on too many branches one after the other")
         item = self.component.items.get(name)
         if self.discrete and item is not None and item.kind in ("variable", "out"):
-            value = self._of_last_sample(name, value, start)
+            # a value in which former values of variables, its own among them, are the values at the last sample
+            before = dict.fromkeys(n for n in former(value) if n in self.component.items)
+            if keeps(value, name):
+                before[name] = None
+            for n in before:
+                sampled_value = self.memory.at_samples(f.name(n), start.get(n, f.number(0)))
+                value = renamed(value, n, f.name(sampled_value)) if n == name else renamed_former(value, n,
+                                                                                                  f.name(sampled_value))
         between = at_event(value, None) if keeps(value, name) else between_events(value)
         comment = self.comment(self.labels.get(name, name))
         if item is None and name in self.targets and not keeps(value, name):
@@ -453,18 +453,24 @@ class Builder(Execution):
             self.component.omitted.append((self.submodel.line,
                                            f"'{name}' depends on the value that it had before; it is set "
                                            "only at the instants at which the conditions of its branches become true"))
-        self._held(name, item, value, start.get(name, f.number(0)), comment)
-
-    def _of_last_sample(self, name: str, value: Expr, start: Env) -> Expr:
-        """A value in which former values of variables, its own among them, are the values at the last sample."""
-        before = dict.fromkeys(n for n in former(value) if n in self.component.items)
-        if keeps(value, name):
-            before[name] = None
-        for n in before:
-            sampled_value = self.memory.at_samples(f.name(n), start.get(n, f.number(0)))
-            value = renamed(value, n, f.name(sampled_value)) if n == name else renamed_former(value, n,
-                                                                                              f.name(sampled_value))
-        return value
+        # a variable that keeps its value: held, and set by events
+        held = name
+        if item.kind == "out":
+            held = self.component.fresh(f"{name}_held")
+            self.component.equations.append((f.name(name), f.name(held), comment or "kept between events"))
+        doc = item.doc or ("" if held != name else "; ".join(filter(None, comment.split("\n"))))
+        self.component.items[held] = Item(held, "held", item.unit, doc, 0.0, before=item.before if held == name else "")
+        self.component.first[held] = start.get(name, f.number(0))
+        value = renamed(value, name, f.name(held))
+        begun = simplified(renamed(at_start(value), "time", f.number(0)))
+        if begun != f.name(held):
+            self.component.on("at_start", {"at": "0"}, {held: begun})
+        for trigger in triggers(value):
+            for ending, when in self.memory.instants(trigger):
+                self.component.on(f"{held}_{ending}", when, {held: at_event(value, trigger)})
+        for condition, leaf in leaves(at_event(value, None), f.name(held)):
+            when = {"condition": f.text(passed(self.component, self.assigned, condition))}
+            self.component.on(f"{held}_event", when, {held: leaf})
 
     def _follows(self, name: str, item: Item, value: Expr, cases: Iterable[tuple[Expr, Expr]], first: Expr,
                  text: str) -> None:
@@ -480,23 +486,3 @@ class Builder(Execution):
             self.component.on(f"{name}_begins", {"condition": f.text(condition)}, {flag: f.number(1)})
             ends = self.component.on(f"{name}_ends", {"condition": f.text(left)}, {held_value: leaf, flag: f.number(0)})
             self.followed.append(Kept(held_value, flag, ends, condition, leaf))
-
-    def _held(self, name: str, item: Item, value: Expr, first: Expr, text: str) -> None:
-        """A variable that keeps its value: held, and set by events."""
-        held = name
-        if item.kind == "out":
-            held = self.component.fresh(f"{name}_held")
-            self.component.equations.append((f.name(name), f.name(held), text or "kept between events"))
-        doc = item.doc or ("" if held != name else "; ".join(filter(None, text.split("\n"))))
-        self.component.items[held] = Item(held, "held", item.unit, doc, 0.0, before=item.before if held == name else "")
-        self.component.first[held] = first
-        value = renamed(value, name, f.name(held))
-        begun = simplified(renamed(at_start(value), "time", f.number(0)))
-        if begun != f.name(held):
-            self.component.on("at_start", {"at": "0"}, {held: begun})
-        for trigger in triggers(value):
-            for ending, when in self.memory.instants(trigger):
-                self.component.on(f"{held}_{ending}", when, {held: at_event(value, trigger)})
-        for condition, leaf in leaves(at_event(value, None), f.name(held)):
-            when = {"condition": f.text(passed(self.component, self.assigned, condition))}
-            self.component.on(f"{held}_event", when, {held: leaf})

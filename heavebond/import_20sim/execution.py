@@ -62,7 +62,17 @@ class Execution:
             if isinstance(statement, Assign):
                 self._assign(statement, env)
             elif isinstance(statement, If):
-                self._branches(statement, env)
+                condition = simplified(self.evaluate.scalar(statement.condition))
+                known = fold(condition, self.numbers)
+                if known is not None:
+                    for inner in statement.then if known else statement.otherwise:
+                        self._statement(inner, env)
+                else:
+                    then, otherwise = _where(env, condition, True), _where(env, condition, False)
+                    for body, branch_env in ((statement.then, then), (statement.otherwise, otherwise)):
+                        for inner in body:
+                            self._statement(inner, branch_env)
+                    env.update(self._merged(condition, then, otherwise, env))
             elif isinstance(statement, For):
                 self._for(statement, env)
             elif isinstance(statement, While):
@@ -95,19 +105,6 @@ class Execution:
             known = fold(v, self.numbers)
             env[f.text(e)] = simplified(v) if known is None else f.number(known)
             self.targets[f.text(e)] = e
-
-    def _branches(self, statement: If, env: Env) -> None:
-        condition = simplified(self.evaluate.scalar(statement.condition))
-        known = fold(condition, self.numbers)
-        if known is not None:
-            for inner in statement.then if known else statement.otherwise:
-                self._statement(inner, env)
-            return
-        then, otherwise = _where(env, condition, True), _where(env, condition, False)
-        for body, branch_env in ((statement.then, then), (statement.otherwise, otherwise)):
-            for inner in body:
-                self._statement(inner, branch_env)
-        env.update(self._merged(condition, then, otherwise, env))
 
     def _merged(self, condition: Expr, then: Env, otherwise: Env, env: Env) -> Env:
         """The values after a choice between two branches."""

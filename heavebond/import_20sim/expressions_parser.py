@@ -195,32 +195,29 @@ class Reader:
     def _statement(self) -> Statement:
         self.deeper()
         try:
-            return self._one_statement()
+            token = self.current
+            if token.word == "if":
+                self.take()
+                return self._if(token)
+            if token.word == "for":
+                return self._for()
+            if token.word in ("while", "repeat"):
+                return self._while()
+            if token.word == "switch":
+                self.take()
+                return self._switch(token.line)
+            left = self.expression(equals=False)
+            if left.op == "call" and self.current.text != "=":
+                self.skip(";")
+                return Do(left, token.line)
+            self.need("=")
+            right = self.expression()
+            if self.current.text != ";" and self.current.word not in (*SECTIONS, "end", "else"):
+                raise Unreadable(self.current.line, f"';' is missing before '{self.current.text[:30]}'")
+            self.skip(";")
+            return Assign(left, right, token.line)
         finally:
             self.depth -= 1
-
-    def _one_statement(self) -> Statement:
-        token = self.current
-        if token.word == "if":
-            self.take()
-            return self._if(token)
-        if token.word == "for":
-            return self._for()
-        if token.word in ("while", "repeat"):
-            return self._while()
-        if token.word == "switch":
-            self.take()
-            return self._switch(token.line)
-        left = self.expression(equals=False)
-        if left.op == "call" and self.current.text != "=":
-            self.skip(";")
-            return Do(left, token.line)
-        self.need("=")
-        right = self.expression()
-        if self.current.text != ";" and self.current.word not in (*SECTIONS, "end", "else"):
-            raise Unreadable(self.current.line, f"';' is missing before '{self.current.text[:30]}'")
-        self.skip(";")
-        return Assign(left, right, token.line)
 
     def _if(self, token: Token) -> If:
         condition = self.expression()

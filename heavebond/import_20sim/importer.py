@@ -29,10 +29,9 @@ from heavebond.import_20sim.component import Component, Item, without_unit
 from heavebond.import_20sim.emx_file import EmxFile, read_emx
 from heavebond.import_20sim.evaluate import MEMBERS, fold
 from heavebond.import_20sim.external import Programs
-from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.memory import SAMPLE_TIME
 from heavebond.import_20sim.names import identifier, labels, snake
-from heavebond.import_20sim.recognition import recognised
+from heavebond.import_20sim.recognition import Match, recognised
 from heavebond.import_20sim.sampling import sampling
 from heavebond.import_20sim.sidops_lexer import tokenise
 from heavebond.import_20sim.sidops_parser import parse_sidops
@@ -214,17 +213,7 @@ class _Writer:
                 self.result.untranslated += [Untranslated(path, line, why) for line, why in component.omitted]
         self.result.untranslated += [Untranslated(path or self.emx.path.stem, line, why)
                                      for path, line, why in self.translator.notes]
-        self._free_ends()
-        self.result.files[f"{self.result.name}.yaml"] = ""
-        if self.library:
-            for path, block in self.translator.blocks:
-                self._recognise(path, block)
-        self._place(self.top)
-        self.result.files[f"{self.result.name}.yaml"] = self._diagram()
-        return self.result
-
-    def _free_ends(self) -> None:
-        """Sources of an effort of 0 at power ports on no connection that take an effort."""
+        # sources of an effort of 0 at power ports on no connection that take an effort
         for block, node in with_free_effort(self.translator.components, self.translator.blocks):
             name, end = f"{node}_free", block.nodes[node][0]
             beside = next((p for p in block.parts.values() if p.name == end.partition(".")[0]), None)
@@ -235,6 +224,13 @@ class _Writer:
             block.nodes[node].append(f"{name}.p")
             path = next(p for p, b in self.translator.blocks if b is block)
             self.translator.components.append((f"{path}.{name}" if path else name, source))
+        self.result.files[f"{self.result.name}.yaml"] = ""
+        if self.library:
+            for path, block in self.translator.blocks:
+                self._recognise(path, block)
+        self._place(self.top)
+        self.result.files[f"{self.result.name}.yaml"] = self._diagram()
+        return self.result
 
     def _shared(self) -> None:
         """Global parameters become parameters of the diagram; global variables become inputs of the parts that read them."""
@@ -511,16 +507,12 @@ def shift_time(submodel: Submodel, start: float) -> None:
     the start."""
     for section in (submodel.equations, submodel.relations):
         if section is not None:
-            _shift(section, start)
+            declared = {d.name.lower() for d in (*section.constants, *section.parameters, *section.variables)}
+            if "time" not in declared:
+                for statements in (section.initial, section.equations, section.code):
+                    statements[:] = _statements(statements, start)
     for part in submodel.submodels:
         shift_time(part, start)
-
-
-def _shift(equations: Equations, start: float) -> None:
-    declared = {d.name.lower() for d in (*equations.constants, *equations.parameters, *equations.variables)}
-    if "time" not in declared:
-        for section in (equations.initial, equations.equations, equations.code):
-            section[:] = _statements(section, start)
 
 
 def _statements(statements: Iterable[Statement], start: float) -> tuple[Statement, ...]:
@@ -574,7 +566,17 @@ def with_free_effort(components: list[tuple[str, Component]], blocks: list[tuple
     for path, component in components:
         rows += _of_component(f"{path}." if path else "", component)
     for path, block in blocks:
-        rows += _of_block(f"{path}." if path else "", block)
+        prefix = f"{path}." if path else ""
+        for node_ends in block.nodes.values():
+            own_ends = [prefix + end for end in node_ends]
+            if len(own_ends) > 1 and block.is_bond(node_ends[0]):
+                rows += [{f"{own_ends[0]}.e", f"{end}.e"} for end in own_ends[1:]]
+                rows.append({f"{end}.f" for end in own_ends})
+            elif not block.is_bond(node_ends[0]):
+                rows += [{own_ends[0], end} for end in own_ends[1:]]
+        for sides in block.equations:
+            rows.append({prefix + n for side in sides for n in re.findall(r"[A-Za-z_][\w.]*", side)})
+        rows += [{f"{prefix}{part.name}.{name}"} for part in block.parts.values() for name in part.inputs]
     ports = [f"{path}.{end}" if path else end for path, _, _, end in free]
     ends = [{f"{port}.f"} for port in ports]
     loose = [{f"{port}.e", f"{port}.f"} for port in ports]
@@ -618,20 +620,6 @@ def _of_component(prefix: str, component: Component) -> Rows:
 
     return [{prefix + n for e in pair for n in names(e) if unknown(n)} | {f"{prefix}der {n}" for n in base}
             for pair, base in zip(sides, rates, strict=True)]
-
-
-def _of_block(prefix: str, block: Block) -> Rows:
-    rows: Rows = []
-    for ends in block.nodes.values():
-        own_ends = [prefix + end for end in ends]
-        if len(own_ends) > 1 and block.is_bond(ends[0]):
-            rows += [{f"{own_ends[0]}.e", f"{end}.e"} for end in own_ends[1:]]
-            rows.append({f"{end}.f" for end in own_ends})
-        elif not block.is_bond(ends[0]):
-            rows += [{own_ends[0], end} for end in own_ends[1:]]
-    for sides in block.equations:
-        rows.append({prefix + n for side in sides for n in re.findall(r"[A-Za-z_][\w.]*", side)})
-    return rows + [{f"{prefix}{part.name}.{name}"} for part in block.parts.values() for name in part.inputs]
 
 
 def _matched(rows: Rows) -> int:

@@ -29,7 +29,12 @@ def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
     """`sum (direct (p.f))`, `first (p.e)` and sums of these, for knots; None for other expressions."""
     name = expr.name.lower() if expr.op == "call" else ""
     if name == "sum" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() in ("direct", "collect"):
-        return _total(collected(symbols, expr.args[0]), expr.args[0].name.lower() == "direct", expr.line)
+        directed = expr.args[0].name.lower() == "direct"
+        total: Matrix | None = None
+        for out, values in collected(symbols, expr.args[0]):
+            signed = [[f.negative(e) if out and directed else e for e in row] for row in values]
+            total = signed if total is None else each(f.add, total, signed, expr.line)
+        return total or [[f.number(0)]]
     if name == "mul" and expr.args and expr.args[0].op == "call" and expr.args[0].name.lower() == "collect":
         factor: Matrix | None = None
         for matrix in [matrix for _, matrix in collected(symbols, expr.args[0])]:
@@ -45,14 +50,6 @@ def knot_value(symbols: Symbols, expr: Expr) -> Matrix | None:
         if right is not None:
             return each(lambda a, b: f.add(a, f.negative(b) if expr.op == "-" else b), left, right, expr.line)
     return None
-
-
-def _total(ends: list[tuple[bool, Matrix]], directed: bool, line: int) -> Matrix:
-    total: Matrix | None = None
-    for out, matrix in ends:
-        signed = [[f.negative(e) if out and directed else e for e in row] for row in matrix]
-        total = signed if total is None else each(f.add, total, signed, line)
-    return total or [[f.number(0)]]
 
 
 def knot_equations(symbols: Symbols, statement: Assign) -> Iterator[tuple[Matrix, Matrix]]:

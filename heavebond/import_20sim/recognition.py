@@ -31,7 +31,6 @@ from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.choices import names, renamed
 from heavebond.import_20sim.component import Component
 from heavebond.import_20sim.evaluate import fold
-from heavebond.import_20sim.match import Match
 from heavebond.import_20sim.memory import DELAYED
 from heavebond.import_20sim.tables import Table
 from heavebond.language import definition
@@ -51,6 +50,22 @@ MATRIX = re.compile(r"[ABCD](_[0-9]+){0,2}")
 LINEAR = 1e-9  # tolerance relative to the largest value, with which the coefficients must reproduce another point
 BETWEEN = (0.0, 0.25, 0.7)  # shares of an interval at which both must agree
 ON_TABLE = 1e-9  # relative to the range of the values
+
+
+@dataclass(frozen=True)
+class Match:
+    """A library component that replaces an imported one: its name, its ports by the imported ones, its parameters (and
+    constant inputs) by the imported parameters or as numbers with units, and its states by its port."""
+
+    name: str
+    ports: dict[str, str]
+    parameters: dict[str, str]
+    numbers: dict[str, float]
+    units: dict[str, str]
+    initial: dict[str, float] = field(default_factory=dict)
+    lists: dict[str, str] = field(default_factory=dict)  # for a table: the names of its inputs `x` and values `v`
+    matrices: dict[str, list[list[float]]] = field(default_factory=dict)  # matrix parameters, by rows
+    any_domain: bool = False  # its ports take the domain of the connected node
 
 
 # -- equations as matrices -------------------------------------------------------------------------------------------------
@@ -440,7 +455,9 @@ def _with_states(component: Component, law: Law, library_component: definition.C
     if not library_law.states:
         return match if not law.states else None
     known: dict[str, complex] = {"time": 0.0, **{n: component.items[n].value or 0.0 for n in law.parameters}}
-    at_once = [e for e in law.equations if not _dynamic(e) and not _has(e, law.inputs)]  # for all values of the inputs
+    # equations without derivatives, for all values of the inputs
+    at_once = [e for e in law.equations if not any(True for side in (e.left, e.right) for _ in _differentiated(side))
+               and not any(n.text in law.inputs for side in (e.left, e.right) for n in syntax.names(side))]
     columns = [*(f"{p}.{q}" for p in law.bonds for q in "ef"), *law.outputs, *law.inner]
     rows = _matrix(law, Point({**known, **dict.fromkeys(law.inputs, 0.0)}, 1j), at_once)
     for state, first in component.initial.items():
@@ -462,14 +479,6 @@ def _with_states(component: Component, law: Law, library_component: definition.C
         initial_values[state] = float(f"{-(weights @ rows[:, -1]).real:.13g}") + 0.0  # with the precision of the combination
     units = match.units | {state: "W" if state.endswith(".e") else "" for state in initial_values}
     return replace(match, units=units, initial=initial_values)
-
-
-def _dynamic(equation: syntax.Equation) -> bool:
-    return any(True for side in (equation.left, equation.right) for _ in _differentiated(side))
-
-
-def _has(equation: syntax.Equation, wanted: Sequence[str]) -> bool:
-    return any(n.text in wanted for side in (equation.left, equation.right) for n in syntax.names(side))
 
 
 def linear_match(component: Component, joined: Collection[str]) -> Match | None:

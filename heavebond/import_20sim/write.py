@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from heavebond.import_20sim import formula_text as f
 from heavebond.import_20sim.block import Block, Part
 from heavebond.import_20sim.choices import names
-from heavebond.import_20sim.component import Component, Event, Item
+from heavebond.import_20sim.component import Component, Item
 from heavebond.import_20sim.sidops_tree import Expr
 
 WIDTH = 125  # characters of a line
@@ -97,21 +97,16 @@ def component_text(component: Component, name: str, defaults: bool = True) -> st
     if component.events:
         lines.append("when:")
         for name_of, event in component.events.items():
-            lines += _event(name_of, event)
+            # an event on one line, or on several if it is long
+            instant = [(key, scalar_formula(formula)) for key, formula in event.when.items()]
+            values = [(n, scalar_formula(f.value_text(v))) for n, v in event.then.items()]
+            line = f"  {name_of}: {mapping([*instant, ('then', mapping(values))])}"
+            lines += [line] if len(line) <= WIDTH else [
+                f"  {name_of}:", *(f"    {key}: {formula}" for key, formula in instant), "    then:",
+                *(f"      {key}: {formula}" for key, formula in values)]
     if any(item.kind == "bond" for item in component.items.values()):
         lines.append('power: "controlled, imported equations whose power balance is not checked"')
     return "\n".join(lines) + "\n"
-
-
-def _event(name: str, event: Event) -> list[str]:
-    """An event on one line, or on several if it is long."""
-    instant = [(key, scalar_formula(formula)) for key, formula in event.when.items()]
-    values = [(n, scalar_formula(f.value_text(v))) for n, v in event.then.items()]
-    line = f"  {name}: {mapping([*instant, ('then', mapping(values))])}"
-    if len(line) <= WIDTH:
-        return [line]
-    return [f"  {name}:", *(f"    {key}: {formula}" for key, formula in instant), "    then:",
-            *(f"      {key}: {formula}" for key, formula in values)]
 
 
 def remark(text: str) -> str:

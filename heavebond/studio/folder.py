@@ -103,7 +103,7 @@ class Folder:
             os.fsencode(path)
         except (OSError, ValueError, RuntimeError):  # a NUL or a lone surrogate in it, circular links
             raise _outside(name, kind) from None
-        if not self._shown(path):
+        if not self._is_visible(path):
             raise _outside(name, kind)
         return path
 
@@ -154,7 +154,7 @@ class Folder:
     def document(self, path: Path) -> str:
         """The document name of a file in the folder; empty for others."""
         path = path.resolve()
-        return path.relative_to(self.root.resolve()).as_posix() if self._shown(path) else ""
+        return path.relative_to(self.root.resolve()).as_posix() if self._is_visible(path) else ""
 
     def _is_visible(self, path: Path) -> bool:
         """True if a resolved path lies in the folder, and in no hidden part of it."""
