@@ -132,20 +132,20 @@ def finishing(say: Progress) -> Iterator[None]:
     completion; obey the second one. The same holds for SIGTERM if it is handled. Nothing changes outside the main
     thread, which receives no signals, or if they are ignored, as in jobs that a shell has put into the background."""
     before = {number: signal.getsignal(number) for number in SIGNALS}
-    taken = [number for number, handler in before.items() if callable(handler)]
-    if threading.current_thread() is not threading.main_thread() or not taken:
+    handled = [number for number, handler in before.items() if callable(handler)]
+    if threading.current_thread() is not threading.main_thread() or not handled:
         yield
         return
 
     def restore() -> None:
-        for number in taken:
+        for number in handled:
             signal.signal(number, before[number])
 
     def once(number: int, frame: FrameType | None) -> None:
         restore()
         say("completing the result; a second Ctrl-C discards it")
 
-    for number in taken:
+    for number in handled:
         signal.signal(number, once)
     try:
         yield
@@ -206,16 +206,16 @@ class Budget:
     def spent(self) -> float:
         return now() - self.began
 
-    def left(self, kept: float = 0.0) -> float:
+    def left(self, reserve: float = 0.0) -> float:
         """Time left, minus a reserve for later (s)."""
-        return max(0.0, self.seconds - kept - self.spent)
+        return max(0.0, self.seconds - reserve - self.spent)
 
-    def made(self, make: Callable[[], T], kept: float = 0.0) -> T | None:
+    def made(self, make: Callable[[], T], reserve: float = 0.0) -> T | None:
         """Result of `make`; None if it was interrupted by Ctrl-C, or by the time limit less the reserve `kept`."""
-        if self.left(kept) <= 0:
+        if self.left(reserve) <= 0:
             return None
         try:
-            with time_limit(self.left(kept)):
+            with time_limit(self.left(reserve)):
                 return make()
         except KeyboardInterrupt:
             clear_signal()

@@ -82,10 +82,11 @@ class Cluster(Workers):
                                       "Install the same version where the workers run.")])
         return sum(threads.values())
 
-    def submit(self, function: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **named: Any) -> Future[T]:
         self._missed = None
         answer: Future[T] = Future()
-        self.client.loop.add_callback(self._handed_over, self.client.submit(_alone, function, *given, pure=False, **named),
+        self.client.loop.add_callback(self._handed_over,
+                                      self.client.submit(_alone, function, *arguments, pure=False, **named),
                                       answer)
         return answer
 
@@ -149,7 +150,7 @@ def _version() -> str:
     return VERSION
 
 
-def _alone(function: Callable[..., T], *given: Any, **named: Any) -> T:
+def _alone(function: Callable[..., T], *arguments: Any, **named: Any) -> T:
     """One task at a time in a process: the solver's output is captured from a file descriptor, which threads share."""
     with _one:
-        return function(*given, **named)
+        return function(*arguments, **named)

@@ -67,17 +67,17 @@ class Workers(Executor):
 
 
 class Processes(Workers):
-    """A number of processes, each started by `begin(*given)`. On leaving, running jobs that report progress to `heed` end,
-    after a while also the others. All of them end with the process that made them, however that ends.
+    """A number of processes, each started by `begin(*arguments)`. On leaving, running jobs that report progress to `heed`
+    end, after a while also the others. All of them end with the process that made them, however that ends.
 
       (If a process ended while it hands over a result, the pool would wait for the rest of it for ever: after all of them
       have ended, their pipe is closed here too, so that the pool ends.)
     """
 
-    def __init__(self, number: int, begin: Callable[..., None] | None = None, given: tuple[Any, ...] = ()):
+    def __init__(self, number: int, begin: Callable[..., None] | None = None, arguments: tuple[Any, ...] = ()):
         self.number, self.context = number, multiprocessing.get_context("fork" if forks() else "spawn")
         self.stop = self.context.Event()
-        self.begin = (os.getpid(), self.stop, begin, given)
+        self.begin = (os.getpid(), self.stop, begin, arguments)
         self.pool = self._pool()
 
     def _pool(self) -> ProcessPoolExecutor:
@@ -87,8 +87,8 @@ class Processes(Workers):
         self.pool.shutdown(wait=True, cancel_futures=True)
         self.pool = self._pool()
 
-    def submit(self, function: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
-        return self.pool.submit(function, *given, **named)
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **named: Any) -> Future[T]:
+        return self.pool.submit(function, *arguments, **named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         self.pool.shutdown(wait=wait, cancel_futures=cancel_futures)

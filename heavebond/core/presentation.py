@@ -68,11 +68,11 @@ def readable_units(unit: str) -> list[tuple[float, str, float]]:
     return [(least, display_unit, read_unit(display_unit).scale) for least, display_unit in READABLE.get(unit, ())]
 
 
-def converted(values: NDArray[np.float64], unit: str, shown: str) -> NDArray[np.float64]:
+def converted(values: NDArray[np.float64], unit: str, target_unit: str) -> NDArray[np.float64]:
     """Convert values from one unit to another."""
-    if unit == shown:
+    if unit == target_unit:
         return values
-    source, target = read_unit(unit), read_unit(shown)
+    source, target = read_unit(unit), read_unit(target_unit)
     return (values * source.scale + source.offset - target.offset) / target.scale
 
 
@@ -103,10 +103,10 @@ def written(value: float, unit: str, digits: int) -> str:
     return " ".join([first, *map(unit_label, unit_words)])
 
 
-def readable_time(seconds: float, *others: float) -> list[str]:
+def readable_time(seconds: float, *further: float) -> list[str]:
     """A duration and others in the unit that suits it, to three digits: `21.3 ms`."""
     unit, scale = next(((u, k) for u, k in (("s", 1.0), ("ms", 1e-3)) if abs(seconds) >= k), ("us", 1e-6))
-    return [f"{number(value / scale, 3)} {unit}" for value in (seconds, *others)]
+    return [f"{number(value / scale, 3)} {unit}" for value in (seconds, *further)]
 
 
 def number(value: float, digits: int = 5) -> str:
@@ -149,7 +149,7 @@ def unit_label(unit: str) -> str:
     """A unit as it is printed on paper: `m**3/s` as m³/s, `kN*s/m` as kN·s/m, `1` as a dash."""
     if unit == "1":
         return "–"
-    text = re.sub(r"\*\*(-?[0-9]+)", lambda found: found.group(1).translate(_POWERS), unit)
+    text = re.sub(r"\*\*(-?[0-9]+)", lambda exponent: exponent.group(1).translate(_POWERS), unit)
     return text.replace("*", "·").replace("degC", "°C").replace("um", "µm")
 
 

@@ -34,15 +34,15 @@ class Bar:
         if not self.placed:
             self.bar.update(1)
 
-    def place(self, done: int, of: int) -> None:
-        self.placed, self.bar.n, self.bar.total = True, done, of
+    def place(self, completed: int, of: int) -> None:
+        self.placed, self.bar.n, self.bar.total = True, completed, of
         self.bar.refresh()
 
 
-def place(progress: Progress | None, done: int, of: int) -> None:
+def place(progress: Progress | None, completed: int, of: int) -> None:
     """Set the number of completed steps and their total, if progress is shown as a bar."""
     if isinstance(progress, Bar):
-        progress.place(done, of)
+        progress.place(completed, of)
 
 
 def in_notebook() -> bool:

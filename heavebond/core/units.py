@@ -253,7 +253,7 @@ def _unit_hint(text: str) -> str:
         return f"Write '{gauge.group(1)}': a unit does not state the zero of a pressure. Hydraulic circuits count " \
             "from atmospheric pressure, pneumatic ones from vacuum; a gauge in one of these shows `node.p - 1.01325 bar`."
     if _MISSPELT.search(text):
-        return f"Did you mean '{_MISSPELT.sub(lambda found: SPELLINGS[found.group()], text)}'?"
+        return f"Did you mean '{_MISSPELT.sub(lambda misspelt: SPELLINGS[misspelt.group()], text)}'?"
     if product := _as_product(text):
         return f"Did you mean '{product}'?"
     if near := suggest(text, COMMON):
@@ -345,10 +345,10 @@ def counts_from_origin(text: str) -> bool:
         return False
 
 
-def interval_text(value: float, given: Unit | None) -> str:
+def interval_text(value: float, unit_read: Unit | None) -> str:
     """Text of an interval that was read as the SI `value` of a unit with an offset: `0.3 K` for `0.3 degC`."""
-    assert given is not None
-    return f"{given.from_si(value) * given.scale:.6g} K"
+    assert unit_read is not None
+    return f"{unit_read.from_si(value) * unit_read.scale:.6g} K"
 
 
 def _number(text: str, whole: str, read: Unit | None = None) -> float:
@@ -459,71 +459,72 @@ def _range_hint(text: str) -> str:
     return "Write `30 .. 70 kN*s/m` or `42 kN/m +- 20 %`."
 
 
-def check_unit(given: Unit | None, wanted: Unit, value: float, text: str) -> None:
-    """Raise UnitProblem if a value read as (`value`, `given`) does not fit the unit `wanted` of the declaration."""
+def check_unit(unit_read: Unit | None, wanted: Unit, value: float, text: str) -> None:
+    """Raise UnitProblem if a value read as (`value`, `unit_read`) does not fit the unit `wanted` of the declaration."""
     text = text.strip()
-    if given is None:
+    if unit_read is None:
         if wanted.dimension == ONE and wanted.counts == "":
             return
         if value == 0 and "e" not in text.lower() and wanted.offset == 0:
             return  # a bare zero fits any unit
         raise UnitProblem("unit-missing", f"'{text}' has no unit", f"Write '{text} {wanted.text}', if that is meant.")
-    if given.dimension != wanted.dimension:
+    if unit_read.dimension != wanted.dimension:
         needed = "a number without unit" if wanted.dimension == ONE else wanted.text
-        raise UnitProblem("unit-wrong", f"'{text}' is in {given.text}; {needed} is needed",
+        raise UnitProblem("unit-wrong", f"'{text}' is in {unit_read.text}; {needed} is needed",
                           "Write a number without unit, or in %." if wanted.dimension == ONE else
-                          other_unit(given, wanted))
-    if (instead := counted_otherwise(given, wanted)) is not None:
-        if given.counts:
+                          other_unit(unit_read, wanted))
+    if (instead := counted_otherwise(unit_read, wanted)) is not None:
+        if unit_read.counts:
             factor = 2 * pi if wanted.counts == "angle" else 1 / (2 * pi)
-            raise UnitProblem("unit-cycles", f"'{text}' is in {given.text}; {wanted.text} is needed",
+            raise UnitProblem("unit-cycles", f"'{text}' is in {unit_read.text}; {wanted.text} is needed",
                               f"1 Hz is 2*pi rad/s: write '{value * factor:.6g} {wanted.text}'.")
         raise UnitProblem("unit-cycles", f"'{text}' does not distinguish cycles and radians", instead)
 
 
-def counted_otherwise(given: Unit, wanted: Unit) -> str | None:
-    """Correction if `given` has the dimension of `wanted` but another count (cycles for radians), or no count: 1/min of a
-    speed would be read as radians per minute instead of revolutions. None if they agree."""
-    if wanted.counts in ("", given.counts) or (not given.counts and wanted.dimension == ONE):
+def counted_otherwise(unit_read: Unit, wanted: Unit) -> str | None:
+    """Correction if `unit_read` has the dimension of `wanted` but another count (cycles for radians), or no count: 1/min
+    of a speed would be read as radians per minute instead of revolutions. None if they agree."""
+    if wanted.counts in ("", unit_read.counts) or (not unit_read.counts and wanted.dimension == ONE):
         return None
-    if wanted.counts == "angle" and (turns := as_meant(given, wanted)) is not given:
+    if wanted.counts == "angle" and (turns := as_meant(unit_read, wanted)) is not unit_read:
         return f"Write `{turns.text}` for revolutions, {wanted.text} for radians."
-    if wanted.text.endswith("/rad") and not given.counts:
-        return f"Write `{given.text}/rev` for a value per revolution, `{given.text}/rad` for one per radian."
+    if wanted.text.endswith("/rad") and not unit_read.counts:
+        return f"Write `{unit_read.text}/rev` for a value per revolution, `{unit_read.text}/rad` for one per radian."
     return f"Write it in {wanted.text}."
 
 
-def as_meant(given: Unit, wanted: Unit) -> Unit:
+def as_meant(unit_read: Unit, wanted: Unit) -> Unit:
     """The intended unit in the text of a logger or data sheet if `wanted` is measured: 1/min of a shaft are revolutions,
-    g of an acceleration is standard gravity. Otherwise `given` itself."""
-    if wanted.dimension == ACCELERATION and given.text == "g":
+    g of an acceleration is standard gravity. Otherwise `unit_read` itself."""
+    if wanted.dimension == ACCELERATION and unit_read.text == "g":
         return unit("g_n")
-    if wanted.dimension == FREQUENCY == given.dimension and wanted.counts == "angle" != given.counts:
-        turns = {f"{1 / 60:.12g}": "rpm", "1": "rps"}.get(f"{given.scale:.12g}")
-        return unit(turns) if turns is not None else given
-    return given
+    if wanted.dimension == FREQUENCY == unit_read.dimension and wanted.counts == "angle" != unit_read.counts:
+        turns = {f"{1 / 60:.12g}": "rpm", "1": "rps"}.get(f"{unit_read.scale:.12g}")
+        return unit(turns) if turns is not None else unit_read
+    return unit_read
 
 
-def other_unit(given: Unit, wanted: Unit) -> str:
+def other_unit(unit_read: Unit, wanted: Unit) -> str:
     """Correction for a unit of another dimension."""
-    if (intended := as_meant(given, wanted)) is not given:
-        return f"{given.text} is the gram; write `{intended.text}` for the acceleration of gravity, 9.80665 m/s**2."
-    if wanted.dimension == unit("kg").dimension and given.dimension == unit("N").dimension:
-        return f"{given.text} is a force: a mass is its weight over 9.80665 m/s**2, in {wanted.text}."
-    if given.dimension == unit("kg").dimension and wanted.dimension == unit("N").dimension:
-        return f"{given.text} is a mass: its weight is 9.80665 m/s**2 times the mass, in {wanted.text}."
+    if (intended := as_meant(unit_read, wanted)) is not unit_read:
+        return f"{unit_read.text} is the gram; write `{intended.text}` for the acceleration of gravity, 9.80665 m/s**2."
+    if wanted.dimension == unit("kg").dimension and unit_read.dimension == unit("N").dimension:
+        return f"{unit_read.text} is a force: a mass is its weight over 9.80665 m/s**2, in {wanted.text}."
+    if unit_read.dimension == unit("kg").dimension and wanted.dimension == unit("N").dimension:
+        return f"{unit_read.text} is a mass: its weight is 9.80665 m/s**2 times the mass, in {wanted.text}."
     return f"Write it in {wanted.text} or in a multiple of it."
 
 
-def check_turns(given: str, wanted: Unit, subject: str, place: Place | None, problems: Problems) -> None:
+def check_turns(unit_text: str, wanted: Unit, subject: str, place: Place | None, problems: Problems) -> None:
     """Add a problem if `subject`, a speed of rotation or a frequency, is given in a unit with another count: 1/min or Hz
     of a shaft would be taken for radians, and be wrong by 2*pi. 1/s, the SI unit, is accepted for either."""
-    read = read_unit(given)
+    read = read_unit(unit_text)
     if read.dimension != wanted.dimension or wanted.dimension != FREQUENCY or (not read.counts and read.scale == 1):
         return
     if (instead := counted_otherwise(read, wanted)) is not None:
         counted = "radians" if wanted.counts == "angle" else "cycles"
-        problems.add("unit-cycles", f"{subject} is in {wanted.text}; {given} does not count {counted}", place, hint=instead)
+        problems.add("unit-cycles", f"{subject} is in {wanted.text}; {unit_text} does not count {counted}", place,
+                     hint=instead)
 
 
 @lru_cache(maxsize=4096)

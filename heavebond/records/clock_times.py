@@ -100,14 +100,14 @@ def _iso(match: re.Match[str], day_first: bool) -> str:
     return f"{parts['year']}-{month:0>2}-{day:0>2}T{hour:0>2}:{minutes}{parts.get('zone') or ''}"
 
 
-def _day_first(found: Sequence[re.Match[str]], cells: Sequence[str], known: Sequence[int]) -> bool:
+def _day_first(matches: Sequence[re.Match[str]], cells: Sequence[str], known: Sequence[int]) -> bool:
     """True if the day is before the month in dates with the year last; ClockProblem if the order is ambiguous."""
-    dates = [(int(one["one"]), int(one["two"])) for one in found if one.re is _YEAR_LAST]
-    if not dates or all(one["mark"] == "." for one in found if one.re is _YEAR_LAST) or any(a > 12 for a, _ in dates):
+    dates = [(int(one["one"]), int(one["two"])) for one in matches if one.re is _YEAR_LAST]
+    if not dates or all(one["mark"] == "." for one in matches if one.re is _YEAR_LAST) or any(a > 12 for a, _ in dates):
         return True
     if any(b > 12 for _, b in dates) or len(set(dates)) == 1:
         return False
-    k = next(k for k, one in enumerate(found) if one.re is _YEAR_LAST)
+    k = next(k for k, one in enumerate(matches) if one.re is _YEAR_LAST)
     raise ClockProblem(f"'{cells[k]}' is ambiguous: day and month could be exchanged",
                        "Export the dates as 2024-05-01 12:00:03, or the times as seconds.", known[k])
 

@@ -9,7 +9,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +20,6 @@ from heavebond.records.clock_times import Clock, ClockProblem, read_clock
 from heavebond.records.matlab import read_matlab
 from heavebond.records.text_tables import SHOWN, add_few, cell_place, read_text_columns, text_lines, unit_in_file
 from heavebond.records.time_axis import FIXED_RATE, TimeAxis
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -169,9 +165,10 @@ def timed(table: Table, axis: TimeAxis, *, zero: tuple[Path, TimeAxis] | None = 
         begin = _clock(read_table(file, beside=zero_axis.column), zero_axis.column)
         if begin is None or begin.dated != clock.dated:
             clock_text = "dates" if clock.dated else "times of day"
-            others = f"'{file.name}' has none" if zero_axis.every is not None else \
+            other_clock = f"'{file.name}' has none" if zero_axis.every is not None else \
                 f"'{zero_axis.column}' of '{file.name}' does not"
-            raise DataError([Problem("record-clocks", f"'{name}' of '{table.path.name}' holds {clock_text}, {others}: they "
+            raise DataError([Problem("record-clocks",
+                                     f"'{name}' of '{table.path.name}' holds {clock_text}, {other_clock}: they "
                                      "cannot be put on one clock", place,
                                      "Export both in the same form, or as seconds from the same moment.")])
         since = begin.first
@@ -339,15 +336,15 @@ def _read_parquet(path: Path) -> Table:
         raise DataError([Problem("record-empty", f"'{path}' has no rows")])
     numbers = {str(name): frame[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in frame.columns
                if pd.api.types.is_numeric_dtype(frame[name])}
-    clocks = {str(name): Clock(_nanoseconds(frame[name]), frame[name].dtype.kind == "M") for name in frame.columns
-              if frame[name].dtype.kind in "mM"}
+    clocks: dict[str, Clock] = {}
+    for name in frame.columns:
+        if frame[name].dtype.kind in "mM":
+            # dates or durations in ns, for any zone and resolution
+            values = frame[name]
+            if getattr(values.dt, "tz", None) is not None:
+                values = values.dt.tz_convert(None)
+            clocks[str(name)] = Clock(np.asarray(values.to_numpy().astype(f"{values.dtype.kind}8[ns]").astype(np.int64)),
+                                      frame[name].dtype.kind == "M")
     words = {str(name): [str(cell) for cell in frame[name].fillna("")] for name in frame.columns
              if pd.api.types.is_string_dtype(frame[name]) and str(name) not in numbers}
     return Table(path, tuple(map(str, frame.columns)), np.arange(1, len(frame) + 1), numbers, words=words, clocks=clocks)
-
-
-def _nanoseconds(values: pd.Series[pd.Timestamp]) -> Rows:
-    """Dates or durations in ns, for any zone and resolution."""
-    if getattr(values.dt, "tz", None) is not None:
-        values = values.dt.tz_convert(None)
-    return np.asarray(values.to_numpy().astype(f"{values.dtype.kind}8[ns]").astype(np.int64))

@@ -89,7 +89,12 @@ def estimate_noise(records: Sequence[tuple[ArrayLike, ArrayLike]]) -> NoiseEstim
     usable = [(y - np.mean(y), t) for y, t in arrays if len(y) >= MIN_SAMPLES and np.ptp(y)]
     if not usable:
         return NoiseEstimate(math.nan, math.nan, math.nan)
-    differences = list(_differences(usable))
+    # levels of the divided differences, order by order
+    differences: list[_Level] = []
+    passed = [list(_pseudo_residuals(y, t)) for y, t in usable]
+    for k, order in enumerate(ORDERS):
+        h = np.array([(-1.0) ** j * math.comb(order, j) for j in range(order + 1)])
+        differences.append(_level(np.concatenate([p[k] for p in passed]), h))
     chance = 1.0 + max(0.02, 2.0 / math.sqrt(sum(len(y) for y, _ in usable)))
     estimate = next(s for k, s in enumerate(differences) if s.deviation <= chance
                     * min(x.deviation for x in differences[k:]))
@@ -106,17 +111,9 @@ def estimate_noise(records: Sequence[tuple[ArrayLike, ArrayLike]]) -> NoiseEstim
     return NoiseEstimate(estimate.deviation, estimate.error, len(level) / len(bands))
 
 
-def _same(band: _Level, other: _Level) -> bool:
+def _same(band: _Level, reference: _Level) -> bool:
     """True if the level of a band equals another estimate."""
-    return band.deviation <= other.deviation * max(LEVEL, 1 + CHANCE * math.hypot(band.error, other.error))
-
-
-def _differences(records: Sequence[tuple[Array, Array]]) -> Iterator[_Level]:
-    """Levels of the divided differences, order by order."""
-    passed = [list(_pseudo_residuals(y, t)) for y, t in records]
-    for k, order in enumerate(ORDERS):
-        h = np.array([(-1.0) ** j * math.comb(order, j) for j in range(order + 1)])
-        yield _level(np.concatenate([p[k] for p in passed]), h)
+    return band.deviation <= reference.deviation * max(LEVEL, 1 + CHANCE * math.hypot(band.error, reference.error))
 
 
 def _pseudo_residuals(y: Array, time: Array) -> Iterator[Array]:
@@ -143,7 +140,14 @@ def _bands(records: Sequence[tuple[Array, Array]]) -> Iterator[_Level]:
         return
     length = PER_BAND * number
     window, k = _prolate(length), np.arange(length)
-    even = [(_Filtered(y), _even(y, t, length)) for y, t in records if len(y) >= length]
+    even = []
+    for y, t in records:
+        if len(y) >= length:
+            # windows of this length that are evenly spaced, without an interval in which the sensor does not change
+            steps = np.diff(t)
+            uneven = _sums(np.abs(steps / np.median(steps) - 1), length - 1)
+            still = _sums((np.diff(y) == 0).astype(float), length - 1)
+            even.append((_Filtered(y), np.asarray((uneven < UNEVEN * (length - 1)) & (still < STILL * (length - 1)))))
     even = [(y, inside) for y, inside in even if inside.any()]
     for band in range(number if even else 0):
         h = window * np.cos(np.pi * (band + 0.5) / number * (k - (length - 1) / 2))
@@ -174,14 +178,6 @@ class _Filtered:
         """Output of a filter with the coefficients h (m,) within the signal (n - m + 1,)."""
         # wrap-around of the transform affects only samples before the first of these
         return np.asarray(np.fft.irfft(self.spectrum * np.fft.rfft(h, self.size), self.size)[len(h) - 1:self.length])
-
-
-def _even(y: Array, time: Array, length: int) -> NDArray[np.bool_]:
-    """Windows of this length that are evenly spaced, without an interval in which the sensor does not change."""
-    steps = np.diff(time)
-    uneven = _sums(np.abs(steps / np.median(steps) - 1), length - 1)
-    still = _sums((np.diff(y) == 0).astype(float), length - 1)
-    return np.asarray((uneven < UNEVEN * (length - 1)) & (still < STILL * (length - 1)))
 
 
 def _sums(x: Array, length: int) -> Array:

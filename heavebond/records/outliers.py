@@ -45,7 +45,17 @@ def outliers(time: Array, y: Array, scatter: float) -> NDArray[np.bool_]:
 
 
 def _one_pass(t: Array, y: Array, scatter: float) -> NDArray[np.int64]:
-    e = _surprise(t, y)
+    # difference of each sample from the cubic through its four neighbours, in standard deviations of white noise of 1; 0
+    # next to gaps
+    n = len(y)
+    first = np.clip(np.arange(n) - 2, 0, n - 5)
+    neighbours = first[:, None] + np.arange(5)
+    # the four neighbours without the sample
+    neighbours = np.sort(np.where(neighbours == np.arange(n)[:, None], n, neighbours), axis=1)[:, :4]
+    weights = _cubic(t[neighbours], t)
+    e = (y - np.sum(weights * y[neighbours], axis=1)) / np.sqrt(1 + np.sum(weights**2, axis=1))
+    span = t[neighbours[:, -1]] - t[neighbours[:, 0]]
+    e = np.asarray(np.where(span > 2.5 * np.median(span), 0.0, e))
     width = min(WIDE, len(e))
     # every eighth window is enough, and a long record fits into memory
     some = np.median(np.lib.stride_tricks.sliding_window_view(np.abs(e), width)[::SPARSE], axis=1)
@@ -58,21 +68,6 @@ def _one_pass(t: Array, y: Array, scatter: float) -> NDArray[np.int64]:
     worst = [_worst(t, y, np.arange(run[0], run[-1] + 1), float(scale[run].max())) for run in runs
              if run[-1] - run[0] < LONGEST]
     return np.concatenate([np.zeros(0, dtype=np.int64), *worst])
-
-
-def _surprise(t: Array, y: Array) -> Array:
-    """Difference of each sample from the cubic through its four neighbours, in standard deviations of white noise of 1; 0
-    next to gaps.
-    """
-    n = len(y)
-    first = np.clip(np.arange(n) - 2, 0, n - 5)
-    neighbours = first[:, None] + np.arange(5)
-    # the four neighbours without the sample
-    neighbours = np.sort(np.where(neighbours == np.arange(n)[:, None], n, neighbours), axis=1)[:, :4]
-    weights = _cubic(t[neighbours], t)
-    e = (y - np.sum(weights * y[neighbours], axis=1)) / np.sqrt(1 + np.sum(weights**2, axis=1))
-    span = t[neighbours[:, -1]] - t[neighbours[:, 0]]
-    return np.asarray(np.where(span > 2.5 * np.median(span), 0.0, e))
 
 
 def _cubic(nodes: Array, at: Array) -> Array:

@@ -96,9 +96,9 @@ class Signal(NDArrayOperatorsMixin):
     # -- values --------------------------------------------------------------------------------------------------------
     def to(self, unit: str) -> Signal:
         """The signal in another unit; UsageError for a unit of another dimension, or that is not known."""
-        target, own = _read(unit, self.name), _read(self.unit, self.name)
+        target, current = _read(unit, self.name), _read(self.unit, self.name)
         try:
-            check_unit(target, own, 0.0, unit)
+            check_unit(target, current, 0.0, unit)
         except UnitProblem as problem:
             raise UsageError([Problem(problem.code, f"{self._words} cannot be converted to {unit}", None,
                                       problem.hint)]) from None
@@ -215,24 +215,25 @@ class Signal(NDArrayOperatorsMixin):
             return [_in_si(one) for one in inputs], dimension_text(dimension) if whole else None
         return [one._numbers(ufunc.__name__) if isinstance(one, Signal) else _in_si(one) for one in inputs], None
 
-    def _same(self, other: Any) -> Any:
+    def _same(self, operand: Any) -> Any:
         """An operand of a sum or a comparison in the unit of this signal."""
-        if isinstance(other, str):
+        if isinstance(operand, str):
             try:
-                value, unit = parse_quantity(other)
-                check_unit(unit, _read(self.unit), value, other)
+                value, unit = parse_quantity(operand)
+                check_unit(unit, _read(self.unit), value, operand)
             except UnitProblem as problem:
                 raise UsageError([Problem(problem.code, f"{self._words}: {problem.message}", None, problem.hint)]) from None
             return _read(self.unit).from_si(value)
-        if _is_pint(other):
-            other = _of_pint(other)
-        if isinstance(other, Signal):
-            if other._dimension != self._dimension:
-                raise UsageError([Problem("unit-wrong", f"{self._words} and {other._words} have different dimensions", None,
+        if _is_pint(operand):
+            operand = _of_pint(operand)
+        if isinstance(operand, Signal):
+            if operand._dimension != self._dimension:
+                raise UsageError([Problem("unit-wrong", f"{self._words} and {operand._words} have different dimensions",
+                                          None,
                                           "Signals of one dimension can be added and compared.")])
-            return converted(other.magnitude, other.unit, self.unit)
-        if self._in_si or not np.any(other):
-            return other
+            return converted(operand.magnitude, operand.unit, self.unit)
+        if self._in_si or not np.any(operand):
+            return operand
         raise self._ambiguous("a plain number")
 
     def _numbers(self, subject: str) -> Array:

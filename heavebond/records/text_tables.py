@@ -72,11 +72,11 @@ def read_text_columns(path: Path) -> TextColumns:
     The last few files are cached by their text: a comparison reads a record for its inputs and for its outputs, and a
     diagnosis compares many times."""
     text = _decode(path)
-    return _kept(path, text) if len(text) <= MOST_KEPT else _columns(path, text)
+    return _cached_columns(path, text) if len(text) <= MOST_KEPT else _columns(path, text)
 
 
 @lru_cache(maxsize=4)
-def _kept(path: Path, text: str) -> TextColumns:
+def _cached_columns(path: Path, text: str) -> TextColumns:
     columns = _columns(path, text)
     for values in (columns.lines, *columns.columns.values()):
         values.flags.writeable = False  # the cached arrays are shared
@@ -86,7 +86,19 @@ def _kept(path: Path, text: str) -> TextColumns:
 def _columns(path: Path, text: str) -> TextColumns:
     sheet = _cut(str(path), text)
     problems = Problems()
-    _check_header(sheet, problems)
+    line, header = sheet.header
+    if len(header) > COLUMNS:
+        raise DataError([Problem("record-columns", f"the row of names has {len(header)} columns; up to {COLUMNS} are read",
+                                 Place(sheet.file, line),
+                                 "Keep the columns that are needed; is the table turned on its side?")])
+    if header and all(_is_number(name) for name in header):
+        above = line > 1 and sheet.lines[line - 2].lstrip().startswith("#")
+        hint = "Remove the # in front of the names." if above else "Write for example `time_s,heave_m`."
+        problems.add("record-header", "the first row must name the columns; these are numbers",
+                     sheet.place(line, 0), hint=hint)
+    elif len(header) == 1 and (separator := _other_separator(sheet)):
+        problems.add("record-separator", f"the columns seem to be separated by {separator}", sheet.place(line, 0),
+                     hint="Separate them by commas, semicolons or tabs.")
     width = len(sheet.header[1])
     rows, units = _without_units_row(sheet, problems)
     rows = _full_rows(sheet, rows, problems)
@@ -110,14 +122,14 @@ def _columns(path: Path, text: str) -> TextColumns:
                        defects)
 
 
-def check_rows_left(path: Path, left: Array) -> None:
+def check_rows_left(path: Path, counts: Array) -> None:
     """Raise DataError unless the counts of remaining rows, the last column of a saved run, decrease to 0: the file was
     truncated while it was written or copied, or rows were removed."""
-    expected = np.arange(len(left) - 1, -1, -1)
-    if len(left) and np.array_equal(left, expected):
+    expected = np.arange(len(counts) - 1, -1, -1)
+    if len(counts) and np.array_equal(counts, expected):
         return
-    steady = left[:-1] == left[:1] - np.arange(len(left))[:-1]  # the last line may be truncated itself
-    line = len(left) + 1 if steady.all() else int(np.argmin(steady)) + 2
+    steady = counts[:-1] == counts[:1] - np.arange(len(counts))[:-1]  # the last line may be truncated itself
+    line = len(counts) + 1 if steady.all() else int(np.argmin(steady)) + 2
     defect = "ends before its last row" if steady.all() else f"lacks rows before line {line}"
     raise DataError([Problem("record-cut-off", f"'{path}' is not whole: it {defect}", Place(str(path), line),
                              "It was cut off by a full disk, a killed process or a broken copy: make it again. Where rows "
@@ -260,23 +272,6 @@ def _other_separator(sheet: _Sheet) -> str:
     return ""
 
 
-def _check_header(sheet: _Sheet, problems: Problems) -> None:
-    line, names = sheet.header
-    if len(names) > COLUMNS:
-        raise DataError([Problem("record-columns", f"the row of names has {len(names)} columns; up to {COLUMNS} are read",
-                                 Place(sheet.file, line),
-                                 "Keep the columns that are needed; is the table turned on its side?")])
-    if names and all(_is_number(name) for name in names):
-        above = line > 1 and sheet.lines[line - 2].lstrip().startswith("#")
-        hint = "Remove the # in front of the names." if above else "Write for example `time_s,heave_m`."
-        problems.add("record-header", "the first row must name the columns; these are numbers",
-                     sheet.place(line, 0), hint=hint)
-        return
-    if len(names) == 1 and (separator := _other_separator(sheet)):
-        problems.add("record-separator", f"the columns seem to be separated by {separator}", sheet.place(line, 0),
-                     hint="Separate them by commas, semicolons or tabs.")
-
-
 def _without_own_name(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     """The reason why a name is not that of one column, and advice, by name."""
     columns: dict[str, list[int]] = {}
@@ -374,22 +369,22 @@ def _wrong_cells(sheet: _Sheet, rows: Cells, k: int, bad: list[int], why: str) -
     commas = [row for row in bad if _DECIMAL_COMMA.fullmatch(rows[row][1][k])]
     grouped = [row for row in bad if row not in commas and _GROUPED.fullmatch(rows[row][1][k])]
     words = [row for row in bad if row not in commas and row not in grouped]
-    for rows_wrong, code, what, hint in (
+    for rows_wrong, code, defect, hint in (
             (commas, "decimal-comma", f"has a decimal comma; {why}",
              "Export the table with decimal points, without separators of thousands."),
             (grouped, "record-thousands", "has separators of thousands", "Export the table without them."),
             (words, "record-text", "is not a number",
              "Write a number, or empty the cell: a sample that was not taken.")):
-        few = [(f"'{rows[row][1][k]}' in column '{sheet.header[1][k]}' {what}", sheet.place(rows[row][0], k))
+        few = [(f"'{rows[row][1][k]}' in column '{sheet.header[1][k]}' {defect}", sheet.place(rows[row][0], k))
                for row in rows_wrong[:SHOWN]]
         add_few(problems, code, few, len(rows_wrong), "cells", hint)
     return tuple(problems.found)
 
 
-def add_few(problems: Problems, code: str, issues: Sequence[tuple[str, Place]], total: int, things: str,
+def add_few(problems: Problems, code: str, issues: Sequence[tuple[str, Place]], total: int, noun: str,
             hint: str) -> None:
     """Report `issues`, which are the first of `total`; the last report states the number of the others."""
     for k, (message, place) in enumerate(issues):
         left_out = total - len(issues) if k == len(issues) - 1 else 0
         problems.add(code, message, place, hint=hint,
-                     notes=[f"and {left_out} more such {things} in this file"] if left_out else [])
+                     notes=[f"and {left_out} more such {noun} in this file"] if left_out else [])

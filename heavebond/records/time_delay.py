@@ -76,7 +76,7 @@ def lateness(time: Array, measured: Array, grid: Array, model: Array) -> TimeDel
         if abs(delay) > min(2 * scale, span / 4):
             return None
         if abs(step) < 1e-3 * correction[1] + 1e-9 * scale:
-            (before, fitted), (delayed_error, delayed_fitted) = (_rests(time, measured, curve, at, delay)
+            (before, fitted), (delayed_error, delayed_fitted) = (_rms_errors(time, measured, curve, at, delay)
                                                                  for at in (0.0, delay))
             return TimeDelay(delay, correction[1], 1 - (delayed_fitted / fitted) ** 2 if fitted else 0.0, before,
                              delayed_error,
@@ -119,11 +119,11 @@ def _regression(time: Array, measured: Array, curve: PPoly, slope: PPoly, delay:
     return correction, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((parts - np.mean(parts)) ** 2)))
 
 
-def _rests(time: Array, measured: Array, curve: PPoly, delay: float, other: float) -> tuple[float, float]:
+def _rms_errors(time: Array, measured: Array, curve: PPoly, delay: float, other_delay: float) -> tuple[float, float]:
     """The rms error at a delay, over the samples within the range of both delays: with the given offset and gain, and
     with fitted ones.
     """
-    inside = _inside(time, curve, delay, other)
+    inside = _inside(time, curve, delay, other_delay)
     y, model = measured[inside], curve(time[inside] - delay)
     columns = np.column_stack([np.ones(len(model)), model])
     residual = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
