@@ -199,16 +199,16 @@ def energy(model: ModelOrFile | Assembly, until: Time | None = None, *, every: T
     verdict(worthless).raise_if_failed()
     if before.assembly.flat is not assembly.flat:  # with filled nodes; this assembly already contains the parameters
         assembly, parameters = before.assembly, None
-    found = _integrated(before, assembly, parameters, tolerances)
-    if found.result.assembly.flat is not assembly.flat:  # with the integrals the model needed filled nodes
-        before, assembly = found.result, found.result.assembly
-        found = _integrated(before, assembly, None, tolerances)
-    parts, integrals, result = found.parts, found.integrals, found.result
+    integrated = _integrated(before, assembly, parameters, tolerances)
+    if integrated.result.assembly.flat is not assembly.flat:  # with the integrals the model needed filled nodes
+        before, assembly = integrated.result, integrated.result.assembly
+        integrated = _integrated(before, assembly, None, tolerances)
+    parts, integrals, result = integrated.parts, integrated.integrals, integrated.result
     if "fills" in before.statistics:
         result = replace(result, statistics={**result.statistics, "fills": before.statistics["fills"]})
-    energies = result.evaluate(found.energy)
-    stored, jumps = energies - energies[:, :1], _jumps(result, found.energy)
-    duration, ports, through = result.time[-1] - result.time[0], found.rates[::QUADRATURES], port_powers(result)
+    energies = result.evaluate(integrated.energy)
+    stored, jumps = energies - energies[:, :1], _jumps(result, integrated.energy)
+    duration, ports, through = result.time[-1] - result.time[0], integrated.rates[::QUADRATURES], port_powers(result)
     report_verdict(assembly.model.name, before.verdict)
     largest = max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies))
     total = max(float(np.sum([np.abs(through[port]) for port in assembly.flat.bonds], axis=0).max(initial=0.0)),
@@ -266,33 +266,33 @@ def port_powers(result: Result) -> dict[str, Array]:
     return dict(zip(bonds, result.evaluate(stack([b.power(flat.levels[0]) for b in bonds.values()])), strict=True))
 
 
-def with_blocks(found: EnergyAudit, blocks: Iterable[str]) -> EnergyAudit:
+def with_blocks(audit: EnergyAudit, blocks: Iterable[str]) -> EnergyAudit:
     """Replace the components of each block in `blocks` by one line with the sums of their energies.
 
     The activity of a block is the integral of the absolute power through its ports. Raises UsageError for an unknown block.
     """
-    known = found.result.assembly.flat.expanded.blocks
+    known = audit.result.assembly.flat.expanded.blocks
     closed = list(dict.fromkeys(blocks))
     for name in closed:
         if name not in known:
             hint = suggest(name, known) or (f"Blocks: {listing(known)}." if known else "This diagram has no blocks.")
             raise UsageError([Problem("block-unknown", f"there is no block '{name}' to close", None, hint)])
     groups: dict[str, list[EnergyLine]] = {}
-    for line in found.lines:
+    for line in audit.lines:
         around = [name for name in closed if line.component.startswith(f"{name}.")]
         groups.setdefault(min(around, key=len, default=line.component), []).append(line)
-    return replace(found, lines=tuple(_block_line(name, own, found) if name in closed else own[0]
-                                      for name, own in groups.items()))
+    return replace(audit, lines=tuple(_block_line(name, block_lines, audit) if name in closed else block_lines[0]
+                                      for name, block_lines in groups.items()))
 
 
-def _block_line(block: str, own: list[EnergyLine], found: EnergyAudit) -> EnergyLine:
-    ports = [found.ports[port] for port, b in found.result.assembly.flat.block_bonds.items() if b.owner == block]
-    power, time = np.sum([np.zeros_like(found.result.time), *ports], axis=0), found.result.time
+def _block_line(block: str, block_lines: list[EnergyLine], audit: EnergyAudit) -> EnergyLine:
+    ports = [audit.ports[port] for port, b in audit.result.assembly.flat.block_bonds.items() if b.owner == block]
+    power, time = np.sum([np.zeros_like(audit.result.time), *ports], axis=0), audit.result.time
 
     def total(energy: str) -> float:
-        return float(sum(getattr(line, energy) for line in own))
+        return float(sum(getattr(line, energy) for line in block_lines))
 
-    why = "; ".join(dict.fromkeys(line.why for line in own if line.why))
+    why = "; ".join(dict.fromkeys(line.why for line in block_lines if line.why))
     return EnergyLine(block, total("energy_in"), total("stored"), total("dissipated"), total("unbalanced"),
                       total("supplied"), total("events"), total("imbalance"), BLOCK, why, total("start"),
                       float(np.trapezoid(np.maximum(-power, 0.0), time)), float(np.trapezoid(np.abs(power), time)))
@@ -317,7 +317,7 @@ def _jumps(result: Result, energy: ca.SX) -> Array:
     return total
 
 
-def table(found: EnergyAudit) -> Table:
+def table(audit: EnergyAudit) -> Table:
     """The audit as a table in J or kJ: sources first, then the other components by decreasing activity.
 
     Notes below the table list the components without energy, the missing energy, and the reasons of unbalanced power.
@@ -325,44 +325,44 @@ def table(found: EnergyAudit) -> Table:
     from rich import box
     from rich.table import Table
 
-    sources_first = sorted(found.ranking, key=lambda item: item[0].kind in ("", BLOCK))
-    busy = [item for item in sources_first if _has_energy(found, item[0])]
+    sources_first = sorted(audit.ranking, key=lambda item: item[0].kind in ("", BLOCK))
+    busy = [item for item in sources_first if _has_energy(audit, item[0])]
     why = {line.component: line.why for line, _ in busy if line.why}
-    unit = "J" if found.largest < IN_KILOJOULES else "kJ"
-    shown = Table("", title=f"energy over {found.result.time[-1] - found.result.time[0]:.6g} s in {unit}",
-                  title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False,
-                  caption_justify="left", caption_style="", caption="\n".join(_notes(found, busy, why)))
-    shown.columns[0].header, shown.columns[0].overflow = "component", "fold"
-    events = ("at events",) if found.result.assembly.flat.events else ()
-    losing = () if found.closes() else ("missing",)
+    unit = "J" if audit.largest < IN_KILOJOULES else "kJ"
+    energies = Table("", title=f"energy over {audit.result.time[-1] - audit.result.time[0]:.6g} s in {unit}",
+                     title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False,
+                     caption_justify="left", caption_style="", caption="\n".join(_notes(audit, busy, why)))
+    energies.columns[0].header, energies.columns[0].overflow = "component", "fold"
+    events = ("at events",) if audit.result.assembly.flat.events else ()
+    losing = () if audit.closes() else ("missing",)
     for name in ("supplied", "in", *events, "start", "end", "dissipated", "delivered", *(("unbalanced",) if why else ()),
                  *losing, "activity"):
-        shown.add_column(name, justify="right", no_wrap=True)
+        energies.add_column(name, justify="right", no_wrap=True)
 
     def row(name: str, *values: float, share: str = "") -> None:
         supplied, energy_in, at_events, start, end, dissipated, delivered, unbalanced, missing = (
-            _told(value, found.largest, unit) for value in values)
-        shown.add_row(name, supplied, energy_in, *((at_events,) if events else ()), start, end, dissipated, delivered,
-                      *((unbalanced,) if why else ()), *((missing,) if losing else ()), share)
+            _rounded(value, audit.largest, unit) for value in values)
+        energies.add_row(name, supplied, energy_in, *((at_events,) if events else ()), start, end, dissipated, delivered,
+                         *((unbalanced,) if why else ()), *((missing,) if losing else ()), share)
 
     for line, share in busy:
-        told = "" if share < ROUNDING else f"< {100 * LITTLE:g} %" if share < LITTLE else f"{number(100 * share, 3)} %"
+        share_text = "" if share < ROUNDING else f"< {100 * LITTLE:g} %" if share < LITTLE else f"{number(100 * share, 3)} %"
         row(f"{line.component} *" if line.why else line.component, line.supplied, line.energy_in, line.events, line.start,
-            line.end, line.dissipated, line.delivered, line.unbalanced, line.imbalance, share=told)
-    shown.add_section()
-    row("all", found.supplied + found.taken, sum(line.energy_in for line in found.lines), found.events,
-        sum(line.start for line in found.lines), sum(line.end for line in found.lines), found.dissipated, 0.0,
-        found.unbalanced, sum(line.imbalance for line in found.lines))
-    return shown
+            line.end, line.dissipated, line.delivered, line.unbalanced, line.imbalance, share=share_text)
+    energies.add_section()
+    row("all", audit.supplied + audit.taken, sum(line.energy_in for line in audit.lines), audit.events,
+        sum(line.start for line in audit.lines), sum(line.end for line in audit.lines), audit.dissipated, 0.0,
+        audit.unbalanced, sum(line.imbalance for line in audit.lines))
+    return energies
 
 
-def _has_energy(found: EnergyAudit, line: EnergyLine) -> bool:
-    return any(abs(value) > ROUNDING * found.largest for value in (
+def _has_energy(audit: EnergyAudit, line: EnergyLine) -> bool:
+    return any(abs(value) > ROUNDING * audit.largest for value in (
         line.supplied, line.energy_in, line.events, line.start, line.end, line.dissipated, line.delivered, line.unbalanced,
         line.imbalance))
 
 
-def _told(value: float, largest: float, unit: str) -> str:
+def _rounded(value: float, largest: float, unit: str) -> str:
     """A value with at most four digits; digits that are negligible relative to the largest energy are omitted."""
     if abs(value) <= ROUNDING * largest:
         return ""
@@ -371,11 +371,11 @@ def _told(value: float, largest: float, unit: str) -> str:
     return number(round(value / size, digits), 4)
 
 
-def _notes(found: EnergyAudit, busy: Sequence[tuple[EnergyLine, float]], why: Mapping[str, str]) -> list[str]:
+def _notes(audit: EnergyAudit, busy: Sequence[tuple[EnergyLine, float]], why: Mapping[str, str]) -> list[str]:
     """The notes below the table."""
-    told = {line.component for line, _ in busy}
-    idle = [line.component for line in found.lines if line.component not in told]
+    listed = {line.component for line, _ in busy}
+    idle = [line.component for line in audit.lines if line.component not in listed]
     return [*([f"nothing kept, lost or given: {', '.join(idle)}"] if idle else []),
-            f"missing: {found.imbalance:.1e} of {readable(found.largest, 'J', 4)}; at the nodes {found.nodes:.1e}",
-            *(f"* {reason}: {', '.join(name for name, own in why.items() if own == reason)}"
+            f"missing: {audit.imbalance:.1e} of {readable(audit.largest, 'J', 4)}; at the nodes {audit.nodes:.1e}",
+            *(f"* {reason}: {', '.join(name for name, line_reason in why.items() if line_reason == reason)}"
               for reason in dict.fromkeys(why.values()))]

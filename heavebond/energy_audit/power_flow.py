@@ -59,11 +59,11 @@ class EnergyFlow:
     left_out: float
 
 
-def energy_flow(found: EnergyAudit) -> EnergyFlow:
+def energy_flow(audit: EnergyAudit) -> EnergyFlow:
     """Build the energy flow of a run; links smaller than `LEAST` times the largest link are omitted."""
-    flat = found.result.assembly.flat
-    lines, bonds = {line.component: line for line in found.lines}, {**flat.bonds, **flat.block_bonds}
-    nets = {port: float(np.trapezoid(power, found.result.time)) for port, power in found.ports.items()
+    flat = audit.result.assembly.flat
+    lines, bonds = {line.component: line for line in audit.lines}, {**flat.bonds, **flat.block_bonds}
+    nets = {port: float(np.trapezoid(power, audit.result.time)) for port, power in audit.ports.items()
             if bonds[port].owner in lines}
     links = []
     for port, energy in nets.items():
@@ -112,13 +112,13 @@ def _with_directions(links: Sequence[Link]) -> tuple[Link, ...]:
     after: dict[BoxKey, set[BoxKey]] = {}
 
     def reaches(start: BoxKey, end: BoxKey) -> bool:
-        seen, waiting = set(), [start]
+        visited, waiting = set(), [start]
         while waiting:
             name = waiting.pop()
             if name == end:
                 return True
-            if name not in seen:
-                seen.add(name)
+            if name not in visited:
+                visited.add(name)
                 waiting += after.get(name, ())
         return False
 

@@ -42,9 +42,9 @@ class Step:
     settings: dict[str, str] = field(default_factory=dict)
     removed: tuple[str, ...] = ()
 
-    def joined(self, other: Step) -> Step:
+    def joined(self, further: Step) -> Step:
         """Combine two changes."""
-        return Step({**self.settings, **other.settings}, (*self.removed, *other.removed))
+        return Step({**self.settings, **further.settings}, (*self.removed, *further.removed))
 
     def diagram(self, name: str, summary: str, extends: str) -> str:
         """The text of the changed diagram, which extends the original diagram."""
@@ -126,7 +126,7 @@ def simplify(model: ModelOrFile, share: float | str = 0.99, limit: float | str =
     whole = found.result
     outputs = list(model.show) or whole.assembly.state_names
     tried: list[Tried] = []
-    done, errors, changed, states = Step(), dict[str, float](), model, len(whole.assembly.state_names)
+    applied, errors, changed, states = Step(), dict[str, float](), model, len(whole.assembly.state_names)
     # the components outside the requested share of activity, the least active first
     total, beyond = 0.0, []
     for line, part in found.ranking:
@@ -137,13 +137,13 @@ def simplify(model: ModelOrFile, share: float | str = 0.99, limit: float | str =
         progress(line.component)
         why = "it has no values at which it is absent"
         for step in _steps(model, whole, line.component):
-            attempt = done.joined(step)
-            moved, number, why = _moved(attempt, model, whole, outputs)
-            worst = max(moved, key=lambda name: moved[name], default="")
-            if not why and worst and moved[worst] > limit:
-                why = f"{worst} would move by {100 * moved[worst]:.3g} %"
+            attempt = applied.joined(step)
+            changes, number, why = _output_changes(attempt, model, whole, outputs)
+            worst = max(changes, key=lambda name: changes[name], default="")
+            if not why and worst and changes[worst] > limit:
+                why = f"{worst} would move by {100 * changes[worst]:.3g} %"
             if not why:
-                done, errors, changed, states = attempt, moved, attempt.on_model(model), number
+                applied, errors, changed, states = attempt, changes, attempt.on_model(model), number
                 break
         tried.append(Tried(line.component, part, Step() if why else step, why))
     return Simplified(changed, model, tuple(tried), errors, (len(whole.assembly.state_names), states))
@@ -168,7 +168,7 @@ def _steps(model: Model, whole: Result, component: str) -> list[Step]:
     return [Step({**null_values, **held}), *([Step(held, (component,))] if component in model.body.instances else [])]
 
 
-def _moved(step: Step, model: Model, whole: Result, outputs: list[str]) -> tuple[dict[str, float], int, str]:
+def _output_changes(step: Step, model: Model, whole: Result, outputs: list[str]) -> tuple[dict[str, float], int, str]:
     """The error of each output due to a change, the number of states, and the message if the changed diagram fails."""
     try:
         assembly = assemble(step.on_model(model))

@@ -149,7 +149,7 @@ class Adjoint:
         self._follow_sizes()
         slopes = self.evaluator.cost_slopes(run, references)
         ends = [self._end(run, slope) for slope in slopes]
-        moved = self._moved(run.start)
+        tangents = self._start_tangents(run.start)
         # d cost / d x(t_0) (n_x, k) with parameters held, d cost / dp (n_p, k) with x(t_0) held and without `ends`
         self._steps = _steps(run.statistics)
         integrator = self._integrator(self._steps, run.p, len(slopes))
@@ -160,7 +160,7 @@ class Adjoint:
             by_x, by_p, _ = self._called(integrator, run.start, pulls, jumps)
             back = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
             x, p = by_x * back, by_p * back
-        return [(slope.value, moved.x.T @ x[:, k] + moved.p.T @ (p[:, k] + slope.by_p + end.p))
+        return [(slope.value, tangents.x.T @ x[:, k] + tangents.p.T @ (p[:, k] + slope.by_p + end.p))
                 for k, (slope, end) in enumerate(zip(slopes, ends, strict=True))]
 
     def at(self, parameters: Mapping[str, float | str], references: Array) -> list[tuple[float, Array]]:
@@ -187,7 +187,7 @@ class Adjoint:
         self._steps = max(self._steps, _steps(integrator.integrator.stats()))
         run = self._result(assembly, first, np.array(outcome["xf"]).reshape(n_all, -1))
         check_limits(run)
-        self._last_sizes, start_slopes = self._sizes(run), self._moved(first)
+        self._last_sizes, start_slopes = self._sizes(run), self._start_tangents(first)
         along = (start_slopes.x.T @ by_x + start_slopes.p.T @ by_p) / weights
         return [(slope.value, along @ slope.by_integral + start_slopes.p.T @ slope.by_p)
                 for slope in self.evaluator.cost_slopes(run, references)]
@@ -211,7 +211,7 @@ class Adjoint:
     def _first_inputs(self) -> Array:
         return self.simulator.pieces.at(self.simulator.time[:1])[:, 0]
 
-    def _moved(self, first: Start) -> Tangent:
+    def _start_tangents(self, first: Start) -> Tangent:
         directions = np.eye(len(first.p))[:, self._chosen]
         return tangent(self.simulator.start_equations, first, self._first_inputs(), directions)
 

@@ -114,8 +114,8 @@ def _records_about(programme: Programme, times: Array) -> Array:
         return np.zeros((0, len(times)))
     columns = programme.records.at(times)
     s, (c0, c1, c2, c3) = times - columns[0], np.moveaxis(columns[1:].reshape(-1, 4, len(times)), 1, 0)
-    moved = [c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2 * c2 + 3 * s * c3), c2 + 3 * s * c3, c3]
-    return np.stack(moved, axis=1).reshape(-1, len(times))
+    shifted = [c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2 * c2 + 3 * s * c3), c2 + 3 * s * c3, c3]
+    return np.stack(shifted, axis=1).reshape(-1, len(times))
 
 
 def pieces_of(programme: Programme, breaks: Array, w: Array) -> Pieced:
@@ -244,10 +244,10 @@ class Transcription:
     def _functional(self, k: int, signal: ca.MX, quadrature: ca.MX) -> ca.MX:
         """A functional of a signal (1, K). Integrals and extremes are further unknowns: a nonlinear function of an
         integral, such as its root, would otherwise couple all points with each other in the second derivatives."""
-        kind, found = self.functionals[k].kind, self.guessed[k]
-        size = float(np.abs(found).max()) or 1.0
+        kind, guess = self.functionals[k].kind, self.guessed[k]
+        size = float(np.abs(guess).max()) or 1.0
         if kind in EXTREMES:
-            first = {"highest": np.max, "lowest": np.min}.get(kind, lambda v: np.abs(v).max())(found)
+            first = {"highest": np.max, "lowest": np.min}.get(kind, lambda v: np.abs(v).max())(guess)
             extreme = self._number(float(first) / size)
             bound = ca.repmat(extreme, 1, self.points)
             self._constrain(signal / size - bound if kind == "lowest" else bound - signal / size, 0, np.inf)
@@ -259,12 +259,12 @@ class Transcription:
         weights = quadrature / self.duration
         if kind == "deviation":
             shares = np.repeat(self.steps, DEGREE) * np.tile(radau()[2], self.intervals)
-            mean = self._number(float(found @ shares) / size)
+            mean = self._number(float(guess @ shares) / size)
             self._constrain(signal @ weights / size - mean, 0, 0)
-            signal, found = signal - mean * size, found - found @ shares
-            size = float(np.abs(found).max()) or size
+            signal, guess = signal - mean * size, guess - guess @ shares
+            size = float(np.abs(guess).max()) or size
         power = INTEGRALS.get(kind, 2)
-        average = self._number(float(np.mean((found / size) ** power)), 0.0 if power == 2 else -np.inf)
+        average = self._number(float(np.mean((guess / size) ** power)), 0.0 if power == 2 else -np.inf)
         self._constrain((signal / size) ** power @ weights - average, 0, 0)
         if power == 2:
             return size * ca.sqrt(average)
@@ -306,9 +306,9 @@ class Transcription:
         check()
         return self._trajectory(np.array(solution["x"]).ravel(), solver.stats())
 
-    def _trajectory(self, found: Array, stats: Mapping[str, object]) -> Trajectory:
+    def _trajectory(self, solution: Array, stats: Mapping[str, object]) -> Trajectory:
         n, n_z, m, K, N = self.n, self.n_z, self.m, self.points, self.intervals
-        x0, x, z, w, last = np.split(found, np.cumsum([n, K * n, K * n_z, m * (N + 1)]))
+        x0, x, z, w, last = np.split(solution, np.cumsum([n, K * n, K * n_z, m * (N + 1)]))
         length = float(last[0])
         breaks = self.begin + length * np.concatenate([[0.0], np.cumsum(self.steps)])
         breaks[-1] = self.begin + length
@@ -317,7 +317,7 @@ class Transcription:
         inputs = self.programme.low[:, None] + w.reshape(N + 1, m).T * self.w_size[:, None]
         if self.programme.held:
             inputs[:, -1] = inputs[:, -2]
-        numbers = np.array(ca.Function("values", [self.unknowns], [self.values])(found)).ravel()
+        numbers = np.array(ca.Function("values", [self.unknowns], [self.values])(solution)).ravel()
         cuts = np.cumsum([len(cost.functionals) for cost in self.programme.costs])[:-1]
         return Trajectory(breaks, times_of(breaks), states, np.hstack([z_points[:, :1], z_points]), inputs,
                           tuple(np.split(numbers, cuts)), self._errors(breaks, states, z_points, inputs),

@@ -129,8 +129,9 @@ def signals_of(assembly: Assembly, signals: Iterable[str], until: Time | None = 
 
         return ran
 
-    def exact(given: Tolerances, parameters: Sequence[str]) -> Array:
-        return np.concatenate([probe.sensitivities(Simulator(assembly, until, tolerances=given, sensitivities=chunk).run())
+    def exact(run_tolerances: Tolerances, parameters: Sequence[str]) -> Array:
+        return np.concatenate([probe.sensitivities(Simulator(assembly, until, tolerances=run_tolerances,
+                                                             sensitivities=chunk).run())
                                for chunk in in_chunks(parameters)])
 
     trace = _traced(assembly, until)
@@ -254,7 +255,7 @@ class _Differences:
                             -(4 * (down - middle) - (down_2 - middle)) / (2 * h))
 
 
-def judge(quantity: str, parameter: str, values: Array, given: Array, tight: Array,
+def judge(quantity: str, parameter: str, values: Array, computed: Array, tight: Array,
           differences: Mapping[float, _Differences | None], passings: Sequence[KinkCrossing], rtol: tuple[float, float]
           ) -> Verdict:
     """The verdict on one derivative (N,), all per relative change of the parameter; `rtol` given and tight.
@@ -267,7 +268,7 @@ def judge(quantity: str, parameter: str, values: Array, given: Array, tight: Arr
     still = GRADIENT_CHECK.no_effect * max(_most(values), 1e-300)
     scale = max(largest, still)
     steps = {h: _most(tight - d.central) / scale for h, d in known.items()}
-    error = _most(given - tight) / scale
+    error = _most(computed - tight) / scale
     apart = min((_most(d.up - d.down) / scale for d in known.values()), default=float("nan"))
     best = min(steps.values(), default=float("nan"))
 

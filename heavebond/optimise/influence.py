@@ -131,7 +131,7 @@ def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] =
     _check(assembly, chosen, possible)
     (courses, signal, run), filled = with_filled_nodes(
         lambda machine: _courses(machine, signals, chosen, until, every, progress or (lambda text: None)), assembly,
-        lambda found: found[2], chosen)
+        lambda ranking_run: ranking_run[2], chosen)
     values = np.array([assembly.parameter_values[name] for name in chosen])
     scaled = np.concatenate(courses) * values[:, None, None]
     units = {q.name: q.unit for q in assembly.flat.parameters}
@@ -192,12 +192,12 @@ def _check(assembly: Assembly, chosen: Sequence[str], possible: Sequence[str]) -
         raise UsageError([Problem("parameters-missing", f"{assembly.model.name} has no parameter that is not zero")])
 
 
-def _ranking(signal: str, unit: str, time: Array, values: Array, moved: list[tuple[str, float, Unit, Array]]) -> Ranking:
+def _ranking(signal: str, unit: str, time: Array, values: Array, changes: list[tuple[str, float, Unit, Array]]) -> Ranking:
     size = _rms(values - values.mean())
     still = size <= STILL * max(_rms(values), 1e-300)
     size = _rms(values) if still else size
     influences = []
-    for parameter, value, influence_rms, course in moved:
+    for parameter, value, influence_rms, course in changes:
         at = int(np.argmax(np.abs(course)))
         relative = _rms(course) / size if size > 0 else float("nan")
         influences.append(Influence(parameter, value, influence_rms, relative, float(course[at]), float(time[at]), course))

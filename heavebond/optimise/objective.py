@@ -134,7 +134,7 @@ class Evaluation:
     curvature: Array | None = None
 
     @property
-    def kept(self) -> bool:
+    def feasible(self) -> bool:
         """True if the run ends and satisfies the limits."""
         return bool(np.isfinite(self.cost) and (self.limits <= OBJECTIVE.limit_tolerance).all())
 
@@ -281,11 +281,11 @@ class Objective:
         except HeavebondError:  # no start: the runs report it
             return [(np.inf, np.zeros(len(named)))]
 
-    def _together(self, y: Array, found: list[list[tuple[float, Array]] | None], stable: list[tuple[float, Array]]
+    def _together(self, y: Array, case_costs: list[list[tuple[float, Array]] | None], stable: list[tuple[float, Array]]
                   ) -> Evaluation:
-        runs = [f for f in found if f is not None]
-        cases = {c.case.name: np.inf if f is None else f[0][0] for c, f in zip(self.cases, found, strict=True)}
-        if len(runs) < len(found) or not np.isfinite([f[0][0] for f in runs]).all():
+        runs = [f for f in case_costs if f is not None]
+        cases = {c.case.name: np.inf if f is None else f[0][0] for c, f in zip(self.cases, case_costs, strict=True)}
+        if len(runs) < len(case_costs) or not np.isfinite([f[0][0] for f in runs]).all():
             return Evaluation(y, np.inf, np.full(len(self.limits), np.inf), cases)
         cost = float(sum(w * f[0][0] for w, f in zip(self.weights, runs, strict=True)))
         worst = [*(max((f[k] for f in runs), key=lambda pair: pair[0]) for k in range(1, len(self.costs))), *stable]

@@ -187,25 +187,25 @@ def optimal(model: ModelOrFile | Assembly, task: OptimalProblem, *, progress: Pr
     or if no input satisfies the limits.
     """
     say = progress or (lambda text: None)
-    own = assemble(model)
-    assembly, begin, end = free_assembly(own, task), *_horizon(own, task)
+    diagram_assembly = assemble(model)
+    assembly, begin, end = free_assembly(diagram_assembly, task), *_horizon(diagram_assembly, task)
     costs = _costs(assembly, task)
     _check_functionals(costs)
     relevant = _check_continuous(assembly, costs, _at_end(assembly, task))
     if assembly.flat.events:  # those of blocks that no longer act on anything
-        assembly = free_assembly(own, task, events=False)
+        assembly = free_assembly(diagram_assembly, task, events=False)
         costs = _costs(assembly, task)
     # the first grid has a break at each kink of a function of time
     forcing: Forcing = assembly.once("forcing", lambda: Forcing(assembly))
-    stops = forcing.stops(np.array([begin, end]), own.p).times if task.duration is None else np.zeros(0)
+    stops = forcing.stops(np.array([begin, end]), diagram_assembly.p).times if task.duration is None else np.zeros(0)
     breaks = np.union1d(np.linspace(begin, end, task.intervals + 1), stops[(stops > begin) & (stops < end)])
     say("the diagram's own run")
     times = times_of(breaks)
-    guess = Simulator(own, times=np.union1d([own.begin], times)).run()
-    p = dict(zip(own.parameter_names, guess.p.tolist(), strict=True))
+    guess = Simulator(diagram_assembly, times=np.union1d([diagram_assembly.begin], times)).run()
+    p = dict(zip(diagram_assembly.parameter_names, guess.p.tolist(), strict=True))
     assembly = replace(assembly, p=np.array([p[name] for name in assembly.parameter_names]))
-    references = _references(own, task, guess.time)
-    before = cost_values(guess.assembly, guess, _costs(own, task), references, begin)[0]
+    references = _references(diagram_assembly, task, guess.time)
+    before = cost_values(guess.assembly, guess, _costs(diagram_assembly, task), references, begin)[0]
     size = abs(before) if np.isfinite(before) and before else 1.0
     low, high = (np.array([getattr(r, side) for r in task.free.values()]) for side in ("low", "high"))
     inputs = assembly.flat.inputs
@@ -219,7 +219,7 @@ def optimal(model: ModelOrFile | Assembly, task: OptimalProblem, *, progress: Pr
     w = np.clip(np.vstack([guess.si[name][at_breaks] for name in task.free]), low[:, None], high[:, None])
     results: list[Optimal] = []
     for number in range(1, COLLOCATION.rounds + 2):
-        solution = Transcription(programme, breaks, (x, z, w)).solve(size, partial(_said, say, number))
+        solution = Transcription(programme, breaks, (x, z, w)).solve(size, partial(_say_with_grid, say, number))
         if solution.status.startswith(("Infeasible", "Restoration")):
             raise SimulationError([Problem(
                 "optimal-infeasible", f"the search found no input within the ranges of {listing(list(task.free))} that "
@@ -241,22 +241,22 @@ def optimal(model: ModelOrFile | Assembly, task: OptimalProblem, *, progress: Pr
     return min(results, key=lambda result: (len(result.doubts), result.cost))
 
 
-def _said(say: Progress, number: int, text: str) -> None:
+def _say_with_grid(say: Progress, number: int, text: str) -> None:
     say(f"grid {number}: {text}")
 
 
-def free_assembly(own: Assembly, task: OptimalProblem, *, events: bool = True) -> Assembly:
+def free_assembly(diagram_assembly: Assembly, task: OptimalProblem, *, events: bool = True) -> Assembly:
     """The equations with an input in place of the law of each free signal, with the parameters of the assembly, with or
     without their events; UsageError for a wrong name, unit or option."""
     problems = []
     for name, span in task.free.items():
-        unknown = own.flat.names.get(name)
-        if name in own.parameter_values:
+        unknown = diagram_assembly.flat.names.get(name)
+        if name in diagram_assembly.parameter_values:
             problems.append(Problem("free-parameter", f"'{name}' is a parameter, which is constant in time", None,
                                     "Tune it with `heavebond tune`; a free input is a signal, such as the output of a "
                                     "controller."))
-        elif unknown is not None and own.flat.unknowns[unknown].unit.dimension != span.unit.dimension:
-            needed = own.flat.unknowns[unknown].unit.text
+        elif unknown is not None and diagram_assembly.flat.unknowns[unknown].unit.dimension != span.unit.dimension:
+            needed = diagram_assembly.flat.unknowns[unknown].unit.text
             of_range = "has no unit" if span.unit.text == "1" else f"is in {span.unit.text}"
             problems.append(Problem("unit-wrong", f"{name} is in {needed}; its range {of_range}", None,
                                     f"Give a range in {needed}."))
@@ -276,16 +276,16 @@ def free_assembly(own: Assembly, task: OptimalProblem, *, events: bool = True) -
         raise UsageError(problems)
 
     def flattened(corners: Mapping[int, int]) -> Flat:
-        flat = unclocked(freed(flatten(own.model, corners=corners), task.free, task.interpolation))
+        flat = unclocked(freed(flatten(diagram_assembly.model, corners=corners), task.free, task.interpolation))
         return flat if events else replace(flat, events=(), held=())
 
     assembly = build(reduce_flattened(flattened))
-    return replace(assembly, p=np.array([own.parameter_values[name] for name in assembly.parameter_names]))
+    return replace(assembly, p=np.array([diagram_assembly.parameter_values[name] for name in assembly.parameter_names]))
 
 
-def _horizon(own: Assembly, task: OptimalProblem) -> tuple[float, float]:
+def _horizon(diagram_assembly: Assembly, task: OptimalProblem) -> tuple[float, float]:
     """The horizon in s; its middle length if its end is free."""
-    begin = own.begin if task.begin is None else task.begin
+    begin = diagram_assembly.begin if task.begin is None else task.begin
     if task.duration is not None:
         if task.duration.unit.dimension != read_unit("s").dimension:
             raise UsageError([Problem("unit-wrong", f"the duration is in {task.duration.unit.text}; s is needed", None,
@@ -293,14 +293,14 @@ def _horizon(own: Assembly, task: OptimalProblem) -> tuple[float, float]:
         if not 0 < task.duration.low < task.duration.high:
             raise UsageError([Problem("duration-range", f"the duration {task.duration.low:g} .. {task.duration.high:g} s is "
                                       "not a rising range above 0", None, "Write for example `0.3 .. 2 s`.")])
-        if own.flat.inputs:
+        if diagram_assembly.flat.inputs:
             raise UsageError([Problem("duration-record", "the duration cannot be free with a measured input", None,
                                       "Give the end of the horizon instead.")])
         return begin, begin + (task.duration.low + task.duration.high) / 2
-    end = task.end if task.end is not None else float(grid(own.model, None, None)[-1])
-    if not own.begin <= begin < end:
+    end = task.end if task.end is not None else float(grid(diagram_assembly.model, None, None)[-1])
+    if not diagram_assembly.begin <= begin < end:
         raise UsageError([Problem("evaluate-empty", f"the horizon from {begin:g} s to {end:g} s is empty or begins before "
-                                  f"the run of the diagram, at {own.begin:g} s", None,
+                                  f"the run of the diagram, at {diagram_assembly.begin:g} s", None,
                                   "Give a horizon such as `evaluate: {from: 0 s, to: 10 s}`.")])
     return begin, end
 
@@ -366,13 +366,14 @@ def _costs(assembly: Assembly, task: OptimalProblem) -> list[Cost]:
     return [read_cost(assembly, task.cost), *(read_limit(assembly, text) for text in task.limits)]
 
 
-def _references(own: Assembly, task: OptimalProblem, times: Array) -> list[Array]:
+def _references(diagram_assembly: Assembly, task: OptimalProblem, times: Array) -> list[Array]:
     """The functionals of each cost in the reference run, for `ref(...)`."""
-    costs = _costs(own, task)
+    costs = _costs(diagram_assembly, task)
     if not any(any(cost.references) for cost in costs):
         return [np.zeros(len(cost.functionals)) for cost in costs]
-    run = Simulator(own, times=times).run(task.reference or {})
-    return [_functionals(run.assembly, run, cost, own.begin if task.begin is None else task.begin) for cost in costs]
+    run = Simulator(diagram_assembly, times=times).run(task.reference or {})
+    return [_functionals(run.assembly, run, cost, diagram_assembly.begin if task.begin is None else task.begin)
+            for cost in costs]
 
 
 def _guess(assembly: Assembly, run: Result) -> tuple[Array, Array]:
@@ -434,8 +435,8 @@ def _verified(task: OptimalProblem, programme: Programme, solution: Trajectory, 
     units = {name: run.unit(name) for name in names}
     trajectory = SavedRun(assembly.model.name, solution.times, dict(zip(names, values, strict=True)), units)
     inside = own_run.time >= breaks[0]
-    own = own_run.signals(names)
-    diagram = SavedRun(assembly.model.name, own_run.time[inside], {n: v[inside] for n, v in own.items()}, units)
+    diagram_signals = own_run.signals(names)
+    diagram = SavedRun(assembly.model.name, own_run.time[inside], {n: v[inside] for n, v in diagram_signals.items()}, units)
     at = np.searchsorted(run.time, solution.times)
     differences = {}
     for name, simulated in run.signals(outputs).items():

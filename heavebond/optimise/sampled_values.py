@@ -47,5 +47,6 @@ def sampled_value(kind: str, time: Array, signal: Array, sensitivities: Array, e
         return float(np.trapezoid(signal, time) / (time[-1] - time[0])), still
     sought = {"highest": [(1.0, highest)], "lowest": [(1.0, lowest)], "largest": [(1.0, highest), (-1.0, lowest)]}[kind]
     value, sign, extreme = max(((sign * extreme.of(signal), sign, extreme) for sign, extreme in
-                                ((sign, of(time, signal)) for sign, of in sought)), key=lambda found: found[0])
+                                ((sign, of(time, signal)) for sign, of in sought)),
+                               key=lambda extreme_value: extreme_value[0])
     return value, sign * extreme.along(sensitivities)

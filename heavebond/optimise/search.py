@@ -83,21 +83,21 @@ class SearchResult:
 
 
 def search(problem: Objective, first: Array, method: str, most_steps: int, say: Progress,
-           others: Sequence[SearchResult] = (),
+           earlier: Sequence[SearchResult] = (),
            partial: bool = False) -> SearchResult:
     """Minimise the cost from one point; `most_steps` limits the accepted steps. A search by `trust` that arrives at the
     end of one of `others` stops there. With `partial` Ctrl-C ends it with the best result so far (ENDED_EARLY)."""
     memo = _Seen(problem, say)
     first = np.clip(first, 0, 1)
     try:
-        message = _trust(memo, first, most_steps, [result.best for result in others]) if method == "trust" else \
+        message = _trust(memo, first, most_steps, [result.best for result in earlier]) if method == "trust" else \
             _ipopt(memo, first, most_steps)
     except BaseException as error:
         if not (partial and is_interrupt(error) and any(np.isfinite(e.cost) for e in memo.path)):
             raise
         clear_signal()
         message = ENDED_EARLY
-    best = min(memo.path, key=lambda e: (not e.kept, e.cost))
+    best = min(memo.path, key=lambda e: (not e.feasible, e.cost))
     known = best.gradient is not None or message == ENDED_EARLY
     return SearchResult(best if known else problem.evaluate(best.at), message, tuple(memo.path))
 
@@ -110,7 +110,7 @@ class _Seen:
         self.path: list[Evaluation] = []
 
     def plain(self, y: Array) -> Evaluation:
-        return self._kept(self.problem.plain(np.clip(y, 0, 1)))
+        return self._recorded(self.problem.plain(np.clip(y, 0, 1)))
 
     def guarded(self, y: Array) -> Evaluation:
         """The result of a failed run, without a run, if the machine has lost its initial stability."""
@@ -120,9 +120,9 @@ class _Seen:
         return self.plain(y)
 
     def slopes(self, y: Array) -> Evaluation:
-        return self._kept(self.problem.evaluate(np.clip(y, 0, 1)))
+        return self._recorded(self.problem.evaluate(np.clip(y, 0, 1)))
 
-    def _kept(self, evaluation: Evaluation) -> Evaluation:
+    def _recorded(self, evaluation: Evaluation) -> Evaluation:
         if not self.path or not np.array_equal(self.path[-1].at, evaluation.at):
             self.path.append(evaluation)
         self.say(f"cost {min(e.cost for e in self.path):.5g} after {len(self.path)} evaluations")
@@ -171,7 +171,8 @@ def _trust(memo: _Seen, first: Array, most_steps: int, known_best: Sequence[Eval
             idle = idle + 1 if gained < SEARCH.converged * abs(at.cost) else 0
             problem.resize(trial)
             at = trial
-            if any(o.kept and o.cost <= at.cost and np.abs(o.at - at.at).max() < SEARCH.same_optimum for o in known_best):
+            if any(o.feasible and o.cost <= at.cost and np.abs(o.at - at.at).max() < SEARCH.same_optimum
+                   for o in known_best):
                 return "came to where another search ended"
             if gained > SEARCH.good * step.gain:
                 radii = np.where(np.abs(step.d) > 0.9 * radii, np.minimum(2 * radii, SEARCH.max_radius), radii)
@@ -336,8 +337,8 @@ class _Slopes(ca.Callback):
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         return ca.Sparsity.dense(self.costs.k, self.costs.n)
 
-    def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
-        slopes = self.costs.seen.slopes(np.array(given[0]).ravel())
+    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
+        slopes = self.costs.seen.slopes(np.array(arguments[0]).ravel())
         if slopes.gradient is None or slopes.limit_gradients is None:
             return [ca.DM.nan(self.costs.k, self.costs.n)]
         return [ca.DM(np.vstack([slopes.gradient[None, :], slopes.limit_gradients]))]
@@ -361,8 +362,8 @@ class _Costs(ca.Callback):
     def get_sparsity_out(self, i: int) -> ca.Sparsity:
         return ca.Sparsity.dense(self.k, 1)
 
-    def eval(self, given: Sequence[ca.DM]) -> list[ca.DM]:
-        evaluation = self.seen.guarded(np.array(given[0]).ravel())
+    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
+        evaluation = self.seen.guarded(np.array(arguments[0]).ravel())
         return [ca.DM(np.append(evaluation.cost, evaluation.limits) if np.isfinite(evaluation.cost)
                       else np.full(self.k, np.nan))]
 

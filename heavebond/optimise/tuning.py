@@ -95,7 +95,7 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
         results.append(search(problem, first, method, most_steps, numbered(say, "start", k, starts), results,
                               partial))
         if results[-1].message == ENDED_EARLY:
-            return _told(problem, task, results, min(results, key=_rank), ENDED_EARLY, say)
+            return _tuned(problem, task, results, min(results, key=_rank), ENDED_EARLY, say)
     # points at the stability boundary along each free parameter whose cost is little above the result
     result = min(results, key=_rank)
     points = []
@@ -107,7 +107,7 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
             point = result.best.at.copy()
             point[k] = at - INSIDE * np.sign(at - point[k]) if problem.stable else at
             say(f"looking at the stability boundary of {name}")
-            if problem.plain(point).kept and problem.cost(point) < result.best.cost + PROMISING * abs(result.best.cost):
+            if problem.plain(point).feasible and problem.cost(point) < result.best.cost + PROMISING * abs(result.best.cost):
                 points.append(point)
     for first in points:
         results.append(search(problem, first, method, most_steps, say, results, partial))
@@ -117,15 +117,15 @@ def tune(model: ModelOrFile | Assembly | Objective, task: TuningProblem, *, expl
         if problem.instability(best.best.at) > OBJECTIVE.limit_tolerance:
             results.append(best := search(problem, best.best.at, method, most_steps, say, partial=partial))
     early = any(f.message == ENDED_EARLY for f in results)
-    return _told(problem, task, results, best, ENDED_EARLY if early else best.message, say)
+    return _tuned(problem, task, results, best, ENDED_EARLY if early else best.message, say)
 
 
-def _told(problem: Objective, task: TuningProblem, results: Sequence[SearchResult], best: SearchResult, message: str,
-          say: Progress) -> Tuned:
+def _tuned(problem: Objective, task: TuningProblem, results: Sequence[SearchResult], best: SearchResult, message: str,
+           say: Progress) -> Tuned:
     """The result of the best of all searches, with its stability margins."""
     limits = dict(zip(problem.limits, best.best.limits.tolist(), strict=True))
     values = problem.values(best.best.at)
-    notes = dict.fromkeys(note for case in problem.cases for note in case.jump_notes(values)) if best.best.kept else ()
+    notes = dict.fromkeys(note for case in problem.cases for note in case.jump_notes(values)) if best.best.feasible else ()
     say("margins of stability")
     with finishing(say):
         return Tuned(task, values, best.best.cost, _before(problem), dict(best.best.cases),
@@ -195,8 +195,8 @@ def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: 
                 progress(f"{name}, {k} of {len(numbers)}")
             best_evaluation = problem.at({**values, name: number})
             steps.append((TuningEvaluation({**values, name: float(number)}, best_evaluation.cost), best_evaluation))
-        values = min(steps[-len(numbers):], key=lambda pair: (not pair[1].kept, pair[1].cost))[0].values
-    best, best_evaluation = min(steps, key=lambda pair: (not pair[1].kept, pair[1].cost))
+        values = min(steps[-len(numbers):], key=lambda pair: (not pair[1].feasible, pair[1].cost))[0].values
+    best, best_evaluation = min(steps, key=lambda pair: (not pair[1].feasible, pair[1].cost))
     runs, simulations = problem.runs, problem.simulations
     limits = dict(zip(problem.limits, best_evaluation.limits.tolist(), strict=True))
     return Tuned(problem.task, best.values, best.cost, _before(problem), dict(best_evaluation.cases), limits,
@@ -205,7 +205,7 @@ def sweep_in_turn(problem: Objective, begin: Mapping[str, float | str], sweeps: 
 
 
 def _rank(result: SearchResult) -> tuple[bool, float]:
-    return not result.best.kept, result.best.cost
+    return not result.best.feasible, result.best.cost
 
 
 def limit_of_stability(problem: Objective, y: Array, k: int, end: float) -> float | None:
@@ -242,7 +242,7 @@ def starting_points(problem: Objective, explore: int, starts: int, seed: int, sa
     for k, point in enumerate(points or islice(problem.spread(explore, seed), 1 + explore), 1):
         say(f"exploring {k} of {1 + explore}")
         evaluations.append(problem.plain(point))
-    order = sorted(evaluations, key=lambda e: (not np.isfinite(e.cost), not e.kept, e.cost))
+    order = sorted(evaluations, key=lambda e: (not np.isfinite(e.cost), not e.feasible, e.cost))
     return [e.at for e in order[:max(1, starts)]]
 
 

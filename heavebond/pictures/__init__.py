@@ -113,7 +113,7 @@ def _page_of_motion(motion: Motion) -> str:
 
 
 @provides("Monitoring.plot")
-def _plot_of_monitored_record(found: Monitoring, name: str) -> Figure:
+def _plot_of_monitored_record(monitoring: Monitoring, name: str) -> Figure:
     from heavebond.pictures.plot_monitor import plot_monitored
 
-    return plot_monitored(found, name)
+    return plot_monitored(monitoring, name)

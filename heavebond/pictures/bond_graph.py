@@ -306,22 +306,23 @@ def causal(graph: BondGraph) -> BondGraph:
                     strokes.assign(k, _preferred(graph.bonds[k], key, vertex.letter))
     choices = 0
     for k, bond in enumerate(graph.bonds):
-        if k not in strokes.found and not bond.modulated and WORD not in (kinds[bond.tail].letter, kinds[bond.head].letter):
+        if k not in strokes.assigned and not bond.modulated and WORD not in (kinds[bond.tail].letter,
+                                                                             kinds[bond.head].letter):
             choices += 1
             strokes.assign(k, bond.head)
     for k, bond in enumerate(graph.bonds):  # a word takes the remaining causality
-        if k not in strokes.found and not bond.modulated:
+        if k not in strokes.assigned and not bond.modulated:
             strokes.assign(k, bond.head)
-    found = strokes.found
+    assigned = strokes.assigned
     vertices = {}
     for key, vertex in kinds.items():
         bonds_at_key = strokes.around.get(key, ())
-        late = vertex.letter in STORES and any(found[k] != _preferred(graph.bonds[k], key, vertex.letter)
+        late = vertex.letter in STORES and any(assigned[k] != _preferred(graph.bonds[k], key, vertex.letter)
                                                for k in bonds_at_key)
-        forced = vertex.letter in SOURCES and any(found[k] != _preferred(graph.bonds[k], key, vertex.letter)
+        forced = vertex.letter in SOURCES and any(assigned[k] != _preferred(graph.bonds[k], key, vertex.letter)
                                                   for k in bonds_at_key)
         vertices[key] = replace(vertex, derivative=late, broken=forced or not strokes.holds(key))
-    bonds = tuple(replace(b, stroke=found.get(k, "")) for k, b in enumerate(graph.bonds))
+    bonds = tuple(replace(b, stroke=assigned.get(k, "")) for k, b in enumerate(graph.bonds))
     return replace(graph, vertices=vertices, bonds=bonds, choices=choices)
 
 
@@ -337,7 +338,7 @@ class _Strokes:
 
     def __init__(self, graph: BondGraph):
         self.graph = graph
-        self.found: dict[int, str] = {}
+        self.assigned: dict[int, str] = {}
         self.around: dict[str, list[int]] = {}
         for k, bond in enumerate(graph.bonds):
             if not bond.modulated:
@@ -349,28 +350,28 @@ class _Strokes:
         waiting = [(bond, end)]
         while waiting:
             k, stroke = waiting.pop()
-            if k not in self.found:
-                self.found[k] = stroke
+            if k not in self.assigned:
+                self.assigned[k] = stroke
                 for key in (self.graph.bonds[k].tail, self.graph.bonds[k].head):
                     waiting += self._compelled(key)
 
     def _compelled(self, key: str) -> list[tuple[int, str]]:
         letter, bonds_at_key = self.graph.vertices[key].letter, self.around[key]
-        here = [k for k in bonds_at_key if self.found.get(k) == key]
-        away = [k for k in bonds_at_key if k in self.found and self.found[k] != key]
-        open_ones = [k for k in bonds_at_key if k not in self.found]
+        strokes_here = [k for k in bonds_at_key if self.assigned.get(k) == key]
+        away = [k for k in bonds_at_key if k in self.assigned and self.assigned[k] != key]
+        open_ones = [k for k in bonds_at_key if k not in self.assigned]
         if not open_ones:
             return []
         if letter in (ZERO, ONE_JUNCTION):  # one bond of the special kind, the others alike
-            special, usual = (here, away) if letter == ZERO else (away, here)
+            special, usual = (strokes_here, away) if letter == ZERO else (away, strokes_here)
             at_special, at_usual = (self._at, self._from) if letter == ZERO else (self._from, self._at)
             if special:
                 return [at_usual(k, key) for k in open_ones]
             return [at_special(k, key) for k in open_ones] if len(usual) == len(bonds_at_key) - 1 else []
         if letter == "TF" and len(bonds_at_key) == 2:
-            return [self._from(k, key) if here else self._at(k, key) for k in open_ones]
+            return [self._from(k, key) if strokes_here else self._at(k, key) for k in open_ones]
         if letter == "GY" and len(bonds_at_key) == 2:
-            return [self._at(k, key) if here else self._from(k, key) for k in open_ones]
+            return [self._at(k, key) if strokes_here else self._from(k, key) for k in open_ones]
         return []
 
     def _at(self, k: int, key: str) -> tuple[int, str]:
@@ -383,7 +384,7 @@ class _Strokes:
     def holds(self, key: str) -> bool:
         """True if the constraint of a junction, transformer or gyrator is satisfied."""
         letter, bonds_at_key = self.graph.vertices[key].letter, self.around.get(key, [])
-        strokes_at_key = sum(self.found.get(k) == key for k in bonds_at_key)
+        strokes_at_key = sum(self.assigned.get(k) == key for k in bonds_at_key)
         if letter == ZERO and bonds_at_key:
             return strokes_at_key == 1
         if letter == ONE_JUNCTION and bonds_at_key:
@@ -393,7 +394,7 @@ class _Strokes:
         return True
 
 
-def told(graph: BondGraph) -> list[str]:
+def notes_of(graph: BondGraph) -> list[str]:
     """Notes for the picture: derivative causality, loops, words, approximations."""
     def listed(paths: Iterable[str]) -> str:
         return ", ".join(paths)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from heavebond.core.quoting import xml
 from heavebond.language.model import Model
-from heavebond.pictures.bond_graph import WORD, Bond, BondGraph, Vertex, bond_graph, told
+from heavebond.pictures.bond_graph import WORD, Bond, BondGraph, Vertex, bond_graph, notes_of
 from heavebond.pictures.drawing import EDGE, QUIET, WARNING, domain_colour
 from heavebond.pictures.text_metrics import FONT, KIND, NAME, SUMMARY, TITLE, Box, Style, bounds, text_width, wrapped
 
@@ -73,7 +73,7 @@ def draw_bond_graph(model: Model) -> str:
 def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
     """The picture with its title above and notes below."""
     width = max(box.right - box.left, LEAST)
-    written = [line for note in told(graph) for line in wrapped(note, SUMMARY, width)]
+    written = [line for note in notes_of(graph) for line in wrapped(note, SUMMARY, width)]
     left, top = round(box.left - EDGE), round(box.top - EDGE - 44)
     whole_x = round(width + 2 * EDGE)
     whole_y = round(box.bottom + EDGE + 40 + 15 * len(written)) - top

@@ -216,7 +216,7 @@ def _sheet(drawn: Drawn, look: Look) -> list[str]:
             lines.append(f'<path d="{paths}" stroke="{HALO}" stroke-width="10" stroke-linecap="round"/>')
         tooltip = f"<title>{xml(line.net.path)}: {look.paint.text(value)}</title>" if look.paint and value is not None \
             else ""
-        place = f' data-node="{xml(line.net.path)}"' if not line.net.given else ""
+        place = f' data-node="{xml(line.net.path)}"' if not line.net.in_place else ""
         head = f'<path class="wire"{place} d="{paths}" stroke="{stroke}" stroke-width="{width:.3g}"'
         lines.append(f"{head}>{tooltip}</path>" if tooltip else f"{head}/>")
         lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{stroke}"/>' for x, y in line.wire.dots]
@@ -230,7 +230,7 @@ def _sheet(drawn: Drawn, look: Look) -> list[str]:
     for line in drawn.lines:
         if line.caption is not None:
             colour = domain_colour(line.net.domain) if look.paint is None else QUIET
-            lines += _lettered(line.caption, colour, "formula" if line.net.given else "node")
+            lines += _lettered(line.caption, colour, "formula" if line.net.in_place else "node")
     for name, note in drawn.notes.items():
         place = f'<g class="remark" data-note="{xml(name)}">' if not drawn.sheet.path else "<g>"
         lines += [place, *_lettered(note, NOTE_COLOUR, "note"), "</g>"]

@@ -37,11 +37,11 @@ MOUTH = 3 * GRID  # px that stay free before an anchor
 @dataclass(frozen=True)
 class Options:
     """Options of a drawing: values below the names, labels on marked components, nodes and ports, and results at
-    components (`told`) by their paths."""
+    components (`value_texts`) by their paths."""
 
     values: bool
     marks: Mapping[str, str]
-    told: Mapping[str, str] = field(default_factory=dict)
+    value_texts: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -162,8 +162,8 @@ def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], option
     marks = marks_on(part.path, options.marks, part.ports)
     tags = tuple(Line(label, TAG) for label in marks.values() if label)
     values = tuple(Line(text, VALUE) for text in part.values) if options.values and not part.inside else ()
-    if part.path in options.told and not part.inside:
-        values = (Line(options.told[part.path], VALUE), *values)
+    if part.path in options.value_texts and not part.inside:
+        values = (Line(options.value_texts[part.path], VALUE), *values)
     sides = placement.sides.get(part.name)
     inside = None
     if sides is None:
@@ -308,19 +308,20 @@ class _Drafter:
 
     def _put_exactly(self) -> None:
         """Move parts to their exact places, and the others to a free place near the parts to which they are connected."""
-        placed = {name: _moved(item, GRID * item.part.exact.x, GRID * item.part.exact.y)
+        placed = {name: _at_place(item, GRID * item.part.exact.x, GRID * item.part.exact.y)
                   for name, item in self.items.items() if item.part.exact is not None}
         for name, item in self.items.items():
             if name not in placed:
-                near = next((placed[other] for net in self.sheet.nets if name in {n for n, _ in net.ends}
-                             for other, _ in net.ends if other in placed), next(iter(placed.values())))
-                taken = [_whole(other) for other in placed.values()]
+                near = next((placed[neighbour] for net in self.sheet.nets if name in {n for n, _ in net.ends}
+                             for neighbour, _ in net.ends if neighbour in placed), next(iter(placed.values())))
+                occupied = [_whole(neighbour) for neighbour in placed.values()]
                 steps = range(-40 * GRID, 41 * GRID, 4 * GRID)
                 around = sorted((math.hypot(dx, dy), near.x + dx, near.y + dy) for dx in steps for dy in steps)
-                free = (_moved(item, x, y) for _, x, y in around)
-                below = GRID * math.ceil(max(box.bottom for box in taken) / GRID) + 2 * GAP_Y
-                placed[name] = next((moved for moved in free if not any(_whole(moved).meets(box, CLEAR * GRID)
-                                                                        for box in taken)), _moved(item, near.x, below))
+                free = (_at_place(item, x, y) for _, x, y in around)
+                below = GRID * math.ceil(max(box.bottom for box in occupied) / GRID) + 2 * GAP_Y
+                placed[name] = next((place for place in free if not any(_whole(place).meets(box, CLEAR * GRID)
+                                                                        for box in occupied)),
+                                    _at_place(item, near.x, below))
         self.items = {name: placed[name] for name in self.items}
         # the columns and rows on which ports of the sheet's edge lie
         inner = self._inner()
@@ -394,7 +395,7 @@ class _Drafter:
         return terminal_list
 
 
-def _moved(item: Item, x: int, y: int) -> Item:
+def _at_place(item: Item, x: int, y: int) -> Item:
     caption = item.caption.moved(x - item.x, y - item.y) if item.caption else None
     return replace(item, x=x, y=y, caption=caption)
 

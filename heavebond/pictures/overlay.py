@@ -108,9 +108,9 @@ def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, boo
     table = timed(table, axis)
     check_time(table, axis.column)
     time = column(table, axis.column) * axis.scale
-    kept = np.isfinite(time)
+    timed_rows = np.isfinite(time)
     named = [c for c in columns if c.signal != SECONDS[0]]
-    return SavedRun(path.stem, time[kept], {c.signal: column(table, c.name)[kept] for c in named},
+    return SavedRun(path.stem, time[timed_rows], {c.signal: column(table, c.name)[timed_rows] for c in named},
                     {c.signal: c.unit for c in named}), True
 
 

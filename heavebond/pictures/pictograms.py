@@ -184,7 +184,7 @@ def box(name: str, kind: str, sides: Mapping[str, Sequence[str]], states: Sequen
     the name its state machine."""
     words = (Line(name, NAME), *([Line(kind, KIND)] if kind else []))
     chart_width, chart_height = state_chart(states)[0]
-    labels = {side: max((text_width(_shown(p), PORT) for p in ports), default=0.0) for side, ports in sides.items()}
+    labels = {side: max((text_width(_port_label(p), PORT) for p in ports), default=0.0) for side, ports in sides.items()}
     width, height = size(words)
     width, height = max(width, chart_width), height + chart_height
     upper, lower = (14 if sides.get(side) else 4 for side in ("top", "bottom"))
@@ -216,7 +216,7 @@ def box(name: str, kind: str, sides: Mapping[str, Sequence[str]], states: Sequen
                              "bottom": (0, -4, "middle")}[side]
             port_label = Mark("text",
                               (("x", str(x + dx)), ("y", str(y + dy)), ("font-size", str(PORT.size)), ("text-anchor", align),
-                               ("data-style", "quiet")), _shown(port))
+                               ("data-style", "quiet")), _port_label(port))
             marks.append(port_label)
     base = -height / 2
     for line in words:
@@ -227,7 +227,7 @@ def box(name: str, kind: str, sides: Mapping[str, Sequence[str]], states: Sequen
     return Shape(-half_x, -half_y, half_x, half_y, tuple(anchors), tuple(marks))
 
 
-def _shown(port: str) -> str:
+def _port_label(port: str) -> str:
     return port.removeprefix(":")
 
 
@@ -243,21 +243,21 @@ def state_chart(states: Sequence[ChartState], left: float = 0.0, top: float = 0.
     rows = [[*(f"{reset.target.text} = {reset.value.text}" for reset in state.entry),
              *(f"{t.target}: {t.text}" for t in state.transitions)] for state in states]
     width = max(60.0, *(text_width(state.name, NAME) + 20 for state in states),
-                *(WIDER * text_width(row, PORT) + 2 * INDENT for own in rows for row in own))
+                *(WIDER * text_width(row, PORT) + 2 * INDENT for texts in rows for row in texts))
     tops, y = dict[str, float](), top + 2 * ROW
-    for state, own in zip(states, rows, strict=True):
+    for state, texts in zip(states, rows, strict=True):
         tops[state.name] = y
-        y += ROW * (len(own) + 2)
+        y += ROW * (len(texts) + 2)
     lane = right = left + width
     middle = left + width / 2
     marks = [_drawn("circle", cx=middle, cy=top + 5, r=3, fill="currentColor"),
              _drawn("path", d=f"M{middle:g} {top + 8:g} V{top + 2 * ROW - 6:g}"), _head(middle, top + 2 * ROW, 0, 1)]
-    for state, own in zip(states, rows, strict=True):
+    for state, texts in zip(states, rows, strict=True):
         upper = tops[state.name]
-        marks += [_drawn("rect", x=left, y=upper, width=width, height=ROW * (len(own) + 1) + 4, rx=6, fill="#ffffff"),
+        marks += [_drawn("rect", x=left, y=upper, width=width, height=ROW * (len(texts) + 1) + 4, rx=6, fill="#ffffff"),
                   _written(state.name, middle, upper + ROW - 1, NAME.size, "middle", "name")]
         marks += [_written(row, left + INDENT, upper + ROW * (k + 2) - 1, PORT.size, "start", "quiet")
-                  for k, row in enumerate(own)]
+                  for k, row in enumerate(texts)]
         for k, t in enumerate(state.transitions, len(state.entry) + 2):
             lane += LANE
             leaves, enters = upper + ROW * k - 4, tops[t.target] + ROW / 2

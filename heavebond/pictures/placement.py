@@ -149,7 +149,7 @@ class _Search:
         while waiting:
             # the piece with the most nets to placed pieces
             name = max(waiting, key=lambda n: (sum(any(m in self.cells for m, _ in self.nets[k]) for k in self.of[n]),
-                                               self._ways(n), -waiting.index(n)))
+                                               self._directions(n), -waiting.index(n)))
             name = first if first in waiting and len(waiting) == count else name
             waiting.remove(name)
             self._put(name, *self._best(name))
@@ -175,7 +175,7 @@ class _Search:
                     best, chosen = cost, (one, two)
         self.turns[first], self.turns[second] = chosen
 
-    def _ways(self, name: str) -> int:
+    def _directions(self, name: str) -> int:
         """Number of directions in which a chain may continue from a piece; end pieces, such as a weight, wait until the
         chain is placed.
         """
@@ -296,10 +296,10 @@ class _Search:
                 total += sum(BETWEEN for piece in self.on_edge if self._beyond_edge(piece, (c, r)))
         return total
 
-    def _beyond_edge(self, other: str, cell: Cell) -> bool:
-        edge = self.cells.get(other)
+    def _beyond_edge(self, neighbour: str, cell: Cell) -> bool:
+        edge = self.cells.get(neighbour)
         return edge is not None and {"left": cell[0] <= edge[0], "right": cell[0] >= edge[0], "top": cell[1] <= edge[1],
-                                     "bottom": cell[1] >= edge[1]}[self.pieces[other].side]
+                                     "bottom": cell[1] >= edge[1]}[self.pieces[neighbour].side]
 
     def _net_cost(self, k: int, most: float = math.inf) -> float:
         """The length of a tree over the placed terminals, with costs of bends and parts in between; costs above `most`
@@ -362,7 +362,7 @@ class _Search:
     def _nearest(self, one: tuple[str, str], two: tuple[str, str]) -> tuple[float, Place, Place]:
         """The cheapest wire between two ports, and its ends."""
         return min(((extra + more + wire_cost(p, q), p, q) for p, extra in self._places(*one)
-                    for q, more in self._places(*two)), key=lambda found: found[0])
+                    for q, more in self._places(*two)), key=lambda wire: wire[0])
 
     def _places(self, name: str, port: str) -> list[tuple[Place, float]]:
         """Possible ends of a wire at a port, with the cost of an unusual side."""

@@ -120,8 +120,8 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
         unit = holders[name][0][1].unit(name)
         series_by_label = {label: converted(run.display[name][inside[label]], run.unit(name), unit)
                            for label, run in holders[name]}
-        shown = readable_unit(unit, max(map(_size, series_by_label.values())))
-        drawn = {label: converted(line, unit, shown) for label, line in series_by_label.items()}
+        display_unit = readable_unit(unit, max(map(_size, series_by_label.values())))
+        drawn = {label: converted(line, unit, display_unit) for label, line in series_by_label.items()}
         for label, line in drawn.items():
             time = runs[label].time[inside[label]]
             if label in measured:
@@ -130,7 +130,7 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
                 k = models.index(label)
                 panel.plot(time, line, color=COLOURS[k % len(COLOURS)], linewidth=1.2, label=label,
                            linestyle=DASHES[k // len(COLOURS) % len(DASHES)])
-        _finish(panel, name, shown, list(drawn.values()))
+        _finish(panel, name, display_unit, list(drawn.values()))
         if shaded:
             panel.axvspan(*shaded, color="#e9e9e9", zorder=0, linewidth=0, label="evaluated")
     axes[-1].set_xlabel("time [s]")

@@ -67,16 +67,16 @@ def plot_bode(channels: Sequence[StateSpace], frequencies: Array, *, title: str 
         axes.grid(True, which="minor", color=GRID, linewidth=0.3)
     if margins is not None:
         # where the gain is 1 and where the phase is -180 degrees, with the margins there
-        what = "crossing" if margins.unstable else "margin"
+        kind = "crossing" if margins.unstable else "margin"
         upper.axhline(1, color="#8c8c8c", linewidth=0.8)
         lower.axhline(-180, color="#8c8c8c", linewidth=0.8)
         for k, margin in enumerate(margins.phase):
             lower.axvline(margin.frequency, color=COLOURS[1], linewidth=0.9, linestyle=DASHES[1])
             upper.axvline(margin.frequency, color=COLOURS[1], linewidth=0.9, linestyle=DASHES[1],
-                          label=f"phase {what} {number(margin.value, 3)}°" if k == 0 else None)
+                          label=f"phase {kind} {number(margin.value, 3)}°" if k == 0 else None)
         for k, margin in enumerate(m for m in margins.gain if 0 < m.frequency < np.inf):
             upper.axvline(margin.frequency, color=COLOURS[2], linewidth=0.9, linestyle=DASHES[2],
-                          label=f"gain {what} {number(margin.value, 3)}" if k == 0 else None)
+                          label=f"gain {kind} {number(margin.value, 3)}" if k == 0 else None)
             lower.axvline(margin.frequency, color=COLOURS[2], linewidth=0.9, linestyle=DASHES[2])
     figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=3, frameon=False, fontsize=9)
     return figure
@@ -141,10 +141,11 @@ def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.com
     sampled system in the z-plane."""
     figure, axes = _plane(_with_period(title, period, ()))
     axes.plot(poles.real, poles.imag, "x", color=COLOURS[0], markersize=9, markeredgewidth=2, label="poles", zorder=3)
-    for k, (name, found) in enumerate(zeros.items()):
+    for k, (name, channel_zeros) in enumerate(zeros.items()):
         colour = COLOURS[(k + 1) % len(COLOURS)]
-        axes.plot(found.real, found.imag, "o", color=colour, markersize=8 + 3 * k, fillstyle="none", markeredgewidth=1.4,
-                  label=f"zeros of {name}{_far_zeros(found) if period is not None else ''}", zorder=3)
+        axes.plot(channel_zeros.real, channel_zeros.imag, "o", color=colour, markersize=8 + 3 * k, fillstyle="none",
+                  markeredgewidth=1.4,
+                  label=f"zeros of {name}{_far_zeros(channel_zeros) if period is not None else ''}", zorder=3)
     points = np.concatenate([poles, *zeros.values()])
     _s_plane(axes, points) if period is None else _z_plane(axes, points)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=9)
@@ -157,14 +158,14 @@ def _far_zeros(zeros: NDArray[np.complex128]) -> str:
     return f" (and {', '.join(far)})" if far else ""
 
 
-def plot_root_locus(found: RootLocus, *, title: str = "") -> Figure:
+def plot_root_locus(locus: RootLocus, *, title: str = "") -> Figure:
     """The ways of the poles while a parameter moves, coloured by its value; the stability boundaries in the legend."""
-    periods = found.periods
+    periods = locus.periods
     figure, axes = _plane(_with_period(title, float(periods[0]) if periods is not None and np.ptp(periods) == 0 else None,
-                                       found.held))
-    poles = found.poles if periods is None else found.z
-    unit = readable_unit(found.unit, float(np.abs(found.values).max()))
-    ends = read_unit(unit).from_si(found.values)
+                                       locus.held))
+    poles = locus.poles if periods is None else locus.z
+    unit = readable_unit(locus.unit, float(np.abs(locus.values).max()))
+    ends = read_unit(unit).from_si(locus.values)
     values = np.broadcast_to(ends[:, None], poles.shape)
     axes.plot(poles.real, poles.imag, color="#c8c8c8", linewidth=0.8, zorder=1)
     drawn = axes.scatter(poles.real, poles.imag, c=values, s=11, cmap="viridis", zorder=2)
@@ -172,9 +173,9 @@ def plot_root_locus(found: RootLocus, *, title: str = "") -> Figure:
               label=f"at {number(float(values[0, 0]), 4)}")
     axes.plot(poles[-1].real, poles[-1].imag, "s", color="black", markersize=6, fillstyle="none", zorder=3,
               label=f"at {number(float(values[-1, 0]), 4)}")
-    for limit in found.limits:
-        axes.plot([], [], " ", label=f"stability boundary at {readable(limit, found.unit, 4)}")
-    figure.colorbar(drawn, ax=axes, label=f"{found.parameter} [{unit_label(unit)}]")
+    for limit in locus.limits:
+        axes.plot([], [], " ", label=f"stability boundary at {readable(limit, locus.unit, 4)}")
+    figure.colorbar(drawn, ax=axes, label=f"{locus.parameter} [{unit_label(unit)}]")
     _s_plane(axes, poles.ravel()) if periods is None else _z_plane(axes, poles.ravel())
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=4, frameon=False, fontsize=9)
     return figure
@@ -313,12 +314,12 @@ def _z_plane(axes: Axes, points: NDArray[np.complex128]) -> None:
     axes.set_ylabel("imaginary part of z")
 
 
-def _phase(channel: StateSpace, frequencies: Array, found: NDArray[np.complex128]) -> Array:
+def _phase(channel: StateSpace, frequencies: Array, response: NDArray[np.complex128]) -> Array:
     """The phase in degrees of a response (N,), of which the angle leaves the turns open: these are those of the poles and
     zeros, each stable or undamped one from 0 to 90 degrees, an unstable one back, an integrator 90, and a negative gain
     -180. Without a pole or zero at 0 it begins between -180 and 180. Where zeros are not found (many states) or not exactly,
     it is without jumps from there."""
-    angle = np.degrees(np.angle(found))
+    angle = np.degrees(np.angle(response))
     plain = np.asarray(np.degrees(np.unwrap(np.radians(np.where(angle > 180 - 1e-4, angle - 360, angle)))))
     if len(channel.states) > LINEAR_SYSTEM.zeros or channel.higher[1].any() or channel.period is not None:
         return plain

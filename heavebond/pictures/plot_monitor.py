@@ -13,10 +13,10 @@ from heavebond.pictures.plot import COLOURS, stack_of_axes
 CLIPPED = 8.0  # standard deviations up to which innovations are drawn
 
 
-def plot_monitored(found: Monitoring, name: str) -> Figure:
+def plot_monitored(monitoring: Monitoring, name: str) -> Figure:
     """The innovations of each channel of a record in standard deviations, and below them the sums over their thresholds: an
     alarm is raised where one of them reaches 1. The change has a line, its interval a band."""
-    record, estimate = found[name], found.estimate(name)
+    record, estimate = monitoring[name], monitoring.estimate(name)
     figure, axes = stack_of_axes(len(estimate.innovations) + 1, f"{name}: {describe(record)}")
     for axis, (channel, v) in zip(axes, estimate.innovations.items(), strict=False):
         on = np.isfinite(v)
@@ -25,7 +25,7 @@ def plot_monitored(found: Monitoring, name: str) -> Figure:
         axis.set_ylim(-CLIPPED - 0.5, CLIPPED + 0.5)
         axis.set_ylabel(f"{channel}\ninnovation [std]")
     last = axes[-1]
-    for k, (words, (rows, values)) in enumerate(watched_sums(estimate.innovations, found.rate).items()):
+    for k, (words, (rows, values)) in enumerate(watched_sums(estimate.innovations, monitoring.rate).items()):
         last.plot(estimate.time[rows], np.clip(values, 0, 2), linewidth=1, color=COLOURS[k % len(COLOURS)], label=words)
     last.axhline(1, color="0.2", linewidth=1, linestyle="--")
     last.set_ylim(0, 2)

@@ -134,8 +134,8 @@ def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> No
         numbers: dict[str, dict[float, list[float]]] = {}  # by the other levels and x
         for outcome in result.outcomes:
             levels = result.case_of(outcome).levels
-            label = ", ".join(level.name if other.unit is None else f"{other.name} {level.name}"
-                              for n, (other, level) in enumerate(zip(result.study.axes, levels, strict=True))
+            label = ", ".join(level.name if further_axis.unit is None else f"{further_axis.name} {level.name}"
+                              for n, (further_axis, level) in enumerate(zip(result.study.axes, levels, strict=True))
                               if n not in (k, at))
             by_x = numbers.setdefault(label, {})
             by_x.setdefault(axis.unit.from_si(levels[k].value), []).append(result.value(outcome, name))
@@ -162,7 +162,7 @@ def _curves(panel: Axes, result: StudyResult, picture: Picture, name: str) -> No
             panel.plot(x, [result.value(o, name) for o in chosen], color=colour, marker=MARKERS[m % len(MARKERS)],
                        markersize=4, linewidth=1.0, linestyle="-" if shades else dash,
                        label=None if shades else words or name)
-        _given(panel, result, name, label, colour, [o for o in outcomes if o.procedure == procedures[0]], k)
+        _published(panel, result, name, label, colour, [o for o in outcomes if o.procedure == procedures[0]], k)
     if shades:
         _colour_bar(panel, result, shades)
     sizes = [y for line in panel.get_lines() for y in np.asarray(line.get_ydata(), float) if np.isfinite(y)]
@@ -180,8 +180,8 @@ def _lines(result: StudyResult, without: int) -> Iterator[tuple[str, Sequence[Ou
     yield from lines.items()
 
 
-def _given(panel: Axes, result: StudyResult, name: str, label: str, colour: str, outcomes: Sequence[Outcome], k: int
-           ) -> None:
+def _published(panel: Axes, result: StudyResult, name: str, label: str, colour: str, outcomes: Sequence[Outcome], k: int
+               ) -> None:
     """Published values for these cases."""
     unit = result.study.axes[k].unit
     assert unit is not None

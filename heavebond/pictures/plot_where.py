@@ -96,7 +96,7 @@ def plot_misfit(localization: Localization) -> Figure:
     return figure
 
 
-def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
+def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, display_unit: str) -> None:
     """The force over one variable, rising and falling in different colours, and the curve through it."""
     assert suspect.curve is not None
     x = np.concatenate([i.local[name] for i in suspect.implied.values()])
@@ -106,7 +106,7 @@ def _cloud(panel: Axes, suspect: PlaceEstimate, name: str, shown: str) -> None:
     unit = suspect.curve.units.get(name, "")
     across = readable_unit(unit, float(np.max(np.abs(x)))) if unit else unit
     per_x = read_unit(unit).scale / read_unit(across).scale if unit else 1.0
-    per_y = read_unit(suspect.place.unit.text).scale / read_unit(shown).scale
+    per_y = read_unit(suspect.place.unit.text).scale / read_unit(display_unit).scale
     for mask, colour, label in ((up, COLOURS[0], "while it rises"), (~up, COLOURS[1], "while it falls")):
         panel.plot(x[thin][mask[thin]] * per_x, y[thin][mask[thin]] * per_y, ".", color=colour, markersize=2.5, alpha=0.5,
                    label=label)
@@ -137,23 +137,23 @@ def dress(panel: Axes, x: str, y: str) -> None:
     panel.set_axisbelow(True)
 
 
-def plot_law(found: Laws) -> Figure:
+def plot_law(laws: Laws) -> Figure:
     """The simplest formula over its first variable (at three values of a second one) with its 95 % interval and the input
     that the records ask for, and both over time; UsageError if no formula was found."""
-    law = found.simplest
+    law = laws.simplest
     if law is None or not law.implied:
         raise UsageError("no formula was found: there is nothing to draw",
                          hint="`heavebond localize` draws the estimated input.")
     node = law.formula.node
     noun = node.domain.members[node.through].noun
     size = max(float(np.sqrt(np.mean(i.value**2))) for i in law.implied)
-    shown = readable_unit(node.unit.text, size)
-    per_y = node.unit.scale / read_unit(shown).scale
+    display_unit = readable_unit(node.unit.text, size)
+    per_y = node.unit.scale / read_unit(display_unit).scale
     figure = Figure(figsize=(WIDTH, 7.2), dpi=DPI, layout=ConstrainedLayoutEngine(rect=RECT, hspace=0.06))
-    figure.suptitle(f"{found.experiment.name}, {law.formula.place.words}: {law.text}", x=0.01, ha="left", fontsize=12)
+    figure.suptitle(f"{laws.experiment.name}, {law.formula.place.words}: {law.text}", x=0.01, ha="left", fontsize=12)
     grid = figure.add_gridspec(2, 1, height_ratios=(1.4, 1))
     panel = figure.add_subplot(grid[0])
-    first, *others = [variable for variable, _ in law.formula.variables.values()]
+    first, *further_variables = [variable for variable, _ in law.formula.variables.values()]
     x = np.concatenate([i.local[first.formula] for i in law.implied])
     y = np.concatenate([i.value for i in law.implied])
     unit = readable_unit(read_unit(first.unit).text, float(np.abs(x).max()))
@@ -163,9 +163,9 @@ def plot_law(found: Laws) -> Figure:
                label="input that the records ask for")
     if not law.formula.memories:
         course = np.linspace(x.min(), x.max(), POINTS)
-        for k, share in enumerate(SHARES if others else (0.5,)):
+        for k, share in enumerate(SHARES if further_variables else (0.5,)):
             held = {v.formula: np.full(POINTS, np.quantile(np.concatenate([i.local[v.formula] for i in law.implied]), share))
-                    for v in others}
+                    for v in further_variables}
             # the formula (N,) with the ends of its pointwise 95 % interval, by draws of its numbers
             motion = {first.formula: course, **held}
             time = np.arange(len(next(iter(motion.values()))), dtype=float)
@@ -176,13 +176,13 @@ def plot_law(found: Laws) -> Figure:
                 courses = np.array([law.formula.value(motion, time, {**law.numbers, **dict(zip(names, draw, strict=True))})
                                     for draw in draws])
                 low, high = np.nanquantile(courses, (0.025, 0.975), axis=0)
-            label = "formula" + "".join(f", {v.formula} = {held[v.formula][0]:.3g} {v.unit}" for v in others)
-            colour = "black" if not others else COLOURS[1 + k]
+            label = "formula" + "".join(f", {v.formula} = {held[v.formula][0]:.3g} {v.unit}" for v in further_variables)
+            colour = "black" if not further_variables else COLOURS[1 + k]
             panel.fill_between(course * per_x, low * per_y, high * per_y, color=colour, alpha=0.2, linewidth=0)
             panel.plot(course * per_x, middle * per_y, color=colour, linewidth=2, label=label)
     panel.legend(loc="best", frameon=True, framealpha=0.8, edgecolor="none", fontsize=9, markerscale=4)
     panel.set_ylim(*padded_limits(y * per_y))
-    dress(panel, f"{first.formula} [{unit_label(unit)}]", f"{noun} [{unit_label(shown)}]")
+    dress(panel, f"{first.formula} [{unit_label(unit)}]", f"{noun} [{unit_label(display_unit)}]")
     record = law.implied[0]
     below = figure.add_subplot(grid[1])
     band = 2 * record.deviation
@@ -190,5 +190,5 @@ def plot_law(found: Laws) -> Figure:
                        alpha=0.25, linewidth=0, label=f"{record.record}, with twice its standard deviation")
     below.plot(record.time, law.value(record.local, record.time) * per_y, color="black", linewidth=1, label="formula")
     below.legend(loc="upper left", frameon=False, fontsize=9, ncols=2)
-    dress(below, "time [s]", f"{noun} [{unit_label(shown)}]")
+    dress(below, "time [s]", f"{noun} [{unit_label(display_unit)}]")
     return figure

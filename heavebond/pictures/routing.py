@@ -69,7 +69,7 @@ class _Router:
             for terminal in net:
                 for point, direction in terminal:
                     self.mouths[point + self.steps[direction]] = k
-        self.pieces = {k: [self._piece(*piece) for piece in given] for k, given in pieces.items()}
+        self.pieces = {k: [self._piece(*piece) for piece in net_pieces] for k, net_pieces in pieces.items()}
         self.laid: list[dict[int, int]] = [{} for _ in nets]  # per net: point -> bits of the directions of its wires
         self.faults = [0] * len(nets)
 
@@ -209,9 +209,9 @@ class _Router:
         return Wire(edges, tuple(_lines(edges)), dots, self.faults[k])
 
 
-def _crosses(own: int, other: int) -> bool:
+def _crosses(directions: int, other_directions: int) -> bool:
     """True if two wires cross at a point straight and at a right angle: bits of their directions."""
-    return (own, other) in ((0b0101, 0b1010), (0b1010, 0b0101))
+    return (directions, other_directions) in ((0b0101, 0b1010), (0b1010, 0b0101))
 
 
 def _traced(came: dict[int, int], state: int) -> list[int]:

@@ -22,7 +22,7 @@ Ends = tuple[tuple[str, str], ...]
 @dataclass(frozen=True)
 class Net:
     """A node: its path, its displayed name (empty if it is displayed elsewhere), its domain, and its ends (part, port); a
-    part without name is the edge of the sheet. `given`: a formula that feeds an input instead of a node. `size` is its
+    part without name is the edge of the sheet. `in_place`: a formula that feeds an input instead of a node. `size` is its
     number of elements; `chosen` gives the elements for ends that are some elements of an array: `y[1..2]`; `pieces` are
     the lines (x1, y1, x2, y2) that its wire contains, in steps of the grid."""
 
@@ -30,7 +30,7 @@ class Net:
     name: str
     domain: str
     ends: Ends
-    given: bool = False
+    in_place: bool = False
     size: int = 1
     chosen: Mapping[tuple[str, str], str] = field(default_factory=dict)
     pieces: tuple[tuple[int, int, int, int], ...] = ()
@@ -236,7 +236,7 @@ class _Reader:
         for name, bound in self.expanded.leaves[part.path].inputs.items():
             if isinstance(bound.value, Value) and any("." in read.text for read in names(bound.value.expr)):
                 text = shortened(bound.value.text.lstrip("= "), LONGEST_VALUE)
-                yield Net(f"{part.path}.{name}", text, "signal", ((part.name, name),), given=True)
+                yield Net(f"{part.path}.{name}", text, "signal", ((part.name, name),), in_place=True)
 
     def _ports(self, path: str, leaf: Leaf) -> dict[str, str]:
         """Every port with its domain, the elements of arrays one by one."""

@@ -77,11 +77,11 @@ class Calibrated:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> Calibrated:
+    def from_dict(cls, entries: Mapping[str, Any]) -> Calibrated:
         """The inverse of `as_dict`."""
-        return cls({name: (pair[0], pair[1]) for name, pair in told["values"].items()}, told["at_end"],
-                   tuple(Residual(**r) for r in told["residuals"]), tuple(told["history"]), told["simulations"],
-                   told["message"])
+        return cls({name: (pair[0], pair[1]) for name, pair in entries["values"].items()}, entries["at_end"],
+                   tuple(Residual(**r) for r in entries["residuals"]), tuple(entries["history"]), entries["simulations"],
+                   entries["message"])
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,7 @@ def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Po
         if study.task is not None:
             objective = Objective(assembly, study.task)
             gains = _tuned(study, objective, gains)
-            following = _following(objective, gains, _own(study, assembly))
+            following = _following(objective, gains, _range_widths(study, assembly))
             simulations = objective.simulations
             assembly = assembly.with_parameters(gains)
         point = _differentiated(study, assembly, gains or {}, following)
@@ -256,7 +256,7 @@ def _tuned(study: Study, objective: Objective, gains: Mapping[str, float] | None
     return objective.values(search(objective, first, "trust", RETUNED, lambda text: None).best.at)
 
 
-def _own(study: Study, assembly: Assembly) -> dict[str, float]:
+def _range_widths(study: Study, assembly: Assembly) -> dict[str, float]:
     """The widths of the ranges of the calibrated parameters that are set in this case."""
     assert study.calibration is not None
     return {name: wanted.high - wanted.low for name, wanted in study.calibration.free.items()
@@ -265,7 +265,7 @@ def _own(study: Study, assembly: Assembly) -> dict[str, float]:
 
 def _differentiated(study: Study, assembly: Assembly, gains: Mapping[str, float], following: Mapping[str, Array]) -> Point:
     """The target quantities and their total derivatives; `following` has dg/dp (k,) for each calibrated parameter p."""
-    calibration, parameters = study.calibration, list(_own(study, assembly))
+    calibration, parameters = study.calibration, list(_range_widths(study, assembly))
     assert calibration is not None
     measured = [name for name in calibration.targets if name in study.measures]
     times = run_times(study, assembly)

@@ -86,14 +86,14 @@ class StudyResult(facade.Displayed):
 
     def spreads(self) -> list[Any]:
         """The distribution of each number over a sample, for each other case: `mean`, `deviation` and `quantiles`."""
-        found: list[Any] = facade.call("StudyResult.spreads", self)
-        return found
+        spreads: list[Any] = facade.call("StudyResult.spreads", self)
+        return spreads
 
     def occurrence_means(self) -> list[Any]:
         """The availability and the mean of each number by the scatter diagram of the study, for each combination of
         levels of the other axes: `available`, `fulfilled`, `means` and `failed`. UsageError without `occurrence:`."""
-        found: list[Any] = facade.call("StudyResult.occurrence_means", self)
-        return found
+        means: list[Any] = facade.call("StudyResult.occurrence_means", self)
+        return means
 
     def plot(self) -> list[Figure]:
         """The pictures of the study as matplotlib figures."""
@@ -192,7 +192,7 @@ def _outcomes(study: Study, store: CaseStore | None, fresh: bool, executor: Exec
         return Outcome(case, procedure.name if procedure is not None else "", problem=DIED)
 
     if executor is None:
-        done_now = _here(study, remaining, told_so_far)
+        done_now = _in_this_process(study, remaining, told_so_far)
     else:
         packed = study.packed()
         tasks = ((k, (packed(case), case, procedure)) for k, (case, procedure) in remaining)
@@ -205,17 +205,18 @@ def _outcomes(study: Study, store: CaseStore | None, fresh: bool, executor: Exec
         yield k, outcome
 
 
-def _here(study: Study, left: Iterable[tuple[int, tuple[int, Procedure | None]]], told: _StudyProgress
-          ) -> Iterator[tuple[int, Outcome]]:
-    for k, (case, procedure) in left:
-        yield k, worked(study, case, procedure, told.inside(study, case))
+def _in_this_process(study: Study, remaining: Iterable[tuple[int, tuple[int, Procedure | None]]],
+                     study_progress: _StudyProgress
+                     ) -> Iterator[tuple[int, Outcome]]:
+    for k, (case, procedure) in remaining:
+        yield k, worked(study, case, procedure, study_progress.inside(study, case))
 
 
 class _StudyProgress:
     """Progress of a study: completed cases, and the remaining time at their mean rate."""
 
-    def __init__(self, say: Progress, jobs: int, done: int):
-        self.say, self.jobs, self.first, self.done = say, jobs, done, done
+    def __init__(self, say: Progress, jobs: int, finished: int):
+        self.say, self.jobs, self.first, self.done = say, jobs, finished, finished
         self.began = clock.perf_counter()
         self._tell()
 

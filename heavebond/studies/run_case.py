@@ -77,10 +77,11 @@ class Outcome:
         return asdict(self)
 
 
-def worked(given: Study | PackedCase, number: int, procedure: Procedure | None, progress: Progress | None = None) -> Outcome:
+def worked(packed: Study | PackedCase, number: int, procedure: Procedure | None,
+           progress: Progress | None = None) -> Outcome:
     """Compute the case of that number; an error in this case is part of its outcome."""
     began = clock.perf_counter()
-    study = given.study if isinstance(given, PackedCase) else given
+    study = packed.study if isinstance(packed, PackedCase) else packed
     name = procedure.name if procedure is not None else ""
     try:
         outcome = _worked(study, study.case(number), procedure, progress or check_cancelled)
@@ -96,12 +97,12 @@ def worked(given: Study | PackedCase, number: int, procedure: Procedure | None, 
 
 def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress: Progress | None) -> Outcome:
     if (together := measured_together(study, case, named_in(study))) is not None:
-        values, done = together
-        if not done.verdict.failed:
-            time, signals = _signals(study, done)
-            return Outcome(0, values=values, modes=_modes(study, done.assembly), time=time, signals=signals,
-                           outside=done.verdict.text if done.verdict.findings else "",
-                           signal_units={name: done.unit(name) for name in signals}, solver=_solver(done))
+        values, shared_run = together
+        if not shared_run.verdict.failed:
+            time, signals = _signals(study, shared_run)
+            return Outcome(0, values=values, modes=_modes(study, shared_run.assembly), time=time, signals=signals,
+                           outside=shared_run.verdict.text if shared_run.verdict.findings else "",
+                           signal_units={name: shared_run.unit(name) for name in signals}, solver=_solver(shared_run))
     assembly = assembled(study, case)
     values = {}
     limits: Mapping[str, float] = {}
@@ -118,7 +119,7 @@ def _worked(study: Study, case: StudyCase, procedure: Procedure | None, progress
         assembly = assembly.with_parameters(tuned.values)
     by = tuple(name for level in case.levels for name in level.along)
     (numbers, run, slopes), filled = with_filled_nodes(lambda machine: measured(study, machine, by), assembly,
-                                                       lambda found: found[1], by)
+                                                       lambda measured_run: measured_run[1], by)
     verdict = run.verdict.raise_if_failed() if run is not None else Verdict()
     time, signals = _signals(study, run)
     return Outcome(0, values={**values, **numbers}, limits=dict(limits), message=message, modes=_modes(study, assembly),

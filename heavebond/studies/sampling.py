@@ -138,16 +138,16 @@ def _are_seeds(over: Mapping[str, Range]) -> bool:
         len({high - low for low, high in ends}) == 1 and all(wanted.nominal is None for wanted in over.values())
 
 
-def _named(given: Scalar, over: Mapping[str, Range], problems: Problems) -> Sampling | None:
-    if given.text == SEEDS and not _are_seeds(over):
-        problems.add("seeds-wrong", "seeds are whole numbers, equally many for each parameter", given.place,
+def _named(entry: Scalar, over: Mapping[str, Range], problems: Problems) -> Sampling | None:
+    if entry.text == SEEDS and not _are_seeds(over):
+        problems.add("seeds-wrong", "seeds are whole numbers, equally many for each parameter", entry.place,
                      hint="Write for example `over: {wave.seed: 1 .. 12}`.")
         return None
-    if given.text in NAMED:
-        return Sampling(given.text, over)
-    hint = f"Write `sample: {{{given.text}: 64}}`." if given.text in DRAWN else \
-        suggest(given.text, KINDS) or "Write for example `sample: {sobol: 64}` or `sample: one_at_a_time`."
-    problems.add("sample-unknown", f"'{given.text}' is not a sampling method", given.place, hint=hint)
+    if entry.text in NAMED:
+        return Sampling(entry.text, over)
+    hint = f"Write `sample: {{{entry.text}: 64}}`." if entry.text in DRAWN else \
+        suggest(entry.text, KINDS) or "Write for example `sample: {sobol: 64}` or `sample: one_at_a_time`."
+    problems.add("sample-unknown", f"'{entry.text}' is not a sampling method", entry.place, hint=hint)
     return None
 
 

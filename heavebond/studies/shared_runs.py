@@ -111,11 +111,11 @@ def _numbers(levels: Sequence[Level]) -> tuple[dict[str, Value], tuple[Level, ..
 class _Shared:
     """The equations of the cases of a study with the same variants."""
 
-    def __init__(self, study: Study, model: Model, others: tuple[Level, ...], named: set[str]):
-        self.measures, self.model, self.variants = study.measures, model, tuple(level.name for level in others)
+    def __init__(self, study: Study, model: Model, levels: tuple[Level, ...], named: set[str]):
+        self.measures, self.model, self.variants = study.measures, model, tuple(level.name for level in levels)
         self.runs: _Runs | None = None
         try:
-            self.assembly = assemble(changed(model, [level.settings for level in others]), named)
+            self.assembly = assemble(changed(model, [level.settings for level in levels]), named)
             self.runs = _Runs.of(study, self.assembly)
         except HeavebondError:
             return

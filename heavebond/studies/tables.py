@@ -95,7 +95,7 @@ def shown(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
     for name in result.units:
         columns.append((_column_head(result, name), [_number(name, result.value(o, name)) for o in result.outcomes]))
         for k, beside in enumerate(study.beside):
-            columns.append((beside.source, [_given(result, o, name, k) for o in result.outcomes]))
+            columns.append((beside.source, [_published(result, o, name, k) for o in result.outcomes]))
     columns.append(("", [o.problem for o in result.outcomes]))
     filled = [(head, cells) for head, cells in columns if any(cells)]
     return [head for head, _ in filled], [list(row) for row in zip(*(cells for _, cells in filled), strict=True)], words
@@ -129,7 +129,7 @@ def _number(name: str, value: float) -> str:
     return "" if math.isnan(value) else f"{value:.0f}" if name == SIMULATIONS else number(value, 4)
 
 
-def _given(result: StudyResult, outcome: Outcome, name: str, source: int) -> str:
+def _published(result: StudyResult, outcome: Outcome, name: str, source: int) -> str:
     theirs, off = result.published(outcome, name, source), result.difference(outcome, name, source)
     if math.isnan(theirs):
         return ""
@@ -195,18 +195,18 @@ def spread_rows(result: StudyResult) -> list[tuple[str, ...]]:
 def mean_rows(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
     """Head, rows and the number of text columns: the mean of each quantity with half its 95 % interval, a row per
     combination of the other axes; empty unless a sample of independent points is taken at several of them."""
-    found: dict[str, dict[str, Spread]] = {}
+    spread_of: dict[str, dict[str, Spread]] = {}
     for spread in spreads(result):
-        found.setdefault(spread.others, {})[spread.quantity] = spread
-    if len(found) < 2 or all(math.isnan(s.interval[0]) for row in found.values() for s in row.values()):
+        spread_of.setdefault(spread.others, {})[spread.quantity] = spread
+    if len(spread_of) < 2 or all(math.isnan(s.interval[0]) for row in spread_of.values() for s in row.values()):
         return [], [], 0
     at = [k for k, axis in enumerate(result.study.axes) if axis is not result.study.sample]
     names = quantities(result)
     rows = []
-    for others, outcomes in groups(result):
+    for combination, outcomes in groups(result):
         one = next(iter(outcomes.values()))
         row_start = [_level(result, one, k) for k in at] + ([one.procedure] if len(result.study.procedures) > 1 else [])
-        rows.append(row_start + [_with_interval(found.get(others, {}).get(name)) for name in names])
+        rows.append(row_start + [_with_interval(spread_of.get(combination, {}).get(name)) for name in names])
     head = [_axis_head(result, k) for k in at] + (["procedure"] if len(result.study.procedures) > 1 else [])
     words = next((n for n, k in enumerate(at) if result.study.axes[k].unit is not None), len(at))
     return [*head, *(_column_head(result, name) for name in names)], rows, words
@@ -313,8 +313,8 @@ def to_xarray(result: StudyResult) -> xr.Dataset:
     shape = [len(axis.levels) for axis in study.axes] + ([len(procedures)] if len(procedures) > 1 else [])
 
     def index(outcome: Outcome) -> tuple[int, ...]:
-        own = tuple(result.case_of(outcome).index)
-        return (*own, procedures.index(outcome.procedure)) if len(procedures) > 1 else own
+        case_index = tuple(result.case_of(outcome).index)
+        return (*case_index, procedures.index(outcome.procedure)) if len(procedures) > 1 else case_index
 
     arrays: dict[str, Any] = {}
     for name, unit in result.units.items():

@@ -184,7 +184,7 @@ def indices(result: StudyResult) -> list[Indices]:
     return results
 
 
-def _indices(quantity: str, others: str, parameters: tuple[str, ...], table: Array) -> Indices:
+def _indices(quantity: str, combination: str, parameters: tuple[str, ...], table: Array) -> Indices:
     """Indices from a quantity at the points of A, B and the mixtures, `table` (m + 2, n). The intervals are percentiles of a
     bootstrap of its columns with a fixed seed."""
     first, total = _estimated(table)
@@ -192,7 +192,7 @@ def _indices(quantity: str, others: str, parameters: tuple[str, ...], table: Arr
     drawn_anew = np.array([_estimated(table[:, chosen]) for chosen in rows])
     low, high = np.quantile(drawn_anew, ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2), axis=0)
     ends = [tuple(map(tuple, np.column_stack([low[k], high[k]]).tolist())) for k in range(2)]
-    return Indices(quantity, others, parameters, tuple(first.tolist()), tuple(total.tolist()), ends[0], ends[1],
+    return Indices(quantity, combination, parameters, tuple(first.tolist()), tuple(total.tolist()), ends[0], ends[1],
                    table.shape[1])
 
 
@@ -262,17 +262,17 @@ def occurrence_means(result: StudyResult) -> list[OccurrenceMeans]:
     groups: dict[tuple[str, str], dict[tuple[int, ...], list[Outcome]]] = {}
     for outcome in result.outcomes:
         case = result.case_of(outcome)
-        others = ", ".join(level.name if axis.unit is None else f"{axis.name} {level.name}"
-                           for k, (axis, level) in enumerate(zip(study.axes, case.levels, strict=True))
-                           if k not in occurrence.axes and axis.sampling is None)
+        combination = ", ".join(level.name if axis.unit is None else f"{axis.name} {level.name}"
+                                for k, (axis, level) in enumerate(zip(study.axes, case.levels, strict=True))
+                                if k not in occurrence.axes and axis.sampling is None)
         cell = tuple(case.index[k] for k in occurrence.axes)
-        groups.setdefault((others, outcome.procedure), {}).setdefault(cell, []).append(outcome)
+        groups.setdefault((combination, outcome.procedure), {}).setdefault(cell, []).append(outcome)
     several = len(study.procedures) > 1
-    return [_means(result, occurrence, ", ".join(filter(None, (others, procedure if several else ""))), cells)
-            for (others, procedure), cells in groups.items()]
+    return [_means(result, occurrence, ", ".join(filter(None, (combination, procedure if several else ""))), cells)
+            for (combination, procedure), cells in groups.items()]
 
 
-def _means(result: StudyResult, occurrence: Occurrence, others: str, cells: Mapping[tuple[int, ...], list[Outcome]]
+def _means(result: StudyResult, occurrence: Occurrence, combination: str, cells: Mapping[tuple[int, ...], list[Outcome]]
            ) -> OccurrenceMeans:
     shares = np.array([occurrence.shares[cell] for cell in cells])
 
@@ -289,7 +289,7 @@ def _means(result: StudyResult, occurrence: Occurrence, others: str, cells: Mapp
         known = ([v for o in outcomes if math.isfinite(v := result.value(o, quantity))] for outcomes in cells.values())
         return mean(sum(values) / len(values) if values else math.nan for values in known)
 
-    return OccurrenceMeans(others, share_where(occurrence.required),
+    return OccurrenceMeans(combination, share_where(occurrence.required),
                            {r.text: share_where([r]) for r in occurrence.required},
                            {name: mean_of(name) for name in result.units},
                            mean(sum(bool(o.problem) for o in outcomes) / len(outcomes) for outcomes in cells.values()))

@@ -218,23 +218,23 @@ def _same(left: tuple[Expr, Dimension | None], right: tuple[Expr, Dimension | No
     return a
 
 
-def _need(wanted: Dimension, expr: Expr, lookup: Lookup, what: str) -> None:
+def _need(wanted: Dimension, expr: Expr, lookup: Lookup, subject: str) -> None:
     actual = dimension(expr, lookup)
     if actual is not ANY and actual != wanted:
         hint = "Write a comparison, as in `a > b`." if wanted == TRUTH else "Write a comparison where one is needed." \
             if actual == TRUTH else f"Divide it by a quantity in {dimension_text(actual)}."
-        raise ExpressionProblem("units-argument", f"{what} must be {_in(wanted)}; this is {_in(actual)}", _start(expr),
+        raise ExpressionProblem("units-argument", f"{subject} must be {_in(wanted)}; this is {_in(actual)}", _start(expr),
                                 hint=hint)
 
 
-def _text(found: Dimension | None) -> str:
-    if found == TRUTH:
+def _text(actual: Dimension | None) -> str:
+    if actual == TRUTH:
         return "a comparison"
-    return "a number without unit" if found in (ONE, ANY) else dimension_text(found or ONE)
+    return "a number without unit" if actual in (ONE, ANY) else dimension_text(actual or ONE)
 
 
-def _in(found: Dimension | None) -> str:
-    return _text(found) if found in (ONE, ANY, TRUTH) else f"in {_text(found)}"
+def _in(actual: Dimension | None) -> str:
+    return _text(actual) if actual in (ONE, ANY, TRUTH) else f"in {_text(actual)}"
 
 
 def _factor(a: Dimension | None, b: Dimension | None) -> str:
@@ -280,8 +280,8 @@ def origins(expr: Expr, lookup: Callable[[Name], float | None]) -> float | None:
         left, right = origins(expr.left, lookup), origins(expr.right, lookup)
         if expr.op in "+-":
             # a number in K that is added to a temperature or a difference is an interval
-            left, right = (0.0 if w is None and other is not None and _in_kelvin(e) else w
-                           for e, w, other in ((expr.left, left, right), (expr.right, right, left)))
+            left, right = (0.0 if w is None and opposite is not None and _in_kelvin(e) else w
+                           for e, w, opposite in ((expr.left, left, right), (expr.right, right, left)))
             return None if left is None or right is None else left + right if expr.op == "+" else left - right
         if left == 0 and right == 0:
             return 0.0

@@ -384,10 +384,10 @@ class _Parser:
         outputs = list(function.outputs)
         if self.peek().text != ".":
             if len(outputs) > 1:
-                others = " or ".join(f"`.{name}`" for name in outputs[1:])
+                further_outputs = " or ".join(f"`.{name}`" for name in outputs[1:])
                 raise ExpressionProblem("function-output", f"{function.name} has {len(outputs)} outputs; the one that is "
                                         "meant is missing", token.column, len(function.name),
-                                        f"Write `{function.usage}`, or {others} behind the parenthesis.")
+                                        f"Write `{function.usage}`, or {further_outputs} behind the parenthesis.")
             return FunctionCall(function, tuple(args), outputs[0], token.column)
         self.take()
         output = self.take()
@@ -439,10 +439,10 @@ def tokens(text: str, *, units: bool) -> Iterator[Token]:
         if skip := _SKIP.match(text, at):
             at = skip.end()
             continue
-        if found := _NUMBER.match(text, at):
-            yield Token("number", found.group(), at)
-            at = found.end()
-            number = found.group()
+        if token_match := _NUMBER.match(text, at):
+            yield Token("number", token_match.group(), at)
+            at = token_match.end()
+            number = token_match.group()
             after = text[at:at + 2]
             if after[:1] == "," and whole(after[1:]) is not None and not (text.count("(", 0, at) > text.count(")", 0, at)):
                 raise ExpressionProblem("decimal-comma", f"a decimal comma in '{number}{after}'", at - len(number),
@@ -454,37 +454,37 @@ def tokens(text: str, *, units: bool) -> Iterator[Token]:
                     + (f", a quantity `{number} {glued.group()}`." if units else "."))
             if not units and (name := _UNIT_AFTER.match(text, at)) and name.group(1) not in KEYWORDS:
                 raise ExpressionProblem(
-                    "unit-in-equation", f"'{found.group()} {name.group(1)}': a component's equations hold no units",
-                    found.start(), name.end() - found.start(),
+                    "unit-in-equation", f"'{token_match.group()} {name.group(1)}': a component's equations hold no units",
+                    token_match.start(), name.end() - token_match.start(),
                     "Declare a parameter with its unit; a product is written with `*`.")
             if units and (unit := _UNIT_AFTER.match(text, at)) and unit.group(1) not in KEYWORDS:
                 word = _longest_unit(unit.group(1), text[unit.end(1):])
                 yield Token("unit", word, unit.start(1))
                 at = unit.start(1) + len(word)
-        elif found := _NAME.match(text, at):
-            kind = "keyword" if found.group() in KEYWORDS else "name"
-            yield Token(kind, found.group(), at)
-            at = found.end()
-        elif found := _OPERATOR.match(text, at):
-            yield Token("operator", found.group(), at)
-            at = found.end()
+        elif token_match := _NAME.match(text, at):
+            kind = "keyword" if token_match.group() in KEYWORDS else "name"
+            yield Token(kind, token_match.group(), at)
+            at = token_match.end()
+        elif token_match := _OPERATOR.match(text, at):
+            yield Token("operator", token_match.group(), at)
+            at = token_match.end()
         else:
             sign = text[at]
             if sign == "^":
                 raise ExpressionProblem("formula-power", "the power is not written `^`", at, 1, "Write `**`.")
-            what = {"'": "a quote (')", '"': 'a quote (")'}.get(sign, f"'{sign}'")
-            raise ExpressionProblem("sign-unknown", f"{what} has no meaning in a formula", at, 1,
+            sign_text = {"'": "a quote (')", '"': 'a quote (")'}.get(sign, f"'{sign}'")
+            raise ExpressionProblem("sign-unknown", f"{sign_text} has no meaning in a formula", at, 1,
                                     "A formula holds numbers, names, + - * / ** and functions.")
     yield Token("end", "", len(text))
 
 
-def _longest_unit(word: str, rest: str) -> str:
+def _longest_unit(word: str, remainder: str) -> str:
     """The longest prefix of `word` that is a unit, `N*s/m` in `3 N*s/m*load.v`.
 
     If no prefix is a unit, the whole word, which the caller reports as an unknown unit.
     """
     part = word
-    if rest.startswith("."):  # the last factor is the first part of a dotted name
+    if remainder.startswith("."):  # the last factor is the first part of a dotted name
         part = _without_last_factor(part)
     while part:
         try:

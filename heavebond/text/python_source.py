@@ -42,8 +42,8 @@ class PythonCall:
         body = re.escape(text) if inside or before else ""
         entry = rf"\b{re.escape(key)}[\"']?\s*[:=]\s*[\"']?(?P<text>{body})" if key else ""
         string, keyword = rf"(?<=[\"'])(?P<text>{body})(?=[\"'])", rf"\b(?P<text>{body})\b(?=\s*=)"
-        other = (string, keyword, rf"(?<![\w.])(?P<text>{body})(?![\w.])", rf"(?P<text>{body})") if inside else ()
-        for pattern in filter(None, (entry, *other)):
+        patterns = (string, keyword, rf"(?<![\w.])(?P<text>{body})(?![\w.])", rf"(?P<text>{body})") if inside else ()
+        for pattern in filter(None, (entry, *patterns)):
             for number, line in inside or before:
                 if match := re.search(pattern, line):
                     return Place(self.file, number, match.start("text") + 1, line, len(text))

@@ -94,10 +94,10 @@ class Lengths:
         elif not _zero(value):
             self._same(shape, self.of(value), "the target and its new value are", _start(value))
 
-    def number(self, expr: Expr, what: str) -> None:
+    def number(self, expr: Expr, subject: str) -> None:
         """Raise ExpressionProblem if the expression is a list or a matrix."""
-        if (found := self.of(expr)) is not None:
-            raise ExpressionProblem("list-number", f"{what} is a number; this is {shape_text(found, self.exact)}",
+        if (shape := self.of(expr)) is not None:
+            raise ExpressionProblem("list-number", f"{subject} is a number; this is {shape_text(shape, self.exact)}",
                                     _start(expr), hint="Write an index, as in `x[1]`, or `sum(x)`, `dot(x, y)`.")
 
     def of(self, expr: Expr) -> Shape:
@@ -160,9 +160,9 @@ class Lengths:
             if expr.op == "*" and isinstance(right, tuple):
                 raise ExpressionProblem("list-product", "a vector stands on the left of a matrix", expr.column, 1,
                                         "Write the matrix first, `K*x`, or `transpose(K)*x`.")
-            what = "a product of two lists" if expr.op == "*" else "a quotient by a list" if expr.op == "/" else \
+            operation = "a product of two lists" if expr.op == "*" else "a quotient by a list" if expr.op == "/" else \
                 "a power of a list"
-            raise ExpressionProblem("list-product", f"{what} has more than one meaning", expr.column, len(expr.op),
+            raise ExpressionProblem("list-product", f"{operation} has more than one meaning", expr.column, len(expr.op),
                                     "Write `dot(a, b)` or `cross(a, b)`, or `each i in 1..n:` for an equation of every "
                                     "element.")
         return left if left is not None else right
@@ -178,10 +178,10 @@ class Lengths:
                                         "ports", _start(expr.args[0]))
             return None
         if name == "transpose":
-            if not isinstance(found := lengths[0], tuple):
-                raise ExpressionProblem("list-number", f"transpose takes a matrix; this is {shape_text(found, self.exact)}",
+            if not isinstance(matrix := lengths[0], tuple):
+                raise ExpressionProblem("list-number", f"transpose takes a matrix; this is {shape_text(matrix, self.exact)}",
                                         _start(expr.args[0]), hint="Declare it with `count: [n, m]`.")
-            return found[1], found[0]
+            return matrix[1], matrix[0]
         if name in SQUARE:
             # check that an argument is a square matrix, or a list of the elements of a matrix row by row
             shape = lengths[0]
@@ -206,19 +206,20 @@ class Lengths:
         function, shapes = expr.function, [self.of(arg) for arg in expr.args]
         sizes: dict[str, int] = {}
         for arg, shape, wanted in zip(expr.args, shapes, function.inputs.values(), strict=True):
-            what = f"{wanted.name} of {function.name}"
+            subject = f"{wanted.name} of {function.name}"
             if not wanted.sizes:
-                self.number(arg, what)
+                self.number(arg, subject)
             elif len(wanted.sizes) != (0 if shape is None else 1 if isinstance(shape, int) else 2):
-                raise ExpressionProblem("list-number", f"{what} is a {'list' if len(wanted.sizes) == 1 else 'matrix'}; this "
+                raise ExpressionProblem("list-number",
+                                        f"{subject} is a {'list' if len(wanted.sizes) == 1 else 'matrix'}; this "
                                         f"is {shape_text(shape, self.exact)}", _start(arg), hint=wanted.doc)
             else:
-                self._told(what, shape, wanted.sizes, sizes, _start(arg))
+                self._add_sizes(subject, shape, wanted.sizes, sizes, _start(arg))
         if self.exact:
             check_steps(function, sizes, expr.column, exact=True)
         return declared(function.outputs[expr.output], sizes)
 
-    def _told(self, what: str, shape: Shape, wanted: tuple[Expr, ...], sizes: dict[str, int], column: int) -> None:
+    def _add_sizes(self, subject: str, shape: Shape, wanted: tuple[Expr, ...], sizes: dict[str, int], column: int) -> None:
         """Add the lengths of an argument to `sizes`; raise ExpressionProblem if another argument has different lengths."""
         for size, expr in zip((shape,) if isinstance(shape, int) else shape or (), wanted, strict=True):
             known = whole_number(expr, sizes)
@@ -226,7 +227,7 @@ class Lengths:
                 sizes[expr.text] = size
             elif known != size and self.exact:
                 length = f"{expr.text} = {known}" if isinstance(expr, Name) else f"{known}"
-                raise ExpressionProblem("list-length", f"{what} has the length {length}; this is {shape_text(shape)}",
+                raise ExpressionProblem("list-length", f"{subject} has the length {length}; this is {shape_text(shape)}",
                                         column, hint="Lists of one length are needed; `x[1..3]` is a part of one.")
 
     def _vectors(self, expr: Call, shapes: list[Shape]) -> Shape:
@@ -240,14 +241,15 @@ class Lengths:
         common = self._same(shapes[0], shapes[1], f"{name} joins", expr.column)
         return common if name == "cross" else None
 
-    def _same(self, left: Shape, right: Shape, what: str, column: int) -> Shape:
+    def _same(self, left: Shape, right: Shape, subject: str, column: int) -> Shape:
         if left == right:
             return left
         if not self.exact and isinstance(left, int) and isinstance(right, int):
             return max(left, right)
         if not self.exact and isinstance(left, tuple) and isinstance(right, tuple):
             return max(left[0], right[0]), max(left[1], right[1])
-        raise ExpressionProblem("list-length", f"{what} {shape_text(left, self.exact)} and {shape_text(right, self.exact)}",
+        raise ExpressionProblem("list-length",
+                                f"{subject} {shape_text(left, self.exact)} and {shape_text(right, self.exact)}",
                                 column, hint=ELEMENTS if left is None or right is None else
                                 "Lists of one length are joined; `x[1..3]` is a part of one.")
 

@@ -40,15 +40,15 @@ _SPECIAL = re.compile(r"[&%#$_{}]")
 _NUMBERED = re.compile(r"([A-Za-z]+?)([0-9]+)")
 
 
-def equation_tex(equation: Equation, own: Iterable[str] = ()) -> str:
+def equation_tex(equation: Equation, declared: Iterable[str] = ()) -> str:
     """An equation as `left &= right` for alignment; `own` are the names that the component declares."""
-    names = _Names(frozenset(own))
+    names = _Names(frozenset(declared))
     return f"{names.of(equation.left)} &= {names.of(equation.right)}"
 
 
-def formula_tex(expr: Expr, own: Iterable[str] = ()) -> str:
+def formula_tex(expr: Expr, declared: Iterable[str] = ()) -> str:
     """An expression as TeX."""
-    return _Names(frozenset(own)).of(expr)
+    return _Names(frozenset(declared)).of(expr)
 
 
 def symbol_tex(name: str) -> str:
@@ -66,8 +66,8 @@ def text_tex(words: str) -> str:
 def _letter(word: str) -> str:
     if word in GREEK:
         return f"\\{word}"
-    if found := _DIFFERENCE.fullmatch(word):
-        return rf"\Delta {found.group(1)}"
+    if difference := _DIFFERENCE.fullmatch(word):
+        return rf"\Delta {difference.group(1)}"
     return word if len(word) == 1 else rf"\mathrm{{{word}}}"
 
 
@@ -80,8 +80,8 @@ def _index(word: str) -> str:
 class _Names:
     """Converts the formulas of one component."""
 
-    def __init__(self, own: frozenset[str]):
-        self.own = own
+    def __init__(self, declared: frozenset[str]):
+        self.declared = declared
 
     def of(self, expr: Expr, least: int = _SUM) -> str:
         """TeX of an expression, in brackets if it binds less strongly than `least`."""
@@ -192,7 +192,7 @@ class _Names:
         if len(words) == 1:
             return _letter_and_index(words[0])
         port, member = words[0], words[-1]
-        if f"{member}_{port}" in self.own or len(words) > 2:
+        if f"{member}_{port}" in self.declared or len(words) > 2:
             return None
         letter, index = _letter_and_index(port)
         return _letter(member), f"{letter}_{{{index}}}" if index else letter
@@ -202,8 +202,8 @@ def _letter_and_index(word: str) -> tuple[str, str]:
     """Split a name into letter and index: `p_up` into p and up, `p[i]` into p and i."""
     name, bracket, indexed = word.partition("[")
     head, _, index = name.partition("_")
-    if found := _NUMBERED.fullmatch(head):
-        head, index = found.group(1), "_".join(part for part in (found.group(2), index) if part)
+    if numbered := _NUMBERED.fullmatch(head):
+        head, index = numbered.group(1), "_".join(part for part in (numbered.group(2), index) if part)
     parts = [_index(part) for part in index.split("_") if part]
     return _letter(head), ",".join([*parts, indexed[:-1]] if bracket else parts)
 

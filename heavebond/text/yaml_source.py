@@ -444,7 +444,7 @@ class _Builder:
                 self.problems.add("decimal-comma", f"'{cut.text},{name}' has a decimal comma", both,
                                   hint=f"Write '{cut.text}.{name}'.")
             elif cut and order[at - 1] in TEXTS:
-                pieces = [name, *takewhile(lambda other: other in bare and other not in FLAGS, order[at + 1:])]
+                pieces = [name, *takewhile(lambda next_name: next_name in bare and next_name not in FLAGS, order[at + 1:])]
                 of_text |= set(pieces)
                 text = ", ".join([cut.text, *pieces])
                 self.problems.add("key-without-value", f"the comma in '{text}' ends the text", cut.place,
@@ -455,9 +455,9 @@ class _Builder:
             elif re.match(r"\w+:\S", name):
                 self.problems.add("key-without-value", f"a space is missing behind the colon of '{name}'", key.place,
                                   hint=f"Write `{name.replace(':', ': ', 1)}`.")
-            elif found := re.fullmatch(r"(\w+)\s+(\S.*)", name):
-                self.problems.add("key-without-value", f"a colon is missing behind '{found.group(1)}'", key.place,
-                                  hint=f"Write `{found.group(1)}: {found.group(2)}`.")
+            elif spaced := re.fullmatch(r"(\w+)\s+(\S.*)", name):
+                self.problems.add("key-without-value", f"a colon is missing behind '{spaced.group(1)}'", key.place,
+                                  hint=f"Write `{spaced.group(1)}: {spaced.group(2)}`.")
             else:
                 self.problems.add("key-without-value", f"'{name}' has no value", key.place,
                                   hint=f"Write `{name}: ...` with a value, or remove it.")
