@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from heavebond.energy_audit.audit import EnergyAudit, EnergyLine
-from heavebond.equations.flatten import Flat
+from heavebond.energy_audit.audit import EnergyAudit
 
 LEAST = 0.005  # share of the largest link; smaller links are omitted, their lines would be invisible
 SWEEPS = 6  # number of sweeps of the ordering; further sweeps make no visible difference
@@ -67,27 +66,38 @@ def energy_flow(audit: EnergyAudit) -> EnergyFlow:
             if bonds[port].owner in lines}
     links = []
     for port, energy in nets.items():
-        node, domain = _node_of(flat, port)
+        # the node and the domain of a port
+        domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
+        domain = next(d for d in domains if all(f"{port}.{m}" in flat.names for m in (*d.across, *d.through)))
+        node, domain = flat.unknowns[flat.names[f"{port}.{domain.across[0]}"]].name.rpartition(".")[0], domain.name
         ends = (BoxKey(node, node=True), BoxKey(bonds[port].owner))
         links.append(Link(*(ends if energy > 0 else ends[::-1]), abs(energy), domain))
     largest = max((link.energy for link in links), default=0.0)
     small = [link.energy for link in links if link.energy < LEAST * largest]
     links_kept = _contracted([link for link in links if link.energy >= LEAST * largest and link.energy > 0])
     keys = dict.fromkeys(key for link in links_kept for key in (link.source, link.target))
-    boxes = {key: Box(key) if key.node else _box(key, lines[key.path]) for key in keys}
+    boxes = {}
+    for key in keys:
+        if key.node:
+            boxes[key] = Box(key)
+        else:
+            line = lines[key.path]
+            boxes[key] = Box(key, line.supplied, line.dissipated + line.unbalanced, line.stored - line.events)
     directed = _with_directions(links_kept)
-    return EnergyFlow(_ordered(_in_columns(boxes, directed), directed), directed, max(small, default=0.0))
-
-
-def _box(key: BoxKey, line: EnergyLine) -> Box:
-    return Box(key, line.supplied, line.dissipated + line.unbalanced, line.stored - line.events)
-
-
-def _node_of(flat: Flat, port: str) -> tuple[str, str]:
-    """The node and the domain of a port."""
-    domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
-    domain = next(d for d in domains if all(f"{port}.{m}" in flat.names for m in (*d.across, *d.through)))
-    return flat.unknowns[flat.names[f"{port}.{domain.across[0]}"]].name.rpartition(".")[0], domain.name
+    # assign columns: each box is one column after the last of its sources; a box without a source is just before its first
+    # target
+    column = dict.fromkeys(boxes, 0)
+    for _ in boxes:  # the longest path has fewer links than there are boxes
+        for link in directed:
+            if not link.back:
+                column[link.target] = max(column[link.target], column[link.source] + 1)
+    fed = {link.target for link in directed if not link.back}
+    for name in boxes:
+        ahead = [column[link.target] for link in directed if link.source == name and not link.back]
+        if name not in fed and ahead:
+            column[name] = min(ahead) - 1
+    return EnergyFlow(_ordered({name: replace(box, column=column[name]) for name, box in boxes.items()}, directed),
+                      directed, max(small, default=0.0))
 
 
 def _contracted(links: Sequence[Link]) -> list[Link]:
@@ -129,22 +139,6 @@ def _with_directions(links: Sequence[Link]) -> tuple[Link, ...]:
             after.setdefault(link.source, set()).add(link.target)
         directed.append(replace(link, back=back))
     return tuple(directed)
-
-
-def _in_columns(boxes: Mapping[BoxKey, Box], links: Sequence[Link]) -> dict[BoxKey, Box]:
-    """Assign columns: each box is one column after the last of its sources; a box without a source is just before its first
-    target."""
-    column = dict.fromkeys(boxes, 0)
-    for _ in boxes:  # the longest path has fewer links than there are boxes
-        for link in links:
-            if not link.back:
-                column[link.target] = max(column[link.target], column[link.source] + 1)
-    fed = {link.target for link in links if not link.back}
-    for name in boxes:
-        ahead = [column[link.target] for link in links if link.source == name and not link.back]
-        if name not in fed and ahead:
-            column[name] = min(ahead) - 1
-    return {name: replace(box, column=column[name]) for name, box in boxes.items()}
 
 
 def _ordered(boxes: Mapping[BoxKey, Box], links: Sequence[Link]) -> dict[BoxKey, Box]:

@@ -92,7 +92,13 @@ def dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
             common = _same((first, common), (item, number_dimension(item, lookup)), "the list", _start(item))
         return common
     assert not isinstance(expr, Slice)  # a slice occurs only as an index of a name
-    return _truth(expr, lookup)
+    if isinstance(expr, Compare):
+        _same((expr.left, number_dimension(expr.left, lookup)), (expr.right, number_dimension(expr.right, lookup)),
+              f"'{expr.op}'", expr.column)
+        return TRUTH
+    for operand in (expr.operand,) if isinstance(expr, Not) else (expr.left, expr.right):
+        _need(TRUTH, operand, lookup, "and, or, not")
+    return TRUTH
 
 
 def number_dimension(expr: Expr, lookup: Lookup) -> Dimension | None:
@@ -195,16 +201,6 @@ def _put_in(declared: Dimension, units: Mapping[str, Dimension]) -> tuple[Dimens
         else:
             known = times(known, units.get(base, ((base, Fraction(1)),)), power)
     return known, unsolved
-
-
-def _truth(expr: Compare | Logic | Not, lookup: Lookup) -> Dimension:
-    if isinstance(expr, Compare):
-        _same((expr.left, number_dimension(expr.left, lookup)), (expr.right, number_dimension(expr.right, lookup)),
-              f"'{expr.op}'", expr.column)
-        return TRUTH
-    for operand in (expr.operand,) if isinstance(expr, Not) else (expr.left, expr.right):
-        _need(TRUTH, operand, lookup, "and, or, not")
-    return TRUTH
 
 
 def _same(left: tuple[Expr, Dimension | None], right: tuple[Expr, Dimension | None], where: str,

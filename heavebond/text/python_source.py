@@ -84,25 +84,22 @@ def node_of(value: Any, subject: str, call: PythonCall) -> Node:
     if isinstance(value, (list, tuple)):
         return Sequence(tuple(node_of(item, subject, call) for item in value),
                         call.place(subject.rpartition(".")[2], subject))
-    text = _text(value, subject)
+    # a value as it is written in YAML: 2.5e-3, true, `42.0 kN/m` of a quantity of pint
+    if isinstance(value, bool):
+        text = str(value).lower()
+    elif isinstance(value, (str, int, float, Path)):
+        text = value if isinstance(value, str) else repr(value) if isinstance(value, (int, float)) else value.as_posix()
+    elif hasattr(value, "magnitude") and hasattr(value, "units"):
+        unit = f"{value.units:~C}"
+        text = f"{float(value.magnitude)!r} {unit}".rstrip()
+    else:
+        raise UsageError([Problem("python-value", f"{subject} is a {type(value).__name__}, which a diagram cannot hold",
+                                  calling_place().place(subject.rpartition(".")[2], subject),
+                                  "Write a text with a unit, such as \"250 kg\", a number, a list or a dictionary.")])
     if "\n" not in text:
         return Scalar(text, call.place(text, f"{subject}: {text}", subject.rpartition(".")[2]))
     rows = tuple(Scalar(line.strip(), call.place(line.strip(), line.strip())) for line in text.splitlines() if line.strip())
     return Scalar("\n".join(row.text for row in rows) + "\n", rows[0].place, block=True, _block_lines=rows)
-
-
-def _text(value: Any, subject: str) -> str:
-    """A value as it is written in YAML: 2.5e-3, true, `42.0 kN/m` of a quantity of pint."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, (str, int, float, Path)):
-        return value if isinstance(value, str) else repr(value) if isinstance(value, (int, float)) else value.as_posix()
-    if hasattr(value, "magnitude") and hasattr(value, "units"):
-        unit = f"{value.units:~C}"
-        return f"{float(value.magnitude)!r} {unit}".rstrip()
-    raise UsageError([Problem("python-value", f"{subject} is a {type(value).__name__}, which a diagram cannot hold",
-                              calling_place().place(subject.rpartition(".")[2], subject),
-                              "Write a text with a unit, such as \"250 kg\", a number, a list or a dictionary.")])
 
 
 def block_text(lines: list[str] | tuple[str, ...], call: PythonCall) -> Scalar:

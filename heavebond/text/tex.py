@@ -71,12 +71,6 @@ def _letter(word: str) -> str:
     return word if len(word) == 1 else rf"\mathrm{{{word}}}"
 
 
-def _index(word: str) -> str:
-    if word in GREEK:
-        return f"\\{word}"
-    return word if word.isdigit() else rf"\mathrm{{{word}}}"
-
-
 class _Names:
     """Converts the formulas of one component."""
 
@@ -204,7 +198,8 @@ def _letter_and_index(word: str) -> tuple[str, str]:
     head, _, index = name.partition("_")
     if numbered := _NUMBERED.fullmatch(head):
         head, index = numbered.group(1), "_".join(part for part in (numbered.group(2), index) if part)
-    parts = [_index(part) for part in index.split("_") if part]
+    parts = [(f"\\{part}" if part in GREEK else part if part.isdigit() else rf"\mathrm{{{part}}}")
+             for part in index.split("_") if part]
     return _letter(head), ",".join([*parts, indexed[:-1]] if bracket else parts)
 
 

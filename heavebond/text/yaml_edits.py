@@ -67,7 +67,11 @@ def delete_entry(text: str, keys: Several[Key]) -> str:
     The comments on the deleted lines are deleted, and comments on other lines are preserved.
     """
     before = tree(parse(text).root)
-    keys = _emptied(before, keys)
+    # the path of the outermost mapping or list that becomes empty without the entry at `keys`, otherwise `keys`
+    if _at(before, keys) is None:
+        raise _refused(keys)
+    while len(keys) > 1 and len(_at(before, keys[:-1]) or "") == 1:
+        keys = keys[:-1]
     at, depth = _deepest(spans(text), keys[:-1])
     key = keys[-1]
     if depth < len(keys) - 1 or (key not in at.entries if isinstance(key, str) else key >= len(at.items)):
@@ -162,15 +166,6 @@ def _without(before: Tree, keys: Several[Key]) -> Tree:
     assert isinstance(before, list)
     return [_without(v, inner_keys) if inner_keys and k == key else v for k, v in enumerate(before)
             if inner_keys or k != key]
-
-
-def _emptied(before: Tree, keys: Several[Key]) -> Several[Key]:
-    """The path of the outermost mapping or list that becomes empty without the entry at `keys`, otherwise `keys`."""
-    if _at(before, keys) is None:
-        raise _refused(keys)
-    while len(keys) > 1 and len(_at(before, keys[:-1]) or "") == 1:
-        keys = keys[:-1]
-    return keys
 
 
 def _checked(changed: str, wanted: Tree, keys: Several[Key]) -> str:
