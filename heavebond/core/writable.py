@@ -82,7 +82,10 @@ def new_file(path: str | Path, *, exclusive: bool = False) -> Iterator[Path]:
                 folder = open_folder(target.parent, root)
                 at = {"dir_fd": folder}
                 if root is not None:
-                    _check_replaceable(target.name, folder)
+                    # PermissionError for a name in a folder that is not an ordinary file
+                    with suppress(FileNotFoundError):
+                        if not stat.S_ISREG(os.stat(target.name, dir_fd=folder, follow_symlinks=False).st_mode):
+                            raise PermissionError(errno.EACCES, "it is not an ordinary file", target.name)
                     link = Path(f"/proc/{os.getpid()}/fd/{folder}")  # Linux
                     fresh = link / fresh.name if link.exists() else fresh
                 _remove_unfinished(folder)
@@ -111,13 +114,6 @@ def write_text(path: str | Path, text: str, *, exclusive: bool = False) -> None:
     """Write a text as UTF-8 with line feeds, whole or not at all; see `new_file`."""
     with new_file(path, exclusive=exclusive) as fresh, open(fresh, "w", encoding="utf-8", newline="\n") as file:
         file.write(text)
-
-
-def _check_replaceable(name: str, folder: int) -> None:
-    """PermissionError for a name in a folder that is not an ordinary file."""
-    with suppress(FileNotFoundError):
-        if not stat.S_ISREG(os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode):
-            raise PermissionError(errno.EACCES, "it is not an ordinary file", name)
 
 
 def _created(fresh: str | Path, at: dict[str, int]) -> int:

@@ -149,7 +149,8 @@ class Transcription:
         self.begin, self.length = float(breaks[0]), float(breaks[-1] - breaks[0])
         self.steps = np.diff(breaks) / self.length  # as shares of the horizon
         self.shares = (times_of(breaks)[1:] - self.begin) / self.length
-        self.x_size, self.z_size = (_sizes(rows, nominal) for rows, nominal in zip(
+        self.x_size, self.z_size = (np.maximum(np.abs(rows).max(axis=1, initial=0.0), COLLOCATION.small * nominal)
+                                    if len(rows) else nominal for rows, nominal in zip(
             guess[:2], (assembly.x_nominal, assembly.z_nominal), strict=True))
         self.w_size = programme.high - programme.low
         self.functionals = [f for cost in programme.costs for f in cost.functionals]
@@ -164,8 +165,9 @@ class Transcription:
         slopes = np.abs(np.array(by_z(self.begin, guess[0][:, 0], guess[1][:, 0], first))) * self.z_size
         largest = slopes.max(axis=1, initial=0.0) if self.n_z else np.zeros(0)
         self.alg_weight = np.where(np.isfinite(largest) & (largest > 0), 1 / np.maximum(largest, 1e-300), 1.0)
+        times = self.begin + self.length * self.shares
         self.guessed = np.array(self.laws.map(self.points)(
-            (self.begin + self.length * self.shares)[None, :], guess[0][:, 1:], guess[1][:, 1:], self._columns(guess[2]))[2])
+            times[None, :], guess[0][:, 1:], guess[1][:, 1:], pieces_of(self.programme, self.breaks, guess[2]).at(times))[2])
         self.x0, self.x, self.z = ca.MX.sym("x0", self.n), ca.MX.sym("x", self.n, self.points), \
             ca.MX.sym("z", self.n_z, self.points)
         self.w, self.duration = ca.MX.sym("w", self.m, self.intervals + 1), ca.MX.sym("T")
@@ -174,9 +176,6 @@ class Transcription:
         self._transcribe()
         self.unknowns = ca.vertcat(self.x0, ca.vec(self.x), ca.vec(self.z), ca.vec(self.w), self.duration,
                                    *(symbol for symbol, *_ in self.numbers))
-
-    def _columns(self, w: Array) -> Array:
-        return pieces_of(self.programme, self.breaks, w).at(self.begin + self.length * self.shares)
 
     def _constrain(self, expression: ca.MX, low: float, high: float) -> None:
         self.constraints.append((ca.vec(expression), low, high))
@@ -342,10 +341,6 @@ class Transcription:
                                                  pieces_of(self.programme, breaks, w).at(times))[0])
         residual = np.abs(rates - ode * steps) / self.x_size[:, None]
         return np.asarray(residual.reshape(self.n, N, DEGREE).max(axis=(0, 2), initial=0.0))
-
-
-def _sizes(values: Array, nominal: Array) -> Array:
-    return np.maximum(np.abs(values).max(axis=1, initial=0.0), COLLOCATION.small * nominal) if len(values) else nominal
 
 
 def refined(breaks: Array, errors: Array, most: int) -> Array:

@@ -128,7 +128,17 @@ def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] =
     """
     possible = candidates(assembly)
     chosen = list(dict.fromkeys(parameters)) or possible[:most]
-    _check(assembly, chosen, possible)
+    assembly.parameter_indices(chosen)  # UsageError for a name that cannot be set
+    solved = [name for name in chosen if name in assembly.model.initial.solve]
+    zero = [name for name in chosen if name not in possible and name not in solved]
+    if solved:
+        raise UsageError([Problem("parameter-solved", f"{listing(solved)} cannot be varied: parameters under `solve:` "
+                                  "follow from the start", None, "Take it out of `solve:` and give it a value.")])
+    if zero:
+        raise UsageError([Problem("parameter-zero", f"{listing(zero)} has no relative influence: its value is zero", None,
+                                  f"Give it a value, for example --set {zero[0]}='...'.")])
+    if not chosen:
+        raise UsageError([Problem("parameters-missing", f"{assembly.model.name} has no parameter that is not zero")])
     (courses, signal, run), filled = with_filled_nodes(
         lambda machine: _courses(machine, signals, chosen, until, every, progress or (lambda text: None)), assembly,
         lambda ranking_run: ranking_run[2], chosen)
@@ -176,20 +186,6 @@ def in_chunks(names: Sequence[str], size: int = AT_ONCE) -> list[Sequence[str]]:
     """The names in groups of about equal length, each for one run with sensitivities."""
     groups = max(1, -(-len(names) // size))
     return [names[k * len(names) // groups:(k + 1) * len(names) // groups] for k in range(groups)]
-
-
-def _check(assembly: Assembly, chosen: Sequence[str], possible: Sequence[str]) -> None:
-    assembly.parameter_indices(chosen)  # UsageError for a name that cannot be set
-    solved = [name for name in chosen if name in assembly.model.initial.solve]
-    zero = [name for name in chosen if name not in possible and name not in solved]
-    if solved:
-        raise UsageError([Problem("parameter-solved", f"{listing(solved)} cannot be varied: parameters under `solve:` "
-                                  "follow from the start", None, "Take it out of `solve:` and give it a value.")])
-    if zero:
-        raise UsageError([Problem("parameter-zero", f"{listing(zero)} has no relative influence: its value is zero", None,
-                                  f"Give it a value, for example --set {zero[0]}='...'.")])
-    if not chosen:
-        raise UsageError([Problem("parameters-missing", f"{assembly.model.name} has no parameter that is not zero")])
 
 
 def _ranking(signal: str, unit: str, time: Array, values: Array, changes: list[tuple[str, float, Unit, Array]]) -> Ranking:

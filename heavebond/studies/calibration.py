@@ -173,7 +173,9 @@ class _Problem:
             self.simulations += points[k].simulations
             if not points[k].broken:
                 self.gains[k] = points[k].gains
-        slopes = np.array([_slope(wanted, values[name]) for name, wanted in zip(self.names, self.ranges, strict=True)])
+        # d value / d share
+        slopes = np.array([(float(values[name] * np.log(wanted.high / wanted.low)) if wanted.low > 0
+                            else wanted.high - wanted.low) for name, wanted in zip(self.names, self.ranges, strict=True)])
         residuals, rows = [], []
         for k in self.cases:
             for quantity, target in self.targets[k].items():
@@ -223,11 +225,6 @@ def _value(wanted: Range, share: float) -> float:
     return wanted.low + share * (wanted.high - wanted.low)
 
 
-def _slope(wanted: Range, value: float) -> float:
-    """d value / d share."""
-    return float(value * np.log(wanted.high / wanted.low)) if wanted.low > 0 else wanted.high - wanted.low
-
-
 # -- one case ----------------------------------------------------------------------------------------------------------
 def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Point:
     """A case with the calibrated values of the study: tuned, starting at `gains` if they are given, simulated,
@@ -238,7 +235,13 @@ def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Po
         following: dict[str, Array] = {}
         if study.task is not None:
             objective = Objective(assembly, study.task)
-            gains = _tuned(study, objective, gains)
+            # the tuned gains, by the study's first procedure with gradients, or by a search that starts at `gains`
+            if gains is None:
+                gains = tuned_by(objective, next((p for p in study.procedures if not p.sweeps),
+                                                 Procedure("gradients"))).values
+            else:
+                first = objective.shares([gains[name] for name in objective.names])
+                gains = objective.values(search(objective, first, "trust", RETUNED, lambda text: None).best.at)
             following = _following(objective, gains, _range_widths(study, assembly))
             simulations = objective.simulations
             assembly = assembly.with_parameters(gains)
@@ -246,14 +249,6 @@ def at_point(study: Study, number: int, gains: Mapping[str, float] | None) -> Po
         return replace(point, simulations=simulations + point.simulations)
     except HeavebondError:
         return Point(broken=True)
-
-
-def _tuned(study: Study, objective: Objective, gains: Mapping[str, float] | None) -> dict[str, float]:
-    """The tuned gains, by the study's first procedure with gradients, or by a search that starts at `gains`."""
-    if gains is None:
-        return tuned_by(objective, next((p for p in study.procedures if not p.sweeps), Procedure("gradients"))).values
-    first = objective.shares([gains[name] for name in objective.names])
-    return objective.values(search(objective, first, "trust", RETUNED, lambda text: None).best.at)
 
 
 def _range_widths(study: Study, assembly: Assembly) -> dict[str, float]:

@@ -299,7 +299,13 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
     for picture in (p for p in study.pictures if p.kind == "signals"):
         for name in picture.names:
             with relocated(picture.place, problems):
-                _check_signal(assembly, name)
+                if name not in assembly.model.show:
+                    try:
+                        formula = assembly.model.library.formula(name)
+                        assembly.resolver().dimension(formula)
+                        assembly.expression(formula)
+                    except ExpressionProblem as problem:
+                        raise unknown_signal(assembly, name, problem) from None
     # check that published numbers have the units of the measured ones
     for beside in study.beside:
         for name, numbers in beside.numbers.items():
@@ -315,17 +321,6 @@ def _units(study: Study, assembly: Assembly, problems: Problems) -> dict[str, Un
                                  "offset", published_value.place,
                                  hint=f"Write '{interval_text(published_value.value, published_value.unit)}'.")
     return units
-
-
-def _check_signal(assembly: Assembly, name: str) -> None:
-    if name in assembly.model.show:
-        return
-    try:
-        formula = assembly.model.library.formula(name)
-        assembly.resolver().dimension(formula)
-        assembly.expression(formula)
-    except ExpressionProblem as problem:
-        raise unknown_signal(assembly, name, problem) from None
 
 
 @contextmanager

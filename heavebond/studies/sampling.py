@@ -114,7 +114,16 @@ def read_sampling(entry: Entries, name: str, problems: Problems) -> Sampling | N
                          hint="Write `over: {spring.c: 20 .. 60 kN/m}`.")
         return None
     if isinstance(sample_node, Scalar):
-        return _named(sample_node, over, problems)
+        if sample_node.text == SEEDS and not _are_seeds(over):
+            problems.add("seeds-wrong", "seeds are whole numbers, equally many for each parameter", sample_node.place,
+                         hint="Write for example `over: {wave.seed: 1 .. 12}`.")
+            return None
+        if sample_node.text in NAMED:
+            return Sampling(sample_node.text, over)
+        hint = f"Write `sample: {{{sample_node.text}: 64}}`." if sample_node.text in DRAWN else \
+            suggest(sample_node.text, KINDS) or "Write for example `sample: {sobol: 64}` or `sample: one_at_a_time`."
+        problems.add("sample-unknown", f"'{sample_node.text}' is not a sampling method", sample_node.place, hint=hint)
+        return None
     chosen = reading.mapping(sample_node, "sample", problems, "Write for example `sample: {sobol: 64}`.")
     return _drawn(chosen, over, problems) if chosen is not None else None
 
@@ -136,19 +145,6 @@ def _are_seeds(over: Mapping[str, Range]) -> bool:
     ends = [(wanted.low, wanted.high) for wanted in over.values()]
     return all(low == round(low) and high == round(high) and 0 <= low <= high for low, high in ends) and \
         len({high - low for low, high in ends}) == 1 and all(wanted.nominal is None for wanted in over.values())
-
-
-def _named(entry: Scalar, over: Mapping[str, Range], problems: Problems) -> Sampling | None:
-    if entry.text == SEEDS and not _are_seeds(over):
-        problems.add("seeds-wrong", "seeds are whole numbers, equally many for each parameter", entry.place,
-                     hint="Write for example `over: {wave.seed: 1 .. 12}`.")
-        return None
-    if entry.text in NAMED:
-        return Sampling(entry.text, over)
-    hint = f"Write `sample: {{{entry.text}: 64}}`." if entry.text in DRAWN else \
-        suggest(entry.text, KINDS) or "Write for example `sample: {sobol: 64}` or `sample: one_at_a_time`."
-    problems.add("sample-unknown", f"'{entry.text}' is not a sampling method", entry.place, hint=hint)
-    return None
 
 
 def _drawn(chosen: Entries, over: Mapping[str, Range], problems: Problems) -> Sampling | None:

@@ -219,26 +219,21 @@ def study_from_source(source: Source, model: Model | None = None) -> Study:
     if "study" not in root.items:
         raise ModelError([Problem("not-a-study", f"{source.name} is not a study: it has no `study:`", root.place,
                                   suggest("study", root.items) or "A study begins with `study: name`.")])
-    _known_keys(root, problems)
+    # report keys outside `tune:` that belong there
+    strayed = [key for key in TUNE_KEYS if key in root.items]
+    for key in strayed:
+        problems.add("key-strayed", f"'{key}' belongs under `tune:`", root.keys[key].place,
+                     hint=f"Write `tune:` on a separate line, and `{key}:` below it, indented.")
+    if not strayed:
+        reading.known_keys(root, STUDY_KEYS, "a study", problems, required=("model",))
+        if not {"tune", "optimal", "measure", "pictures", "modes"} & set(root.items):
+            problems.add("study-empty", "this study asks for nothing", root.place,
+                         hint="Add `measure:`, `tune:`, `optimal:`, `pictures:` or `modes:`.")
     problems.raise_as(ModelError)
     model = model or load_beside(source, root.items["model"], problems)
     study = _study(source, model, problems)
     problems.raise_as(ModelError)
     return study
-
-
-def _known_keys(root: Mapping, problems: Problems) -> None:
-    """Report keys outside `tune:` that belong there."""
-    strayed = [key for key in TUNE_KEYS if key in root.items]
-    for key in strayed:
-        problems.add("key-strayed", f"'{key}' belongs under `tune:`", root.keys[key].place,
-                     hint=f"Write `tune:` on a separate line, and `{key}:` below it, indented.")
-    if strayed:
-        return
-    reading.known_keys(root, STUDY_KEYS, "a study", problems, required=("model",))
-    if not {"tune", "optimal", "measure", "pictures", "modes"} & set(root.items):
-        problems.add("study-empty", "this study asks for nothing", root.place,
-                     hint="Add `measure:`, `tune:`, `optimal:`, `pictures:` or `modes:`.")
 
 
 def _study(source: Source, model: Model, problems: Problems) -> Study:

@@ -180,20 +180,17 @@ def indices(result: StudyResult) -> list[Indices]:
             table = table[:, np.isfinite(table).all(axis=0)]
             if table.shape[1] >= LEAST:
                 table = table[:, :2 ** int(math.log2(table.shape[1]))]
-                results.append(_indices(quantity, level_text, tuple(sampling.over), table))
+                # indices from a quantity at the points of A, B and the mixtures, `table` (m + 2, n). The intervals are
+                # percentiles of a bootstrap of its columns with a fixed seed.
+                first, total = _estimated(table)
+                rows = np.random.default_rng(1).integers(table.shape[1], size=(RESAMPLED, table.shape[1]))
+                drawn_anew = np.array([_estimated(table[:, chosen]) for chosen in rows])
+                low, high = np.quantile(drawn_anew, ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2), axis=0)
+                ends = [tuple(map(tuple, np.column_stack([low[k], high[k]]).tolist())) for k in range(2)]
+                results.append(Indices(quantity, level_text, tuple(sampling.over), tuple(first.tolist()),
+                                       tuple(total.tolist()), ends[0], ends[1],
+                                       table.shape[1]))
     return results
-
-
-def _indices(quantity: str, combination: str, parameters: tuple[str, ...], table: Array) -> Indices:
-    """Indices from a quantity at the points of A, B and the mixtures, `table` (m + 2, n). The intervals are percentiles of a
-    bootstrap of its columns with a fixed seed."""
-    first, total = _estimated(table)
-    rows = np.random.default_rng(1).integers(table.shape[1], size=(RESAMPLED, table.shape[1]))
-    drawn_anew = np.array([_estimated(table[:, chosen]) for chosen in rows])
-    low, high = np.quantile(drawn_anew, ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2), axis=0)
-    ends = [tuple(map(tuple, np.column_stack([low[k], high[k]]).tolist())) for k in range(2)]
-    return Indices(quantity, combination, parameters, tuple(first.tolist()), tuple(total.tolist()), ends[0], ends[1],
-                   table.shape[1])
 
 
 def _estimated(table: Array) -> tuple[Array, Array]:
