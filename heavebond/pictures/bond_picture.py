@@ -207,7 +207,15 @@ def _laid(wanted: Array, around: Array, links: Sequence[tuple[int, int]]) -> Arr
     for k in range(STARTS):
         start = _scaled(wanted) if k == 0 else random.standard_normal((len(wanted), 2)) * wanted.max() / 4
         points = _settled(start, wanted, around[:, None] + around[None, :])
-        hidden = crossings(points, links) + 2 * _covered(points, links)
+        # number of vertices that nearly lie on a link of others
+        count = 0
+        for one, two in links:
+            direction = points[two] - points[one]
+            share = np.clip((points - points[one]) @ direction / max(float(direction @ direction), 1e-9), 0.0, 1.0)
+            off = np.hypot(*(points - points[one] - share[:, None] * direction).T)
+            off[[one, two]] = np.inf
+            count += int((off < NEAR).sum())
+        hidden = crossings(points, links) + 2 * count
         apart = points[:, None, :] - points[None, :, :]
         above = np.triu_indices(len(points), 1)
         stress = float((((np.hypot(apart[..., 0], apart[..., 1]) - wanted)[above] / wanted[above])**2).sum())
@@ -256,15 +264,3 @@ def crossings(points: Array, links: Sequence[tuple[int, int]]) -> int:
 
     return sum(1 for (a, b), (c, d) in combinations(links, 2) if len({a, b, c, d}) == 4
                and side(a, b, c) != side(a, b, d) and side(c, d, a) != side(c, d, b))
-
-
-def _covered(points: Array, links: Sequence[tuple[int, int]]) -> int:
-    """Number of vertices that nearly lie on a link of others."""
-    count = 0
-    for one, two in links:
-        direction = points[two] - points[one]
-        share = np.clip((points - points[one]) @ direction / max(float(direction @ direction), 1e-9), 0.0, 1.0)
-        off = np.hypot(*(points - points[one] - share[:, None] * direction).T)
-        off[[one, two]] = np.inf
-        count += int((off < NEAR).sum())
-    return count

@@ -9,7 +9,6 @@ with opposite flows, i_a = -i_b, count as one: P = (v_a - v_b) i_a, whatever the
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,15 +49,12 @@ class Paint:
     def colour(self, value: float) -> str:
         """The colour of a value, `#rrggbb`."""
         stops = BOTH_WAYS if self.low < 0 else SCALE
-        place = self._share(value) * (len(stops) - 1)
+        low, high, value = (math.log10(max(v, 1e-300)) for v in (self.low, self.high, value)) if self.logarithmic else \
+            (self.low, self.high, value)
+        place = min(1.0, max(0.0, (value - low) / (high - low))) * (len(stops) - 1)
         k = min(int(place), len(stops) - 2)
         pairs = zip(_rgb(stops[k]), _rgb(stops[k + 1]), strict=True)
         return "#" + "".join(f"{round(a + (place - k) * (b - a)):02x}" for a, b in pairs)
-
-    def _share(self, value: float) -> float:
-        low, high, value = (math.log10(max(v, 1e-300)) for v in (self.low, self.high, value)) if self.logarithmic else \
-            (self.low, self.high, value)
-        return min(1.0, max(0.0, (value - low) / (high - low)))
 
     def at(self, share: float) -> float:
         """The value at a share of the colour scale from low to high."""
@@ -101,7 +97,21 @@ def paint(model: Model, variable: str, *, at: Time | None = None, over: str = ME
         names = [f"{end}.{domain.flow}" for domain in expanded.model.library.domains.values() if domain.relative
                  for end in powers if f"{end}.{domain.flow}" in known and f"{end}.{domain.effort}" in known]
         flows = {name.rpartition(".")[0]: course for name, course in result.signals(names).items()}
-        parts = {path: _passed_on(_between(port_names, powers, flows)) for path, port_names in ports.items()}
+        parts = {}
+        for path, port_names in ports.items():
+            # the powers of one component; two ports of opposite flows are combined
+            single_ports, relative_ports = [powers[p] for p in port_names if p not in flows], [p for p in port_names
+                                                                                               if p in flows]
+            while relative_ports:
+                port = relative_ports.pop(0)
+                size = OPPOSITE * np.abs(flows[port]).max()
+                opposite = next((p for p in relative_ports if np.abs(flows[port] + flows[p]).max() <= size), None)
+                if opposite:
+                    relative_ports.remove(opposite)
+                single_ports.append(powers[port] + powers[opposite] if opposite else powers[port])
+            inwards = sum((np.maximum(p, 0.0) for p in single_ports), np.zeros_like(single_ports[0]))
+            outwards = sum((np.maximum(-p, 0.0) for p in single_ports), np.zeros_like(single_ports[0]))
+            parts[path] = np.asarray(np.maximum(inwards, outwards))
         nets = {path: _halves([powers[e] for e in port_names]) for path, port_names in ends.items() if port_names}
         unit = "W"
     else:
@@ -141,30 +151,6 @@ def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, floa
 
 
 # -- power -------------------------------------------------------------------------------------------------------------
-def _ends(expanded: Expanded) -> list[str]:
-    return list(dict.fromkeys(e.name for junction in expanded.junctions.values() for e in junction.ends
-                              if e.name.partition("[")[0] in expanded.ports or e.name in expanded.ports))
-
-
-def _between(ports: list[str], powers: Mapping[str, Array], flows: Mapping[str, Array]) -> list[Array]:
-    """The powers of one component; two ports of opposite flows are combined."""
-    single_ports, relative_ports = [powers[p] for p in ports if p not in flows], [p for p in ports if p in flows]
-    while relative_ports:
-        port = relative_ports.pop(0)
-        size = OPPOSITE * np.abs(flows[port]).max()
-        opposite = next((p for p in relative_ports if np.abs(flows[port] + flows[p]).max() <= size), None)
-        if opposite:
-            relative_ports.remove(opposite)
-        single_ports.append(powers[port] + powers[opposite] if opposite else powers[port])
-    return single_ports
-
-
-def _passed_on(powers: list[Array]) -> Array:
-    inwards = sum((np.maximum(p, 0.0) for p in powers), np.zeros_like(powers[0]))
-    outwards = sum((np.maximum(-p, 0.0) for p in powers), np.zeros_like(powers[0]))
-    return np.asarray(np.maximum(inwards, outwards))
-
-
 def _halves(powers: list[Array]) -> Array:
     return np.asarray(sum((np.abs(p) for p in powers), np.zeros_like(powers[0])) / 2)
 
@@ -176,10 +162,12 @@ def _variables(result: Result, expanded: Expanded, variable: str) -> tuple[dict[
     owner, _, last = variable.rpartition(".")
     at_nodes = {path: [f"{path}.{last}"] for path in expanded.junctions
                 if f"{path}.{last}" in known and owner in ("", path)}
+    ends = dict.fromkeys(e.name for junction in expanded.junctions.values() for e in junction.ends
+                         if e.name.partition("[")[0] in expanded.ports or e.name in expanded.ports)
     in_parts: dict[str, list[str]] = {}
     for path in expanded.leaves:
         own_name = [n for n in (f"{path}.{last}",) if n in known and path not in expanded.junctions]
-        ports = [f"{e}.{last}" for e in _ends(expanded) if e.rpartition(".")[0] == path and f"{e}.{last}" in known]
+        ports = [f"{e}.{last}" for e in ends if e.rpartition(".")[0] == path and f"{e}.{last}" in known]
         if owner in ("", path) and (own_name or ports) and not (ports and _across(expanded, last) and not own_name):
             in_parts[path] = own_name or ports
     # a signal: the node of that name, or the nodes to which it is connected
@@ -199,7 +187,9 @@ def _variables(result: Result, expanded: Expanded, variable: str) -> tuple[dict[
                                   "Write one with its path, or another variable.")])
     unit = next(iter(units))
     values = result.signals(names)
-    parts, nodes = ({place: _largest([values[name] for name in names_at_place]) for place, names_at_place in places.items()}
+    # the largest of several time series at each time
+    parts, nodes = ({place: max([values[name] for name in names_at_place], key=lambda c: float(np.max(np.abs(c))))
+                     for place, names_at_place in places.items()}
                     for places in (in_parts, at_nodes))
     return parts, nodes, unit
 
@@ -207,8 +197,3 @@ def _variables(result: Result, expanded: Expanded, variable: str) -> tuple[dict[
 def _across(expanded: Expanded, member: str) -> bool:
     """True if the variable is shared at nodes, so that nodes show it."""
     return any(member in domain.across or member in domain.positions for domain in expanded.model.library.domains.values())
-
-
-def _largest(courses: list[Array]) -> Array:
-    """The largest of several time series at each time."""
-    return max(courses, key=lambda c: float(np.max(np.abs(c))))

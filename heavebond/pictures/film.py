@@ -29,7 +29,13 @@ COLOURS = {
 
 def save_film(motion: Motion, path: Path, speed: float) -> None:
     """Write .gif or .mp4 with the playback speed `speed`; UsageError without ffmpeg for .mp4."""
-    writer = _writer(path)
+    if path.suffix.lower() == ".gif":
+        writer: AbstractMovieWriter = PillowWriter(fps=RATE)
+    else:
+        if not FFMpegWriter.isAvailable():
+            raise UsageError([Problem("ffmpeg-missing", "writing .mp4 needs ffmpeg, which is not installed", None,
+                                      "Install ffmpeg, or write .gif or .html.")])
+        writer = FFMpegWriter(fps=RATE)
     left, bottom, right, top = motion.edges
     inch = min(HEIGHT / (top - bottom), BREADTH / (right - left))
     figure = Figure(figsize=(inch * (right - left), inch * (top - bottom)), dpi=DPI)
@@ -85,12 +91,3 @@ def _polygon(moving: Moving, outline: Outline) -> Polygon:
     fill = {"full": face, "soft": pale, "white": "#ffffff"}.get(outline.fill, "none")
     return Polygon(corners(moving, outline, 0), closed=False, edgecolor=edge, facecolor=fill,
                    linewidth=1.2 if outline.edge else 0.0, linestyle="--" if outline.edge == "dashed" else "-")
-
-
-def _writer(path: Path) -> AbstractMovieWriter:
-    if path.suffix.lower() == ".gif":
-        return PillowWriter(fps=RATE)
-    if not FFMpegWriter.isAvailable():
-        raise UsageError([Problem("ffmpeg-missing", "writing .mp4 needs ffmpeg, which is not installed", None,
-                                  "Install ffmpeg, or write .gif or .html.")])
-    return FFMpegWriter(fps=RATE)

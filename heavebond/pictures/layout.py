@@ -212,7 +212,20 @@ class _Drafter:
         self.sheet, self.sides, self.options, self.placement = sheet, sides, options, placement
         self.wider = wider
         self.shapes = {item.part.name: item.shape for item in items}
-        self.xs = self._columns(items)
+        # the centre of every column: distances follow from the widths of the parts and the lengths of the names between them
+        cells = self.placement.cells
+        before = dict.fromkeys((cell[0] for cell in cells.values()), 0.0)
+        after = dict(before)
+        for item in items:
+            column, extent = cells[item.part.name][0], _whole(item)
+            before[column], after[column] = max(before[column], -extent.left), max(after[column], extent.right)
+        centres: dict[int, int] = {}
+        edge = gap = 0.0
+        for column in sorted(before):
+            centres[column] = GRID * math.ceil((edge + before[column]) / GRID)
+            gap = self.wider * max(GAP_X, *(width for k, width in self._names_between() if k == column), 0.0)
+            edge = centres[column] + after[column] + gap
+        self.xs = centres
         self.ys = self._rows(items)
         self.items = {item.part.name: self._at(item) for item in items}
         if any(item.part.exact for item in items):
@@ -249,24 +262,6 @@ class _Drafter:
         self.title = title.moved(self.frame.left + 8, self.frame.top + 5) if title else None
 
     # -- coordinates -----------------------------------------------------------------------------------------------
-    def _columns(self, items: Sequence[Item]) -> dict[int, int]:
-        """The centre of every column: distances follow from the widths of the parts and the lengths of the names between
-        them.
-        """
-        cells = self.placement.cells
-        before = dict.fromkeys((cell[0] for cell in cells.values()), 0.0)
-        after = dict(before)
-        for item in items:
-            column, extent = cells[item.part.name][0], _whole(item)
-            before[column], after[column] = max(before[column], -extent.left), max(after[column], extent.right)
-        centres: dict[int, int] = {}
-        edge = gap = 0.0
-        for column in sorted(before):
-            centres[column] = GRID * math.ceil((edge + before[column]) / GRID)
-            gap = self.wider * max(GAP_X, *(width for k, width in self._names_between() if k == column), 0.0)
-            edge = centres[column] + after[column] + gap
-        return centres
-
     def _names_between(self) -> list[tuple[int, float]]:
         """Nodes that run straight from one column to the next: the column, and the width of their name."""
         neighbours = set(pairwise(sorted({cell[0] for cell in self.placement.cells.values()})))

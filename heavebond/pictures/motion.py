@@ -138,7 +138,10 @@ def animate(model: ModelOrFile, until: Time | None = None, *, every: Time | None
     _check(assembly, model.view, apart)
     result = simulate(assembly, until, every=every, parameters=parameters)
     courses = _courses(result, {f.text: f.tree for f in formulas}, _integrated(result, apart, parameters))
-    time = _frames(result.time)
+    # instants at a constant frame rate, limited to the number that a page can hold
+    begin, end = float(result.time[0]), float(result.time[-1])
+    number = min(MOST_FRAMES, len(result.time), max(LEAST_FRAMES, math.ceil((end - begin) * RATE)))
+    time = np.linspace(begin, end, max(2, number))
     shown_series = {text: np.interp(time, result.time, course) for text, course in courses.items()}
     return _motion(result, time, shown_series, chosen or list(model.show)[:SHOWN])
 
@@ -207,13 +210,6 @@ def _check(assembly: Assembly, view: Mapping[str, ViewShape], apart: Mapping[str
 
 def _has_derivative(tree: Expr) -> bool:
     return (isinstance(tree, Call) and tree.function == "der") or any(_has_derivative(child) for child in children(tree))
-
-
-def _frames(time: Array) -> Array:
-    """Instants at a constant frame rate, limited to the number that a page can hold."""
-    begin, end = float(time[0]), float(time[-1])
-    number = min(MOST_FRAMES, len(time), max(LEAST_FRAMES, math.ceil((end - begin) * RATE)))
-    return np.linspace(begin, end, max(2, number))
 
 
 def _motion(result: Result, time: Array, courses: Mapping[str, Array], chosen: list[str]) -> Motion:

@@ -98,7 +98,11 @@ def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, boo
         if {problem.code for problem in error.problems} - {"run-unreadable", "file-suffix"}:
             raise
         if not columns:
-            raise _undescribed(path) from None
+            raise UsageError([Problem(
+                "record-undescribed", f"'{path.name}' is not a saved run, and a record needs --column for its columns", None,
+                "Write --column SIGNAL='COLUMN UNIT', for example --column crown.x='crown_m m', or give the experiment that "
+                "describes it.", (f"saved runs end in {', '.join(SUFFIXES)}; `heavebond run MODEL --save FILE` writes them",
+                                  ))]) from None
     from heavebond.records.measurements import check_time, column, read_table, timed
     from heavebond.records.time_axis import TimeAxis
 
@@ -112,13 +116,6 @@ def _read(path: Path, columns: list[Column], record: str) -> tuple[SavedRun, boo
     named = [c for c in columns if c.signal != SECONDS[0]]
     return SavedRun(path.stem, time[timed_rows], {c.signal: column(table, c.name)[timed_rows] for c in named},
                     {c.signal: c.unit for c in named}), True
-
-
-def _undescribed(path: Path) -> UsageError:
-    return UsageError([Problem(
-        "record-undescribed", f"'{path.name}' is not a saved run, and a record needs --column for its columns", None,
-        "Write --column SIGNAL='COLUMN UNIT', for example --column crown.x='crown_m m', or give the experiment that "
-        "describes it.", (f"saved runs end in {', '.join(SUFFIXES)}; `heavebond run MODEL --save FILE` writes them",))])
 
 
 def common_signals(overlay: Overlay) -> list[str]:

@@ -159,21 +159,17 @@ class _Search:
             names = list(dict.fromkeys(name for name, _ in net))
             for k, first in enumerate(names):
                 for second in names[k + 1:]:
-                    self._turn_both(first, second)
-
-    def _turn_both(self, first: str, second: str) -> None:
-        """Rotate two pieces on one node together, which may lower the cost if single rotations do not: a spring and a
-        damper in parallel.
-        """
-        before = self.turns[first], self.turns[second]
-        best, chosen = self._cost_around([first, second]) - 1e-6, before
-        for one in self.pieces[first].turns:
-            for two in self.pieces[second].turns:
-                self.turns[first], self.turns[second] = one, two
-                cost = self._cost_around([first, second], best)
-                if cost < best:
-                    best, chosen = cost, (one, two)
-        self.turns[first], self.turns[second] = chosen
+                    # rotate two pieces on one node together, which may lower the cost if single rotations do not: a spring
+                    # and a damper in parallel
+                    before = self.turns[first], self.turns[second]
+                    best, chosen = self._cost_around([first, second]) - 1e-6, before
+                    for one in self.pieces[first].turns:
+                        for two in self.pieces[second].turns:
+                            self.turns[first], self.turns[second] = one, two
+                            cost = self._cost_around([first, second], best)
+                            if cost < best:
+                                best, chosen = cost, (one, two)
+                    self.turns[first], self.turns[second] = chosen
 
     def _directions(self, name: str) -> int:
         """Number of directions in which a chain may continue from a piece; end pieces, such as a weight, wait until the

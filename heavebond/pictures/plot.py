@@ -110,7 +110,21 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
     grey dots behind the others. Raises UsageError for a signal that no run contains, or with units of different kinds.
     """
     chosen = list(dict.fromkeys(names))
-    holders = {name: _holders(runs, name) for name in chosen}
+    holders = {}
+    for name in chosen:
+        # the runs that hold a signal, in units of one kind
+        runs_with_signal = [(label, run) for label, run in runs.items() if name in run.values]
+        if not runs_with_signal:
+            known = list(dict.fromkeys(known for run in runs.values() for known in run.names()))
+            raise UsageError([Problem("name-unknown", f"none of the files holds '{name}'", None,
+                                      suggest(name, known) or f"They hold: {listing(known)}.")])
+        kinds = {read_unit(run.unit(name)).dimension: label for label, run in runs_with_signal}
+        if len(kinds) > 1:
+            unit_list = " and ".join(f"[{run.unit(name)}] in {label}" for label, run in runs_with_signal
+                                     if label in kinds.values())
+            raise UsageError([Problem("unit-kind", f"'{name}' is not the same quantity in all files: {unit_list}", None,
+                                      "Draw them one after the other, or name another signal.")])
+        holders[name] = runs_with_signal
     figure, axes = stack_of_axes(len(chosen), title)
     ends = [_ends(run.time) for run in runs.values()]
     begin, end = window or (min(first for first, _ in ends), max(last for _, last in ends))
@@ -140,21 +154,6 @@ def plot_runs(runs: Mapping[str, SavedRun], names: Iterable[str], *, title: str 
     figure.legend([entries[label] for label in ordered], ordered, loc="outside upper right",
                   ncols=min(len(ordered), max(1, 110 // (max(map(len, ordered)) + 6))), frameon=False)
     return figure
-
-
-def _holders(runs: Mapping[str, SavedRun], name: str) -> list[tuple[str, SavedRun]]:
-    """The runs that hold a signal, in units of one kind."""
-    holders = [(label, run) for label, run in runs.items() if name in run.values]
-    if not holders:
-        known = list(dict.fromkeys(known for run in runs.values() for known in run.names()))
-        raise UsageError([Problem("name-unknown", f"none of the files holds '{name}'", None,
-                                  suggest(name, known) or f"They hold: {listing(known)}.")])
-    kinds = {read_unit(run.unit(name)).dimension: label for label, run in holders}
-    if len(kinds) > 1:
-        unit_list = " and ".join(f"[{run.unit(name)}] in {label}" for label, run in holders if label in kinds.values())
-        raise UsageError([Problem("unit-kind", f"'{name}' is not the same quantity in all files: {unit_list}", None,
-                                  "Draw them one after the other, or name another signal.")])
-    return holders
 
 
 def plot_comparison(comparison: Comparison) -> Figure:

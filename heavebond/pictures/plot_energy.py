@@ -42,7 +42,9 @@ def plot_energy_flow(flow: EnergyFlow, *, title: str = "") -> Figure:
     figure_title(figure, title)
     axes = figure.add_subplot()
     axes.set_axis_off()
-    sizes = {name: _size(name, flow) for name in flow.boxes}
+    # the height of a box: the larger of the incoming and outgoing energy
+    sizes = {name: max(sum(k.energy for k in flow.links if k.target == name),
+                       sum(k.energy for k in flow.links if k.source == name)) for name in flow.boxes}
     tops = _tops(flow.boxes, sizes)
     outer, inner = dict(tops), dict(tops)
     low = min((tops[name] - sizes[name] for name in flow.boxes), default=0.0)
@@ -112,11 +114,6 @@ def _main_colour(line: EnergyLine) -> str:
     if line.supplied > line.dissipated if line.kind == BLOCK else line.kind:
         return SUPPLY
     return HEAT if line.dissipated > abs(line.stored) + line.delivered else STORE
-
-
-def _size(name: BoxKey, flow: EnergyFlow) -> float:
-    """The height of a box: the larger of the incoming and outgoing energy."""
-    return max(sum(k.energy for k in flow.links if k.target == name), sum(k.energy for k in flow.links if k.source == name))
 
 
 def _tops(boxes: Mapping[BoxKey, Box], sizes: Mapping[BoxKey, float]) -> dict[BoxKey, float]:

@@ -94,7 +94,16 @@ def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: s
         # the curves of channels in their colours, and what is looked at in an open loop
         reach = 0.0
         for colour, channel in coloured_channels:
-            response = _smooth(channel, frequencies)
+            # the response at the frequencies, and between those where it would show corners
+            f = np.asarray(frequencies, dtype=float)
+            response = channel.response(2j * np.pi * f)[:, 0, 0]
+            for _ in range(HALVINGS):
+                far = np.flatnonzero(np.abs(np.diff(response)) > CORNER * np.abs(response).max())
+                if not len(far):
+                    break
+                f = np.insert(f, far + 1, np.sqrt(f[far] * f[far + 1]))
+                response = channel.response(2j * np.pi * f)[:, 0, 0]
+            response = np.asarray(response)
             axes.plot(response.real, response.imag, color=colour, linewidth=1.5, label=channel_name(channel))
             axes.plot(response.real, -response.imag, color=colour, linewidth=0.8, linestyle=DASHES[1])
             k = int(np.argmax(np.abs(np.diff(response)) * (np.abs(response[:-1]) < REACH)))
@@ -120,19 +129,6 @@ def plot_nyquist(channels: Sequence[StateSpace], frequencies: Array, *, title: s
     figure.legend([handle for handle, _ in entries], [label for _, label in entries], loc="outside upper right", ncols=3,
                   frameon=False, fontsize=9)
     return figure
-
-
-def _smooth(channel: StateSpace, frequencies: Array) -> NDArray[np.complex128]:
-    """The response at the frequencies, and between those where it would show corners."""
-    f = np.asarray(frequencies, dtype=float)
-    response = channel.response(2j * np.pi * f)[:, 0, 0]
-    for _ in range(HALVINGS):
-        far = np.flatnonzero(np.abs(np.diff(response)) > CORNER * np.abs(response).max())
-        if not len(far):
-            break
-        f = np.insert(f, far + 1, np.sqrt(f[far] * f[far + 1]))
-        response = channel.response(2j * np.pi * f)[:, 0, 0]
-    return np.asarray(response)
 
 
 def plot_poles(poles: NDArray[np.complex128], zeros: Mapping[str, NDArray[np.complex128]], *, title: str = "",

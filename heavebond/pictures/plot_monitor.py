@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from heavebond.monitoring.change_detection import watched_sums
@@ -34,13 +33,9 @@ def plot_monitored(monitoring: Monitoring, name: str) -> Figure:
     last.legend(loc="upper left", frameon=True, framealpha=0.8, edgecolor="none", fontsize=8, ncols=2)
     if record.outcome == CHANGED:
         for axis in axes:
-            _mark(axis, record)
+            axis.axvspan(record.earliest, record.latest, color="tab:red", alpha=0.25, linewidth=0)
+            axis.axvline(record.change, color="tab:red", linewidth=1)
     return figure
-
-
-def _mark(axis: Axes, record: MonitoredRecord) -> None:
-    axis.axvspan(record.earliest, record.latest, color="tab:red", alpha=0.25, linewidth=0)
-    axis.axvline(record.change, color="tab:red", linewidth=1)
 
 
 def describe(record: MonitoredRecord) -> str:

@@ -158,7 +158,11 @@ class _Router:
                 continue
             point, direction = state >> 2, state & 3
             if (ends.get(point) == direction and came[state] >= 0) or point in lines:
-                return _traced(came, state)
+                path = [state >> 2]
+                while came[state] >= 0:
+                    state = came[state]
+                    path.append(state >> 2)
+                return path[::-1]
             start = came[state] < 0
             for turn in (direction,) if start else (direction, (direction + 1) % 4, (direction + 3) % 4):
                 bend = turn != direction
@@ -170,7 +174,17 @@ class _Router:
                 extra = BEND * bend
                 if point in other_wires and (bend or start or other_wires[point] & (1 << turn | 1 << (turn + 2) % 4)):
                     extra += FAULT
-                push(following << 2 | turn, cost + STEP + extra + self._price(k, following, turn, other_wires), state)
+                # cost of a point in addition to the step: crossings, neighbours, exits of other ports
+                price = MOUTH if self.mouths.get(following, k) != k else 0
+                if following in other_wires:
+                    price += CROSSING if _crosses(1 << turn | 1 << (turn + 2) % 4, other_wires[following]) else FAULT
+                for side in (self.steps[(turn + 1) % 4], self.steps[(turn + 3) % 4]):
+                    near = following + side
+                    if near in other_wires and other_wires[near] & (1 << turn):
+                        price += NEAR
+                    elif 0 <= near < len(self.wall) and self.wall[near]:
+                        price += NEAR // 3
+                push(following << 2 | turn, cost + STEP + extra + price, state)
         return None
 
     def _beginnings(self, k: int, joined: Iterable[int]) -> Iterator[tuple[int, int]]:
@@ -183,19 +197,6 @@ class _Router:
             for direction in range(4):
                 if not self.wall[point] and not bits >> direction & 1:
                     yield point << 2 | direction, BEND // 2
-
-    def _price(self, k: int, point: int, direction: int, other_wires: dict[int, int]) -> int:
-        """Cost of a point in addition to the step: crossings, neighbours, exits of other ports."""
-        price = MOUTH if self.mouths.get(point, k) != k else 0
-        if point in other_wires:
-            price += CROSSING if _crosses(1 << direction | 1 << (direction + 2) % 4, other_wires[point]) else FAULT
-        for side in (self.steps[(direction + 1) % 4], self.steps[(direction + 3) % 4]):
-            near = point + side
-            if near in other_wires and other_wires[near] & (1 << direction):
-                price += NEAR
-            elif 0 <= near < len(self.wall) and self.wall[near]:
-                price += NEAR // 3
-        return price
 
     def wire(self, k: int) -> Wire:
         """Net k in px."""
@@ -212,14 +213,6 @@ class _Router:
 def _crosses(directions: int, other_directions: int) -> bool:
     """True if two wires cross at a point straight and at a right angle: bits of their directions."""
     return (directions, other_directions) in ((0b0101, 0b1010), (0b1010, 0b0101))
-
-
-def _traced(came: dict[int, int], state: int) -> list[int]:
-    path = [state >> 2]
-    while came[state] >= 0:
-        state = came[state]
-        path.append(state >> 2)
-    return path[::-1]
 
 
 def _lines(edges: Iterable[Edge]) -> Iterator[tuple[Point, ...]]:

@@ -128,19 +128,15 @@ class LongJob:
         elif kind == "stopped":
             self._end("stopped")
         elif kind in ("written", "unwritten", "gone"):
-            self._written(kind, content)
+            if kind == "gone" and self.state == "running":
+                self.problems = [LOST]
+                self._end("stopped" if self.stopping else "failed")
+            if not (self._writing is None or self._writing.done()):
+                if kind == "written":
+                    self._writing.set_result(content[0])
+                else:
+                    self._writing.set_exception(HeavebondError(content[0] if content else [LOST]))
         self.push(self)
-
-    def _written(self, kind: str, content: list[Any]) -> None:
-        if kind == "gone" and self.state == "running":
-            self.problems = [LOST]
-            self._end("stopped" if self.stopping else "failed")
-        if self._writing is None or self._writing.done():
-            return
-        if kind == "written":
-            self._writing.set_result(content[0])
-        else:
-            self._writing.set_exception(HeavebondError(content[0] if content else [LOST]))
 
 
 def known(kind: str) -> str:
