@@ -161,7 +161,20 @@ class Builder(Execution):
             code = self._without_memory(code, self.source.equations)
         self.evaluate.values = {}
         self._results(code, start, written)
-        self._states_begin(start)
+        # the initial values of states for which `int` and `ddt` have none: from the initial equations, or 0
+        assigned_labels = {label for s in (*self.source.equations, *self.source.code) for label in assigned(s)}
+        for name, first in self.memory.begun.items():
+            item = self.component.items.get(name)
+            if item is not None and item.kind == "variable" and self.labels.get(name) not in assigned_labels:
+                self.component.initial.setdefault(name, first)
+        for left, right, _ in list(self.component.equations):
+            for name in (e.args[0].name for side in (left, right) for e in derivatives(side) if e.args[0].op == "name"):
+                value, own_initial = start.get(name), self.component.initial.get(name)
+                if own_initial is None and (value is not None or left == f.call("der", f.name(name))):
+                    self.component.initial[name] = f.number(0) if value is None else value
+                elif own_initial is not None and value is not None and own_initial != value:
+                    self.memory.note(self.submodel.line, f"the initial equation of '{name}' is not used: its integral or "
+                                     "derivative states an initial value")
         self._unwritten(start, written)
 
     def _anywhere(self, statement: Statement) -> bool:
@@ -212,22 +225,6 @@ class Builder(Execution):
                     final[key] = self.evaluate.defined[key] = value
                     env[key] = f.name(key)
         return {**env, **final}
-
-    def _states_begin(self, start: Env) -> None:
-        """The initial values of states for which `int` and `ddt` have none: from the initial equations, or 0."""
-        assigned_labels = {label for s in (*self.source.equations, *self.source.code) for label in assigned(s)}
-        for name, first in self.memory.begun.items():
-            item = self.component.items.get(name)
-            if item is not None and item.kind == "variable" and self.labels.get(name) not in assigned_labels:
-                self.component.initial.setdefault(name, first)
-        for left, right, _ in list(self.component.equations):
-            for name in (e.args[0].name for side in (left, right) for e in derivatives(side) if e.args[0].op == "name"):
-                value, own_initial = start.get(name), self.component.initial.get(name)
-                if own_initial is None and (value is not None or left == f.call("der", f.name(name))):
-                    self.component.initial[name] = f.number(0) if value is None else value
-                elif own_initial is not None and value is not None and own_initial != value:
-                    self.memory.note(self.submodel.line, f"the initial equation of '{name}' is not used: its integral or "
-                                     "derivative states an initial value")
 
     def _used(self) -> set[str]:
         return {n for left, right, _ in self.component.equations for n in (*names(left), *names(right))} \

@@ -140,7 +140,17 @@ class Reader:
             self.need(")")
             return inner
         if token.text == "[":
-            return self._matrix(token)
+            rows: list[list[Expr]] = [[]]
+            while self.current.text != "]":
+                rows[-1].append(self.expression())
+                if self.skip(";"):
+                    rows.append([])
+                elif not self.skip(","):
+                    break
+            self.need("]")
+            if len({len(row) for row in rows}) != 1 or not rows[0]:
+                raise Unreadable(token.line, "the rows of a matrix have different lengths")
+            return Expr("matrix", tuple(e for row in rows for e in row), line=token.line, columns=len(rows[0]))
         if token.word == "if":
             return self._conditional(token)
         if token.kind == "name" and token.word not in ("then", "else", "end", *SECTIONS):
@@ -159,19 +169,6 @@ class Reader:
         otherwise = self.expression()
         self.need("end")
         return Expr("if", (condition, then, otherwise), line=token.line)
-
-    def _matrix(self, token: Token) -> Expr:
-        rows: list[list[Expr]] = [[]]
-        while self.current.text != "]":
-            rows[-1].append(self.expression())
-            if self.skip(";"):
-                rows.append([])
-            elif not self.skip(","):
-                break
-        self.need("]")
-        if len({len(row) for row in rows}) != 1 or not rows[0]:
-            raise Unreadable(token.line, "the rows of a matrix have different lengths")
-        return Expr("matrix", tuple(e for row in rows for e in row), line=token.line, columns=len(rows[0]))
 
     # -- statements --------------------------------------------------------------------------------------------------
     def statements(self, *ends: str) -> list[Statement]:

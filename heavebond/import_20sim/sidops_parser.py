@@ -32,20 +32,15 @@ def parse_sidops(text: str, file: str, first_line: int = 1) -> Submodel:
                                   Place(file, problem.line))]) from None
 
 
-def _numbers(reader: Reader) -> list[float]:
-    numbers = []
-    while reader.current.kind == "number" or reader.current.text == "-":
-        sign = -1.0 if reader.skip("-") else 1.0
-        if reader.current.kind == "number":
-            numbers.append(sign * float(reader.take().text))
-    return numbers
-
-
 def _submodel(reader: Reader, name: str) -> Submodel:
     """Parse the text after the name of a submodel."""
     reader.deeper()
     submodel = Submodel(name, reader.current.line)
-    place = _numbers(reader)
+    place = []
+    while reader.current.kind == "number" or reader.current.text == "-":
+        sign = -1.0 if reader.skip("-") else 1.0
+        if reader.current.kind == "number":
+            place.append(sign * float(reader.take().text))
     submodel.x, submodel.y = (*place, 0.0, 0.0)[:2]
     if reader.skip("specifications"):
         # one of several implementations: the active one is kept

@@ -102,18 +102,15 @@ def estimate_noise(records: Sequence[tuple[ArrayLike, ArrayLike]]) -> NoiseEstim
     if not bands:
         return NoiseEstimate(estimate.deviation, estimate.error, math.nan)
     lowest = min(bands, key=lambda b: b.deviation)
-    level = [b.deviation for b in bands if _same(b, lowest)]
+    # the bands of the same level as the lowest one
+    level = [b.deviation for b in bands
+             if (b.deviation <= lowest.deviation * max(LEVEL, 1 + CHANCE * math.hypot(b.error, lowest.error)))]
     # the median of several has the standard error of their mean times sqrt(pi/2)
     error = lowest.error * min(1.0, math.sqrt(math.pi / 2 / len(level)))
     floor = _Level(float(np.median(level)), error)
     if floor.deviation * (1 + CHANCE * lowest.error) < estimate.deviation:
         estimate = floor
     return NoiseEstimate(estimate.deviation, estimate.error, len(level) / len(bands))
-
-
-def _same(band: _Level, reference: _Level) -> bool:
-    """True if the level of a band equals another estimate."""
-    return band.deviation <= reference.deviation * max(LEVEL, 1 + CHANCE * math.hypot(band.error, reference.error))
 
 
 def _pseudo_residuals(y: Array, time: Array) -> Iterator[Array]:

@@ -102,7 +102,17 @@ def _columns(path: Path, text: str) -> TextColumns:
     width = len(sheet.header[1])
     rows, units = _without_units_row(sheet, problems)
     rows = _full_rows(sheet, rows, problems)
-    written, why = _with_points(sheet, rows)
+    # convert decimal commas to points, if all fractions of the file have them and no comma can separate thousands; else
+    # return the rows unchanged, and the reason
+    cells = [cell for _, row in rows for cell in row if "," in cell or "." in cell]
+    commas = [cell for cell in cells if _DECIMAL_COMMA.fullmatch(cell)]
+    if sheet.separator == "," or any(map(_DECIMAL_POINT.fullmatch, cells)):
+        written, why = rows, "other numbers here may have decimal points"
+    elif all(map(_THOUSANDS.fullmatch, commas)):
+        written, why = rows, "or is it a comma between thousands?"
+    else:
+        written, why = [(line, [c.replace(",", ".") if _DECIMAL_COMMA.fullmatch(c) else c for c in row])
+                        for line, row in rows], ""
     columns = [_numbers([cells[k] for _, cells in written]) for k in range(width)]
     if not sheet.rows:
         problems.add("record-empty", f"'{path.name}' has names but no rows", sheet.place(sheet.header[0], 0))
@@ -317,18 +327,6 @@ def _full_rows(sheet: _Sheet, rows: Cells, problems: Problems) -> Cells:
                sheet.place(line, min(width, len(cells)))) for line, cells in ragged[:SHOWN]]
     add_few(problems, "record-ragged", issues, len(ragged), "rows", hint)
     return [row for row in rows if len(row[1]) == width]
-
-
-def _with_points(sheet: _Sheet, rows: Cells) -> tuple[Cells, str]:
-    """Convert decimal commas to points, if all fractions of the file have them and no comma can separate thousands; else
-    return the rows unchanged, and the reason."""
-    cells = [cell for _, row in rows for cell in row if "," in cell or "." in cell]
-    commas = [cell for cell in cells if _DECIMAL_COMMA.fullmatch(cell)]
-    if sheet.separator == "," or any(map(_DECIMAL_POINT.fullmatch, cells)):
-        return rows, "other numbers here may have decimal points"
-    if all(map(_THOUSANDS.fullmatch, commas)):
-        return rows, "or is it a comma between thousands?"
-    return [(line, [c.replace(",", ".") if _DECIMAL_COMMA.fullmatch(c) else c for c in row]) for line, row in rows], ""
 
 
 def _is_number(cell: str) -> bool:
