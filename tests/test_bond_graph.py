@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 import heavebond as hb
 from heavebond.cli import main
-from heavebond.pictures.bond_graph import Bond, BondGraph, Vertex, bond_graph, causal, told
+from heavebond.pictures.bond_graph import Bond, BondGraph, Vertex, bond_graph, causal, notes_of
 from heavebond.pictures.bond_picture import crossings, draw_bond_graph, places
 
 MOUNT = """
@@ -58,7 +58,7 @@ def test_a_mount_on_the_ground_is_one_junction() -> None:
     assert len(graph.bonds) == 4
     assert {key: _stroke(graph, key) for key in ("spring", "damper", "motor", "push")} == {
         "spring": "other", "damper": "other", "motor": "own", "push": "other"}  # the mass takes the sum of all efforts
-    assert not graph.derivative and not graph.choices and told(graph) == []
+    assert not graph.derivative and not graph.choices and notes_of(graph) == []
 
 
 def test_a_component_with_both_ports_on_one_node_can_be_drawn() -> None:
@@ -133,7 +133,7 @@ def test_two_flow_sources_on_one_junction_are_told() -> None:
     vertices = {k: Vertex(k, kind, k, "bond") for k, kind in {"a": "Sf", "b": "Sf", "j": "1"}.items()}
     graph = causal(BondGraph(vertices, (Bond("a", "j", "bond"), Bond("b", "j", "bond"))))
     assert graph.vertices["b"].broken and not graph.vertices["a"].broken
-    assert any("no causality satisfies: b" in note for note in told(graph))
+    assert any("no causality satisfies: b" in note for note in notes_of(graph))
 
 
 def test_a_free_choice_is_an_algebraic_loop() -> None:
