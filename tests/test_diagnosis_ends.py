@@ -127,7 +127,7 @@ def test_an_effect_that_does_not_show_is_not_said_to_be_there() -> None:
     """Its interval covers its whole range, as that of an effect does whose size the records do not tell."""
     finding: Any = SimpleNamespace(at_limits=(), parameters=(), beyond=(), undetermined=("brake.F_m",))
     assert sentences.at_ends(finding)[0].startswith("The records show that the effect is there but not how large it is")
-    (line,) = sentences.at_ends(finding, shown=False)
+    (line,) = sentences.at_ends(finding, is_shown=False)
     assert line == "The records do not show how large the effect is: brake.F_m may lie anywhere in the range."
 
 

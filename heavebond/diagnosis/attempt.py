@@ -74,27 +74,27 @@ def attempt(experiment: ExperimentOrFile, component: str, places: Sequence[str] 
     base = fitted() if varies else None
     if varies:  # the fitted model shows which parameters matter and which variables change
         problem = searched(at_fit(experiment, base))
-        found = list(varying_parameters(problem, problem.start).candidates)
+        available = list(varying_parameters(problem, problem.start).candidates)
     else:
-        found = [*candidates(experiment), *distant, *values]
-    chosen = _named(found, component, places)
+        available = [*candidates(experiment), *distant, *values]
+    chosen = _named(available, component, places)
     base = base if varies else fitted()
     rungs = first_entries(experiment, base)
-    made = single(at_fit(experiment, base), chosen, say)
-    if made.chosen is None and not made.trials:
+    stage = single(at_fit(experiment, base), chosen, say)
+    if stage.chosen is None and not stage.trials:
         raise UsageError([Problem("try-broken", f"the diagram with {chosen.label} cannot be simulated", None,
                                   "Try another place, or add the component to a diagram and run it.")])
-    trial = made.trials[0]
-    added = confirmed(SelectedEffect(replace(made, chosen=trial), (trial,)), experiment)
-    return Attempt((*rungs, added.rung), added, trial.bic - made.bic, made.chosen is not None)
+    trial = stage.trials[0]
+    added = confirmed(SelectedEffect(replace(stage, chosen=trial), (trial,)), experiment)
+    return Attempt((*rungs, added.rung), added, trial.bic - stage.bic, stage.chosen is not None)
 
 
-def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) -> Candidate:
+def _named(available: Sequence[Candidate], component: str, places: Sequence[str]) -> Candidate:
     """Select the candidate that matches the component and the places; UsageError with suggestions if there is not exactly
     one."""
-    kinds = [c for c in found if component in (c.component, c.name)]
-    if not kinds and any(c.kind == component for c in found):
-        alike = [c for c in found if c.kind == component]
+    kinds = [c for c in available if component in (c.component, c.name)]
+    if not kinds and any(c.kind == component for c in available):
+        alike = [c for c in available if c.kind == component]
         laws = dict.fromkeys(c.component for c in alike if _at_all(places, _places_of(c)))
         raise UsageError([Problem("try-class", f"'{component}' is a class of effects, not one of them", None,
                                   f"Try {listing(laws, 8)}." if laws else "`heavebond candidates` lists where it fits.")])
@@ -102,15 +102,15 @@ def _named(found: Sequence[Candidate], component: str, places: Sequence[str]) ->
         raise UsageError([Problem("try-place", f"'{places[0]}' is named twice; an effect between two nodes needs two", None,
                                   "Write --between and the names of two different nodes.")])
     if not kinds:
-        names = dict.fromkeys([*(c.component for c in found), *(c.name for c in found if c.attaches == "in")])
+        names = dict.fromkeys([*(c.component for c in available), *(c.name for c in available if c.attaches == "in")])
         raise UsageError([Problem("try-unknown", f"no effect '{component}' fits anywhere in this diagram", None,
                                   suggest(component, names) or "`heavebond candidates` lists what does.")])
-    here = [c for c in kinds if _at_all(places, _places_of(c))]
-    exact = [c for c in here if _at_all(places, set(c.where)) and len(places) == len(c.where)]
-    if len(here) == 1 or len(exact) == 1:
-        return (exact or here)[0]
-    listed = listing((c.place for c in here or kinds), 8)
-    if not here:
+    at_place = [c for c in kinds if _at_all(places, _places_of(c))]
+    exact = [c for c in at_place if _at_all(places, set(c.where)) and len(places) == len(c.where)]
+    if len(at_place) == 1 or len(exact) == 1:
+        return (exact or at_place)[0]
+    listed = listing((c.place for c in at_place or kinds), 8)
+    if not at_place:
         raise UsageError([Problem("try-place", f"{component} does not fit at {listing(places)}", None,
                                   f"It fits {listed}.")])
     raise UsageError([Problem("try-places", f"{component} fits at several places", None,

@@ -176,8 +176,8 @@ class Diagnosis(facade.Displayed):
             "steps": [f.as_dict() for f in self.findings], "uncertain": [f.as_dict() for f in self.doubtful],
             "shape": self.shape and self.shape.as_dict(), "ladder": [r.as_dict() for r in self.ladder],
             "ranking": [as_dicts(entries(s)) for s in self.steps],
-            "noise": {name: {"value": value, "unit": unit, "given": given}
-                      for name, (value, unit, given) in self.noise.items()},
+            "noise": {name: {"value": value, "unit": unit, "given": specified}
+                      for name, (value, unit, specified) in self.noise.items()},
             "adequacy": self.adequacy and self.adequacy.as_dict(),
             "remainder": self.remainder and self.remainder.as_dict(),
             "separation": self.separation and self.separation.as_dict(), "seconds": self.seconds}
@@ -207,10 +207,10 @@ def diagnose(experiment: ExperimentOrFile, *, steps: int = MOST, number: int | N
     """
     with working_on(executor):
         budget = Budget(si_value(seconds, "s", "seconds"))
-        given, smoothed = loaded(experiment)
+        original, smoothed = loaded(experiment)
         task = Task(budget, steps, number, classes, samples, progress or (lambda text: None),
                     growing or (lambda models: None))
-        answer = _answer(_run_phases(State(given, given), task), task)
+        answer = _answer(_run_phases(State(original, original), task), task)
         return replace(answer, words=(*answer.words, *smoothed))
 
 
@@ -245,22 +245,22 @@ def _answer(state: State, task: Task) -> Diagnosis:
     if not state.steps or state.searched is None:
         return Diagnosis(state.given, "undetermined", before_search(state.models, state.base), state.models, (), (), (),
                          None, state.base, noise, budget.spent, None, state.given, None, (EFFECTS, VALUES, CURVES))
-    said, steps, findings, models = state.verdict, state.steps, state.findings, state.table
+    verdict, steps, findings, models = state.verdict, state.steps, state.findings, state.table
     first = models[0].comparison
-    words = (*sentences(said, models, findings, steps, state.shape, state.adequacy), *variation_words(findings),
+    words = (*sentences(verdict, models, findings, steps, state.shape, state.adequacy), *variation_words(findings),
              *map(equivalent_value_words, state.values),
              *acting_as_values(findings, steps, [t.candidate.name for t in state.values]),
              *(state.separation.words if state.separation is not None else ()),
              *(effect.doubt for effect in state.doubtful),
-             *unusual_values(findings), *residual_notes(said, state.remainder, steps),
-             *lost_candidates(steps), *broken_candidates(said, steps), *closed_loops(first),
+             *unusual_values(findings), *residual_notes(verdict, state.remainder, steps),
+             *lost_candidates(steps), *broken_candidates(verdict, steps), *closed_loops(first),
              *passed_conditions(models[-1].comparison),
              *own_start_words(state.given, state.base, state.added[-1].fit if state.added else state.base),
-             *wrong_starts(said, models[-1].comparison), *so_far(steps, state.untried),
+             *wrong_starts(verdict, models[-1].comparison), *so_far(steps, state.untried),
              *left_out_words(steps), *search_limits(task.classes, cut(state.searched, state.experiment),
                             state.confirming is not None and state.confirming.shorter),
              *horizon_words(state.experiment), *state.differences)
-    answer = Diagnosis(state.given, said, words, models, findings, state.doubtful, steps, state.shape, state.base, noise,
+    answer = Diagnosis(state.given, verdict, words, models, findings, state.doubtful, steps, state.shape, state.base, noise,
                        budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
                        evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy,
                                 next(iter(state.reviews), None)), bool(task.classes), state.reviews,

@@ -16,7 +16,7 @@ from heavebond.core.errors import HeavebondError, SimulationError, StartError, l
 from heavebond.core.progress import Progress
 from heavebond.diagnosis.answer.confirm import Confirming, at_fit, compared, first_entries
 from heavebond.diagnosis.answer.sentences import CALIBRATION, CURVES, FURTHER, VALUES, was_ended
-from heavebond.diagnosis.answer.verdict import gone, is_adequate, near_noise, unexplained, verdict
+from heavebond.diagnosis.answer.verdict import is_adequate, misfit_reduction, near_noise, unexplained, verdict
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.comparison import leaves_noise
@@ -170,9 +170,9 @@ class State:
         """The models without effects."""
         return self.models[:len(self.models) - len(self.findings) - len(self.doubtful)]
 
-    def without(self, what: str) -> State:
+    def without(self, part: str) -> State:
         """Add a part of the search that was not completed."""
-        return replace(self, untried=tuple(dict.fromkeys((*self.untried, what))))
+        return replace(self, untried=tuple(dict.fromkeys((*self.untried, part))))
 
     def at_last_fit(self) -> Experiment:
         """Experiment on the last diagram at its fitted values."""
@@ -281,66 +281,68 @@ def _misfit_within(cut: Experiment, state: State) -> float:
     return chi2_sum(cut, list(comparison.records.values()))[0]
 
 
-def _search(state: State, task: Task, kept: float) -> Iterator[State]:
-    """Select effects step by step on the searched samples, until the time `kept` (s) is left. If these samples show no
+def _search(state: State, task: Task, reserved: float) -> Iterator[State]:
+    """Select effects step by step on the searched samples, until the time `reserved` (s) is left. If these samples show no
     effect, repeat the search on all samples."""
     task.grow([entry.as_dict() for entry in state.models])
 
-    def left() -> float:
-        return task.budget.left(kept)
+    def remaining_time() -> float:
+        return task.budget.left(reserved)
 
-    def stepping(experiment: Experiment, way: Selection) -> Stage:
-        task.grow([*(entry.as_dict() for entry in state.models), *map(_unconfirmed, way)])
-        beside = f" beside {listing(added.candidate.label for added in way)}" if len(way) > 1 else ""
-        return make_stage(experiment, beside=[added.candidate for added in way], number=task.number, seconds=left(),
-                          classes=task.classes, thorough=not way,
-                          progress=lambda text: task.say(f"step {len(way) + 1}{beside}: {text}"))
+    def stepping(experiment: Experiment, selection: Selection) -> Stage:
+        task.grow([*(entry.as_dict() for entry in state.models), *map(_unconfirmed, selection)])
+        beside = f" beside {listing(added.candidate.label for added in selection)}" if len(selection) > 1 else ""
+        return make_stage(experiment, beside=[added.candidate for added in selection], number=task.number,
+                          seconds=remaining_time(), classes=task.classes, thorough=not selection,
+                          progress=lambda text: task.say(f"step {len(selection) + 1}{beside}: {text}"))
 
     cut_short: set[str] = set()
 
     def calibrating(experiment: Experiment) -> Stage:
         cut_short.add(CALIBRATION)  # removed after completion
-        made = make_calibration_stage(experiment, number=task.number, seconds=left(), classes=task.classes,
-                                      progress=lambda text: task.say(f"adding calibration errors: {text}"))
-        if not made.partial:
+        stage = make_calibration_stage(experiment, number=task.number, seconds=remaining_time(), classes=task.classes,
+                                       progress=lambda text: task.say(f"adding calibration errors: {text}"))
+        if not stage.partial:
             cut_short.clear()
-        return made
+        return stage
 
     part = excerpt(state.experiment, state.models[-1].comparison, task.samples)
     last = None
     for searched in [part] if part is state.experiment else [part, state.experiment]:
         if last is not None and (last.left.significant or last.partial):
             break
-        for way, last in select_stepwise(at_fit(searched, state.base), stepping, task.say, task.steps, left, calibrating):
-            state = replace(state, searched=searched, selection=way, last=last, untried=tuple(cut_short))
+        for selection, last in select_stepwise(at_fit(searched, state.base), stepping, task.say, task.steps,
+                                               remaining_time, calibrating):
+            state = replace(state, searched=searched, selection=selection, last=last, untried=tuple(cut_short))
             yield state
     assert last is not None
-    way, last = _noticeable(state.selection, last)
-    state = replace(state, selection=way, last=last)
+    selection, last = _noticeable(state.selection, last)
+    state = replace(state, selection=selection, last=last)
     yield state
-    yield replace(state, doubts=tuple(doubts(way, task.say, lambda experiment, among: make_curve_stage(
-        experiment, among=among, number=task.number, seconds=left()))))
+    yield replace(state, doubts=tuple(doubts(selection, task.say, lambda experiment, among: make_curve_stage(
+        experiment, among=among, number=task.number, seconds=remaining_time()))))
 
 
 def confirm(state: State, task: Task) -> Iterator[State]:
     """Fit the selected effects to all samples."""
-    way, last = state.selection, state.last
+    selection, last = state.selection, state.last
     if last is None or state.searched is None:
         return
     last = replace(last, partial=last.partial or bool(state.ended))
     # the last step may be the step that selected the last effect
-    own = bool(way) and last.chosen is way[-1].chosen
-    short = own and not last.partial and len(way) < task.steps and not way[-1].is_noise and not near_the_noise(way)
-    steps = [*(_answered(added.step, added) for added in (way[:-1] if own else way)),
-             _answered(last, way[-1]) if own else replace(last, chosen=None, cluster=())]
+    last_selected = bool(selection) and last.chosen is selection[-1].chosen
+    short = last_selected and not last.partial and len(selection) < task.steps \
+        and not selection[-1].is_noise and not near_the_noise(selection)
+    steps = [*(_answered(added.step, added) for added in (selection[:-1] if last_selected else selection)),
+             _answered(last, selection[-1]) if last_selected else replace(last, chosen=None, cluster=())]
     confirming = Confirming(task.budget, state.experiment, state.searched, state.base, state.comparing, task.say)
-    models, added = confirming.all(way, state.models)
-    sure = min(len(way) - len(state.doubts), len(added))
+    models, added = confirming.all(selection, state.models)
+    sure = min(len(selection) - len(state.doubts), len(added))
     doubtful = tuple(replace(effect, doubt=doubt.words) for effect, doubt in zip(added[sure:], state.doubts, strict=False))
     if confirming.ended:
         steps[-1] = replace(steps[-1], partial=True)
     yield replace(state, models=tuple(models), findings=tuple(added[:sure]), doubtful=doubtful,
-                  steps=tuple(steps), reviews=tuple(effect.review for effect in way), confirming=confirming,
+                  steps=tuple(steps), reviews=tuple(effect.review for effect in selection), confirming=confirming,
                   untried=(*state.untried, *([FURTHER] if short else [])))
 
 
@@ -356,21 +358,21 @@ def try_fixed_values(state: State, task: Task) -> Iterator[State]:
         without, steps=(*state.steps[:-1], replace(state.steps[-1], partial=True)))
     chosen = state.selection[len(state.findings) - 1].chosen \
         if state.findings and is_adequate(state.models, state.findings) else None
-    made = make_value_stage(
+    stage = make_value_stage(
         as_long_as(searched, at_fit(state.experiment, state.base)), beside=chosen, number=task.number,
         seconds=task.budget.left(state.kept),
         progress=lambda text: task.say(f"trying other values of the fixed parameters: {text}"))
-    if (value := _value(made, confirm_one, state.before_findings)) is not None:
+    if (value := _value(stage, confirm_one, state.before_findings)) is not None:
         yield replace(state, models=(*state.before_findings, value.rung), findings=(value,), doubtful=(), reviews=(),
-                      value_step=made,
-                      steps=(replace(state.steps[0], chosen=None, cluster=()), made))
+                      value_step=stage,
+                      steps=(replace(state.steps[0], chosen=None, cluster=()), stage))
         return
-    if made.partial:
-        yield replace(without, value_step=made, steps=state.steps if state.findings else (
+    if stage.partial:
+        yield replace(without, value_step=stage, steps=state.steps if state.findings else (
             *state.steps[:-1], replace(state.steps[-1], partial=True)))
         return
-    findings, values = _beside(state.findings, chosen, made) if chosen is not None else (state.findings, ())
-    yield replace(state, value_step=made, findings=findings, values=values)
+    findings, values = _beside(state.findings, chosen, stage) if chosen is not None else (state.findings, ())
+    yield replace(state, value_step=stage, findings=findings, values=values)
 
 
 def fit_flexible_laws(state: State, task: Task) -> Iterator[State]:
@@ -379,10 +381,10 @@ def fit_flexible_laws(state: State, task: Task) -> Iterator[State]:
     if not state.unexplained:
         return
     assert state.confirming is not None
-    left = task.budget.left(state.kept)
-    way = state.selection
-    if way and state.findings and state.findings[0].candidate is way[0].candidate:
-        for latest in _without_name(state, task, left):
+    seconds = task.budget.left(state.kept)
+    selection = state.selection
+    if selection and state.findings and state.findings[0].candidate is selection[0].candidate:
+        for latest in _without_name(state, task, seconds):
             state = latest
             yield state
     if state.shape is None and not (state.adequacy is not None and state.adequacy.stands) and not state.steps[-1].partial \
@@ -390,14 +392,14 @@ def fit_flexible_laws(state: State, task: Task) -> Iterator[State]:
         assert state.searched is not None and state.confirming is not None
         task.say("learning a curve")
         yield state.without(CURVES)
-        left = task.budget.left(state.kept)
+        seconds = task.budget.left(state.kept)
         experiment = as_long_as(state.searched, replace(state, shape=None).at_last_fit())
-        made = make_curve_stage(experiment, number=task.number, seconds=left)
+        stage = make_curve_stage(experiment, number=task.number, seconds=seconds)
         shape = None
-        if made.chosen is not None and worth_it(made):
-            shape = state.confirming.one(SelectedEffect(made, made.cluster), state.models[-1].comparison)
-            made = replace(made, partial=made.partial or shape is None)
-        yield replace(state.without(CURVES) if made.partial else state, shape=shape)
+        if stage.chosen is not None and worth_it(stage):
+            shape = state.confirming.one(SelectedEffect(stage, stage.cluster), state.models[-1].comparison)
+            stage = replace(stage, partial=stage.partial or shape is None)
+        yield replace(state.without(CURVES) if stage.partial else state, shape=shape)
 
 
 def explain_remainder(state: State, task: Task) -> Iterator[State]:
@@ -426,11 +428,11 @@ def compare_held_out_records(state: State, task: Task) -> Iterator[State]:
     held-out ones."""
     if state.steps and not state.findings and not state.untried and not state.steps[0].left.significant \
             and state.table[-1].chi2_held_out > DECISION.near:
-        found = record_differences(at_fit(replace(state.given, horizons=state.experiment.horizons), state.base))
-        state = replace(state, differences=tuple(difference.words for difference in found))
+        differences = record_differences(at_fit(replace(state.given, horizons=state.experiment.horizons), state.base))
+        state = replace(state, differences=tuple(difference.words for difference in differences))
         yield state
-        if len({difference.candidate.label for difference in found}) == 1:
-            yield _with_difference(state, task, found[0])
+        if len({difference.candidate.label for difference in differences}) == 1:
+            yield _with_difference(state, task, differences[0])
 
 
 def decide(state: State, task: Task) -> Iterator[State]:
@@ -441,13 +443,13 @@ def decide(state: State, task: Task) -> Iterator[State]:
             and state.findings[0].candidate is state.selection[0].candidate:
         complete = not state.steps[0].partial and VALUES not in state.untried
         state = replace(state.without(CURVES), adequacy=adequacy_alone(state.selection[:len(state.findings)], complete))
-    said = verdict(state.base, state.table, state.findings, state.steps, state.shape, state.adequacy,
-                   not {VALUES, CURVES} & set(state.untried))
-    state = replace(state, verdict=said)
+    conclusion = verdict(state.base, state.table, state.findings, state.steps, state.shape, state.adequacy,
+                         not {VALUES, CURVES} & set(state.untried))
+    state = replace(state, verdict=conclusion)
     yield state
-    if said == "one_of" and not state.ended:
-        left = task.budget.left(state.kept)
-        apart = Budget(left).made(lambda: _separation(state.given, state.findings, task.say, left))
+    if conclusion == "one_of" and not state.ended:
+        seconds = task.budget.left(state.kept)
+        apart = Budget(seconds).made(lambda: _separation(state.given, state.findings, task.say, seconds))
         yield replace(state, separation=apart)
 
 
@@ -465,13 +467,13 @@ def _with_difference(state: State, task: Task, difference: RecordDifference) -> 
     trial = begun(fitted_base(at_fit(state.searched, state.base)), difference.candidate, progress=task.say)
     if trial is None:
         return state
-    made = choosing(replace(state.steps[0], trials=(trial,)), trial)
-    effect = state.confirming.one(SelectedEffect(made, made.cluster), state.models[-1].comparison)
-    if effect is None or gone(state.models[-1].chi2_held_out, effect.rung.chi2_held_out) < DECISION.mainly:
+    stage = choosing(replace(state.steps[0], trials=(trial,)), trial)
+    effect = state.confirming.one(SelectedEffect(stage, stage.cluster), state.models[-1].comparison)
+    if effect is None or misfit_reduction(state.models[-1].chi2_held_out, effect.rung.chi2_held_out) < DECISION.mainly:
         return state
     # the fitted records show no effect; the evidence is the size of the residual of the held-out records
-    made = replace(made, left=replace(made.left, size=difference.chance))
-    return replace(state, models=(*state.models, effect.rung), findings=(effect,), steps=(made,))
+    stage = replace(stage, left=replace(stage.left, size=difference.chance))
+    return replace(state, models=(*state.models, effect.rung), findings=(effect,), steps=(stage,))
 
 
 def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
@@ -483,23 +485,23 @@ def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
     """
     assert state.confirming is not None
     task.say("fitting identified curves in place of the effect")
-    way, confirm_one = state.selection[:len(state.findings)], state.confirming.one
+    selection, confirm_one = state.selection[:len(state.findings)], state.confirming.one
     complete = not state.steps[0].partial and VALUES not in state.untried
     tried = not state.steps[-1].partial and not {FURTHER, CALIBRATION} & set(state.untried)
-    yield replace(state.without(CURVES), adequacy=adequacy_alone(way, complete))
-    found, curves = judged(way, complete, tried, task.number, seconds, task.say)
-    state = replace(state if curves is not None else state.without(CURVES), adequacy=found)
+    yield replace(state.without(CURVES), adequacy=adequacy_alone(selection, complete))
+    assessment, curves = judged(selection, complete, tried, task.number, seconds, task.say)
+    state = replace(state if curves is not None else state.without(CURVES), adequacy=assessment)
     yield state
-    if not found.beaten or VALUES in state.untried:
+    if not assessment.beaten or VALUES in state.untried:
         return
-    curve = found.flexible
+    curve = assessment.flexible
     if len(state.findings) > 1:
         task.say("fitting identified curves in place of all effects")
-        curve, curves = curve_alone(way, task.number, seconds, task.say)
+        curve, curves = curve_alone(selection, task.number, seconds, task.say)
     if curve is None or curves is None:
         return
     if state.doubtful and not better(curve, state.selection[-1].chosen):
-        yield replace(state, adequacy=replace(found, beaten=False))
+        yield replace(state, adequacy=replace(assessment, beaten=False))
         return
     without = state.before_findings
     shape = confirm_one(SelectedEffect(choosing(curves, curve), (curve,)), without[-1].comparison)
@@ -522,12 +524,12 @@ def _answered(step: Stage, added: SelectedEffect) -> Stage:
     return replace(step, cluster=added.alternatives)
 
 
-def _noticeable(way: Selection, last: Stage) -> tuple[Selection, Stage]:
+def _noticeable(selection: Selection, last: Stage) -> tuple[Selection, Stage]:
     """Discard a single effect that removes hardly any misfit. Some law always removes a few percent of an unexplained
     residual (noise of a measured input) significantly, but is not the cause."""
-    if len(way) != 1 or worth_it(way[0].step):
-        return way, last
-    return (), replace(way[0].step, chosen=None, cluster=(), partial=last.partial)
+    if len(selection) != 1 or worth_it(selection[0].step):
+        return selection, last
+    return (), replace(selection[0].step, chosen=None, cluster=(), partial=last.partial)
 
 
 def _separation(machine: Experiment, findings: Sequence[AddedEffect], say: Progress, seconds: float) -> Separation | None:
@@ -545,27 +547,29 @@ def _separation(machine: Experiment, findings: Sequence[AddedEffect], say: Progr
         return None
 
 
-def _value(made: Stage, confirm_one: Callable[[SelectedEffect, Comparison], AddedEffect | None],
+def _value(stage: Stage, confirm_one: Callable[[SelectedEffect, Comparison], AddedEffect | None],
            models: Sequence[LadderEntry]) -> AddedEffect | None:
     """Fixed value with which the residual becomes noise, fitted to all samples.
 
     None if no value reaches the noise, if the records cannot distinguish the value from an effect, or if not all values were
     tried.
     """
-    if made.partial or made.chosen is None or not worth_it(made) or any(t.candidate.kind != VALUE for t in made.cluster):
+    if stage.partial or stage.chosen is None or not worth_it(stage) or any(t.candidate.kind != VALUE for t in stage.cluster):
         return None
-    found = confirm_one(SelectedEffect(made, made.cluster), models[-1].comparison)
-    return found if found is not None and near_noise(found.rung) and is_adequate([*models, found.rung], [found]) else None
+    effect = confirm_one(SelectedEffect(stage, stage.cluster), models[-1].comparison)
+    if effect is None or not near_noise(effect.rung) or not is_adequate([*models, effect.rung], [effect]):
+        return None
+    return effect
 
 
-def _beside(findings: Sequence[AddedEffect], chosen: Refit, made: Stage
+def _beside(findings: Sequence[AddedEffect], chosen: Refit, stage: Stage
             ) -> tuple[tuple[AddedEffect, ...], tuple[Refit, ...]]:
     """Findings, and fixed values that the records cannot distinguish from them; `chosen` is the refit of the last finding.
 
     If there is a single finding, values that explain the misfit better, though not significantly, become its alternatives.
     Otherwise the findings remain unchanged.
     """
-    values = () if made.partial else tuple(t for t in made.cluster if t.candidate.kind == VALUE)
+    values = () if stage.partial else tuple(t for t in stage.cluster if t.candidate.kind == VALUE)
     better_values = [t for t in values if merit(t) < merit(chosen) - DECISIVE]
     if len(findings) > 1 or not better_values:
         return tuple(findings), values

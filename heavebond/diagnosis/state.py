@@ -112,9 +112,9 @@ class AddedEffect:
         """Amplitudes if the records determine none of them, that is if each interval covers the whole range; otherwise
         empty."""
         amplitudes = {n.name for n in self.candidate.numbers if n.amplitude}
-        own = [p for p in self.parameters if p.name in amplitudes]
-        unknown = [p.name for p in own if p.told == (None, None)]
-        return tuple(unknown) if len(unknown) == len(own) else ()
+        fitted = [p for p in self.parameters if p.name in amplitudes]
+        unknown = [p.name for p in fitted if p.told == (None, None)]
+        return tuple(unknown) if len(unknown) == len(fitted) else ()
 
     def as_dict(self) -> dict[str, object]:
         """Return the figures for JSON."""
@@ -141,13 +141,13 @@ def channel_errors(rung: LadderEntry) -> list[ChannelError]:
     """Error of a model in each channel, over the held-out samples of all records (without held-out samples, over the fitted
     ones)."""
     parts = [p for p in rung.comparison.parts if p.use != "fit"] or list(rung.comparison.parts)
-    found: dict[str, list[Channel]] = {}
+    by_name: dict[str, list[Channel]] = {}
     for part in parts:
         for name, channel in part.channels.items():
-            found.setdefault(name, []).append(channel)
+            by_name.setdefault(name, []).append(channel)
     return [ChannelError(name, channels[0].unit, *(
         float(np.sqrt(np.average([v**2 for v in values], weights=[c.counts.sum() for c in channels])))
-        for values in ([c.error for c in channels], [c.noise for c in channels]))) for name, channels in found.items()]
+        for values in ([c.error for c in channels], [c.noise for c in channels]))) for name, channels in by_name.items()]
 
 
 def with_limits(candidate: Candidate, fit: Fit) -> Fit:
@@ -172,19 +172,19 @@ def _limited(p: Fitted, course: Array) -> Fitted:
 
 def parameter_description(fit: Fit, name: str) -> str:
     """Description of a fitted parameter from its component; empty for an initial value or without a description."""
-    path, _, own = name.rpartition(".")
+    path, _, key = name.rpartition(".")
     if not path:
         return "parameter of the diagram"
     component = _component(fit, path)
-    declared = component.parameters.get(own) if component is not None else None
+    declared = component.parameters.get(key) if component is not None else None
     return declared.doc if declared is not None else ""
 
 
 def typical_values(fit: Fit, name: str) -> Typical | None:
     """Typical values of a parameter from its component; None if there are none."""
-    path, _, own = name.rpartition(".")
+    path, _, key = name.rpartition(".")
     component = _component(fit, path) if path else None
-    return component.parameters[own].typical if component is not None and own in component.parameters else None
+    return component.parameters[key].typical if component is not None and key in component.parameters else None
 
 
 def restrictions(finding: AddedEffect) -> str:
@@ -201,8 +201,8 @@ def _component(fit: Fit, path: str) -> Component | None:
 
 
 def _error(parts: Sequence[RecordComparison]) -> float:
-    found = [p.normalised**2 for p in parts if math.isfinite(p.normalised)]
-    return math.sqrt(np.mean(found)) if found else math.nan
+    squares = [p.normalised**2 for p in parts if math.isfinite(p.normalised)]
+    return math.sqrt(np.mean(squares)) if squares else math.nan
 
 
 def chi2_sum(experiment: Experiment, parts: Sequence[RecordComparison]) -> tuple[float, int]:
@@ -233,16 +233,16 @@ def errors(experiments: Sequence[ExperimentOrFile], *, progress: Progress | None
     of its diagram. `progress` is called with the name of each experiment. Raises UsageError if records or channels differ,
     and the errors of `compare`.
     """
-    found = [load_experiment(e) for e in experiments]
-    for other in found[1:]:
-        if _measured(other) != _measured(found[0]):
-            raise UsageError([Problem("ladder-records", f"{other.path.name} and {found[0].path.name} have different records "
-                                      "or channels, so their errors cannot be compared", None,
+    loaded = [load_experiment(e) for e in experiments]
+    for later in loaded[1:]:
+        if _measured(later) != _measured(loaded[0]):
+            raise UsageError([Problem("ladder-records", f"{later.path.name} and {loaded[0].path.name} have different "
+                                      "records or channels, so their errors cannot be compared", None,
                                       "Let the later experiments `extends:` the first one.")])
     rungs = []
-    for k, experiment in enumerate(found):
+    for k, experiment in enumerate(loaded):
         if progress:
-            place(progress, k, len(found))
+            place(progress, k, len(loaded))
             progress(experiment.path.name)
         rungs.append(ladder_entry(experiment.path.stem, compare(experiment)))
     return rungs

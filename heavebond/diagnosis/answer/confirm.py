@@ -32,12 +32,12 @@ def loaded(experiment: ExperimentOrFile) -> tuple[Experiment, tuple[str, ...]]:
 
     Raises UsageError if no record is to be fitted.
     """
-    found = load_experiment(experiment)
-    if not any(r.use == "fit" for r in found.records.values()):
+    unsmoothed = load_experiment(experiment)
+    if not any(r.use == "fit" for r in unsmoothed.records.values()):
         raise UsageError([Problem("fit-no-record", "no record is marked `use: fit`", None,
                                   "Mark at least one record with `use: fit`.")])
-    smoothed, said = with_smoothed_inputs(found, assemble_for(found, next(iter(found.records.values()))))
-    return with_noise(smoothed), said
+    smoothed, notes = with_smoothed_inputs(unsmoothed, assemble_for(unsmoothed, next(iter(unsmoothed.records.values()))))
+    return with_noise(smoothed), notes
 
 
 def compared(experiment: Experiment) -> Comparison:
@@ -62,13 +62,13 @@ def at_fit(experiment: Experiment, fitted: Fit | None) -> Experiment:
         return experiment
     before = {p.name: p.before for p in fitted.parameters if not p.record}  # each record keeps its separate initial values
     free = {name: replace(f, given=before.get(name)) if f.given is None else f for name, f in experiment.free.items()}
-    own = {record: {name: value for name, value in there.items() if not name.startswith("initial.")}
-           for record, there in fitted.record_values.items()}
+    record_values = {record: {name: value for name, value in fitted_of_record.items() if not name.startswith("initial.")}
+                     for record, fitted_of_record in fitted.record_values.items()}
     changed = replace(experiment, model=experiment.model.with_parameters(fitted.values), free=free)
-    return changed.with_record_values(own)
+    return changed.with_record_values(record_values)
 
 
-def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, before: Comparison | None = None,
+def confirmed(added: SelectedEffect, whole_records: Experiment, seconds: float = inf, before: Comparison | None = None,
               progress: Progress | None = None) -> AddedEffect:
     """Fit the chosen effect to the whole records, and compute its intervals and figures from full runs.
 
@@ -76,14 +76,14 @@ def confirmed(added: SelectedEffect, given: Experiment, seconds: float = inf, be
     search are the result. `before` is the comparison without the effect.
     """
     searched = following(added.step)
-    experiment = as_long_as(given, searched)
+    experiment = as_long_as(whole_records, searched)
     if before is not None:
         experiment = _with_late_times(experiment, searched, before)
-    found = with_limits(added.candidate, evaluated(experiment, before) if seconds <= 0 else fit(
+    whole_fit = with_limits(added.candidate, evaluated(experiment, before) if seconds <= 0 else fit(
         experiment, partial=seconds < inf, seconds=seconds, before=before, progress=progress))
-    own = {n.name for n in added.candidate.numbers}
-    return AddedEffect(added.candidate, tuple(p for p in found.parameters if p.name in own),
-                   ladder_entry(f"+ {added.candidate.label}", found.after), found, added.alternatives)
+    effect_numbers = {n.name for n in added.candidate.numbers}
+    return AddedEffect(added.candidate, tuple(p for p in whole_fit.parameters if p.name in effect_numbers),
+                   ladder_entry(f"+ {added.candidate.label}", whole_fit.after), whole_fit, added.alternatives)
 
 
 def _with_late_times(experiment: Experiment, searched: Experiment, before: Comparison) -> Experiment:
@@ -146,45 +146,45 @@ class Confirming:
         if self.ended:
             return confirmed(added, self.part if self.shorter else self.given, 0.0, before)
         limited = isfinite(self.budget.seconds)
-        kept = SHORTER * self.budget.seconds if limited and not self.shorter and cut(self.part, self.given) else 0.0
-        most = self.budget.left(kept + (0.0 if self.shorter else COMPARING * self.comparing)) if limited else inf
-        given, label = self.part if self.shorter else self.given, added.candidate.label
+        reserved = SHORTER * self.budget.seconds if limited and not self.shorter and cut(self.part, self.given) else 0.0
+        most = self.budget.left(reserved + (0.0 if self.shorter else COMPARING * self.comparing)) if limited else inf
+        experiment, label = self.part if self.shorter else self.given, added.candidate.label
         with finishing(self.say):
             return self.budget.made(lambda: confirmed(
-                added, given, most, before, lambda text: self.say(f"confirming {label}: {text}")), kept)
+                added, experiment, most, before, lambda text: self.say(f"confirming {label}: {text}")), reserved)
 
-    def all(self, way: Selection, ladder: Sequence[LadderEntry]) -> tuple[list[LadderEntry], list[AddedEffect]]:
+    def all(self, selection: Selection, ladder: Sequence[LadderEntry]) -> tuple[list[LadderEntry], list[AddedEffect]]:
         """Fit all effects of a selection; return the table of models with them, and the effects.
 
         If the time does not suffice, the effects have the values of the search and the figures of the searched samples. If
         the first effect is adequate but all effects together are not, only the first is returned.
         """
-        if not way:
+        if not selection:
             return list(ladder), []
-        found = self._all(way, ladder)
-        if found is None and cut(self.part, self.given):
+        effects = self._all(selection, ladder)
+        if effects is None and cut(self.part, self.given):
             self.shorter = True
             first = self.budget.made(lambda: self._first(ladder))
-            found = self._all(way, first) if first is not None else None
-            ladder = first if first is not None and found is not None else ladder
-        if found is None:
+            effects = self._all(selection, first) if first is not None else None
+            ladder = first if first is not None and effects is not None else ladder
+        if effects is None:
             self.shorter, self.ended = cut(self.part, self.given) != "", True
             ladder = self._first(ladder) if self.shorter else ladder
-            found = self._all(way, ladder)
-        assert found is not None
-        if len(found) > 1 and is_adequate(ladder, found[:1]) and not is_adequate(ladder, found):
-            found = [replace(found[0], alternatives=way[0].step.cluster)]
-        found = [*(_beside_all(finding, found[-1].fit) for finding in found[:-1]), *found[-1:]]
-        return [*ladder, *(f.rung for f in found)], found
+            effects = self._all(selection, ladder)
+        assert effects is not None
+        if len(effects) > 1 and is_adequate(ladder, effects[:1]) and not is_adequate(ladder, effects):
+            effects = [replace(effects[0], alternatives=selection[0].step.cluster)]
+        effects = [*(_beside_all(finding, effects[-1].fit) for finding in effects[:-1]), *effects[-1:]]
+        return [*ladder, *(f.rung for f in effects)], effects
 
-    def _all(self, way: Selection, ladder: Sequence[LadderEntry]) -> list[AddedEffect] | None:
+    def _all(self, selection: Selection, ladder: Sequence[LadderEntry]) -> list[AddedEffect] | None:
         findings: list[AddedEffect] = []
-        for added in way:
+        for added in selection:
             self.say(f"confirming {added.candidate.label}")
-            found = self.one(added, (findings[-1].rung if findings else ladder[-1]).comparison)
-            if found is None:
+            effect = self.one(added, (findings[-1].rung if findings else ladder[-1]).comparison)
+            if effect is None:
                 return None
-            findings.append(found)
+            findings.append(effect)
         return findings
 
     def _first(self, ladder: Sequence[LadderEntry]) -> list[LadderEntry]:
@@ -195,6 +195,6 @@ class Confirming:
 
 def _beside_all(finding: AddedEffect, last: Fit) -> AddedEffect:
     """Effect with the values and intervals of the fit with all effects."""
-    own = {p.name for p in finding.parameters}
-    parameters = tuple(p for p in with_limits(finding.candidate, last).parameters if p.name in own)
-    return replace(finding, parameters=parameters) if len(parameters) == len(own) else finding
+    names = {p.name for p in finding.parameters}
+    parameters = tuple(p for p in with_limits(finding.candidate, last).parameters if p.name in names)
+    return replace(finding, parameters=parameters) if len(parameters) == len(names) else finding

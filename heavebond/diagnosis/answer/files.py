@@ -35,26 +35,27 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
     candidate = finding.candidate
     sought = {p.name: p for p in finding.parameters}
     units = {name: read_unit(readable_unit(p.unit, p.value)) for name, p in sought.items()}
-    others = tuple(p for p in finding.fit.parameters if p.name not in sought)
-    fitted, _ = fitted_values(replace(finding.fit, parameters=others))
+    other_parameters = tuple(p for p in finding.fit.parameters if p.name not in sought)
+    fitted, _ = fitted_values(replace(finding.fit, parameters=other_parameters))
     change = candidate.change.joined(fitted).with_values(
         {name: units[name].written(p.value) for name, p in sought.items()})
-    said = f"{before.model.name} with {candidate.kind} {candidate.place}."
-    own = {name: f for name, f in finding.fit.experiment.free.items()
-           if f.each and (name not in before.free or not before.free[name].each)}
-    begun = {p.name.removeprefix(INITIAL): own[p.name].range.unit.written(p.before) for p in finding.fit.parameters
-             if p.name in own and p.name.startswith(INITIAL)}
+    description = f"{before.model.name} with {candidate.kind} {candidate.place}."
+    newly_separate = {name: f for name, f in finding.fit.experiment.free.items()
+                      if f.each and (name not in before.free or not before.free[name].each)}
+    begun = {p.name.removeprefix(INITIAL): newly_separate[p.name].range.unit.written(p.before)
+             for p in finding.fit.parameters if p.name in newly_separate and p.name.startswith(INITIAL)}
     # a free initial value needs a value in the diagram
     change = Change(initial={state: text for state, text in begun.items()
                              if state not in before.model.initial.conditions}).joined(change)
-    diagram = change.diagram(model.stem, said, extended_from(model, before.model.path))
+    diagram = change.diagram(model.stem, description, extended_from(model, before.model.path))
     free = {name: span(p, units[name], name in {n.name for n in candidate.numbers if n.amplitude})
             for name, p in sought.items()}
     free.update({name: FIXED for name in before.free if name not in finding.fit.experiment.free})
-    free.update({name: free_text(f) for name, f in own.items()})
-    of_records = {record: [f"{name}: {quoted(own[name].range.unit.written(value))}" for name, value in there.items()
-                           if name in own and not name.startswith(INITIAL)]
-                  for record, there in finding.fit.record_values.items()}
+    free.update({name: free_text(f) for name, f in newly_separate.items()})
+    of_records = {record: [f"{name}: {quoted(newly_separate[name].range.unit.written(value))}"
+                           for name, value in fitted_of_record.items()
+                           if name in newly_separate and not name.startswith(INITIAL)]
+                  for record, fitted_of_record in finding.fit.record_values.items()}
     lines = [f"experiment: {quoted(f'{before.name}, with {candidate.kind} {candidate.place}')}",
              f"extends: {quoted(extended_from(experiment, before.path))}",
              f"model: {quoted(extended_from(experiment, model))}",
@@ -68,10 +69,11 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
 
 def _smoothed_inputs(experiment: Experiment) -> dict[str, str]:
     """YAML entries of inputs that the diagnosis smooths although their file does not request it."""
-    return {name: f"{{column: {quoted(given.column)}, unit: {quoted(given.unit)}, interpolation: {given.interpolation}, "
-                  f"{'gaps: bridge, ' if given.bridge else ''}smooth: {given.smooth:g} Hz"
-                  f"{f', noise: {given.noise:g} {given.unit}' if given.noise else ''}}}"
-            for name, given in experiment.inputs.items() if given.smooth is not None and given.file == Path()}
+    return {name: f"{{column: {quoted(file_input.column)}, unit: {quoted(file_input.unit)}, "
+                  f"interpolation: {file_input.interpolation}, {'gaps: bridge, ' if file_input.bridge else ''}"
+                  f"smooth: {file_input.smooth:g} Hz"
+                  f"{f', noise: {file_input.noise:g} {file_input.unit}' if file_input.noise else ''}}}"
+            for name, file_input in experiment.inputs.items() if file_input.smooth is not None and file_input.file == Path()}
 
 
 @dataclass(frozen=True)
@@ -96,13 +98,13 @@ class Targets:
         Raises UsageError if the folder is not writable.
         """
         inside = experiment.path.resolve().is_relative_to(bundled("models").resolve())
-        found = cls(folder or (Path() if inside else experiment.path.parent), experiment.model.path.stem,
-                    experiment.path.stem)._with_free_numbers()
-        make_folder(found.folder)
-        if reason := why_unwritable(found.folder):
-            raise UsageError([Problem("file-unwritable", f"nothing can be written in '{found.folder}': {reason}", None,
+        targets = cls(folder or (Path() if inside else experiment.path.parent), experiment.model.path.stem,
+                      experiment.path.stem)._with_free_numbers()
+        make_folder(targets.folder)
+        if reason := why_unwritable(targets.folder):
+            raise UsageError([Problem("file-unwritable", f"nothing can be written in '{targets.folder}': {reason}", None,
                                       "Give another one: --folder FOLDER (with `try`: --write FOLDER).")])
-        return found
+        return targets
 
     @classmethod
     def named(cls, experiment: Experiment, file: Path) -> Targets:
@@ -111,14 +113,14 @@ class Targets:
         If the files exist and contain an earlier result for the same experiment, the next unused number is taken. Raises
         UsageError if they contain anything else.
         """
-        found = cls(file.parent, f"{file.stem}_diagram", file.stem, 0)._with_free_numbers()
-        if found.passed and not is_finding(file, experiment):
-            raise UsageError([Problem("file-exists", f"{found.passed} exists already", None,
+        targets = cls(file.parent, f"{file.stem}_diagram", file.stem, 0)._with_free_numbers()
+        if targets.passed and not is_finding(file, experiment):
+            raise UsageError([Problem("file-exists", f"{targets.passed} exists already", None,
                                       "Give another name, or remove it first.")])
-        make_folder(found.folder)
-        if reason := why_unwritable(found.folder):
+        make_folder(targets.folder)
+        if reason := why_unwritable(targets.folder):
             raise UsageError([Problem("file-unwritable", f"'{file}' cannot be written: {reason}")])
-        return found
+        return targets
 
     def _with_free_numbers(self) -> Targets:
         free = (k for k in itertools.count(self.first) if not any(os.path.lexists(path) for path in self._files(k)))
@@ -140,8 +142,8 @@ class Targets:
     @property
     def passed(self) -> Path | None:
         """First existing file with a name that the targets would use; None if there is none."""
-        taken = (path for k in range(self.first, self.numbers[0]) for path in self._files(k) if os.path.lexists(path))
-        return next(taken, None)
+        existing = (path for k in range(self.first, self.numbers[0]) for path in self._files(k) if os.path.lexists(path))
+        return next(existing, None)
 
     @property
     def proposal(self) -> Path:
@@ -217,5 +219,5 @@ def span(fitted: Fitted, unit: Unit, amplitude: bool) -> str:
     if amplitude and fitted.value:
         reach = 1.5 * abs(fitted.value)
         low, high = max(low, -reach if low < 0 else low), min(high, reach) if high > 0 else high
-    shown = [f"{unit.from_si(end):.4g}" for end in (low, high)]
-    return f"{shown[0]} .. {shown[1]}" + ("" if unit.text in ("1", "") else f" {unit.text}")
+    ends = [f"{unit.from_si(end):.4g}" for end in (low, high)]
+    return f"{ends[0]} .. {ends[1]}" + ("" if unit.text in ("1", "") else f" {unit.text}")

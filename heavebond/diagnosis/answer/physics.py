@@ -33,12 +33,12 @@ def physics(candidate: Candidate, library: Library, values: Mapping[str, float],
     component = library.component(candidate.component)
     if candidate.differs:
         return f"{listing(candidate.change.each)} has another value in some records."
-    found = {p.name: p for p in fitted}
+    fitted_by_name = {p.name: p for p in fitted}
     effect = component.effect_of(candidate.attaches, candidate.old)
     meaning = component.parameters[candidate.name.rpartition(".")[2]].meaning if candidate.attaches == "in" else \
         effect.meaning if effect is not None else None
     if meaning is None:
-        return _described(candidate, values, found)
+        return _described(candidate, values, fitted_by_name)
     places = _places(candidate)
     text, single = meaning.texts[0], False
     for field, following in zip(meaning.fields, meaning.texts[1:], strict=True):
@@ -48,21 +48,22 @@ def physics(candidate: Candidate, library: Library, values: Mapping[str, float],
             text = text[:-1] + following if again else text + places[field] + following
             continue
         percent = following.startswith(PERCENT)
-        figure = _value(field, candidate, component, values, found, PERCENT if percent else "")
+        figure = _value(field, candidate, component, values, fitted_by_name, PERCENT if percent else "")
         if figure is None:
-            return _described(candidate, values, found)
+            return _described(candidate, values, fitted_by_name)
         text += figure + (following.removeprefix(PERCENT) if percent else following)
     text = text if meaning.texts[0] or not meaning.fields else text[:1].upper() + text[1:]
-    others = [label.removeprefix(candidate.component).strip() for label in candidate.members[1:]] if single else []
-    return f"{text} The same law acts {listing(others, 3)}." if others else text
+    other_places = [label.removeprefix(candidate.component).strip() for label in candidate.members[1:]] if single else []
+    return f"{text} The same law acts {listing(other_places, 3)}." if other_places else text
 
 
 def _described(candidate: Candidate, values: Mapping[str, float], fitted: Mapping[str, Fitted]) -> str:
     """Description of an effect with its place and values."""
     figures = [f"{n.name.rpartition('.')[2]} = {_figure(values[n.name], n.unit.text, _ends(fitted.get(n.name)))}"
                for n in candidate.numbers if n.name in values]
-    what = candidate.description or candidate.kind
-    return f"{what[:1].upper()}{what[1:]} {candidate.place}" + (f": {listing(figures, 4)}." if figures else ".")
+    description = candidate.description or candidate.kind
+    return f"{description[:1].upper()}{description[1:]} {candidate.place}" \
+        + (f": {listing(figures, 4)}." if figures else ".")
 
 
 def _places(candidate: Candidate) -> dict[str, str]:
@@ -70,15 +71,15 @@ def _places(candidate: Candidate) -> dict[str, str]:
     parts = [candidate.name.rpartition(".")[0]] if candidate.attaches == "in" else [candidate.name]
     if candidate.attaches == "in":
         parts += [p for n in candidate.numbers[:1] for p in n.parts]
-    found = {"part": listing(parts, 4), "place": candidate.place}
+    texts = {"part": listing(parts, 4), "place": candidate.place}
     for node, ends in candidate.change.nodes.items():
         for end in ends:
             owner, _, port = end.lstrip("+-").rpartition(".")
             if owner == candidate.name and not end.startswith("-"):
-                beyond = [other for other in ends if other is not end] if node not in candidate.where else []
-                found.setdefault(port, SURROUNDINGS if node == f"{candidate.name}_end" else
+                beyond = [other_end for other_end in ends if other_end is not end] if node not in candidate.where else []
+                texts.setdefault(port, SURROUNDINGS if node == f"{candidate.name}_end" else
                                  beyond[0].lstrip("+-") if candidate.attaches == "in series" and beyond else node)
-    return found
+    return texts
 
 
 def _value(field: str | Expr, candidate: Candidate, component: Component, values: Mapping[str, float],
@@ -90,15 +91,15 @@ def _value(field: str | Expr, candidate: Candidate, component: Component, values
     keys = list(dict.fromkeys(name.text for name in names(expr)))
     known = {key: _known(f"{part}.{key}", key, candidate, component, values) for key in keys}
     units = {n.name.rpartition(".")[2]: n.unit for n in candidate.numbers}
-    given = {key: value for key, value in known.items() if value is not None}
-    if len(given) < len(keys):
+    parameter_values = {key: value for key, value in known.items() if value is not None}
+    if len(parameter_values) < len(keys):
         return None
 
     def unit_of(name: Name) -> Dimension:
         return units.get(name.text, component.parameters[name.text].unit).dimension
 
     def at(key: str, value: float | None) -> float | None:
-        return None if value is None else _evaluated(expr, {**given, key: value})
+        return None if value is None else _evaluated(expr, {**parameter_values, key: value})
 
     unit = units.get(field, component.parameters[field].unit).text if isinstance(field, str) else _unit_text(
         dimension(expr, unit_of) or ())
@@ -108,9 +109,10 @@ def _value(field: str | Expr, candidate: Candidate, component: Component, values
     if len(moving) == 1:
         p = fitted[f"{part}.{moving[0]}"]
         low, high = (at(moving[0], end) for end in p.told)
-        rises = _evaluated(expr, {**given, moving[0]: p.high}) >= _evaluated(expr, {**given, moving[0]: p.low})
+        lowest, highest = (_evaluated(expr, {**parameter_values, moving[0]: end}) for end in (p.low, p.high))
+        rises = highest >= lowest
         ends, unreached = ((low, high) if rises else (high, low)), p.unreached is not None
-    return _figure(_evaluated(expr, given), unit, ends, label, unreached)
+    return _figure(_evaluated(expr, parameter_values), unit, ends, label, unreached)
 
 
 def _known(full: str, key: str, candidate: Candidate, component: Component, values: Mapping[str, float]) -> float | None:
@@ -130,8 +132,8 @@ def _evaluated(expr: Expr, values: Mapping[str, float]) -> float:
     return float(ca.evalf(with_values))
 
 
-def _unit_text(found: Dimension) -> str:
-    return next((name for name in NAMED_UNITS if read_unit(name).dimension == found), dimension_text(found))
+def _unit_text(unit: Dimension) -> str:
+    return next((name for name in NAMED_UNITS if read_unit(name).dimension == unit), dimension_text(unit))
 
 
 def _ends(p: Fitted | None) -> tuple[float | None, float | None] | None:
@@ -142,9 +144,9 @@ def _figure(value: float, unit: str, ends: tuple[float | None, float | None] | N
             unreached: bool = False) -> str:
     """Format a value as `8.2 kN (8.1 to 8.3)`, with the number of digits that the interval determines. `label` replaces the
     unit."""
-    shown = readable_unit(unit, value)
-    scale = 1.0 if shown == unit else 1 / read_unit(shown).scale
-    value, label = value * scale, label or ("" if unit == "1" else f" {unit_label(shown)}")
+    display_unit = readable_unit(unit, value)
+    scale = 1.0 if display_unit == unit else 1 / read_unit(display_unit).scale
+    value, label = value * scale, label or ("" if unit == "1" else f" {unit_label(display_unit)}")
     low, high = (None if end is None or not math.isfinite(end) else end * scale for end in ends or (None, None))
     digits = DIGITS
     if low is not None and high is not None and high > low and value and math.isfinite(value):

@@ -14,7 +14,7 @@ from heavebond.core.cancellation import ENDED_EARLY
 from heavebond.core.errors import joined, listing
 from heavebond.core.presentation import count as counted
 from heavebond.core.presentation import number, readable, readable_difference
-from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted, is_still, near_noise, without_effects
+from heavebond.diagnosis.answer.verdict import held_out_or_fitted, is_still, misfit_reduction, near_noise, without_effects
 from heavebond.diagnosis.candidates.catalogue import called
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.decision import DECISION
@@ -36,14 +36,14 @@ GAIN = "sensor gain"  # class of a factor of a channel or an input
 MENTIONED = 3  # largest number of candidates that are mentioned as not excluded
 
 
-def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
+def sentences(verdict: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
               shape: AddedEffect | None, adequacy: Adequacy | None = None) -> tuple[str, ...]:
     """Sentences on the verdict."""
-    lines = [_mainly(findings, adequacy) if said == "mainly" and adequacy is not None else
-             _beaten(findings, adequacy) if said == "shape" and adequacy is not None and adequacy.beaten else
-             _WORDS[said](ladder, findings, steps, shape)]
+    lines = [_mainly(findings, adequacy) if verdict == "mainly" and adequacy is not None else
+             _beaten(findings, adequacy) if verdict == "shape" and adequacy is not None and adequacy.beaten else
+             _WORDS[verdict](ladder, findings, steps, shape)]
     lines += _same_laws(findings, steps)
-    if adequacy is not None and (said == "mainly" or adequacy.beaten):
+    if adequacy is not None and (verdict == "mainly" or adequacy.beaten):
         lines += _yardstick(adequacy)
     short = [s.identity.blocks for s, f in zip(steps, findings, strict=False)
              if s.identity is not None and s.identity.too_short and len(f.alternatives) > 1]
@@ -58,28 +58,28 @@ def sentences(said: str, ladder: Sequence[LadderEntry], findings: Sequence[Added
     if ended and not steps[-1].at_end:
         lines.append(f"Without it {listing(ended)} went to the end of the range, a sign that physics is missing; "
                      f"with it {'they come' if len(ended) > 1 else 'it comes'} back inside.")
-    found = [p for f in findings for p in f.parameters]
-    for p in found:
+    parameters = [p for f in findings for p in f.parameters]
+    for p in parameters:
         if p.unreached is not None:
             side = "below" if p.told[0] is None else "above"
             lines.append(f"{p.name} is not reached in the records that were fitted: they show only that it is {side} "
                          f"{readable(p.unreached, p.unit, 3)}.")
     lines += [line for f in findings for line in at_ends(f)]
     lines += _not_excluded(findings, steps)
-    if said in ("effect", "one_of") and len(steps) == len(findings):
-        left = held_out_or_fitted(findings[-1].rung)
-        lines.append("The residual on held-out records is near the noise level." if left <= DECISION.near else
-                     f"The residual there is still {number(left**0.5, 3)} times the noise: diagnose the new experiment "
+    if verdict in ("effect", "one_of") and len(steps) == len(findings):
+        residual = held_out_or_fitted(findings[-1].rung)
+        lines.append("The residual on held-out records is near the noise level." if residual <= DECISION.near else
+                     f"The residual there is still {number(residual**0.5, 3)} times the noise: diagnose the new experiment "
                      "as well.")
-    if said in ("effect", "one_of", "undetermined") and steps[0].left.significant:
+    if verdict in ("effect", "one_of", "undetermined") and steps[0].left.significant:
         lines += _of_estimates(min(ladder, key=held_out_or_fitted))
     return tuple(lines)
 
 
-def at_ends(finding: AddedEffect, shown: bool = True) -> list[str]:
-    """Sentences on parameters of an effect at an end of their range; `shown`: the records show the effect."""
+def at_ends(finding: AddedEffect, is_shown: bool = True) -> list[str]:
+    """Sentences on parameters of an effect at an end of their range; `is_shown`: the records show the effect."""
     limits = {p.name for p in finding.at_limits}
-    other = [p.name for p in finding.parameters if p.ended and p.name not in limits and p.name not in finding.beyond]
+    open_ended = [p.name for p in finding.parameters if p.ended and p.name not in limits and p.name not in finding.beyond]
     several = len(finding.beyond) > 1
     lines = []
     if finding.beyond:
@@ -87,14 +87,14 @@ def at_ends(finding: AddedEffect, shown: bool = True) -> list[str]:
                      f"{'they were' if several else 'it was'} sought, and the error would fall beyond it: neither "
                      f"{'the values' if several else 'the value'} nor the name is certain. Widen `search_range`, or look "
                      "for a further effect of its kind.")
-    if other:
-        lines.append(f"{listing(other)} ended at the end of the range; the records do not show how far beyond it may "
+    if open_ended:
+        lines.append(f"{listing(open_ended)} ended at the end of the range; the records do not show how far beyond it may "
                      "be.")
     if limits:
         lines.append(f"{listing(f'{p.name} = {readable(p.value, p.unit, 3)}' for p in finding.at_limits)}: the law is "
                      "fitted best at this limit of the parameter.")
     if finding.undetermined:
-        how = "show that the effect is there but not how large it is" if shown else "do not show how large the effect is"
+        how = "show that the effect is there but not how large it is" if is_shown else "do not show how large the effect is"
         lines.append(f"The records {how}: {listing(finding.undetermined)} may lie anywhere in the range.")
     return lines
 
@@ -111,30 +111,32 @@ def _not_excluded(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> li
     answer = findings[0].alternatives
     named = {t.candidate.label for t in answer}
     alike = {(t.candidate.kind, frozenset(t.candidate.where)) for t in answer}
-    shares = {t.candidate.label: gone(steps[0].chi2_fit, t.chi2_fit) for t in steps[0].trials}
+    shares = {t.candidate.label: misfit_reduction(steps[0].chi2_fit, t.chi2_fit) for t in steps[0].trials}
     least = max((share for label, share in shares.items() if label in named), default=1.0) - DECISION.material
     lines = []
     for trial in steps[0].trials:
         candidate = trial.candidate
-        told = candidate.label in named
+        is_alternative = candidate.label in named
         if not trial.beyond or candidate is findings[0].candidate or shares[candidate.label] < max(least, DECISION.mainly) \
-                or (not told and (candidate.kind, frozenset(candidate.where)) in alike):
+                or (not is_alternative and (candidate.kind, frozenset(candidate.where)) in alike):
             continue
         where = listing(f"{n.name} at {readable(trial.values[n.name], n.unit.text, 3)}" for n in candidate.numbers
                         if n.name in trial.beyond)
-        lines.append(f"The search for {called(candidate)}, {'one of these' if told else 'which is not excluded'}, stopped "
-                     f"at the end of a range ({where}), beyond which it would leave less: widen `search_range`.")
+        lines.append(f"The search for {called(candidate)}, "
+                     f"{'one of these' if is_alternative else 'which is not excluded'}, stopped at the end of a range "
+                     f"({where}), beyond which it would leave less: widen `search_range`.")
     return lines[:MENTIONED]
 
 
 def _of_estimates(best: LadderEntry) -> list[str]:
     """Advice for channels whose estimated noise differs strongly from the residual of the best model."""
     outputs = best.comparison.experiment.outputs
-    own = [m for m in channel_errors(best) if outputs[m.channel].noise is None]
-    more = [f"`noise: {m.words}` at {m.channel}" for m in own if math.sqrt(DECISION.near) < m.error / m.noise < FILTERED]
-    less = [m.channel for m in own if m.error < LESS * m.noise]
+    estimated = [m for m in channel_errors(best) if outputs[m.channel].noise is None]
+    more = [f"`noise: {m.words}` at {m.channel}" for m in estimated
+            if math.sqrt(DECISION.near) < m.error / m.noise < FILTERED]
+    less = [m.channel for m in estimated if m.error < LESS * m.noise]
     estimates = best.comparison.experiment.estimated_noise
-    mixed = [f"{m.channel} (estimated at {readable_difference(m.noise, m.unit, 2)})" for m in own
+    mixed = [f"{m.channel} (estimated at {readable_difference(m.noise, m.unit, 2)})" for m in estimated
              if m.channel in estimates and not estimates[m.channel].separable]
     return [*([f"The noise of {listing(mixed, 3)} cannot be separated from the signal: judge the residual by the error in "
                "its unit, not by chi-square, or give `noise:`."] if mixed else []),
@@ -155,9 +157,9 @@ def _fall(fitted: LadderEntry, last: LadderEntry, several: bool) -> str:
     held = math.isfinite(last.chi2_held_out)
     pairs = [(r.error_held_out, r.chi2_held_out) if held else (r.error_fit, r.chi2_fit) for r in (fitted, last)]
     (error, chi2), (error_last, chi2_last) = pairs
-    where, way = "held-out" if held else "fitted", "falls" if chi2_last < chi2 else "rises"
+    where, verb = "held-out" if held else "fitted", "falls" if chi2_last < chi2 else "rises"
     effects = "these effects" if several else "the effect"
-    return f"Compared with the fitted model without {effects}, the error on {where} data {way}: {channels}. That is " \
+    return f"Compared with the fitted model without {effects}, the error on {where} data {verb}: {channels}. That is " \
            f"{number(100 * error, 3)} % to {number(100 * error_last, 3)} % of the measured signal, and reduced chi-square " \
            f"{number(chi2, 3)} to {number(chi2_last, 3)} (1 = noise level)."
 
@@ -183,10 +185,10 @@ def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     share = f"{'It explains' if len(findings) == 1 else 'Together they explain'} {_share(adequacy.explained)} % of the " \
             "misfit (chi-square above the noise)"
     enough = near_noise(findings[-1].rung)  # the residual is then noise, and only the name of the effect is uncertain
-    first, *others = (called(f.candidate) if f.certain else _alternatives(f, 1 if k else MENTIONED)
-                      for k, f in enumerate(findings))
+    first, *further = (called(f.candidate) if f.certain else _alternatives(f, 1 if k else MENTIONED)
+                       for k, f in enumerate(findings))
     unsure = "" if findings[0].certain else _unsure(findings[:1])
-    more = f"; added after it: {'; '.join(others)}" if others else ""
+    more = f"; added after it: {'; '.join(further)}" if further else ""
     return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure}{_laws(findings)} {share}{more}." + \
         ("" if enough else " More is missing.")
 
@@ -195,16 +197,16 @@ def _beaten(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
     """Sentence on a curve that explains more than the first effect, and on further effects."""
     curve = adequacy.flexible
     assert curve is not None
-    first, *others = (_alternatives(f, 1 if k else MENTIONED) for k, f in enumerate(findings)) if findings else [""]
+    first, *further = (_alternatives(f, 1 if k else MENTIONED) for k, f in enumerate(findings)) if findings else [""]
     nearest = f" ({first})" if first else ""
     return f"Something is missing {curve.candidate.place} that no entry of the catalogue explains: an identified curve " \
            f"there explains most of what the best law of the catalogue{nearest} leaves." \
-           + (f" Found together with it: {'; '.join(others)}." if others else "")
+           + (f" Found together with it: {'; '.join(further)}." if further else "")
 
 
 def _yardstick(adequacy: Adequacy) -> list[str]:
     """Sentences on the comparison of a named effect with identified curves, if the residual exceeds the noise."""
-    curve, other = adequacy.flexible, adequacy.elsewhere
+    curve, elsewhere = adequacy.flexible, adequacy.elsewhere
     lines = []
     if not adequacy.tried and (curve is None or not adequacy.beaten):
         lines.append("Whether another law at this place would explain more was not tried to the end.")
@@ -219,22 +221,23 @@ def _yardstick(adequacy: Adequacy) -> list[str]:
     elif not adequacy.beaten:
         lines.append("An identified curve at this place does not explain much more (held-out chi-square per sample "
                      f"{number(curve.chi2_held_out, 3)}), so the residual is due to something else.")
-    if other is not None:
-        lines.append(_other_place(other, adequacy.law))
+    if elsewhere is not None:
+        lines.append(_other_place(elsewhere, adequacy.law))
     return lines
 
 
 def _other_place(curve: Refit, law: Refit | None) -> str:
     """Sentence on an identified curve at another place that is not excluded, because its predictions are as good or not
     significantly worse."""
-    place, own = curve.candidate.place, loss(curve)
-    said = f"The place is not certain: an identified curve {place}"
+    place, curve_loss = curve.candidate.place, loss(curve)
+    opening = f"The place is not certain: an identified curve {place}"
     if law is None:
-        return f"{said} predicts as well (chi-square of all predictions {number(own, 3)})."
-    figures = f"chi-square of all predictions {number(own, 3)}, with the named effect {number(loss(law), 3)}"
-    if own <= loss(law) + DECISION.material * max(loss(law), 1.0):
-        return f"{said} predicts as well ({figures})."
-    return f"{said} is not excluded. It leaves more ({figures}), but not significantly more, or a small part of the misfit."
+        return f"{opening} predicts as well (chi-square of all predictions {number(curve_loss, 3)})."
+    figures = f"chi-square of all predictions {number(curve_loss, 3)}, with the named effect {number(loss(law), 3)}"
+    if curve_loss <= loss(law) + DECISION.material * max(loss(law), 1.0):
+        return f"{opening} predicts as well ({figures})."
+    return f"{opening} is not excluded. It leaves more ({figures}), but not significantly more, or a small part of the " \
+           "misfit."
 
 
 def _nothing(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage], *_: object) -> str:
@@ -243,18 +246,18 @@ def _nothing(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], ste
 
 def _refuted_words(steps: Sequence[Stage]) -> str:
     """Sentence on a significant score that no refit confirms."""
-    left = steps[0].left
-    share = number(100 * left.score, 2)
-    return f" (The largest score of a candidate, z = {number(left.z, 3)}, is exceeded by chance in {share} % of such " \
-           "records; refitted, no candidate is justified.)" if left.significant else ""
+    tests = steps[0].left
+    share = number(100 * tests.score, 2)
+    return f" (The largest score of a candidate, z = {number(tests.z, 3)}, is exceeded by chance in {share} % of such " \
+           "records; refitted, no candidate is justified.)" if tests.significant else ""
 
 
 def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage], *_: object) -> str:
     if not findings:
         return "Parameters, not physics: with fitted values the residual is noise." + _refuted_words(steps)
-    first, *others = map(_revalued, findings[0].alternatives)
+    first, *alternatives = map(_revalued, findings[0].alternatives)
     return f"Parameters, not physics: with {first}, the residual is near the noise level." + \
-        (f" The records do not distinguish it from {listing(others, 5)}." if others else "") + \
+        (f" The records do not distinguish it from {listing(alternatives, 5)}." if alternatives else "") + \
         " It is held fixed in this experiment: check it, or put it under `free:`."
 
 
@@ -323,54 +326,54 @@ def _one_of(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: 
 
 def _places(finding: AddedEffect) -> dict[str, list[str]]:
     """Places of a finding for each of its classes; another value of a fixed parameter is an entry without places."""
-    found: dict[str, dict[str, None]] = {}
+    places_by_class: dict[str, dict[str, None]] = {}
     for trial in finding.alternatives:
         candidate = trial.candidate
         if candidate.kind == VALUE:
-            found[f"another value of {candidate.name}"] = {"": None}
+            places_by_class[f"another value of {candidate.name}"] = {"": None}
         else:
-            found.setdefault(candidate.kind, {})[candidate.place] = None
-    return {kind: list(places) for kind, places in found.items()}
+            places_by_class.setdefault(candidate.kind, {})[candidate.place] = None
+    return {kind: list(places) for kind, places in places_by_class.items()}
 
 
 def _alternatives(finding: AddedEffect, classes: int = MENTIONED) -> str:
     """Format the first classes and places of a finding and the number of further ones: `dry friction at the wall or at the
     floor; or backlash in the gear`."""
-    found = _places(finding)
-    apart = "; or " if classes > 1 and any(len(places) > 1 for places in found.values()) else " or "
-    said = [f"{kind} {_either(places)}".strip() for kind, places in [*found.items()][:classes]]
-    more = len(found) - len(said)
-    others = [] if more <= 0 else ["another class"] if more == 1 else [f"one of {more} other classes"]
-    return apart.join([*said, *others])
+    places_by_class = _places(finding)
+    apart = "; or " if classes > 1 and any(len(places) > 1 for places in places_by_class.values()) else " or "
+    named = [f"{kind} {_either(places)}".strip() for kind, places in [*places_by_class.items()][:classes]]
+    more = len(places_by_class) - len(named)
+    remaining = [] if more <= 0 else ["another class"] if more == 1 else [f"one of {more} other classes"]
+    return apart.join([*named, *remaining])
 
 
 def _either(places: Sequence[str]) -> str:
     """Format places: `at the wall, at the floor or at one of 2 other places`."""
-    said, more = places[:MENTIONED], len(places) - MENTIONED
-    said = said if more <= 0 else [*said, f"at {'another place' if more == 1 else f'one of {more} other places'}"]
-    return joined(said, "or")
+    listed, more = places[:MENTIONED], len(places) - MENTIONED
+    listed = listed if more <= 0 else [*listed, f"at {'another place' if more == 1 else f'one of {more} other places'}"]
+    return joined(listed, "or")
 
 
 def _unsure(findings: Sequence[AddedEffect]) -> str:
     """Sentence on the alternatives that the records cannot distinguish: only places if each finding has a single class."""
-    what = "these" if any(len(_places(f)) > 1 for f in findings) else "these places"
-    return f" The records cannot distinguish {what}."
+    alternatives = "these" if any(len(_places(f)) > 1 for f in findings) else "these places"
+    return f" The records cannot distinguish {alternatives}."
 
 
 def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
            shape: AddedEffect | None) -> str:
-    said = "Something is missing that no entry of the catalogue explains."
+    text = "Something is missing that no entry of the catalogue explains."
     if findings:
-        said += f" Nearest to it: {'; and '.join(map(_alternatives, findings))}, but more is missing."
+        text += f" Nearest to it: {'; and '.join(map(_alternatives, findings))}, but more is missing."
     if shape is not None:
-        said += f" An identified curve {shape.candidate.place} lowers the error until its name is found."
-    return said
+        text += f" An identified curve {shape.candidate.place} lowers the error until its name is found."
+    return text
 
 
 def _white_when_held_out(rung: LadderEntry) -> bool:
     """True if the residual of each channel on held-out data is white according to the test for memory."""
-    found = [c.white for part in rung.comparison.parts if part.use != "fit" for c in part.channels.values()]
-    return bool(found) and all(p * len(found) >= LEVELS["memory"] for p in found)
+    p_values = [c.white for part in rung.comparison.parts if part.use != "fit" for c in part.channels.values()]
+    return bool(p_values) and all(p * len(p_values) >= LEVELS["memory"] for p in p_values)
 
 
 def _noise_to_write(rung: LadderEntry) -> list[str]:
@@ -401,14 +404,16 @@ def _leading_so_far(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffec
     candidate removes a large share."""
     if findings:
         near = "; and ".join(map(_alternatives, findings))
-        share = gone(held_out_or_fitted(without_effects(ladder, findings)), held_out_or_fitted(findings[-1].rung))
+        share = misfit_reduction(held_out_or_fitted(without_effects(ladder, findings)),
+                                 held_out_or_fitted(findings[-1].rung))
         return f"The search was ended early. Best so far: {near}; {_share(share)} % of the misfit is explained."
     step = steps[-1]
     shares = [(_share_of(step, trial), trial.candidate) for trial in step.trials]
     if not shares or shares[0][0] < DECISION.mainly:
         return "No conclusion yet: the search was ended early."
-    (share, first), others = shares[0], shares[1:]
-    behind = [f"{called(c)} explains {_share(s)} %" for s, c in others if (c.kind, c.where) != (first.kind, first.where)][:1]
+    (share, first), runners_up = shares[0], shares[1:]
+    behind = [f"{called(c)} explains {_share(s)} %" for s, c in runners_up
+              if (c.kind, c.where) != (first.kind, first.where)][:1]
     return f"The search was ended early. Best so far: {called(first)}, which explains {_share(share)} % of the misfit" \
         + (f"; of the others {behind[0]}" if behind else "") + "."
 
@@ -416,7 +421,7 @@ def _leading_so_far(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffec
 def _share_of(step: Stage, trial: Refit) -> float:
     """Share of the misfit of a step that a refit removes, on held-out data if there are any."""
     held = math.isfinite(step.chi2_held_out)
-    return gone(*((step.chi2_held_out, trial.chi2_held_out) if held else (step.chi2_fit, trial.chi2_fit)))
+    return misfit_reduction(*((step.chi2_held_out, trial.chi2_held_out) if held else (step.chi2_fit, trial.chi2_fit)))
 
 
 _WORDS: dict[str, Callable[..., str]] = {
@@ -424,13 +429,14 @@ _WORDS: dict[str, Callable[..., str]] = {
     "undetermined": _undetermined}
 
 
-def residual_notes(said: str, rest: Remainder | None, steps: Sequence[Stage]) -> list[str]:
+def residual_notes(verdict: str, remainder: Remainder | None, steps: Sequence[Stage]) -> list[str]:
     """Sentences on the final residual if the findings do not explain it."""
-    if said not in ("mainly", "shape", "undetermined") or not steps[0].left.significant:
+    if verdict not in ("mainly", "shape", "undetermined") or not steps[0].left.significant:
         return []
-    if rest is None:
-        return [OTHER_CAUSES] if said == "undetermined" and not steps[-1].partial else []
-    return [rest.words, *([OTHER_CAUSES] if rest.place is None or (said == "undetermined" and not rest.decided) else [])]
+    if remainder is None:
+        return [OTHER_CAUSES] if verdict == "undetermined" and not steps[-1].partial else []
+    other_causes = remainder.place is None or (verdict == "undetermined" and not remainder.decided)
+    return [remainder.words, *([OTHER_CAUSES] if other_causes else [])]
 
 
 def lost_candidates(steps: Sequence[Stage]) -> list[str]:
@@ -440,42 +446,43 @@ def lost_candidates(steps: Sequence[Stage]) -> list[str]:
             "again alone (killed, or out of memory). Fewer `--processes`, or `--samples`, need less memory."] if lost else []
 
 
-def broken_candidates(said: str, steps: Sequence[Stage]) -> list[str]:
+def broken_candidates(verdict: str, steps: Sequence[Stage]) -> list[str]:
     """Sentence on candidates that were not tried, if the answer is incomplete."""
-    broken = steps[0].broken if said in ("mainly", "shape", "undetermined") and steps[0].left.significant else ()
+    broken = steps[0].broken if verdict in ("mainly", "shape", "undetermined") and steps[0].left.significant else ()
     return [f"Not tried, as the diagram with it cannot be simulated: {listing(broken, 4)}. To see why, add one to the "
             "diagram and run it."] if broken else []
 
 
-def wrong_starts(said: str, last: Comparison) -> list[str]:
+def wrong_starts(verdict: str, last: Comparison) -> list[str]:
     """Sentences on channels whose initial values differ from the model with all effects, with advice if the verdict is
     undetermined."""
-    found = [f"{name}: {start}." for name, record in last.records.items() for start in record.starts]
-    if found and said == "undetermined":
-        found.append("A wrong start leaves a transient that no effect explains, and may hide the one that is missing: set "
+    notes = [f"{name}: {start}." for name, record in last.records.items() for start in record.starts]
+    if notes and verdict == "undetermined":
+        notes.append("A wrong start leaves a transient that no effect explains, and may hide the one that is missing: set "
                      "the start right, then diagnose again.")
-    return found
+    return notes
 
 
 def wrong_channels(last: Comparison, added: Sequence[AddedEffect] = (), experiment: Experiment | None = None) -> list[str]:
     """Sentences on channels whose unit, sign or zero seems to differ from the experiment file, according to the final
     model, and on fitted gains of channels and inputs of the given `experiment` that are below zero: their sign is wrong."""
-    told: dict[str, list[str]] = {}
+    records_by_slip: dict[str, list[str]] = {}
     for name, record in last.records.items():
         for slip in record.slips:
-            told.setdefault(slip, []).append(name)
-    found = [f"{listing(records)}: {slip}." for slip, records in told.items()]
+            records_by_slip.setdefault(slip, []).append(name)
+    notes = [f"{listing(records)}: {slip}." for slip, records in records_by_slip.items()]
     for effect in added:
         errors = [p.value for p in effect.parameters] if effect.candidate.kind == GAIN else []
         if not any(1 + error < 0 for error in errors):
             continue
-        name, given = effect.candidate.signal or effect.candidate.where[0], experiment or last.experiment
-        inputs = {**given.inputs, **{n: file_input for r in given.records.values() for n, file_input in r.inputs.items()}}
-        remedy = f"write `is: -({given.outputs[name].shown.text})` at {name}" if name in given.outputs else \
+        name, declared = effect.candidate.signal or effect.candidate.where[0], experiment or last.experiment
+        inputs = {**declared.inputs, **{n: file_input for record in declared.records.values()
+                                        for n, file_input in record.inputs.items()}}
+        remedy = f"write `is: -({declared.outputs[name].shown.text})` at {name}" if name in declared.outputs else \
             f"write `factor: {number(-inputs[name].factor)}` at {name}" if name in inputs else "turn it in the diagram"
-        found.append(f"The fitted gain {effect.candidate.place} is {number(1 + errors[0], 3)}: the signal seems to have the "
+        notes.append(f"The fitted gain {effect.candidate.place} is {number(1 + errors[0], 3)}: the signal seems to have the "
                      f"opposite sign. To turn it, {remedy}.")
-    return [*found, "If so, correct it and diagnose again: the answer holds for its present value."] if found else []
+    return [*notes, "If so, correct it and diagnose again: the answer holds for its present value."] if notes else []
 
 
 def passed_conditions(last: Comparison) -> list[str]:
@@ -486,8 +493,8 @@ def passed_conditions(last: Comparison) -> list[str]:
 
 def closed_loops(first: Comparison) -> list[str]:
     """Sentence on inputs that depend on outputs, and the consequence for the answer."""
-    told = dict.fromkeys(note for record in first.records.values() for note in record.feedback)
-    return [f"The answer may be biased: {next(iter(told))}."] if told else []
+    feedback_notes = dict.fromkeys(note for record in first.records.values() for note in record.feedback)
+    return [f"The answer may be biased: {next(iter(feedback_notes))}."] if feedback_notes else []
 
 
 def left_out_words(steps: Sequence[Stage]) -> list[str]:

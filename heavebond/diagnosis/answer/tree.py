@@ -24,7 +24,7 @@ from heavebond.core.errors import listing
 from heavebond.core.presentation import readable
 from heavebond.diagnosis.answer.physics import physics
 from heavebond.diagnosis.answer.variations import onset_words, variation_words
-from heavebond.diagnosis.answer.verdict import gone, held_out_or_fitted, without_effects
+from heavebond.diagnosis.answer.verdict import held_out_or_fitted, misfit_reduction, without_effects
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.fixed_values import VALUE
 from heavebond.diagnosis.evidence.probability import (
@@ -191,18 +191,19 @@ def answer_tree(steps: Sequence[Stage], known: Evidence | None, findings: Sequen
         return Tree((), True)
     first = held_out_or_fitted(without_effects(ladder, findings)) if ladder else math.nan
     levels = [first, *(held_out_or_fitted(f.rung) for f in (*findings, *doubtful))]
-    shares = [gone(before, after) for before, after in pairwise(levels)]
-    found = []
+    shares = [misfit_reduction(before, after) for before, after in pairwise(levels)]
+    trees = []
     for k, step in enumerate(steps[:max(1, len(findings))]):
         finding = findings[k] if k < len(findings) else None
         share = shares[k] if finding is not None else math.nan
         review = reviews[k] if k < len(reviews) else None
-        own = known if k == 0 else evidence(steps[k:], review=review)
-        found.append(_effect_tree(compared_step(step, review), own, finding, localization if k == 0 else None, share))
+        step_evidence = known if k == 0 else evidence(steps[k:], review=review)
+        trees.append(_effect_tree(compared_step(step, review), step_evidence, finding,
+                                  localization if k == 0 else None, share))
     library = steps[0].experiment.model.library
     further = [Further(f"{f.candidate.kind} {f.candidate.place}", share, _meaning(f, library))
                for f, share in zip(doubtful, shares[len(findings):], strict=True)]
-    return Tree(tuple(found), partial, tuple(further), any(step.trials for step in steps))
+    return Tree(tuple(trees), partial, tuple(further), any(step.trials for step in steps))
 
 
 def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, localization: Localization | None, share: float
@@ -243,7 +244,7 @@ def _laws(step: Stage, events: Sequence[Event], library: Library, temperature: f
     known = [*(s.candidate for s in step.scores), *(t.candidate for t in step.trials)]
     candidates = {c.label: c for c in known}
     trials = {t.candidate.label: t for t in step.trials if t.errors is not None}
-    found = []
+    leaves = []
     for event in events:
         if event.kind == VALUE:
             continue
@@ -254,8 +255,8 @@ def _laws(step: Stage, events: Sequence[Event], library: Library, temperature: f
         for law in laws:
             if shares.get(law.label, 0.0) > 0:
                 keys, names = levels(step, law, event.kind, library)
-                found.append(Leaf(keys, names, event.probability * float(shares[law.label]), (law.label,)))
-    return found
+                leaves.append(Leaf(keys, names, event.probability * float(shares[law.label]), (law.label,)))
+    return leaves
 
 
 def _scored(step: Stage, mass: float, library: Library) -> list[Leaf]:
@@ -263,11 +264,11 @@ def _scored(step: Stage, mass: float, library: Library) -> list[Leaf]:
     remove. The total is `mass` times the share of the candidates with a score."""
     gains = {s.candidate.label: max(s.gain, 0.0) for s in step.scores}
     total = sum(gains.values()) * max(1.0, step.planned / max(1, len(gains)))
-    found = []
+    leaves = []
     for score in step.scores if total > 0 else ():
         c = score.candidate
-        found.append(Leaf(*levels(step, c, c.kind, library), mass * gains[c.label] / total, (c.label,)))
-    return found
+        leaves.append(Leaf(*levels(step, c, c.kind, library), mass * gains[c.label] / total, (c.label,)))
+    return leaves
 
 
 def levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> tuple[tuple[object, ...], tuple[str, ...]]:
@@ -288,8 +289,8 @@ def _domain(candidate: Candidate, library: Library) -> Domain | None:
     component = library.component(candidate.component)
     effect = component.effect_of(candidate.attaches, candidate.old)
     also = effect.also if effect is not None else {}
-    found = {p.domain for p in component.ports.values() if p.name not in also}
-    return library.domains.get(next(iter(found))) if len(found) == 1 else None
+    domains = {p.domain for p in component.ports.values() if p.name not in also}
+    return library.domains.get(next(iter(domains))) if len(domains) == 1 else None
 
 
 def kind_words(kind: str, domain: Domain | None, pair: bool) -> str:
@@ -327,23 +328,23 @@ def _outside(step: Stage, known: Evidence, effects: Sequence[Leaf], localization
         for curve, weight in zip(known.curves, weights / max(float(weights.sum()), 1e-300), strict=True):
             names = frozenset(step.places.as_one.get(name, name) for name in curve.where)
             place = ("", names - step.places.grounds or names, frozenset[str]())
-            said = words.get((place, curve.kind), (MACHINE, curve.place, kind_words(curve.kind, None, False)))
-            leaves.append(Leaf((MACHINE, place, curve.kind, OUTSIDE), (*said[:3], NO_LAW), mass * float(weight)))
+            level_names = words.get((place, curve.kind), (MACHINE, curve.place, kind_words(curve.kind, None, False)))
+            leaves.append(Leaf((MACHINE, place, curve.kind, OUTSIDE), (*level_names[:3], NO_LAW), mass * float(weight)))
         return leaves
     if localization is not None and localization.missing and localization.suspects:
         return _localized(step, localization, mass, temperature)
-    found: dict[tuple[object, ...], Leaf] = {}
+    outside_leaves: dict[tuple[object, ...], Leaf] = {}
     for leaf in effects:
         keys = (*leaf.keys[:3], OUTSIDE)
-        own = found.get(keys, Leaf(keys, (*leaf.names[:3], NO_LAW), 0.0))
-        found[keys] = replace(own, probability=own.probability + mass * leaf.probability / among)
-    return list(found.values())
+        leaf_so_far = outside_leaves.get(keys, Leaf(keys, (*leaf.names[:3], NO_LAW), 0.0))
+        outside_leaves[keys] = replace(leaf_so_far, probability=leaf_so_far.probability + mass * leaf.probability / among)
+    return list(outside_leaves.values())
 
 
 def _of_their_class(outside: Sequence[Leaf], effects: Sequence[Leaf]) -> list[Leaf]:
     """Assign laws outside the catalogue to a class, if nearly all effects of the same kind at the same place are of this
     class. Example: a flow between two nodes that depends on their pressure difference is leakage, regardless of its law."""
-    found = []
+    classified = []
     for leaf in outside:
         alike = [effect for effect in effects if effect.keys[:3] == leaf.keys[:3]]
         classes = {effect.keys[3]: effect.names[3] for effect in alike}
@@ -351,8 +352,8 @@ def _of_their_class(outside: Sequence[Leaf], effects: Sequence[Leaf]) -> list[Le
         first = max(shares, key=shares.__getitem__, default=None)
         if first is not None and shares[first] >= ONE_CLASS * sum(shares.values()):
             leaf = replace(leaf, keys=(*leaf.keys[:3], first, OUTSIDE), names=(*leaf.names[:3], classes[first], NO_LAW))
-        found.append(leaf)
-    return found
+        classified.append(leaf)
+    return classified
 
 
 def _localized(step: Stage, localization: Localization, mass: float, temperature: float) -> list[Leaf]:
@@ -367,14 +368,14 @@ def _localized(step: Stage, localization: Localization, mass: float, temperature
     likelihood = {s.place.name: math.exp(-s.behind / temperature) for s in localization.suspects}
     groups = {frozenset((s.place.name, *s.alike)): likelihood[s.place.name] for s in localization.suspects}
     explained = min(1.0, max(0.0, max(s.explained for s in localization.suspects)))
-    found = []
+    leaves = []
     for s in localization.suspects:
         group = next(g for g in groups if s.place.name in g)
         share = groups[group] / sum(groups.values()) / sum(o.place.name in group for o in localization.suspects)
         predicted = min(1.0, max(0.0, s.curve.r2)) if s.curve is not None else 0.0
         levels_ = [_input_levels(step, s), *_upstream_levels(step, s)]
-        found += [Leaf(keys, names, mass * explained * predicted * share / len(levels_)) for keys, names in levels_]
-    return found
+        leaves += [Leaf(keys, names, mass * explained * predicted * share / len(levels_)) for keys, names in levels_]
+    return leaves
 
 
 def _upstream_levels(step: Stage, suspect: PlaceEstimate) -> list[tuple[tuple[object, ...], tuple[str, ...]]]:
@@ -384,8 +385,8 @@ def _upstream_levels(step: Stage, suspect: PlaceEstimate) -> list[tuple[tuple[ob
     known = {score.candidate.label: score.candidate for score in step.scores}
     on_nodes = {label: c for label, c in known.items() if c.attaches == "input"
                 and nodes & {*step.places.parts.get(c.where[0], {}).values()}}
-    alike = {other: known[other] for label in on_nodes for other in step.twins.get(label, ())
-             if other in known and known[other].attaches == "input"}
+    alike = {equivalent: known[equivalent] for label in on_nodes for equivalent in step.twins.get(label, ())
+             if equivalent in known and known[equivalent].attaches == "input"}
     words = kind_words("transport", None, False)
     return list({(place := step.places.place(c)): ((MACHINE, place, "transport", OUTSIDE), (MACHINE, c.place, words, NO_LAW))
                  for c in {**on_nodes, **alike}.values()}.values())
@@ -433,10 +434,10 @@ def _with_rest(node: Node) -> Node:
     probability of the branch."""
     if not node.children:
         return node
-    kept = [child for child in node.children if child.probability >= LISTED and child.name != ANOTHER]
-    rest = node.probability - sum(child.probability for child in kept)
-    other = Node(kept[0].level if kept else node.children[0].level, ANOTHER, max(0.0, rest), key=ANOTHER)
-    return replace(node, children=(*kept, other))
+    listed = [child for child in node.children if child.probability >= LISTED and child.name != ANOTHER]
+    unlisted = node.probability - sum(child.probability for child in listed)
+    another = Node(listed[0].level if listed else node.children[0].level, ANOTHER, max(0.0, unlisted), key=ANOTHER)
+    return replace(node, children=(*listed, another))
 
 
 def _path(root: Node) -> tuple[Node, ...]:
@@ -472,11 +473,11 @@ def _leaves_of(node: Node) -> list[Node]:
 
 def branches(root: Node) -> list[tuple[int, Node]]:
     """Branches with their depth for tables: all with a probability of at least `SHOWN`."""
-    found: list[tuple[int, Node]] = []
+    rows: list[tuple[int, Node]] = []
     for child in root.children:
         if child.probability >= SHOWN:
-            found += [(0, child), *((depth + 1, node) for depth, node in branches(child))]
-    return found
+            rows += [(0, child), *((depth + 1, node) for depth, node in branches(child))]
+    return rows
 
 
 def _with_equivalent_places(leaves: Sequence[Leaf], twins: Mapping[str, Sequence[str]]) -> list[Leaf]:
@@ -484,7 +485,7 @@ def _with_equivalent_places(leaves: Sequence[Leaf], twins: Mapping[str, Sequence
     and the laws outside the catalogue of their kind there, one place: `before drive.u or before pump.u` in place of two with
     half of the probability each."""
     places: dict[tuple[object, ...], tuple[object, str]] = {}  # the common place of system, place, kind (and class)
-    for group in ({label, *others} for label, others in twins.items()):
+    for group in ({label, *equivalents} for label, equivalents in twins.items()):
         alike: dict[object, list[Leaf]] = {}
         for leaf in leaves:
             if group & set(leaf.labels):
@@ -495,11 +496,12 @@ def _with_equivalent_places(leaves: Sequence[Leaf], twins: Mapping[str, Sequence
             for leaf in members if len(names) > 1 else ():
                 for key in (leaf.keys[:4], (*leaf.keys[:3], OUTSIDE)):
                     places.setdefault(key, common)
-    moved = []
+    merged = []
     for leaf in leaves:
         place, name = places.get(leaf.keys[:4], (leaf.keys[1], leaf.names[1]))
-        moved.append(replace(leaf, keys=(leaf.keys[0], place, *leaf.keys[2:]), names=(leaf.names[0], name, *leaf.names[2:])))
-    return moved
+        merged.append(replace(leaf, keys=(leaf.keys[0], place, *leaf.keys[2:]),
+                              names=(leaf.names[0], name, *leaf.names[2:])))
+    return merged
 
 
 # -- words --------------------------------------------------------------------------------------------------------------
@@ -509,10 +511,10 @@ def _meaning(best: Refit | AddedEffect, library: Library) -> str:
         values = {**best.fit.values, **{p.name: p.value for p in best.parameters}}
         if best.candidate.kind == VALUE:
             return _value_words(best)
-        said, onset = variation_words([best]), onset_words(best)
-        if said in ([], [onset]):  # a law, possibly with an onset
-            said = [physics(best.candidate, library, values, best.parameters), *said]
-        return " ".join(said)
+        sentences, onset = variation_words([best]), onset_words(best)
+        if sentences in ([], [onset]):  # a law, possibly with an onset
+            sentences = [physics(best.candidate, library, values, best.parameters), *sentences]
+        return " ".join(sentences)
     return physics(best.candidate, library, best.values)
 
 
@@ -544,8 +546,8 @@ def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | Non
     if kind is None:
         kinds = [f"something that {node.name} ({percent(node.probability)})" for node in place.children[:2]
                  if node.name != ANOTHER]
-        what = f": {' or '.join(kinds)}" if kinds else ""
-        return f"Something is missing {place.name} ({percent(place.probability)}){what}."
+        possible_kinds = f": {' or '.join(kinds)}" if kinds else ""
+        return f"Something is missing {place.name} ({percent(place.probability)}){possible_kinds}."
     predicate, _, variable = kind.name.partition(",")
     first = f"Something {predicate} {place.name}{',' + variable if variable else ''} ({percent(kind.probability)})"
     if "class" not in by:

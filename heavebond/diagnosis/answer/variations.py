@@ -17,17 +17,17 @@ from heavebond.numerics.result import Probe
 
 def variation_words(findings: Sequence[AddedEffect]) -> list[str]:
     """Sentences for findings with a varying parameter: the parameter, the size of the variation, and its time."""
-    said = []
+    lines = []
     for finding in findings:
         change = finding.candidate.change
-        said += [_of_records(name, [p for p in finding.fit.parameters if p.name == name]) for name in change.each
-                 if finding.candidate.differs]
+        lines += [_of_records(name, [p for p in finding.fit.parameters if p.name == name]) for name in change.each
+                  if finding.candidate.differs]
         effect = finding.fit.experiment.model.library.component(finding.candidate.component).effect
         for name, factors in change.vary.items():
             if effect is not None and f"{finding.candidate.name}.{FACTOR}" in factors:
-                said.append(_of_factor(name, finding, effect))
-        said.append(onset_words(finding))
-    return list(dict.fromkeys(line for line in said if line))
+                lines.append(_of_factor(name, finding, effect))
+        lines.append(onset_words(finding))
+    return list(dict.fromkeys(line for line in lines if line))
 
 
 def onset_words(finding: AddedEffect) -> str:
@@ -39,7 +39,8 @@ def onset_words(finding: AddedEffect) -> str:
     if not name:
         return ""
     fitted = {p.record: p for p in finding.fit.parameters if p.name == name}
-    held_out = {record: own.values[name] for record, own in finding.fit.held_out.items() if name in own.values}
+    held_out = {record: estimate.values[name] for record, estimate in finding.fit.held_out.items()
+                if name in estimate.values}
     at, whole, absent = list[str](), list[str](), list[str]()
     for record, part in finding.fit.after.records.items():
         when, beside = fitted.get(record), "" if record in fitted else " (fitted to this record)"
@@ -52,42 +53,42 @@ def onset_words(finding: AddedEffect) -> str:
         elif value >= end:
             absent.append(f"{record}{beside}")
         else:
-            shown = _at(when) if when is not None else readable(value, SECOND.text, 3)
-            at.append(f"at {shown} in record {record}{beside}")
+            time_text = _at(when) if when is not None else readable(value, SECOND.text, 3)
+            at.append(f"at {time_text} in record {record}{beside}")
     parts = [f"begins {joined(at)}" if at else "", f"acts in the whole record {joined(whole)}" if whole else "",
              f"does not act in record {joined(absent)}" if absent else ""]
-    what = "change" if finding.candidate.attaches == "parameter" else "effect"
-    return f"The {what} {joined([part for part in parts if part])}." if any(parts) else ""
+    subject = "change" if finding.candidate.attaches == "parameter" else "effect"
+    return f"The {subject} {joined([part for part in parts if part])}." if any(parts) else ""
 
 
 def _of_records(name: str, values: Sequence[Fitted]) -> str:
     """Sentence on the ratio of the largest to the smallest value of a parameter over the fitted records; empty if their
     intervals overlap."""
-    own = sorted((p for p in values if p.record), key=lambda p: abs(p.value))
-    if len(own) < 2 or own[0].value == 0 or _overlap(own[0], own[-1]):
+    fitted_values = sorted((p for p in values if p.record), key=lambda p: abs(p.value))
+    if len(fitted_values) < 2 or fitted_values[0].value == 0 or _overlap(fitted_values[0], fitted_values[-1]):
         return ""
-    low, high = own[0], own[-1]
+    low, high = fitted_values[0], fitted_values[-1]
     return f"{name} is {number(high.value / low.value, 3)} times as large in record {high.record} as in record " \
         f"{low.record} ({readable(high.value, high.unit, 3)} and {readable(low.value, low.unit, 3)})."
 
 
-def _overlap(one: Fitted, other: Fitted) -> bool:
+def _overlap(first: Fitted, second: Fitted) -> bool:
     """True if the intervals of two values overlap; an unknown end is replaced by the value."""
     (low, high), (low_other, high_other) = ((p.told[0] if p.told[0] is not None else p.value,
-                                             p.told[1] if p.told[1] is not None else p.value) for p in (one, other))
+                                             p.told[1] if p.told[1] is not None else p.value) for p in (first, second))
     return max(low, low_other) <= min(high, high_other)
 
 
 def _of_factor(name: str, finding: AddedEffect, effect: Effect) -> str:
     """Sentence on the values of a parameter over the range of its variable, or on its change at a time."""
     candidate = finding.candidate
-    own = {p.name.rpartition(".")[2]: p for p in finding.parameters}
-    amplitudes = [own[key].value for key in effect.amplitude if key in own]
+    parameters = {p.name.rpartition(".")[2]: p for p in finding.parameters}
+    amplitudes = [parameters[key].value for key in effect.amplitude if key in parameters]
     words = effect.varies_with
-    when = next((own[key] for key in effect.shapes if key in own), None)
+    when = next((parameters[key] for key in effect.shapes if key in parameters), None)
     if "instant" in words and amplitudes:
-        way, at_time = "rises" if amplitudes[0] > 0 else "falls", f" at {_at(when)}" if when is not None else ""
-        return f"{name} {way} by {number(100 * abs(amplitudes[0]), 3)} %{at_time}."
+        verb, at_time = "rises" if amplitudes[0] > 0 else "falls", f" at {_at(when)}" if when is not None else ""
+        return f"{name} {verb} by {number(100 * abs(amplitudes[0]), 3)} %{at_time}."
     runs = [record.result for record in finding.fit.after.records.values() if record.use == "fit"]
     variable = next(iter(candidate.change.components[candidate.name].values.values())).lstrip("=")
     factor = f"{candidate.name}.{FACTOR}"

@@ -46,7 +46,7 @@ def is_adequate(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect]) 
     if is_noise(last.chi2_fit, last.chi2_held_out, last.samples_held_out):
         return True
     first = min(held_out_or_fitted(r) for r in takewhile(lambda r: r is not findings[0].rung, ladder))
-    return len(findings) == 1 and near_noise(last) and gone(first, held_out_or_fitted(last)) >= DECISION.mainly
+    return len(findings) == 1 and near_noise(last) and misfit_reduction(first, held_out_or_fitted(last)) >= DECISION.mainly
 
 
 def without_effects(ladder: Sequence[LadderEntry], added: Sequence[AddedEffect]) -> LadderEntry:
@@ -55,7 +55,7 @@ def without_effects(ladder: Sequence[LadderEntry], added: Sequence[AddedEffect])
     return before[-1] if before else ladder[0]
 
 
-def gone(first: float, last: float) -> float:
+def misfit_reduction(first: float, last: float) -> float:
     """Relative reduction of the chi-square above the noise, from `first` to `last` (chi-square per sample)."""
     return (first - last) / (first - 1) if first > 1 else 0.0
 

@@ -93,8 +93,8 @@ class EffectNumber:
         The prior of an amplitude has its mean at the neutral value, and the farther end of the range is one standard
         deviation away: a small effect is not unusual.
         """
-        path, _, own = self.name.rpartition(".")
-        parameter = leaves[path].component.parameters.get(own) if path in leaves else None
+        path, _, key = self.name.rpartition(".")
+        parameter = leaves[path].component.parameters.get(key) if path in leaves else None
         if parameter is None or parameter.typical is None or parameter.typical.range is None:
             return None
         low, high = parameter.typical.range.low, parameter.typical.range.high
@@ -220,11 +220,11 @@ class Site:
     @property
     def nodes(self) -> dict[str, list[Group]]:
         """Nodes of each power domain."""
-        found: dict[str, list[Group]] = {}
+        groups: dict[str, list[Group]] = {}
         for group in self.network.groups:
             if group.domain != "signal":
-                found.setdefault(group.domain, []).append(group)
-        return found
+                groups.setdefault(group.domain, []).append(group)
+        return groups
 
     def group(self, port: str) -> Group:
         """Node to which a port is connected."""
@@ -234,9 +234,9 @@ class Site:
         """Nodes of a domain that are connected to its reference component (`reference:`), which represents the surroundings.
         All these nodes are equivalent."""
         reference = self.experiment.model.library.domains[domain].reference
-        found = (self.group(f"{leaf.path}.{p}") for leaf in self.expanded.leaves.values()
-                 if reference and leaf.component.is_a(reference) for p in leaf.component.ports)
-        return {group.name: group for group in found}
+        ground_nodes = (self.group(f"{leaf.path}.{p}") for leaf in self.expanded.leaves.values()
+                        if reference and leaf.component.is_a(reference) for p in leaf.component.ports)
+        return {group.name: group for group in ground_nodes}
 
     def moving(self, domain: str) -> list[Group]:
         """Nodes of a domain without the grounds."""
@@ -260,27 +260,28 @@ def single_candidates(experiment: Experiment, site: Site | None = None) -> list[
     `site` is the diagram if it was created before. Raises ModelError for an invalid diagram or component.
     """
     site = site or site_of(experiment)
-    found = list(_dormant(site))
+    all_candidates = list(_dormant(site))
     for component in experiment.model.library.effects():
         for effect in component.effects:
             check_required(component, effect, experiment.model.library.files)
-            made = [c for way in effect.attaches if way in _WAYS for c in _WAYS[way](site, component, effect)]
-            made += [c for kind in effect.replaces for c in _replacing(site, component, effect, kind)]
-            found += _where_meaningful(site, component, effect, made)
-    return found
+            placed = [c for attachment in effect.attaches if attachment in _PLACING
+                      for c in _PLACING[attachment](site, component, effect)]
+            placed += [c for kind in effect.replaces for c in _replacing(site, component, effect, kind)]
+            all_candidates += _where_meaningful(site, component, effect, placed)
+    return all_candidates
 
 
-def _where_meaningful(site: Site, component: Component, effect: Effect, made: Sequence[Candidate]) -> list[Candidate]:
+def _where_meaningful(site: Site, component: Component, effect: Effect, placed: Sequence[Candidate]) -> list[Candidate]:
     """Select the candidates at places that satisfy the requirements of the effect, and add the conditions under which it
     acts."""
     acts = effect.acts
     if acts is not None:
-        made = [replace(c, acts=component.in_diagram(acts, c.name)) for c in made]
+        placed = [replace(c, acts=component.in_diagram(acts, c.name)) for c in placed]
     if any(REVERSES in required for required in effect.requires.values()):
-        made = [replace(c, reverses=True) for c in made]
-    reasons = {c.label: _lacking(site, component, effect, c) for c in made} if effect.requires else {}
+        placed = [replace(c, reverses=True) for c in placed]
+    reasons = {c.label: _lacking(site, component, effect, c) for c in placed} if effect.requires else {}
     site.excluded.update({label: reason for label, reason in reasons.items() if reason})
-    return [c for c in made if not reasons.get(c.label)]
+    return [c for c in placed if not reasons.get(c.label)]
 
 
 def _lacking(site: Site, component: Component, effect: Effect, candidate: Candidate) -> str:
@@ -300,8 +301,8 @@ def _lacking(site: Site, component: Component, effect: Effect, candidate: Candid
         if wanted and not any(part.is_a(kind) for part in parts for kind in wanted) and \
                 not any(part.stores is not None and not is_bundled(part.path) for part in parts):
             return f"no {listing(wanted)} is connected there"
-        if there := [kind for kind in excluded if any(part.is_a(kind) for part in parts)]:
-            return f"{listing(there)} is connected there"
+        if present := [kind for kind in excluded if any(part.is_a(kind) for part in parts)]:
+            return f"{listing(present)} is connected there"
     return ""
 
 
@@ -354,16 +355,16 @@ def quantity(value: float, unit: Unit) -> str:
 def _numbers(component: Component, effect: Effect, name: str, signal: Dimension = ()) -> tuple[EffectNumber, ...]:
     """Parameters of an effect with the full names of an instance. Generic units (`$U`) are resolved with the unit of the
     signal."""
-    found = []
+    numbers = []
     for key, sought in [*effect.amplitude.items(), *effect.shapes.items()]:
         parameter = component.parameters[key]
         unit = parameter.unit
         if is_generic(unit.dimension):
             unit = read_unit(dimension_text(solved(unit.dimension, {base: signal for base, _ in unit.dimension
                                                                     if base.startswith("$")})))
-        found.append(EffectNumber(f"{name}.{key}", unit, parameter.low, parameter.high, sought, key in effect.amplitude,
-                                  limits=(parameter.low, parameter.high)))
-    return tuple(found)
+        numbers.append(EffectNumber(f"{name}.{key}", unit, parameter.low, parameter.high, sought, key in effect.amplitude,
+                                    limits=(parameter.low, parameter.high)))
+    return tuple(numbers)
 
 
 def _part(component: Component, numbers: tuple[EffectNumber, ...], more: dict[str, str] | None = None) -> Part:
@@ -385,11 +386,11 @@ def _full(component: Component, name: str) -> tuple[tuple[str, str], ...]:
 def fresh(site: Site, base: str) -> str:
     """Unused instance name whose node names are also unused: `coulomb_friction`, `coulomb_friction_2`, ..."""
     names = (base if k == 1 else f"{base}_{k}" for k in count(1))
-    found = next(n for n in names for new in [{n, f"{n}_end", f"{n}_in", f"{n}_out"}]
-                 if new.isdisjoint(site.names) and new.isdisjoint(site.taken))
+    name = next(n for n in names for new in [{n, f"{n}_end", f"{n}_in", f"{n}_out"}]
+                if new.isdisjoint(site.names) and new.isdisjoint(site.taken))
     if site.apart:
-        site.taken.update((found, f"{found}_end", f"{found}_in", f"{found}_out"))
-    return found
+        site.taken.update((name, f"{name}_end", f"{name}_in", f"{name}_out"))
+    return name
 
 
 def snake(name: str) -> str:
@@ -444,15 +445,15 @@ def _pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group | None, str]]
     component, the second node is None and the third element is the component to be added.
     """
     grounds = site.grounds(domain)
-    seen: set[frozenset[str]] = set()
+    listed: set[frozenset[str]] = set()
     for first, second in _joined_pairs(site, domain):
         key = frozenset("" if g.name in grounds else g.name for g in (first, second))
-        if key not in seen and len(key) == 2:
-            seen.add(key)
+        if key not in listed and len(key) == 2:
+            listed.add(key)
             yield first, second, ""
     reference = site.experiment.model.library.domains[domain].reference
     for node in site.moving(domain) if reference else []:
-        if frozenset((node.name, "")) not in seen:
+        if frozenset((node.name, "")) not in listed:
             yield node, next(iter(grounds.values()), None), reference or ""
 
 
@@ -477,17 +478,17 @@ def _distant_pairs(site: Site, domain: str) -> Iterator[tuple[Group, Group, str]
         if first.name in nodes and second.name in nodes:
             neighbours[first.name].append(second.name)
             neighbours[second.name].append(first.name)
-    found = []
+    pairs = []
     for k, start in enumerate(nodes):
         distance, reached = {start: 0}, deque([start])
         while reached:
             name = reached.popleft()
-            for other in neighbours[name]:
-                if other not in distance:
-                    distance[other] = distance[name] + 1
-                    reached.append(other)
-        found += [(distance.get(other, len(nodes)), start, other) for other in list(nodes)[k + 1:]]
-    apart = sorted((pair for pair in found if pair[0] > 1), key=lambda pair: pair[0])
+            for end in neighbours[name]:
+                if end not in distance:
+                    distance[end] = distance[name] + 1
+                    reached.append(end)
+        pairs += [(distance.get(end, len(nodes)), start, end) for end in list(nodes)[k + 1:]]
+    apart = sorted((pair for pair in pairs if pair[0] > 1), key=lambda pair: pair[0])
     most = ALL_PAIRS * (ALL_PAIRS - 1) // 2
     yield from ((nodes[first], nodes[second], "") for _, first, second in apart[:most])
 
@@ -509,8 +510,8 @@ def _at(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]
             name = fresh(site, snake(component.name))
             numbers = _numbers(component, effect, name)
             ends: dict[str, tuple[str, ...]] = {node.name: (f"+{name}.{port.name}",)}
-            for further, other in also.items():
-                ends[other] = (*ends.get(other, ()), f"+{name}.{further}")
+            for further, further_node in also.items():
+                ends[further_node] = (*ends.get(further_node, ()), f"+{name}.{further}")
             yield Candidate(name, component.name, effect.kind, effect.description, f"on {node.name}", (node.name,),
                             Change({name: _part(component, numbers)}, ends, initial=_settled(component, effect, name)),
                             numbers, "at", _full(component, name))
@@ -540,7 +541,7 @@ def _is_written(site: Site, path: str) -> bool:
 
 def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Candidate]:
     first, second = [p for p in component.ports.values() if p.name not in effect.also]
-    done: set[str] = set()
+    divided: set[str] = set()
     for leaf in site.expanded.leaves.values():
         for port in leaf.component.ports.values():
             path = f"{leaf.path}.{port.name}"
@@ -554,9 +555,9 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
                 continue
             group = site.group(path)
             # if a node has two ports, the effect is the same behind either port
-            if group.domain != first.domain or len(group.ports) < 2 or (len(group.ports) == 2 and group.name in done):
+            if group.domain != first.domain or len(group.ports) < 2 or (len(group.ports) == 2 and group.name in divided):
                 continue
-            done.add(group.name)
+            divided.add(group.name)
             name = fresh(site, snake(component.name))
             numbers = _numbers(component, effect, name)
             between = fresh(site, f"{leaf.path}_{port.name}".replace(".", "_"))
@@ -579,13 +580,13 @@ def _settled(component: Component, effect: Effect, name: str) -> dict[str, str]:
     A machine that already runs at the beginning of a record is close to this state. The conditions are guesses (`~`), which
     the conditions of the diagram override.
     """
-    found = {}
+    conditions = {}
     for variable in effect.settled:
-        if (own := rate_of(variable)) is not None:
-            found[f"der({name}.{own})"] = f"~ 0 {component.variables[own].unit.text}/s"
+        if (differentiated := rate_of(variable)) is not None:
+            conditions[f"der({name}.{differentiated})"] = f"~ 0 {component.variables[differentiated].unit.text}/s"
         else:
-            found[f"{name}.{variable}"] = f"~ {quantity(0.0, component.variables[variable].unit)}"
-    return found
+            conditions[f"{name}.{variable}"] = f"~ {quantity(0.0, component.variables[variable].unit)}"
+    return conditions
 
 
 def _signal_ports(component: Component) -> tuple[str, str]:
@@ -641,8 +642,8 @@ def _is_input_of(site: Site, block: str, wire: str | None) -> bool:
     """True if a node inside a block only connects an input of the block to one part. An effect before this input of the
     block is then the same candidate."""
     around = site.expanded.leaves[block].component
-    own = next((w for w in around.body.wires.values() if f"{block}.{w.name}" == wire), None)
-    ends = [end.path for end in own.ends] if own is not None else []
+    inner_wire = next((w for w in around.body.wires.values() if f"{block}.{w.name}" == wire), None)
+    ends = [end.path for end in inner_wire.ends] if inner_wire is not None else []
     return len(ends) == 2 and any(end in around.signals and around.signals[end].direction == "in" for end in ends)
 
 
@@ -762,7 +763,7 @@ def at_values(candidate: Candidate, assembly: Assembly, values: Mapping[str, flo
         numbers=tuple(replace(n, neutral=neutral.get(n.name, n.neutral)) for n in candidate.numbers))
 
 
-_WAYS = {"across": _across, "at": _at, "in series": _in_series, "input": _before_input, "channel": _behind_channel}
+_PLACING = {"across": _across, "at": _at, "in series": _in_series, "input": _before_input, "channel": _behind_channel}
 
 
 def called(candidate: Candidate) -> str:

@@ -33,14 +33,14 @@ def fixed_values(experiment: Experiment) -> list[Candidate]:
     Zeros, inactive effects, widths of transitions and values that follow from a formula are left out.
     """
     assembly = assemble_for(experiment, next(iter(experiment.records.values())))
-    found = []
+    candidates = []
     for leaf in assembly.flat.expanded.leaves.values():
-        for parameter in _given(leaf):
+        for parameter in _single_numbers(leaf):
             name = f"{leaf.path}.{parameter.name}"
             value = assembly.parameter_values.get(name, 0.0)
             if name not in experiment.free and isfinite(value) and value not in (0.0, parameter.neutral):
-                found.append(within(leaf, parameter, VALUE, [_number(name, parameter, value)]))
-    return [*_of_diagram(experiment, assembly), *found]
+                candidates.append(within(leaf, parameter, VALUE, [_number(name, parameter, value)]))
+    return [*_of_diagram(experiment, assembly), *candidates]
 
 
 def _of_diagram(experiment: Experiment, assembly: Assembly) -> Iterator[Candidate]:
@@ -60,7 +60,7 @@ def _of_diagram(experiment: Experiment, assembly: Assembly) -> Iterator[Candidat
                             Change(settings={name: quantity(value, units[name])}), (number,), "in")
 
 
-def _given(leaf: Leaf) -> Iterator[Parameter]:
+def _single_numbers(leaf: Leaf) -> Iterator[Parameter]:
     """Parameters of a part that the diagram, or a block, sets to a single number."""
     for parameter in leaf.component.parameters.values():
         if not parameter.integer and not parameter.width and parameter.count is None \

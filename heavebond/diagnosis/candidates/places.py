@@ -63,9 +63,9 @@ class Places:
         """Create the places of the diagram of an experiment."""
         site = site_of(experiment)
         leaves = site.expanded.leaves.values()
-        found = {leaf.path: {port.name: site.group(f"{leaf.path}.{port.name}").name for port in leaf.component.ports.values()
-                             if port.count is None} for leaf in leaves}
-        return cls(found, frozenset(name for domain in site.nodes for name in _grounds(site, domain)), as_one or {},
+        node_of_port = {leaf.path: {port.name: site.group(f"{leaf.path}.{port.name}").name
+                                    for port in leaf.component.ports.values() if port.count is None} for leaf in leaves}
+        return cls(node_of_port, frozenset(name for domain in site.nodes for name in _grounds(site, domain)), as_one or {},
                    site.expanded.leaves)
 
     def place(self, candidate: Candidate) -> Place:
@@ -92,22 +92,22 @@ class Places:
         """Nodes of the ports in the equations of a part that contain these parameters. For a block, these are the equations
         of its parts that take values from the parameters."""
         ports, paths = self.parts[part], {f"{part}.{name}" for name in parameters}
-        found = {ports[name] for name in _ports_beside(self.leaves[part].component, parameters) & ports.keys()}
+        nodes = {ports[name] for name in _ports_beside(self.leaves[part].component, parameters) & ports.keys()}
         for path, leaf in self.leaves.items() if self.leaves[part].component.composite else ():
-            given = {name for name, bound in leaf.parameters.items() if path.startswith(f"{part}.") and isinstance(
+            dependent = {name for name, bound in leaf.parameters.items() if path.startswith(f"{part}.") and isinstance(
                 bound.value, Value) and any(bound.scope + n.text in paths for n in names(bound.value.expr))}
-            found |= self._acting(path, given) if given else set()
-        return found
+            nodes |= self._acting(path, dependent) if dependent else set()
+        return nodes
 
 
 def _ports_beside(component: Component, parameters: set[str]) -> set[str]:
     """Ports of a component whose variables are in one equation with one of these parameters."""
-    found = set()
+    ports = set()
     for line in component.equations:
         named = {name.text for side in (line.tree.left, line.tree.right) for name in names(side)}
         if named & parameters:
-            found |= {text.partition(".")[0] for text in named if "." in text}
-    return found
+            ports |= {text.partition(".")[0] for text in named if "." in text}
+    return ports
 
 
 def _grounds(site: Site, domain: str) -> list[str]:
@@ -147,16 +147,16 @@ def named_apart(experiment: Experiment, labels: Container[str] = frozenset()) ->
 
 
 def _at_all_places(site: Site) -> list[Candidate]:
-    found = single_candidates(site.experiment, site)
-    return [*found, *at_like_places(site, found)]
+    single = single_candidates(site.experiment, site)
+    return [*single, *at_like_places(site, single)]
 
 
-def at_like_places(site: Site, found: Sequence[Candidate]) -> list[Candidate]:
-    """Combine the candidates in `found` that have one law at similar places: one candidate for each group of at least
+def at_like_places(site: Site, single: Sequence[Candidate]) -> list[Candidate]:
+    """Combine the candidates in `single` that have one law at similar places: one candidate for each group of at least
     two."""
     kinds = _kinds(site)
     groups: dict[Signature, list[Candidate]] = {}
-    for candidate in found:
+    for candidate in single:
         signature = _signature(site, candidate, kinds)
         if signature:
             groups.setdefault(signature, []).append(candidate)
@@ -166,12 +166,12 @@ def at_like_places(site: Site, found: Sequence[Candidate]) -> list[Candidate]:
 
 def _kinds(site: Site) -> dict[str, frozenset[str]]:
     """Components that are connected to each node."""
-    found: dict[str, set[str]] = {}
+    kinds_of_node: dict[str, set[str]] = {}
     for leaf in site.expanded.leaves.values():
         for port in leaf.component.ports.values():
             if port.count is None:
-                found.setdefault(site.group(f"{leaf.path}.{port.name}").name, set()).add(leaf.component.name)
-    return {name: frozenset(kinds) for name, kinds in found.items()}
+                kinds_of_node.setdefault(site.group(f"{leaf.path}.{port.name}").name, set()).add(leaf.component.name)
+    return {name: frozenset(kinds) for name, kinds in kinds_of_node.items()}
 
 
 def _signature(site: Site, candidate: Candidate, kinds: Mapping[str, frozenset[str]]) -> Signature:
@@ -203,19 +203,19 @@ def _joining(site: Site, nodes: Sequence[str]) -> frozenset[str]:
 def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
     """Combine the candidates of a group into one candidate: the same law at all places, with the parameters of the first
     place."""
-    first, *others = group
-    own = site if site.apart else replace(site, taken={*site.taken, *first.change.components})
+    first, *repeats = group
+    naming_site = site if site.apart else replace(site, taken={*site.taken, *first.change.components})
     change = first.change
     parts: list[str] = []
     numbers = {n.name.rpartition(".")[2]: n for n in first.numbers}
     apart = _taken_over(site, first)
     further: list[EffectNumber] = []
-    for other in others:
-        more, part = (_with_numbers_of(first, other), other.where[0]) if first.attaches == "in" else \
-            _replacing_alike(first, other, numbers.keys() - apart) if first.attaches == "replaces" else \
-            _following(own, first, other)
+    for repeat in repeats:
+        more, part = (_with_numbers_of(first, repeat), repeat.where[0]) if first.attaches == "in" else \
+            _replacing_alike(first, repeat, numbers.keys() - apart) if first.attaches == "replaces" else \
+            _following(naming_site, first, repeat)
         change, parts = change.joined(more), [*parts, part]
-        further += [n for n in other.numbers if n.name.rpartition(".")[2] in apart]
+        further += [n for n in repeat.numbers if n.name.rpartition(".")[2] in apart]
     where = tuple(dict.fromkeys(name for candidate in group for name in candidate.where))
     place = " and ".join(c.place for c in group)
     return replace(first, place=place, where=where, change=change, acts="", members=tuple(c.label for c in group),
@@ -223,9 +223,9 @@ def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
                             *further))
 
 
-def _with_numbers_of(first: Candidate, other: Candidate) -> Change:
+def _with_numbers_of(first: Candidate, repeat: Candidate) -> Change:
     """Change that sets the dormant parameters of another part equal to the parameters of the first part."""
-    owner, another = (c.name.rpartition(".")[0] for c in (first, other))
+    owner, another = (c.name.rpartition(".")[0] for c in (first, repeat))
     return Change(settings={f"{another}.{key}": f"={owner}.{key}"
                             for key in (n.name.rpartition(".")[2] for n in first.numbers)})
 
@@ -238,29 +238,29 @@ def _taken_over(site: Site, candidate: Candidate) -> set[str]:
     return {key for n in candidate.numbers if (key := n.name.rpartition(".")[2]) in start and "old." in start[key].text}
 
 
-def _replacing_alike(first: Candidate, other: Candidate, shared: Collection[str]) -> tuple[Change, str]:
+def _replacing_alike(first: Candidate, repeat: Candidate, shared: Collection[str]) -> tuple[Change, str]:
     """Change that replaces another part by the law, with the `shared` parameters of the first; and the name of this part."""
-    part = other.change.components[other.name]
+    part = repeat.change.components[repeat.name]
     values = {key: f"={first.name}.{key}" if key in shared else text for key, text in part.values.items()}
-    return Change({other.name: Part(part.kind, values)}), other.name
+    return Change({repeat.name: Part(part.kind, values)}), repeat.name
 
 
-def _following(site: Site, first: Candidate, other: Candidate) -> tuple[Change, str]:
+def _following(site: Site, first: Candidate, repeat: Candidate) -> tuple[Change, str]:
     """Change that inserts the law at another place under unused names, with the parameters of the first; and the name of the
     part there."""
-    names, change = {}, other.change
+    names, change = {}, repeat.change
     for part in change.components:
-        names[part] = fresh(site, part if part != other.name else snake(other.component))
+        names[part] = fresh(site, part if part != repeat.name else snake(repeat.component))
         site.taken.add(names[part])
     shared = {n.name.rpartition(".")[2] for n in first.numbers}
-    parts = {names[old]: Part(part.kind, {key: f"={first.name}.{key}" if old == other.name and key in shared else text
+    parts = {names[old]: Part(part.kind, {key: f"={first.name}.{key}" if old == repeat.name and key in shared else text
                                           for key, text in part.values.items()})
              for old, part in change.components.items()}
 
     def end(text: str) -> str:
-        sign, owner, rest = re.fullmatch(r"([+-]?)([^.]*)(.*)", text).groups()  # type: ignore[union-attr]
-        return f"{sign}{names.get(owner, owner)}{rest}"
+        sign, owner, path = re.fullmatch(r"([+-]?)([^.]*)(.*)", text).groups()  # type: ignore[union-attr]
+        return f"{sign}{names.get(owner, owner)}{path}"
 
     nodes = {names.get(node.removesuffix("_end"), node.removesuffix("_end")) + "_end" if node.endswith("_end")
              and node.removesuffix("_end") in names else node: tuple(map(end, ends)) for node, ends in change.nodes.items()}
-    return Change(parts, nodes, initial={end(name): text for name, text in change.initial.items()}), names[other.name]
+    return Change(parts, nodes, initial={end(name): text for name, text in change.initial.items()}), names[repeat.name]

@@ -100,24 +100,25 @@ def varying_parameters(problem: Residuals, inner: Array) -> Varying:
     values = [problem.values_of(inner, run.record.name) for run in runs]
     names = {path: _variables(leaves[path], runs[0]) for path in dict.fromkeys(n.rpartition(".")[0] for n in influence)}
     wanted = list(dict.fromkeys(name for listed in names.values() for name in listed))
-    courses = dict(zip(wanted, np.hstack([Probe(run.assembly, wanted, si=True).values(run.simulator.run(own))
-                                          for run, own in zip(runs, values, strict=True)]), strict=True)) if wanted else {}
+    courses = dict(zip(wanted, np.hstack([
+        Probe(run.assembly, wanted, si=True).values(run.simulator.run(parameter_values))
+        for run, parameter_values in zip(runs, values, strict=True)]), strict=True)) if wanted else {}
     moving = {path: _moving({name: courses[name] for name in listed}) for path, listed in names.items()}
     begin = min(float(run.found.grid[0]) for run in runs)
     end = max(float(run.found.grid[-1]) for run in runs)
-    found: list[Candidate] = []
+    variations: list[Candidate] = []
     for name in influence:
         path, _, key = name.rpartition(".")
         units = {v: unit_of_variable(runs[0].assembly.flat, v) for v in moving[path]}
         for form in forms:
-            found += _of_form(form, leaves[path], key, {v: courses[v] for v in moving[path]}, units, (begin, end))
-    found = [_beside_earlier(c, model) for c in found if c.name not in model.body.instances]
+            variations += _of_form(form, leaves[path], key, {v: courses[v] for v in moving[path]}, units, (begin, end))
+    variations = [_beside_earlier(c, model) for c in variations if c.name not in model.body.instances]
     independent = {*runs[0].assembly.parameter_names}
     by_record = [_by_record(problem, leaves[name.rpartition(".")[0]], name) for name in influence if name in independent] \
         if len(runs) > 1 else []
-    found = [*by_record, *found]
-    left_out |= {c.place: "other parameters have a larger influence" for c in found[VARYING.most:]}
-    return Varying(tuple(found[:VARYING.most]), left_out)
+    variations = [*by_record, *variations]
+    left_out |= {c.place: "other parameters have a larger influence" for c in variations[VARYING.most:]}
+    return Varying(tuple(variations[:VARYING.most]), left_out)
 
 
 def _beside_earlier(candidate: Candidate, model: Model) -> Candidate:
@@ -144,23 +145,24 @@ def _influence(problem: Residuals, inner: Array, left_out: dict[str, str]) -> li
     for leaf in assembly.flat.expanded.leaves.values():
         for parameter in leaf.component.parameters.values():
             name = f"{leaf.path}.{parameter.name}"
-            own = _independent(name, leaf, independent)
-            if not own or not _is_candidate(leaf, parameter, values.get(name, 0.0)):
+            source = _independent(name, leaf, independent)
+            if not source or not _is_candidate(leaf, parameter, values.get(name, 0.0)):
                 continue
             if reason := fixed_because(leaf.component, parameter.name):
                 left_out[name] = reason
             else:
-                sources[name] = own
+                sources[name] = source
     names = list(dict.fromkeys(sources.values()))
     if not names:
         return []
     squares = np.zeros(len(names))
     for run in problem.runs:
-        there = {n: v for n, v in problem.values_of(inner, run.record.name).items() if n in values}
-        J = run.again(names, {}, QuickSimulator).residuals(there)[1]
-        squares += np.sum((J * np.array([there.get(n, values[n]) for n in names])[:, None])**2, axis=1)
+        point = {n: v for n, v in problem.values_of(inner, run.record.name).items() if n in values}
+        J = run.again(names, {}, QuickSimulator).residuals(point)[1]
+        squares += np.sum((J * np.array([point.get(n, values[n]) for n in names])[:, None])**2, axis=1)
     size = dict(zip(names, np.sqrt(squares), strict=True))
-    left_out |= {name: "the records hardly depend on it" for name, own in sources.items() if not size[own] > VARYING.seen}
+    left_out |= {name: "the records hardly depend on it" for name, source in sources.items()
+                 if not size[source] > VARYING.seen}
     return sorted((n for n in sources if n not in left_out), key=lambda n: -size[sources[n]])
 
 
@@ -191,9 +193,9 @@ def _variables(leaf: Leaf, run: Run) -> list[str]:
              if port.count is None and (domain := flat.domains.get(f"{leaf.path}.{port.name}")) is not None
              and not (domain.positions and domains.count(port.domain) > 1)
              for member in domain.across]
-    own = [v.name for v in leaf.component.variables.values() if v.name not in leaf.component.held]
-    found = [full for name in (*own, *ports) if (full := f"{leaf.path}.{name}") in flat.names]
-    return [*_relative_positions(leaf, run), *found]
+    part_variables = [v.name for v in leaf.component.variables.values() if v.name not in leaf.component.held]
+    existing = [full for name in (*part_variables, *ports) if (full := f"{leaf.path}.{name}") in flat.names]
+    return [*_relative_positions(leaf, run), *existing]
 
 
 def _relative_positions(leaf: Leaf, run: Run) -> list[str]:
@@ -208,8 +210,8 @@ def _relative_positions(leaf: Leaf, run: Run) -> list[str]:
     if any(v.unit.dimension == length for v in leaf.component.variables.values()):
         return []
     moving = [node for node in ends if not any(
-        other.component.is_a(node.domain.reference or "") for port in node.ports
-        if (other := flat.expanded.leaves.get(port.rpartition(".")[0])) is not None)]
+        attached.component.is_a(node.domain.reference or "") for port in node.ports
+        if (attached := flat.expanded.leaves.get(port.rpartition(".")[0])) is not None)]
     names = [f"{node.name}.{node.domain.position}" for node in moving]
     return [" - ".join(names)] if names and all(name in flat.names for name in names) else []
 
@@ -221,14 +223,14 @@ def unit_of_variable(flat: Flat, variable: str) -> Unit:
 
 def _moving(courses: Mapping[str, Array]) -> list[str]:
     """Select variables that change and are not strongly correlated with each other, at most `VARYING.variables`."""
-    found: list[str] = []
+    selected: list[str] = []
     for name, course in courses.items():
         span, size = float(np.ptp(course)), float(np.abs(course).max())
-        if not np.isfinite(size) or not span > VARYING.steady * size or len(found) == VARYING.variables:
+        if not np.isfinite(size) or not span > VARYING.steady * size or len(selected) == VARYING.variables:
             continue
-        if all(abs(float(np.corrcoef(course, courses[other])[0, 1])) < VARYING.alike for other in found):
-            found.append(name)
-    return found
+        if all(abs(float(np.corrcoef(course, courses[earlier])[0, 1])) < VARYING.alike for earlier in selected):
+            selected.append(name)
+    return selected
 
 
 def _of_form(form: Component, leaf: Leaf, key: str, courses: Mapping[str, Array], units: Mapping[str, Unit],
@@ -269,16 +271,16 @@ def _candidate(form: Component, leaf: Leaf, key: str, variable: str, unit: Unit,
     base, values, numbers = read_unit(unit.text), {u: f"={variable}"}, []
     for name, sought in (*effect.amplitude.items(), *effect.shapes.items()):
         parameter = form.parameters[name]
-        own = base if is_generic(parameter.unit.dimension) else parameter.unit
+        number_unit = base if is_generic(parameter.unit.dimension) else parameter.unit
         if sought is not None and sought.held:
-            values[name] = quantity(float(f"{at_motion[sought.held]:.4g}"), own)
+            values[name] = quantity(float(f"{at_motion[sought.held]:.4g}"), number_unit)
             continue
         if sought is not None and sought.range is None:
             inside = VARYING.inside * (high - low)  # a step at an end is another constant value
-            sought = SearchRange(Range(low + inside, high - inside, own), "")
-        values[name] = quantity(0.0 if sought is None else (low + high) / 2, own)
-        numbers.append(EffectNumber(f"{part}.{name}", own, parameter.low, parameter.high, sought, name in effect.amplitude,
-                                    limits=(parameter.low, parameter.high)))
+            sought = SearchRange(Range(low + inside, high - inside, number_unit), "")
+        values[name] = quantity(0.0 if sought is None else (low + high) / 2, number_unit)
+        numbers.append(EffectNumber(f"{part}.{name}", number_unit, parameter.low, parameter.high, sought,
+                                    name in effect.amplitude, limits=(parameter.low, parameter.high)))
     full = f"{leaf.path}.{key}"
     return Candidate(part, form.name, effect.kind, effect.description, f"of {full} with {variable}", (leaf.path,),
                      Change({part: Part(form.name, values)}, vary={full: (f"{part}.{FACTOR}",)}), tuple(numbers),
@@ -308,12 +310,12 @@ def with_onset(candidate: Candidate, library: Library, spans: Mapping[str, tuple
     span = Range(min(low for low, _ in spans.values()) - beyond, max(high for _, high in spans.values()) + beyond, SECOND)
     # at an end of its range the effect acts in the whole record, or not at all
     ends = {name: (low - beyond, high + beyond) for name, (low, high) in spans.items()}
-    there = {name: ends[name][0] if begin <= spans[name][0] else ends[name][1] if begin >= spans[name][1] else begin
-             for name, begin in begins.items()}
-    first = quantity(next(iter(there.values())), SECOND)
+    onset_times = {name: ends[name][0] if begin <= spans[name][0] else ends[name][1] if begin >= spans[name][1] else begin
+                   for name, begin in begins.items()}
+    first = quantity(next(iter(onset_times.values())), SECOND)
 
     def own_times(name: str) -> Change:
-        return Change(each={name: span}, of_records={r: {name: quantity(begin, SECOND)} for r, begin in there.items()})
+        return Change(each={name: span}, of_records={r: {name: quantity(begin, SECOND)} for r, begin in onset_times.items()})
 
     if changes is not None:
         change = candidate.change.with_values({changes.name: first}).joined(own_times(changes.name))

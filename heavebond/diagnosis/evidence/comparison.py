@@ -75,8 +75,8 @@ def likelihood(trial: Refit, joint: bool = False) -> float:
     can change the errors on other records by more than the difference between two laws.
     """
     held = trial.chi2_held_out - joint * trial.slack / max(trial.samples_held_out, 1)
-    others = trial.samples_held_out * float(np.log(max(held, 1e-300))) if trial.samples_held_out else 0.0
-    return bic(trial.cost, trial.samples, trial.unknowns) + others
+    held_out_term = trial.samples_held_out * float(np.log(max(held, 1e-300))) if trial.samples_held_out else 0.0
+    return bic(trial.cost, trial.samples, trial.unknowns) + held_out_term
 
 
 def leaves_noise(trial: Refit) -> bool:
@@ -90,16 +90,16 @@ def leaves_noise(trial: Refit) -> bool:
 def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> Identity:
     """Select the `trials` that the records cannot distinguish from `best`, one of them; `before` are the predictive errors
     without any candidate."""
-    others = [t for t in trials if t is not best]
+    competitors = [t for t in trials if t is not best]
     if leaves_noise(best):
         margin = STRONG + INEXACT * (best.samples + best.samples_held_out)
-        near = [t for t in others if min(likelihood(t, j) - likelihood(best, j) for j in (False, True)) < margin]
+        near = [t for t in competitors if min(likelihood(t, j) - likelihood(best, j) for j in (False, True)) < margin]
         return Identity((best, *near), float("nan"))
-    found = _set(best, others)
+    confidence = _set(best, competitors)
     misfit = max(before.mean(*ALL) - 1.0, 0.0)
-    near = [t for k, t in enumerate(others, 1) if _explains(best, t, misfit)
-            and (found is None or k in found or not differs_materially(best, t, misfit))]
-    return Identity((best, *near), found.blocks if found is not None else float("nan"))
+    near = [t for k, t in enumerate(competitors, 1) if _explains(best, t, misfit)
+            and (confidence is None or k in confidence or not differs_materially(best, t, misfit))]
+    return Identity((best, *near), confidence.blocks if confidence is not None else float("nan"))
 
 
 def best_predicting(trials: Sequence[Refit], *roles: int) -> Refit:
@@ -118,20 +118,21 @@ def loss(trial: Refit) -> float:
     return trial.errors.mean(*ALL)
 
 
-def _left(trial: Refit, joint: bool) -> float:
+def _excess(trial: Refit, joint: bool) -> float:
     """Residual chi-square per sample above the noise; if `joint`, without the part due to undetermined numbers
     (`Refit.slack`)."""
     assert trial.errors is not None
     return loss(trial) - 1.0 - joint * trial.slack / max(trial.errors.samples(*ALL), 1)
 
 
-def _explains(best: Refit, other: Refit, misfit: float) -> bool:
+def _explains(best: Refit, trial: Refit, misfit: float) -> bool:
     """True if a candidate removes at least the share `DECISION.mainly` of the misfit that the best one removes. A candidate
     that removes hardly any misfit is thus excluded even if the records contain few independent blocks."""
-    return misfit - min(_left(other, joint) for joint in (False, True)) >= DECISION.mainly * (misfit - _left(best, False))
+    least = min(_excess(trial, joint) for joint in (False, True))
+    return misfit - least >= DECISION.mainly * (misfit - _excess(best, False))
 
 
-def differs_materially(best: Refit, other: Refit, misfit: float) -> bool:
+def differs_materially(best: Refit, trial: Refit, misfit: float) -> bool:
     """True if the residual of a candidate is materially larger than the residual of the best.
 
     The criterion is a difference of a material share of the misfit, or a multiple of the residual of the best above the
@@ -140,7 +141,7 @@ def differs_materially(best: Refit, other: Refit, misfit: float) -> bool:
     def differ(least: float, more: float) -> bool:
         return more - least > DECISION.material * misfit or more > DECISION.times * max(least, DECISION.near - 1.0)
 
-    return all(differ(_left(best, joint), _left(other, joint)) for joint in (False, True))
+    return all(differ(_excess(best, joint), _excess(trial, joint)) for joint in (False, True))
 
 
 def dispensable_variations(trials: Sequence[Refit], later: bool = False) -> list[Refit]:
@@ -152,24 +153,24 @@ def dispensable_variations(trials: Sequence[Refit], later: bool = False) -> list
     than the residual of each law. After the first step the residual may be the error of the law selected before, and
     variations can imitate this error.
     """
-    laws = [_left(t, False) for t in trials if not t.candidate.varies and t.errors is not None]
+    laws = [_excess(t, False) for t in trials if not t.candidate.varies and t.errors is not None]
     least = 0.0 if later else min(laws, default=inf)
     return [t for t in trials if t.candidate.varies and t.errors is not None and not leaves_noise(t)
-            and least <= DECISION.times * max(_left(t, False), DECISION.near - 1.0)]
+            and least <= DECISION.times * max(_excess(t, False), DECISION.near - 1.0)]
 
 
-def _set(best: Refit, others: Sequence[Refit]) -> ConfidenceSet | None:
+def _set(best: Refit, trials: Sequence[Refit]) -> ConfidenceSet | None:
     """Confidence set of the best (index 0) and the others; None without common samples. Candidates with a much larger loss
     get the p value 0 without a bootstrap."""
-    errors = [t.errors for t in (best, *others)]
-    found = [e for e in errors if e is not None]
-    if len(found) < len(errors) or len(found) < 2 or not len(found[0].sums):
+    errors = [t.errors for t in (best, *trials)]
+    available = [e for e in errors if e is not None]
+    if len(available) < len(errors) or len(available) < 2 or not len(available[0].sums):
         return None
-    losses = levelled(found)
+    losses = levelled(available)
     means = losses.sum(axis=1)
-    close = np.flatnonzero(means <= HOPELESS * max(means[0], found[0].counts.sum()))
-    part = confidence_set(losses[close], found[0].counts, found[0].stretch)
-    p, frequency = np.zeros(len(found)), np.zeros(len(found))
+    close = np.flatnonzero(means <= HOPELESS * max(means[0], available[0].counts.sum()))
+    part = confidence_set(losses[close], available[0].counts, available[0].stretch)
+    p, frequency = np.zeros(len(available)), np.zeros(len(available))
     p[close], frequency[close] = part.p, part.best
     return ConfidenceSet(p, frequency, part.blocks)
 
@@ -194,15 +195,15 @@ def equivalent_values(base: Base, scores: Sequence[Score]) -> dict[str, tuple[st
     for score in scores:
         if score.size > 0:
             of.setdefault(score.candidate.label, []).append(score)
-    found = {}
-    for label, own in of.items():
-        beside = [_beside(score.direction, held if score.told_apart else free) for score in own]
+    equivalents = {}
+    for label, label_scores in of.items():
+        beside = [_beside(score.direction, held if score.told_apart else free) for score in label_scores]
         nearly = set.intersection(*({name for name, share in shares.items() if share < NEARLY} for shares in beside))
         if names := {name for name in nearly if all(shares[name] < SAME or (
                 score.told_apart and score.side == 0 and _beside_finely(base, score, name) < SAME)
-                for score, shares in zip(own, beside, strict=True))}:
-            found[label] = tuple(sorted(names))
-    return found
+                for score, shares in zip(label_scores, beside, strict=True))}:
+            equivalents[label] = tuple(sorted(names))
+    return equivalents
 
 
 def _held_directions(base: Base) -> dict[str, Array]:
@@ -213,11 +214,11 @@ def _held_directions(base: Base) -> dict[str, Array]:
     """
     names = [c.numbers[0].name for c in fixed_values(base.problem.experiment)]
     stopped = set(range(len(base.problem.columns))) - {int(k) for k in base.moving}
-    moved = {base.problem.columns[k].free.name: base.J[:, k] for k in stopped}
+    derivatives = {base.problem.columns[k].free.name: base.J[:, k] for k in stopped}
     with suppress(HeavebondError):
-        moved |= sensitivities(base, base.runs(Change(), names), {}) if names else {}
-    left = {name: base.split(s)[0] for name, s in moved.items() if np.all(np.isfinite(s)) and s.any()}
-    return _unit({name: s for name, s in left.items() if np.linalg.norm(s) > SAME * np.linalg.norm(moved[name])})
+        derivatives |= sensitivities(base, base.runs(Change(), names), {}) if names else {}
+    projected = {name: base.split(s)[0] for name, s in derivatives.items() if np.all(np.isfinite(s)) and s.any()}
+    return _unit({name: s for name, s in projected.items() if np.linalg.norm(s) > SAME * np.linalg.norm(derivatives[name])})
 
 
 def _beside_finely(base: Base, score: Score, name: str) -> float:
@@ -231,14 +232,16 @@ def _beside_finely(base: Base, score: Score, name: str) -> float:
     if not along:  # a difference at a finite value, of an effect without a tangent
         return 1.0
     size = SIZED * float(np.linalg.norm(base.r)) / score.size
-    there = {**{n.name: n.neutral for n in score.candidate.vanishing}, **score.shapes}
+    point = {**{n.name: n.neutral for n in score.candidate.vanishing}, **score.shapes}
     try:
-        own = sensitivities(base, _finely(base.runs(score.candidate.change, along), dict.fromkeys(along, size)), there)
-        other = sensitivities(base, _finely(base.runs(Change(), [name]), {}), {})[name]
+        runs = _finely(base.runs(score.candidate.change, along), dict.fromkeys(along, size))
+        amplitude_slopes = sensitivities(base, runs, point)
+        number_slope = sensitivities(base, _finely(base.runs(Change(), [name]), {}), {})[name]
     except HeavebondError:
         return 1.0
-    directions = _unit({"own": base.split(np.sum([own[a] for a in along], axis=0))[0], "other": base.split(other)[0]})
-    return _beside(directions["own"], directions)["other"] if len(directions) == 2 else 1.0
+    directions = _unit({"effect": base.split(np.sum([amplitude_slopes[a] for a in along], axis=0))[0],
+                        "number": base.split(number_slope)[0]})
+    return _beside(directions["effect"], directions)["number"] if len(directions) == 2 else 1.0
 
 
 def _finely(runs: Sequence[Run], sizes: Mapping[str, float]) -> list[Run]:
@@ -250,6 +253,6 @@ def _unit(columns: Mapping[str, Array]) -> dict[str, Array]:
     return {name: s / length for name, s in columns.items() if (length := float(np.linalg.norm(s))) > 0}
 
 
-def _beside(direction: Array, others: Mapping[str, Array]) -> dict[str, float]:
+def _beside(direction: Array, unit_vectors: Mapping[str, Array]) -> dict[str, float]:
     """Sine of the angle between a unit vector (n,) and each of the other unit vectors."""
-    return {name: float(np.linalg.norm(direction - (direction @ s) * s)) for name, s in others.items()}
+    return {name: float(np.linalg.norm(direction - (direction @ s) * s)) for name, s in unit_vectors.items()}

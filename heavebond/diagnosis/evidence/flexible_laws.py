@@ -100,31 +100,32 @@ class Comparand:
     experiment: Experiment
 
 
-def adequacy(chosen: Refit, made: Stage, beside: Comparand, curves: Stage | None, complete: bool = True) -> Adequacy:
-    """Compute the adequacy of a selection that begins with the stage `made` and ends with the refit `chosen`.
+def adequacy(chosen: Refit, stage: Stage, beside: Comparand, curves: Stage | None, complete: bool = True) -> Adequacy:
+    """Compute the adequacy of a selection that begins with the stage `stage` and ends with the refit `chosen`.
 
     `curves` is the stage of identified curves in place of the first effect. `beside` contains the first effect, compared in
     the diagram with the later ones. `complete` as in `Adequacy`.
     """
-    assert made.errors is not None
-    misfit = made.errors.mean(*ALL) - 1.0
-    left = loss(chosen) - 1.0
-    explained = (misfit - left) / misfit if misfit > 0 else 0.0
+    assert stage.errors is not None
+    misfit = stage.errors.mean(*ALL) - 1.0
+    excess = loss(chosen) - 1.0
+    explained = (misfit - excess) / misfit if misfit > 0 else 0.0
     law = beside.law
     trials = [t for t in curves.trials if t.errors is not None and loss(t) < beside.before.mean(*ALL)] \
         if curves is not None else []
-    own = curves.places.place(law.candidate) if curves is not None and trials else None
-    at_own = [curves is not None and curves.places.place(t.candidate) == own for t in trials]
-    here = min((t for t, at in zip(trials, at_own, strict=True) if at), key=loss, default=None)
-    there = min((t for t, at in zip(trials, at_own, strict=True) if not at and _as_good(t, law, misfit)), key=loss,
-                default=None)
-    covered = coverage(here, beside.experiment) if here is not None else float("nan")
-    beaten = here is not None and covered >= DECISION.covered and _explains_most(here, law)
-    rival = here if beaten and here is not None else law
-    if there is not None and _explains_most(there, rival) \
-            and (so_far := coverage(there, beside.experiment)) >= DECISION.covered:  # simulates all records
-        here, there, beaten, covered = there, None, True, so_far
-    return Adequacy(explained, here, there, beaten, covered, complete, curves is not None and not curves.partial, law,
+    law_place = curves.places.place(law.candidate) if curves is not None and trials else None
+    at_own = [curves is not None and curves.places.place(t.candidate) == law_place for t in trials]
+    at_place = min((t for t, at in zip(trials, at_own, strict=True) if at), key=loss, default=None)
+    at_other_place = min((t for t, at in zip(trials, at_own, strict=True) if not at and _as_good(t, law, misfit)), key=loss,
+                         default=None)
+    covered = coverage(at_place, beside.experiment) if at_place is not None else float("nan")
+    beaten = at_place is not None and covered >= DECISION.covered and _explains_most(at_place, law)
+    rival = at_place if beaten and at_place is not None else law
+    if at_other_place is not None and _explains_most(at_other_place, rival) \
+            and (so_far := coverage(at_other_place, beside.experiment)) >= DECISION.covered:  # simulates all records
+        at_place, at_other_place, beaten, covered = at_other_place, None, True, so_far
+    return Adequacy(explained, at_place, at_other_place, beaten, covered, complete,
+                    curves is not None and not curves.partial, law,
                     tuple(t for t in curves.trials if t.errors is not None) if curves is not None else ())
 
 
@@ -133,13 +134,13 @@ def _explains_most(curve: Refit, law: Refit) -> bool:
     return better(curve, law) and loss(law) - loss(curve) > DECISION.mainly * max(loss(law) - 1.0, 0.0) > 0
 
 
-def better(one: Refit, other: Refit) -> bool:
+def better(refit: Refit, reference: Refit) -> bool:
     """True if the predictive errors of one refit are significantly smaller than the errors of another."""
-    assert one.errors is not None and other.errors is not None
-    if loss(one) >= loss(other):
+    assert refit.errors is not None and reference.errors is not None
+    if loss(refit) >= loss(reference):
         return False
-    found = confidence_set(np.array([one.errors.sums, other.errors.sums]), one.errors.counts, one.errors.stretch)
-    return 1 not in found
+    return 1 not in confidence_set(np.array([refit.errors.sums, reference.errors.sums]), refit.errors.counts,
+                                   refit.errors.stretch)
 
 
 def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
@@ -148,9 +149,9 @@ def _as_good(curve: Refit, named: Refit, misfit: float) -> bool:
     This is the case if its residual is not materially larger. It is also the case if the residual is not significantly
     larger and the curve explains at least the share `DECISION.mainly` of the misfit that the effect explains.
     """
-    explained, other = misfit + 1.0 - loss(named), misfit + 1.0 - loss(curve)
+    explained, explained_by_curve = misfit + 1.0 - loss(named), misfit + 1.0 - loss(curve)
     return loss(curve) <= loss(named) or not differs_materially(named, curve, misfit) \
-        or (not better(named, curve) and other >= DECISION.mainly * explained)
+        or (not better(named, curve) and explained_by_curve >= DECISION.mainly * explained)
 
 
 def coverage(curve: Refit, before: Experiment) -> float:
@@ -158,8 +159,8 @@ def coverage(curve: Refit, before: Experiment) -> float:
 
     `before` is the experiment without the curve. NaN if the share cannot be computed.
     """
-    found = next((c for c in candidates(before) if c.label == curve.candidate.label), None)
-    variables = list(dict.fromkeys(name for n in (found.numbers if found is not None else ()) for name in n.motions))
+    candidate = next((c for c in candidates(before) if c.label == curve.candidate.label), None)
+    variables = list(dict.fromkeys(name for n in (candidate.numbers if candidate is not None else ()) for name in n.motions))
     if not variables:
         return float("nan")
     experiment = curve.experiment
@@ -172,62 +173,63 @@ def coverage(curve: Refit, before: Experiment) -> float:
             part = compared.validate  # held-out last part of a single record
             begin = np.inf if part is None else min(float(c.time[c.counts][0]) for c in part.channels.values())
             later = (compared.result.time >= begin) | (record.use != "fit")
-            for fitted, which in ((True, ~later), (False, later)):
-                courses[fitted].append(values[:, which].ravel())
+            for fitted, samples in ((True, ~later), (False, later)):
+                courses[fitted].append(values[:, samples].ravel())
     except HeavebondError:
         return float("nan")
-    seen, held = np.concatenate(courses[True]), np.concatenate(courses[False])
-    return float(np.mean((held >= seen.min()) & (held <= seen.max()))) if len(held) else 1.0
+    fitted_values, held = np.concatenate(courses[True]), np.concatenate(courses[False])
+    return float(np.mean((held >= fitted_values.min()) & (held <= fitted_values.max()))) if len(held) else 1.0
 
 
-def judged(way: Selection, complete: bool, tried: bool, number: int | None, seconds: float, say: Progress
+def judged(selection: Selection, complete: bool, tried: bool, number: int | None, seconds: float, say: Progress
            ) -> tuple[Adequacy, Stage | None]:
     """Compute the adequacy of the first effect of a selection, and the stage of identified curves used as reference.
 
     The stage is None if it was not completed within `seconds`, or if `tried` is False: then no curves are fitted. `complete`
     as in `Adequacy`.
     """
-    law, curves = _compared(way, number, seconds, say) if tried else (_alone(way), None)
-    made = adequacy(way[-1].chosen, way[0].step, law, curves, complete)
-    return made, curves if curves is not None and not curves.partial else None
+    law, curves = _compared(selection, number, seconds, say) if tried else (_alone(selection), None)
+    assessment = adequacy(selection[-1].chosen, selection[0].step, law, curves, complete)
+    return assessment, curves if curves is not None and not curves.partial else None
 
 
-def adequacy_alone(way: Selection, complete: bool) -> Adequacy:
+def adequacy_alone(selection: Selection, complete: bool) -> Adequacy:
     """Adequacy of the first effect of a selection, without identified curves."""
-    return adequacy(way[-1].chosen, way[0].step, _alone(way), None, complete)
+    return adequacy(selection[-1].chosen, selection[0].step, _alone(selection), None, complete)
 
 
-def curve_alone(way: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Refit | None, Stage | None]:
+def curve_alone(selection: Selection, number: int | None, seconds: float, say: Progress
+                ) -> tuple[Refit | None, Stage | None]:
     """Find the identified curve that, without any effect of the selection, predicts significantly better than all effects
     together.
 
     Return the curve and the stage of curves. The curve is None if none is better; both are None if not all curves were tried
     within `seconds`.
     """
-    made = make_curve_stage(way[0].step.experiment, beside=[t.candidate for t in way[0].alternatives], number=number,
-                            seconds=seconds, progress=lambda text: say(f"identified curves: {text}"))
-    if made.partial:
+    curves = make_curve_stage(selection[0].step.experiment, beside=[t.candidate for t in selection[0].alternatives],
+                              number=number, seconds=seconds, progress=lambda text: say(f"identified curves: {text}"))
+    if curves.partial:
         return None, None
-    best = min((t for t in made.trials if t.errors is not None), key=loss, default=None)
-    return (best if best is not None and better(best, way[-1].chosen) else None), made
+    best = min((t for t in curves.trials if t.errors is not None), key=loss, default=None)
+    return (best if best is not None and better(best, selection[-1].chosen) else None), curves
 
 
-def _alone(way: Selection) -> Comparand:
-    step = way[0].step
+def _alone(selection: Selection) -> Comparand:
+    step = selection[0].step
     assert step.errors is not None
-    return Comparand(way[0].chosen, step.errors, step.experiment)
+    return Comparand(selection[0].chosen, step.errors, step.experiment)
 
 
-def _compared(way: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Comparand, Stage]:
+def _compared(selection: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Comparand, Stage]:
     """First effect in the diagram with the other effects, and the curves in its place. If the others cannot be fitted
     without it, it is compared without them."""
-    law = _alone(way)
-    if len(way) > 1:
-        others = without_effect(way, 0, say)
-        if others is not None and others[-1].chosen.errors is not None:
-            exact = replace(way[-1].chosen, candidate=way[0].candidate)
-            law = Comparand(exact, others[-1].chosen.errors, following(others[-1].step))
-    return law, make_curve_stage(law.experiment, beside=[t.candidate for t in way[0].alternatives], number=number,
+    law = _alone(selection)
+    if len(selection) > 1:
+        remaining = without_effect(selection, 0, say)
+        if remaining is not None and remaining[-1].chosen.errors is not None:
+            exact = replace(selection[-1].chosen, candidate=selection[0].candidate)
+            law = Comparand(exact, remaining[-1].chosen.errors, following(remaining[-1].step))
+    return law, make_curve_stage(law.experiment, beside=[t.candidate for t in selection[0].alternatives], number=number,
                                  seconds=seconds, progress=lambda text: say(f"identified curves: {text}"))
 
 
@@ -274,11 +276,11 @@ class Remainder:
             why = f"{number(100 * curve.covered, 2)} % of the held-out motion is inside the range of the fitted records" \
                 if curve.covered < DECISION.covered else "none predicts held-out data better than the model without it"
             return f"Whether a law of one or two variables at some place would explain the residual is not decided: {why}."
-        said = f"a {noun(place)} {place.place.words} over the {curve.variable.phrase}, {shape_words(curve)}"
+        law = f"a {noun(place)} {place.place.words} over the {curve.variable.phrase}, {shape_words(curve)}"
         if curve.r2 < INPUT_ESTIMATION.explains:
             return "No law of one or two variables at any place explains most of the residual: the best is " \
-                   f"{said}, with {percent} % of it on held-out data."
-        return f"Most of the residual is {said} ({percent} % of it on held-out data)."
+                   f"{law}, with {percent} % of it on held-out data."
+        return f"Most of the residual is {law} ({percent} % of it on held-out data)."
 
     def as_dict(self) -> dict[str, object]:
         """Return the figures for JSON."""
@@ -294,8 +296,9 @@ def remainder(experiment: Experiment, say: Progress) -> Remainder | None:
     """Compute the remainder of an experiment whose diagram contains all selected effects at their fitted values. None if the
     records cannot be simulated with this diagram."""
     try:
-        found = localize(experiment, progress=lambda text: say(f"what is left: {text}"), besides=())
+        localization = localize(experiment, progress=lambda text: say(f"what is left: {text}"), besides=())
     except HeavebondError:
         return None
-    likely = [s for s in found.suspects if s.behind < INPUT_ESTIMATION.distinct and s.curve is not None]
-    return Remainder(found.missing, max(likely, key=lambda s: s.curve.r2 if s.curve is not None else 0.0, default=None))
+    likely = [s for s in localization.suspects if s.behind < INPUT_ESTIMATION.distinct and s.curve is not None]
+    best = max(likely, key=lambda s: s.curve.r2 if s.curve is not None else 0.0, default=None)
+    return Remainder(localization.missing, best)

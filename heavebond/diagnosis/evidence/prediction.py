@@ -87,14 +87,14 @@ def confidence_set(losses: Array, counts: Array, stretch: NDArray[np.int64], dra
     scale = np.where(error > 0, error, np.inf)
     t, chance = gap / scale * np.sqrt(1 - missing), np.abs(off) / scale
     t[(error == 0) & (gap > 0)] = np.inf
-    p, left, largest = np.ones(m), list(range(m)), 0.0
-    while len(left) > 1:
-        inside = np.ix_(left, left)
+    p, remaining, largest = np.ones(m), list(range(m)), 0.0
+    while len(remaining) > 1:
+        inside = np.ix_(remaining, remaining)
         worst = t[inside].max(axis=1)
-        k = left[int(np.argmax(worst))]
+        k = remaining[int(np.argmax(worst))]
         largest = max(largest, float(np.mean(chance[:, inside[0], inside[1]].max(axis=(1, 2)) >= worst.max())))
         p[k] = largest
-        left.remove(k)
+        remaining.remove(k)
     return ConfidenceSet(p, best, len(stretch) / length)
 
 
@@ -104,7 +104,7 @@ def resampled(stretch: NDArray[np.int64], length: float, draws: int, random: np.
     The lengths of the blocks are geometric with mean `length`. A block that reaches the end of its stretch continues at the
     beginning of this stretch.
     """
-    found = np.zeros((draws, len(stretch)))
+    frequency = np.zeros((draws, len(stretch)))
     for begin, end in stretches(stretch):
         n = end - begin
         fresh = random.random((draws, n)) < 1 / max(1.0, min(length, n))
@@ -113,8 +113,8 @@ def resampled(stretch: NDArray[np.int64], length: float, draws: int, random: np.
         start = random.integers(0, n, (draws, n))
         index = (np.take_along_axis(start, last, axis=1) + np.arange(n) - last) % n
         flat = (np.arange(draws)[:, None] * n + index).ravel()
-        found[:, begin:end] = np.bincount(flat, minlength=draws * n).reshape(draws, n)
-    return found
+        frequency[:, begin:end] = np.bincount(flat, minlength=draws * n).reshape(draws, n)
+    return frequency
 
 
 def stretches(stretch: NDArray[np.int64]) -> list[tuple[int, int]]:
@@ -217,25 +217,25 @@ class Series:
 
 
 def predictive_errors(problem: Residuals, inner: Array, exact: Mapping[str, Run], r: Array,
-                      own: Mapping[str, Mapping[str, float]] | None = None) -> PredictiveErrors:
+                      separate_values: Mapping[str, Mapping[str, float]] | None = None) -> PredictiveErrors:
     """Compute the predictive errors of a fit.
 
-    `r` (n,) are the residuals on the fitted samples, `exact` are runs of all records. `own` contains the separate values
-    of each held-out record; if None, they are fitted.
+    `r` (n,) are the residuals on the fitted samples, `exact` are runs of all records. `separate_values`
+    contains the separate values of each held-out record; if None, they are fitted.
     """
-    own = own_starts_of(problem, inner, exact) if own is None else own
-    return binned([*_fitted(problem, inner, r), *_held_out(problem, inner, exact, own)])
+    separate_values = own_starts_of(problem, inner, exact) if separate_values is None else separate_values
+    return binned([*_fitted(problem, inner, r), *_held_out(problem, inner, exact, separate_values)])
 
 
 def own_starts_of(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> dict[str, dict[str, float]]:
     """Fit the separate values (`each: record`) of each held-out record; a record that cannot be simulated is left out."""
-    found = {}
+    separate_values = {}
     for record in problem.experiment.records.values():
         if record.use != "fit" and exact[record.name].counts.any():
             with suppress(ModelError, SimulationError, StartError):
                 values = problem.values_of(inner, record.name)
-                found[record.name] = own_start(problem.experiment, record, values, exact[record.name])
-    return found
+                separate_values[record.name] = own_start(problem.experiment, record, values, exact[record.name])
+    return separate_values
 
 
 def binned(series: Sequence[Series]) -> PredictiveErrors:
@@ -251,41 +251,41 @@ def binned(series: Sequence[Series]) -> PredictiveErrors:
         roles.append(np.full(len(edges), s.role))
     if not sums:
         return PredictiveErrors(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
-    return PredictiveErrors(*(np.concatenate(found) for found in (sums, counts, stretches, roles)))
+    return PredictiveErrors(*(np.concatenate(arrays) for arrays in (sums, counts, stretches, roles)))
 
 
 def _parts(s: Series) -> Iterator[NDArray[np.int64]]:
     """Indices of the samples of a series, one array per stretch. A stretch ends if samples are missing for more than ten
     median distances (held-out blocks, a gap in the record)."""
-    there = np.flatnonzero(s.counts > 0)
-    if len(there):
-        far = np.diff(there)
-        yield from np.split(there, np.flatnonzero(far > 10 * np.median(far)) + 1 if len(far) else [])
+    sampled = np.flatnonzero(s.counts > 0)
+    if len(sampled):
+        far = np.diff(sampled)
+        yield from np.split(sampled, np.flatnonzero(far > 10 * np.median(far)) + 1 if len(far) else [])
 
 
-def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run], own: Mapping[str, Mapping[str, float]]
+def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run], separate_values: Mapping[str, Mapping[str, float]]
               ) -> Iterator[Series]:
     """Errors on all samples that were not fitted. If a run fails, its samples get a large error."""
     experiment = problem.experiment
     for record in experiment.records.values():
         run, values = exact[record.name], problem.values_of(inner, record.name)
-        which = run.counts if record.use != "fit" else run.checking
-        if not which.any():
+        samples = run.counts if record.use != "fit" else run.checking
+        if not samples.any():
             continue
         try:
-            r = run.held_out({**values, **own.get(record.name, {})})[0]
+            r = run.held_out({**values, **separate_values.get(record.name, {})})[0]
         except (ModelError, SimulationError, StartError):
-            r = np.full(int(which.sum()), BROKEN)
-        yield _series(which, r, TEST if record.use == "test" else SELECTION)
+            r = np.full(int(samples.sum()), BROKEN)
+        yield _series(samples, r, TEST if record.use == "test" else SELECTION)
 
 
-def _series(which: NDArray[np.bool_], r: Array, role: int) -> Series:
-    """Sum squared residuals over the channels at each time. `which` (channels, N) marks the samples; `r` is ordered channel
-    by channel."""
-    place = np.nonzero(which)[1]
+def _series(samples: NDArray[np.bool_], r: Array, role: int) -> Series:
+    """Sum squared residuals over the channels at each time. `samples` (channels, N) marks the samples; `r` is ordered
+    channel by channel."""
+    place = np.nonzero(samples)[1]
     with np.errstate(over="ignore", invalid="ignore"):
         squared = np.nan_to_num(np.minimum(r**2, BROKEN**2), nan=BROKEN**2)
-    sums = np.bincount(place, squared, which.shape[1]).astype(float)
+    sums = np.bincount(place, squared, samples.shape[1]).astype(float)
     return Series(sums, np.bincount(place, minlength=len(sums)).astype(float), role)
 
 
@@ -307,11 +307,11 @@ def cross_validated(problem: Residuals, inner: Array, r: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     low, high = (problem.low - inner)[moving], (problem.high - inner)[moving]
     inverse = np.linalg.pinv(normal / scale[:, None] / scale, rcond=1e-12) / scale[:, None] / scale
-    found = r.copy()
+    predicted = r.copy()
     for block, wide in _blocks(problem):
         step = inverse @ (J[wide].T @ r[wide])
-        found[block] = r[block] + J[block] @ np.clip(step, low, high)
-    return found
+        predicted[block] = r[block] + J[block] @ np.clip(step, low, high)
+    return predicted
 
 
 def _blocks(problem: Residuals) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:

@@ -149,35 +149,36 @@ class Evidence:
     @property
     def outside(self) -> Mapping[float, float]:
         """Weight of all identified curves relative to all effects, at each of the TEMPERATURES."""
-        return {t: float(self.weights[t].max(initial=0.0) * found.sum()) for t, found in self.flexible.items()}
+        return {t: float(self.weights[t].max(initial=0.0) * curve_weights.sum())
+                for t, curve_weights in self.flexible.items()}
 
     def as_dict(self) -> dict[str, object]:
         """Return the evidence for JSON, without effects of negligible weight."""
         most = np.max([*self.weights.values()], axis=0) if self.effects else np.zeros(0)
-        kept = [k for k, weight in enumerate(most) if weight >= KEPT]
-        effects = [self.effects[k] for k in kept]
+        listed = [k for k, weight in enumerate(most) if weight >= KEPT]
+        effects = [self.effects[k] for k in listed]
         return {"effects": [[e.kind, e.place, list(e.where), list(e.labels)] for e in effects],
-                "weights": {f"{t:g}": [round(float(found[k]), 4) for k in kept] for t, found in self.weights.items()},
+                "weights": {f"{t:g}": [round(float(values[k]), 4) for k in listed] for t, values in self.weights.items()},
                 "left": self.left, "missing": self.missing, "sheet": self.sheet,
                 "curves": [[e.kind, e.place, list(e.where), list(e.labels)] for e in self.curves],
-                "flexible": {f"{t:g}": [float(f"{x:.4g}") for x in found] for t, found in self.flexible.items()},
+                "flexible": {f"{t:g}": [float(f"{x:.4g}") for x in values] for t, values in self.flexible.items()},
                 "untried": self.untried}
 
     @classmethod
-    def of_dict(cls, kept: Mapping[str, object]) -> Evidence:
+    def of_dict(cls, entry: Mapping[str, object]) -> Evidence:
         """Create the evidence from the result of `as_dict`."""
-        effects, weights = kept["effects"], kept["weights"]
+        effects, weights = entry["effects"], entry["weights"]
         assert isinstance(weights, dict)
         def events(of: object) -> tuple[Event, ...]:
             assert isinstance(of, list)
             return tuple(Event(kind, 0.0, place, tuple(where), tuple(labels)) for kind, place, where, labels in of)
 
-        flexible = kept.get("flexible", {})
+        flexible = entry.get("flexible", {})
         assert isinstance(flexible, dict)
-        left, missing, sheet = (float(str(kept[name])) for name in ("left", "missing", "sheet"))
-        return cls(events(effects), {float(t): np.array(found) for t, found in weights.items()}, left, missing, sheet,
-                   events(kept.get("curves", [])),
-                   {float(t): np.array(found) for t, found in flexible.items()}, float(str(kept.get("untried", 0.0))))
+        residual, missing, sheet = (float(str(entry[name])) for name in ("left", "missing", "sheet"))
+        return cls(events(effects), {float(t): np.array(values) for t, values in weights.items()}, residual, missing, sheet,
+                   events(entry.get("curves", [])),
+                   {float(t): np.array(values) for t, values in flexible.items()}, float(str(entry.get("untried", 0.0))))
 
 
 def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float = 1.0, adequacy: Adequacy | None = None,
@@ -191,19 +192,19 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     catalogue are not evidence for a law outside it.
     """
     first = steps[0]
-    made = compared_step(first, review)
-    others = [t for t in values.trials if t.candidate.kind == VALUE] if values is not None else []
-    alike = _families((*made.trials, *others), made)
+    stage = compared_step(first, review)
+    value_trials = [t for t in values.trials if t.candidate.kind == VALUE] if values is not None else []
+    alike = _families((*stage.trials, *value_trials), stage)
     best = [min(family, key=loss) for family in alike]
-    weights = _with_prior(law_weights(best), best, made)
-    if made.joint and others:
-        weights = _beside_values(best, weights, _families((*first.trials, *others), first), first)
+    weights = _with_prior(law_weights(best), best, stage)
+    if stage.joint and value_trials:
+        weights = _beside_values(best, weights, _families((*first.trials, *value_trials), first), first)
     later = [step.chosen for step in steps[1:] if step.chosen is not None and step.chosen.errors is not None]
     # after a search that was ended early the residual is not evidence for a law outside the catalogue: further effects were
     # not tried
-    left = 1.0 if any(step.partial for step in steps) else max(1.0, min(map(loss, [*best, *later]), default=1.0))
-    return Evidence(*_weighted(alike, _to_simpler(alike, best, weights, made), made), left,
-                    factor_bound(_p_value(made.left)), factor_bound(sheet), *_flexible(adequacy, made), _untried(made))
+    residual = 1.0 if any(step.partial for step in steps) else max(1.0, min(map(loss, [*best, *later]), default=1.0))
+    return Evidence(*_weighted(alike, _to_simpler(alike, best, weights, stage), stage), residual,
+                    factor_bound(_p_value(stage.left)), factor_bound(sheet), *_flexible(adequacy, stage), _untried(stage))
 
 
 def compared_step(step: Stage, review: Stage | None) -> Stage:
@@ -226,18 +227,18 @@ def compared_step(step: Stage, review: Stage | None) -> Stage:
     return replace(step, trials=(*step.joint, *(t for t in step.trials if t.candidate.label not in pairs)))
 
 
-def _families(trials: Sequence[Refit], made: Stage) -> list[list[Refit]]:
+def _families(trials: Sequence[Refit], stage: Stage) -> list[list[Refit]]:
     """Group refits by class and place (fixed values by their names). Only refits with predictive errors on the samples of
     the step are used."""
-    bins = len(made.errors.sums) if made.errors is not None else 0
-    found: dict[object, list[Refit]] = {}
+    bins = len(stage.errors.sums) if stage.errors is not None else 0
+    families: dict[object, list[Refit]] = {}
     for trial in (t for t in trials if t.errors is not None and len(t.errors.sums) == bins > 0):
-        found.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)
-                          if trial.candidate.kind != VALUE else trial.candidate.name), []).append(trial)
-    return list(found.values())
+        families.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)
+                             if trial.candidate.kind != VALUE else trial.candidate.name), []).append(trial)
+    return list(families.values())
 
 
-def _with_prior(weights: Mapping[float, Array], best: Sequence[Refit], made: Stage) -> dict[float, Array]:
+def _with_prior(weights: Mapping[float, Array], best: Sequence[Refit], stage: Stage) -> dict[float, Array]:
     """Multiply the weights of the best laws of each class and place by their prior probabilities.
 
     The prior is one over the number of places of the class, or of parameters and variables of a variation, among all scored
@@ -246,13 +247,13 @@ def _with_prior(weights: Mapping[float, Array], best: Sequence[Refit], made: Sta
     if not best:
         return dict(weights)
     places: dict[str, set[str]] = {}
-    for candidate in (*(s.candidate for s in made.scores), *(t.candidate for t in best)):
+    for candidate in (*(s.candidate for s in stage.scores), *(t.candidate for t in best)):
         places.setdefault(candidate.kind, set()).add(candidate.place)
     prior = np.array([1 / len(places[t.candidate.kind]) for t in best])
     return {t: weight * prior / max(float(weight @ prior), 1e-300) for t, weight in weights.items()}
 
 
-def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone: Sequence[Sequence[Refit]], made: Stage
+def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone: Sequence[Sequence[Refit]], stage: Stage
                    ) -> dict[float, Array]:
     """Combine the weights of pairs of effects with the weights of fixed values, which were refitted without a further
     effect.
@@ -260,33 +261,33 @@ def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone:
     Each value keeps the share that it has in the comparison with single effects (`alone`).
     """
     singles = [min(family, key=loss) for family in alone]
-    shares = _with_prior(law_weights(singles), singles, made)
-    found = {}
+    shares = _with_prior(law_weights(singles), singles, stage)
+    combined = {}
     for t, weight in weights.items():
         of_values = {s.candidate.name: share for s, share in zip(singles, shares[t], strict=True)
                      if s.candidate.kind == VALUE}
         effects = np.array([0.0 if b.candidate.kind == VALUE else w for b, w in zip(best, weight, strict=True)])
         effects *= (1 - sum(of_values.values())) / max(float(effects.sum()), 1e-300)
-        found[t] = effects + [of_values[b.candidate.name] if b.candidate.kind == VALUE else 0.0 for b in best]
-    return found
+        combined[t] = effects + [of_values[b.candidate.name] if b.candidate.kind == VALUE else 0.0 for b in best]
+    return combined
 
 
-def _untried(made: Stage) -> float:
+def _untried(stage: Stage) -> float:
     """Share of the promising candidates of a partial step without a refit: those without a score, and those whose score is
     at least `PROMISING` times the largest."""
-    if not made.partial or not made.planned:
+    if not stage.partial or not stage.planned:
         return 0.0
-    scored = {s.candidate.label: s.gain for s in made.scores}
+    scored = {s.candidate.label: s.gain for s in stage.scores}
     least = PROMISING * max(scored.values(), default=0.0)
     promising = {label for label, gain in scored.items() if gain >= least}
-    open_ = len(promising - {t.candidate.label for t in made.trials}) + max(made.planned - len(scored), 0)
-    return open_ / max(len(promising) + max(made.planned - len(scored), 0), 1)
+    open_ = len(promising - {t.candidate.label for t in stage.trials}) + max(stage.planned - len(scored), 0)
+    return open_ / max(len(promising) + max(stage.planned - len(scored), 0), 1)
 
 
-def _flexible(adequacy: Adequacy | None, made: Stage) -> tuple[tuple[Event, ...], dict[float, Array]]:
+def _flexible(adequacy: Adequacy | None, stage: Stage) -> tuple[tuple[Event, ...], dict[float, Array]]:
     """Best identified curve of each place, with its weight relative to the law that it replaces.
 
-    If the refits of the step `made` contain the law with the further effect that completes it best, this pair is the
+    If the refits of the step `stage` contain the law with the further effect that completes it best, this pair is the
     reference: a curve has enough coefficients to absorb such an effect.
     """
     if adequacy is None or adequacy.law is None or not adequacy.curves or not adequacy.tried:
@@ -295,11 +296,11 @@ def _flexible(adequacy: Adequacy | None, made: Stage) -> tuple[tuple[Event, ...]
     for curve in sorted(adequacy.curves, key=loss):
         best.setdefault(frozenset(curve.candidate.where), curve)
     curves = list(best.values())
-    law = min([adequacy.law, *(t for t in made.joint if t.candidate.label == adequacy.law.candidate.label)], key=loss)
+    law = min([adequacy.law, *(t for t in stage.joint if t.candidate.label == adequacy.law.candidate.label)], key=loss)
     weights = law_weights([law, *curves], penalised=False)  # no penalty: a curve represents laws with few numbers
     return tuple(Event(_depends_on(c.candidate), 0.0, c.candidate.place, c.candidate.where, (c.candidate.label,))
                  for c in curves), \
-        {t: found[1:] / max(float(found[0]), 1e-6) for t, found in weights.items()}
+        {t: relative[1:] / max(float(relative[0]), 1e-6) for t, relative in weights.items()}
 
 
 def _depends_on(curve: Candidate) -> str:
@@ -308,13 +309,13 @@ def _depends_on(curve: Candidate) -> str:
 
 
 def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weights: Mapping[float, Array],
-                made: Stage) -> dict[float, Array]:
+                stage: Stage) -> dict[float, Array]:
     """Move the weights of laws that only refine a simpler law at the same place to the simpler law.
 
     A refinement without a significant gain is the same law, because its additional amplitude is not significant.
     """
     least = [min(t.unknowns for t in family) for family in families]
-    laws = [(*family, *twins_of(family, made)) for family in families]  # with the equivalent candidates at other places
+    laws = [(*family, *twins_of(family, stage)) for family in families]  # with the equivalent candidates at other places
     to = np.arange(len(best))
     for k in sorted(range(len(best)), key=lambda k: least[k]):
         simpler = [j for j in range(len(best)) if least[j] < least[k] and refines(best[k], laws[j])]
@@ -323,31 +324,31 @@ def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weig
     return {t: np.asarray(np.bincount(to, weight, len(best)), float) for t, weight in weights.items()}
 
 
-def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array], made: Stage
+def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array], stage: Stage
               ) -> tuple[tuple[Event, ...], dict[float, Array]]:
     """Events (a class at a place) with their weights. Classes and places with equivalent candidates share a weight
     equally."""
     if not families:
         return (), {}
-    by_label = {s.candidate.label: s.candidate for s in made.scores}
-    places = made.places
-    found: dict[object, Event] = {}
+    by_label = {s.candidate.label: s.candidate for s in stage.scores}
+    places = stage.places
+    events: dict[object, Event] = {}
     shares: dict[object, dict[int, float]] = {}
     order = sorted(range(len(families)), key=lambda k: -weights[1.0][k])  # an event gets the name of its best law
     for k in order:
         family = families[k]
-        own = [t.candidate for t in family]
-        twins = [by_label[label] for c in own for label in made.twins.get(c.label, ()) if label in by_label]
+        members = [t.candidate for t in family]
+        twins = [by_label[label] for c in members for label in stage.twins.get(c.label, ()) if label in by_label]
         alike: dict[object, list[Candidate]] = {}
-        for c in (*own, *twins):
-            alike.setdefault(c.name if c.kind == VALUE else (_class_of(c, own[0]), places.place(c)), []).append(c)
+        for c in (*members, *twins):
+            alike.setdefault(c.name if c.kind == VALUE else (_class_of(c, members[0]), places.place(c)), []).append(c)
         for key, candidates in alike.items():
             c, labels = candidates[0], tuple(c.label for c in candidates)
-            before = found.setdefault(key, Event(c.kind, 0.0, c.place, c.where))
-            found[key] = replace(before, labels=(*before.labels, *labels))
+            before = events.setdefault(key, Event(c.kind, 0.0, c.place, c.where))
+            events[key] = replace(before, labels=(*before.labels, *labels))
             shares.setdefault(key, {})[k] = 1 / len(alike)
     mixing = np.array([[of.get(k, 0.0) for k in range(len(families))] for of in shares.values()])
-    return tuple(found.values()), {t: mixing @ weight for t, weight in weights.items()}
+    return tuple(events.values()), {t: mixing @ weight for t, weight in weights.items()}
 
 
 def _class_of(candidate: Candidate, first: Candidate) -> str:
@@ -361,7 +362,7 @@ def law_weights(trials: Sequence[Refit], penalised: bool = True) -> dict[float, 
         return {t: np.ones(1) for t in TEMPERATURES} if trials else {}
     errors = [t.errors for t in trials if t.errors is not None]
     losses, counts, stretch = levelled(errors), errors[0].counts, errors[0].stretch
-    found = {t: np.zeros(len(trials)) for t in TEMPERATURES}
+    weights = {t: np.zeros(len(trials)) for t in TEMPERATURES}
     samples = float(counts.sum())
     means = losses.sum(axis=1) / samples
     close = np.flatnonzero(means <= HOPELESS * max(float(means.min()), 1.0))
@@ -378,8 +379,8 @@ def law_weights(trials: Sequence[Refit], penalised: bool = True) -> dict[float, 
         power = (noise * samples / t + (1 - noise) * min(samples / t, blocks)) / 2 if t > 0 else 0.0
         lost = penalised * (more - more.min()) / 2 * np.log(max(2 * power, 1.0))
         each = np.exp(-power * ahead - lost) if t > 0 else (ahead == 0).astype(float)
-        found[t][close] = np.mean(each / each.sum(axis=1, keepdims=True), axis=0)
-    return found
+        weights[t][close] = np.mean(each / each.sum(axis=1, keepdims=True), axis=0)
+    return weights
 
 
 def _independent_blocks(differences: Array, counts: Array, stretch: NDArray[np.int64], length: float) -> float:
@@ -404,13 +405,13 @@ def _independent_blocks(differences: Array, counts: Array, stretch: NDArray[np.i
     return blocks / max(1.0, float(np.median(ratios)) if ratios else 1.0)
 
 
-def _p_value(left: ResidualTests) -> float:
+def _p_value(tests: ResidualTests) -> float:
     """Combine the p values of the three residual tests into one.
 
     The result is below the sum of the significance levels if one p value is below the level of its test.
     """
     level = sum(LEVELS.values())
-    return float(min(1.0, *(getattr(left, name) * level / own for name, own in LEVELS.items())))
+    return float(min(1.0, *(getattr(tests, name) * level / test_level for name, test_level in LEVELS.items())))
 
 
 def factor_bound(p: float) -> float:
@@ -418,7 +419,7 @@ def factor_bound(p: float) -> float:
     return float(-math.e * p * math.log(p)) if 0 < p < 1 / math.e else float(p > 0)
 
 
-def parts(constants: Calibration, missing: Share, sheet: Share, left: Share, flexible: Share | None = None
+def parts(constants: Calibration, missing: Share, sheet: Share, residual: Share, flexible: Share | None = None
           ) -> tuple[Share, ...]:
     """Probabilities of "nothing", "parameters only", "outside the catalogue", and of all effects and other values together.
 
@@ -426,13 +427,13 @@ def parts(constants: Calibration, missing: Share, sheet: Share, left: Share, fle
     relative to all effects (NaN if no curve was fitted).
     """
     without, right = _share(constants.simpler * missing), _share(constants.simpler * sheet)
-    factor = np.exp(constants.excess * (1 - 1 / left))
+    factor = np.exp(constants.excess * (1 - 1 / residual))
     if flexible is not None:
         factor = np.where(np.isnan(flexible), factor, flexible)
     outside = _share(constants.outside * factor)
-    rest = 1 - constants.lapse
-    return (rest * without * right, rest * without * (1 - right), rest * (1 - without) * outside,
-            rest * (1 - without) * (1 - outside))
+    considered = 1 - constants.lapse
+    return (considered * without * right, considered * without * (1 - right), considered * (1 - without) * outside,
+            considered * (1 - without) * (1 - outside))
 
 
 def probabilities(known: Evidence, constants: Calibration = CALIBRATION) -> tuple[Event, ...]:
@@ -440,26 +441,26 @@ def probabilities(known: Evidence, constants: Calibration = CALIBRATION) -> tupl
     nothing, parameters, outside, among = map(float, parts(
         constants, known.missing, known.sheet, known.left, known.outside.get(constants.temperature, math.nan)))
     weights = known.weights[constants.temperature] if known.effects else np.zeros(0)
-    found = {NOTHING: nothing, PARAMETERS: parameters, OUTSIDE: outside,
-             OTHER: constants.lapse + among * (known.untried + (1 - known.untried) * max(0.0, 1 - float(weights.sum())))}
+    by_kind = {NOTHING: nothing, PARAMETERS: parameters, OUTSIDE: outside,
+               OTHER: constants.lapse + among * (known.untried + (1 - known.untried) * max(0.0, 1 - float(weights.sum())))}
     among *= 1 - known.untried
     effects = []
     for event, weight in zip(known.effects, weights, strict=True):
         if event.kind == VALUE:
-            found[PARAMETERS] += among * float(weight)
+            by_kind[PARAMETERS] += among * float(weight)
         else:
             effects.append(replace(event, probability=among * float(weight)))
-    events = [*effects, *(Event(kind, p) for kind, p in found.items())]
+    events = [*effects, *(Event(kind, p) for kind, p in by_kind.items())]
     return tuple(sorted(events, key=lambda event: -event.probability))
 
 
 def stated(events: Sequence[Event], named: Sequence[str]) -> tuple[Event, ...]:
     """Merge the improbable events that the answer does not name into one event. `named` are the labels of the candidates in
     the answer."""
-    own = [e for e in events if e.kind == OTHER or e.probability >= STATED or set(e.labels) & set(named)]
-    more = sum(e.probability for e in events if e not in own)
-    found = [replace(e, probability=e.probability + more) if e.kind == OTHER else e for e in own]
-    return tuple(sorted(found, key=lambda event: -event.probability))
+    listed = [e for e in events if e.kind == OTHER or e.probability >= STATED or set(e.labels) & set(named)]
+    more = sum(e.probability for e in events if e not in listed)
+    merged = [replace(e, probability=e.probability + more) if e.kind == OTHER else e for e in listed]
+    return tuple(sorted(merged, key=lambda event: -event.probability))
 
 
 def _share(odds: Share) -> Share:

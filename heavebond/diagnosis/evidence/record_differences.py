@@ -48,9 +48,9 @@ def record_differences(experiment: Experiment) -> tuple[RecordDifference, ...]:
     inner = problem.start
     runs = exact_runs(experiment, problem.runs)
     candidates = differing_parameters(problem, inner)
-    found = [_difference(problem, inner, record, runs[record.name], candidates)
-             for record in experiment.records.values() if record.use != "fit"]
-    return tuple(difference for difference in found if difference is not None)
+    differences = [_difference(problem, inner, record, runs[record.name], candidates)
+                   for record in experiment.records.values() if record.use != "fit"]
+    return tuple(difference for difference in differences if difference is not None)
 
 
 def _difference(problem: Residuals, inner: Array, record: Record, run: Run, candidates: tuple[Candidate, ...]
@@ -63,25 +63,25 @@ def _difference(problem: Residuals, inner: Array, record: Record, run: Run, cand
     chi2, samples = float(np.mean(before**2)), len(before)
     if chi2 <= DECISION.near:
         return None
-    left: list[tuple[float, str, float, float, Candidate]] = []
+    fits: list[tuple[float, str, float, float, Candidate]] = []
     for candidate in candidates:
         (name, _), = candidate.change.each.items()
         try:
-            own = own_values(changed_experiment(experiment, candidate.change), record, values, run)
-            after = run.held_out({**values, name: own.values[name]})[0]
+            estimate = own_values(changed_experiment(experiment, candidate.change), record, values, run)
+            after = run.held_out({**values, name: estimate.values[name]})[0]
         except (HeavebondError, KeyError):
             continue
-        left.append((float(np.mean(after**2)), name, own.values[name], own.seconds, candidate))
-    if not left:
+        fits.append((float(np.mean(after**2)), name, estimate.values[name], estimate.seconds, candidate))
+    if not fits:
         return None
-    left.sort(key=itemgetter(0, 1))
-    least, name, value, seconds, candidate = left[0]
+    fits.sort(key=itemgetter(0, 1))
+    least, name, value, seconds, candidate = fits[0]
     if least > DECISION.near and least - 1 > (chi2 - 1) / 2:
         return None
     usual = values.get(name, problem.runs[0].assembly.parameter_values[name])
-    others = [other for cost, other, *_ in left[1:] if fallen(cost, least, samples) < EARNED]
+    other_names = [other_name for cost, other_name, *_ in fits[1:] if fallen(cost, least, samples) < EARNED]
     unit = next(q.unit.text for q in problem.runs[0].assembly.flat.parameters if q.name == name)
-    same = f" The records do not distinguish it from a difference of {listing(others, 3)}." if others else ""
+    same = f" The records do not distinguish it from a difference of {listing(other_names, 3)}." if other_names else ""
     fitted = listing([r.record.name for r in problem.runs], 3)
     words = (f"{name} is {number(value / usual, 3)} times as large in record {record.name} as in {fitted} "
              f"({readable(value, unit, 3)} and {readable(usual, unit, 3)}; fitted to the first {number(seconds, 2)} s of "

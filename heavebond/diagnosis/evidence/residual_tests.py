@@ -67,9 +67,9 @@ def leftover(base: Base, scores: Sequence[Score], prescored: Sequence[Prescore] 
 
     Scores of candidates in `prescored` were selected for their large prescores, which the score test takes into account.
     """
-    told = [s for s in scores if s.told_apart]
+    distinguishable = [s for s in scores if s.told_apart]
     errors = np.hstack([run.input_errors for run in base.problem.runs])
-    p_score, z = _largest(told, errors, prescored)
+    p_score, z = _largest(distinguishable, errors, prescored)
     memory = 1.0 if _noticeable(errors) else _memory(base)
     return ResidualTests(p_score, _size(base, errors) if base.problem.experiment.noise_given else 1.0, memory, z)
 
@@ -105,9 +105,9 @@ def _largest(scores: Sequence[Score], errors: Array, prescored: Sequence[Prescor
     z = np.array([s.z for s in scores]) / deviation
     observed = float(np.max(np.where(signed, np.abs(z), z)))
     distant = {p.candidate.label for p in prescored}
-    own = [k for k, s in enumerate(scores) if s.candidate.label not in distant]
+    near = [k for k, s in enumerate(scores) if s.candidate.label not in distant]
     correlation = covariance / deviation[:, None] / deviation
-    chance = _chance(correlation[np.ix_(own, own)], signed[own], observed) if own else 0.0
+    chance = _chance(correlation[np.ix_(near, near)], signed[near], observed) if near else 0.0
     if prescored:
         sketches = np.array([p.sketch / np.linalg.norm(p.sketch) for p in prescored])
         apart = _distinct(sketches)  # opposite directions both count: a candidate may be allowed in one direction only
@@ -119,11 +119,11 @@ def _distinct(directions: Array) -> list[int]:
     """Indices of directions (k, n) that differ by more than the cosine `DISTINCT`. The largest of thousands of projections
     is drawn with these only. The projection of an omitted direction exceeds theirs by less than sqrt(1 - DISTINCT**2)
     standard deviations."""
-    found: list[int] = []
+    distinct: list[int] = []
     for k, direction in enumerate(directions):
-        if not found or float(np.max(directions[found] @ direction)) < DISTINCT:
-            found.append(k)
-    return found
+        if not distinct or float(np.max(directions[distinct] @ direction)) < DISTINCT:
+            distinct.append(k)
+    return distinct
 
 
 def _chance(correlation: Array, signed: NDArray[np.bool_], observed: float) -> float:
@@ -141,10 +141,10 @@ def _covariance(directions: Array, errors: Array) -> Array:
     if not len(errors):
         return np.asarray(directions @ directions.T)
     drawn = directions @ errors.T
-    return np.asarray((directions * _own(errors)) @ directions.T + drawn @ drawn.T / len(errors))
+    return np.asarray((directions * _noise_share(errors)) @ directions.T + drawn @ drawn.T / len(errors))
 
 
-def _own(errors: Array) -> Array:
+def _noise_share(errors: Array) -> Array:
     """Share (n,) of the variance of each residual that is noise of the channel."""
     return np.asarray(np.clip(1 - np.mean(errors**2, axis=0), 0.0, 1.0))
 
@@ -155,16 +155,16 @@ def _size(base: Base, errors: Array) -> float:
     freedom, scale = float(max(1, len(base.r) - len(base.inner))), 1.0
     if len(errors) > 1:
         # tr R**2 from pairs of different realisations: the square of a single one would add a bias
-        own, gram = _own(errors), errors @ errors.T
+        noise_share, gram = _noise_share(errors), errors @ errors.T
         pairs = (float(np.sum(gram**2)) - float(np.sum(np.diag(gram) ** 2))) / (len(errors) * (len(errors) - 1))
-        trace = float(np.sum(own**2) + 2 * own @ np.mean(errors**2, axis=0)) + max(pairs, 0.0)
+        trace = float(np.sum(noise_share**2) + 2 * noise_share @ np.mean(errors**2, axis=0)) + max(pairs, 0.0)
         scale = max(1.0, trace / len(base.r))
     return float(chdtrc(freedom / scale, float(base.r @ base.r) / scale))
 
 
 def _memory(base: Base) -> float:
-    found = [metrics.whiteness(part, LAGS) for part in channels(base.problem.runs, base.r) if len(part) > 5 * LAGS]
-    finite = [p for p in found if np.isfinite(p)]
+    p_values = [metrics.whiteness(part, LAGS) for part in channels(base.problem.runs, base.r) if len(part) > 5 * LAGS]
+    finite = [p for p in p_values if np.isfinite(p)]
     return min(1.0, min(finite) * len(finite)) if finite else 1.0
 
 

@@ -60,34 +60,37 @@ class SharedDiagram:
     def half(self, label: str) -> SharedDiagram | None:
         """The half of the candidates that contains the candidate `label`; None if it would be alone."""
         middle = len(self.members) // 2
-        found = next(part for part in (self.members[:middle], self.members[middle:]) if label in (c.label for c in part))
-        return SharedDiagram(found) if len(found) > 1 else None
+        members = next(part for part in (self.members[:middle], self.members[middle:]) if label in (c.label for c in part))
+        return SharedDiagram(members) if len(members) > 1 else None
 
 
 def shared_diagrams(library: Library, candidates: Sequence[Candidate]) -> dict[str, SharedDiagram]:
     """Assign candidates to shared diagrams.
 
-    Candidates share a diagram if their changes name no common item (see `_taken`), up to `MOST` candidates. Candidates at
-    inputs are never mixed with other candidates. The result maps the labels of candidates to shared diagrams. Candidates
-    that need a separate diagram are not in it.
+    Candidates share a diagram if their changes name no common item (see `_claimed_names`), up to `MOST`
+    candidates. Candidates at inputs are never mixed with other candidates.
+
+    The result maps the labels of candidates to shared diagrams.
+    Candidates that need a separate diagram are not in it.
     """
     groups: list[tuple[set[str], list[Candidate]]] = []
     for candidate in candidates:
         if not _may_sleep_beside_others(library, candidate):
             continue
-        own = _taken(candidate.change)
-        for taken, group in groups:
-            if len(group) < MOST and not own & taken and (group[0].attaches == "input") is (candidate.attaches == "input"):
-                taken.update(own)
+        claimed = _claimed_names(candidate.change)
+        for occupied, group in groups:
+            if len(group) < MOST and not claimed & occupied \
+                    and (group[0].attaches == "input") is (candidate.attaches == "input"):
+                occupied.update(claimed)
                 group.append(candidate)
                 break
         else:
-            groups.append((own, [candidate]))
+            groups.append((claimed, [candidate]))
     return {candidate.label: shared for _, group in groups if len(group) > 1
             for shared in [SharedDiagram(tuple(group))] for candidate in group}
 
 
-def _taken(change: Change) -> set[str]:
+def _claimed_names(change: Change) -> set[str]:
     """The names that two changes of one diagram must not share: parts, new nodes, ports that are removed from a node,
     parameter values, initial values, channels and inputs."""
     ends = [(node, end) for node, joined in change.nodes.items() for end in joined]
@@ -136,15 +139,15 @@ def finer(problem: Residuals) -> Residuals:
 def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str, Run] | None = None) -> dict[str, Run]:
     """Runs of all records by IDAS. The runs of the fitted records use the diagram of `fitted`. The runs of the other
     records read the measured data from `like` if it contains a run of the record (possibly with another diagram)."""
-    own = {run.record.name: run.again([], {}, Unexplained) for run in fitted}
+    fitted_runs = {run.record.name: run.again([], {}, Unexplained) for run in fitted}
     like = like or {}
     first = fitted[0]
 
-    def other(record: Record) -> Run:
+    def held_out_run(record: Record) -> Run:
         return Run(experiment, record, [], first.simulator.tolerances, kind=Unexplained, like=like.get(record.name),
                    assembly=driven_by(first.assembly, experiment, first.record, record))
 
-    return {name: own.get(name) or other(record) for name, record in experiment.records.items()}
+    return {name: fitted_runs.get(name) or held_out_run(record) for name, record in experiment.records.items()}
 
 
 @dataclass(frozen=True)
@@ -192,18 +195,18 @@ class Base:
         if key not in self.diagrams:
             changed = changed_experiment(self.problem.experiment, change)
             records = [changed.records[run.record.name] for run in self.problem.runs]
-            made = Diagram(changed, tuple(assemble_for(changed, record) for record in records))
+            assembled = Diagram(changed, tuple(assemble_for(changed, record) for record in records))
             if len(self.diagrams) == DIAGRAMS:
                 del self.diagrams[next(iter(self.diagrams))]
-            self.diagrams[key] = made
+            self.diagrams[key] = assembled
         return self.diagrams[key]
 
     def runs(self, change: Change, names: Sequence[str], among: Sequence[str] = ()) -> list[Run]:
         """Runs of the fitted records with the changed diagram. `names` are the parameters for which sensitivities are
         computed; `among` are further parameters that other runs of the same diagram change."""
-        made = self.diagram(change)
-        pairs = zip(self.problem.runs, made.assemblies, strict=True)
-        return [Run(made.experiment, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run,
+        diagram = self.diagram(change)
+        pairs = zip(self.problem.runs, diagram.assemblies, strict=True)
+        return [Run(diagram.experiment, run.record, list(names), run.simulator.tolerances, kind=QuickSimulator, like=run,
                     assembly=assembly, among=among) for run, assembly in pairs]
 
     def sleeping(self, shared: SharedDiagram | None, label: str) -> list[Run] | None:
@@ -214,15 +217,16 @@ class Base:
             key = repr(shared.members)
             if key not in self.shared:
                 self.shared[key] = self._sleeping(shared)
-            if (found := self.shared[key]) is not None:
-                return found
+            if (runs := self.shared[key]) is not None:
+                return runs
             shared = shared.half(label)
         return None
 
     def _sleeping(self, shared: SharedDiagram) -> list[Run] | None:
         try:
             runs = self.runs(shared.change, [], shared.amplitudes)
-            alike = all(_same_unknowns(run.assembly, own.assembly) for run, own in zip(runs, self.problem.runs, strict=True))
+            alike = all(_same_unknowns(run.assembly, base_run.assembly)
+                        for run, base_run in zip(runs, self.problem.runs, strict=True))
             return runs if alike and np.linalg.norm(plain_residuals(self, runs, {}) - self.quick) <= self.error else None
         except HeavebondError:
             return None
@@ -265,10 +269,10 @@ def plain_residuals(base: Base, runs: Sequence[Run], values: Mapping[str, float]
     return np.concatenate([run.residuals(values_at(base, run, values))[0] for run in runs])
 
 
-def _same_unknowns(one: Assembly, other: Assembly) -> bool:
+def _same_unknowns(first: Assembly, second: Assembly) -> bool:
     """True if two diagrams have the same states and algebraic unknowns, and the same number of events."""
-    return one.state_names == other.state_names and one.algebraic_names == other.algebraic_names and \
-        len(one.flat.events) == len(other.flat.events)
+    return first.state_names == second.state_names and first.algebraic_names == second.algebraic_names and \
+        len(first.flat.events) == len(second.flat.events)
 
 
 def values_at(base: Base, run: Run, more: Mapping[str, float]) -> dict[str, float]:
@@ -285,5 +289,5 @@ def sensitivities(base: Base, runs: Sequence[Run], values: Mapping[str, float]) 
 
 def responses(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> tuple[Array, dict[str, Array]]:
     """Residuals (n,) at these values, and their derivatives dr/da (n,) with respect to each amplitude."""
-    found = [run.residuals(values_at(base, run, values)) for run in runs]
-    return np.concatenate([r for r, _ in found]), dict(zip(runs[0].names, np.hstack([J for _, J in found]), strict=True))
+    results = [run.residuals(values_at(base, run, values)) for run in runs]
+    return np.concatenate([r for r, _ in results]), dict(zip(runs[0].names, np.hstack([J for _, J in results]), strict=True))

@@ -80,10 +80,10 @@ def onsets(base: Base, scores: Sequence[Score]) -> list[Candidate]:
     for _, score, begins in sorted(best.values(), key=lambda entry: -entry[0]):
         # the onset time in a held-out record is not known yet; it is estimated there later
         whole_records = {name: low for name, (low, _) in spans.items()}
-        made = with_onset(score.candidate, experiment.model.library, spans, {**whole_records, **begins})
-        if made is not None:
-            families.setdefault((made.kind, frozenset(made.where)), []).append(made)
-    return [made for family in list(families.values())[:ONSET.families] for made in family[:ONSET.laws]]
+        delayed = with_onset(score.candidate, experiment.model.library, spans, {**whole_records, **begins})
+        if delayed is not None:
+            families.setdefault((delayed.kind, frozenset(delayed.where)), []).append(delayed)
+    return [delayed for family in list(families.values())[:ONSET.families] for delayed in family[:ONSET.laws]]
 
 
 class _Scan:
@@ -115,10 +115,9 @@ class _Scan:
         whole = self._gains(score, [b[:1] for b in sums])[0]
         # starts: the effect acts in all records, or in one record only
         starts = [[0] * len(sums), *([last if j != k else 0 for j in range(len(sums))] for k in range(len(sums)))]
-        found = max((self._ascended(score, sums, start) for start in starts),
-                    key=lambda entry: entry[0])
-        return found[0], float(whole), {name: float(grid[k]) for (name, _, _, grid), k in
-                                        zip(self.records, found[1], strict=True)}
+        gain, indices = max((self._ascended(score, sums, start) for start in starts), key=lambda entry: entry[0])
+        return gain, float(whole), {name: float(grid[k]) for (name, _, _, grid), k in
+                                    zip(self.records, indices, strict=True)}
 
     def _ascended(self, score: Score, sums: Sequence[Array], start: Sequence[int]) -> tuple[float, list[int]]:
         """The gain after a coordinate ascent over the records, and the grid index of each record."""
@@ -138,9 +137,9 @@ class _Scan:
         total = sum(parts[1:], start=parts[0])
         b, q, g = total[:, 0], total[:, 1], total[:, 2:]
         step = g @ self.inverse
-        left = q - 2 * np.sum(g * step, axis=1) + np.sum((step @ self.normal) * step, axis=1)
-        seen = left > SAME**2 * np.maximum(q, 1e-300)
-        z = np.where(seen, -(b - step @ self.slope) / np.sqrt(np.where(seen, left, 1.0)), 0.0)
+        lengths = q - 2 * np.sum(g * step, axis=1) + np.sum((step @ self.normal) * step, axis=1)
+        visible = lengths > SAME**2 * np.maximum(q, 1e-300)
+        z = np.where(visible, -(b - step @ self.slope) / np.sqrt(np.where(visible, lengths, 1.0)), 0.0)
         return np.asarray(z**2 if score.signed else np.maximum(z, 0.0)**2)
 
     def _direction(self, score: Score) -> Array:
@@ -154,13 +153,13 @@ class _Scan:
 
     def _sums(self, s: Array, part: slice, times: Array, grid: Array) -> Array:
         """The sums b, q and g as columns (times, 2 + m), over the samples after each grid time."""
-        own = s[part]
-        columns = np.column_stack([own * self.base.r[part], own**2, own[:, None] * self.J[part]])
+        direction = s[part]
+        columns = np.column_stack([direction * self.base.r[part], direction**2, direction[:, None] * self.J[part]])
         place = np.searchsorted(grid, times, side="left")  # a sample counts for all earlier grid times
         binned = np.zeros((len(grid) + 1, columns.shape[1]))
         np.add.at(binned, place, columns)
         sums = np.cumsum(binned[::-1], axis=0)[::-1]
-        found = sums[1:]  # samples after grid[k]
-        found[0] = columns.sum(axis=0)
-        found[-1] = 0.0
-        return np.asarray(found)
+        sums_after = sums[1:]  # samples after grid[k]
+        sums_after[0] = columns.sum(axis=0)
+        sums_after[-1] = 0.0
+        return np.asarray(sums_after)

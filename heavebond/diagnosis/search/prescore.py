@@ -166,16 +166,16 @@ def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescor
     library, values = base.problem.experiment.model.library, base.problem.runs[0].assembly.parameter_values
     media = {leaf.component.name: leaf.path for leaf in base.problem.runs[0].assembly.flat.expanded.leaves.values()}
     laws: dict[str, StaticLaw | None] = {}
-    found, without = [], []
+    scores, without = [], []
     for candidate in candidates:
         if candidate.component not in laws:
             laws[candidate.component] = StaticLaw.of(library, library.component(candidate.component), media, values)
         law = laws[candidate.component]
-        own = _of(candidate, law, adjoints) if law is not None else []
-        found += own
-        if not own:
+        law_scores = _of(candidate, law, adjoints) if law is not None else []
+        scores += law_scores
+        if not law_scores:
             without.append(candidate)
-    return found, without
+    return scores, without
 
 
 def _vectors(base: Base) -> Array:
@@ -184,12 +184,12 @@ def _vectors(base: Base) -> Array:
     `SKETCH` random residuals of a correct model, without the part that the free parameters explain."""
     draw = np.random.default_rng(0)
     n = len(base.r)
-    own = draw.standard_normal((SKETCH, n))
-    parts = [base.split(base.r)[0][None], np.array([base.split(v)[0] for v in own]), draw.standard_normal((RAW, n))]
+    noise = draw.standard_normal((SKETCH, n))
+    parts = [base.split(base.r)[0][None], np.array([base.split(v)[0] for v in noise]), draw.standard_normal((RAW, n))]
     errors = np.hstack([run.input_errors for run in base.problem.runs])
     if len(errors):
-        left = np.sqrt(np.clip(1 - np.mean(errors**2, axis=0), 0.0, 1.0))
-        noisy = left * own + draw.standard_normal((SKETCH, len(errors))) @ errors / np.sqrt(len(errors))
+        noise_share = np.sqrt(np.clip(1 - np.mean(errors**2, axis=0), 0.0, 1.0))
+        noisy = noise_share * noise + draw.standard_normal((SKETCH, len(errors))) @ errors / np.sqrt(len(errors))
         parts.append(np.array([base.split(v)[0] for v in noisy]))
     return np.concatenate(parts)
 
@@ -219,13 +219,13 @@ def backward(model: LtvModel, vectors: Array) -> Array:
     phi, gamma = model.phi[:, :, :model.phi.shape[1]], model.gamma  # columns of the free parameters removed
     c, d = model.c[:, :, :phi.shape[1]], model.d
     count = len(model.time)
-    found = np.empty((count, len(vectors), gamma.shape[2]), np.float32)  # single precision is sufficient for the sums
+    gradients = np.empty((count, len(vectors), gamma.shape[2]), np.float32)  # single precision is sufficient for the sums
     mu = np.zeros((len(vectors), phi.shape[1]))
     for k in range(count - 1, -1, -1):
         step = mu @ gamma[k] / 2 if k < count - 1 else 0.0
         mu = vectors[:, :, k] @ c[k] + (mu @ phi[k] if k < count - 1 else 0.0)
-        found[k] = vectors[:, :, k] @ d[k] + step + (mu @ gamma[k - 1] / 2 if k else 0.0)
-    return np.ascontiguousarray(found.transpose(2, 1, 0))
+        gradients[k] = vectors[:, :, k] @ d[k] + step + (mu @ gamma[k - 1] / 2 if k else 0.0)
+    return np.ascontiguousarray(gradients.transpose(2, 1, 0))
 
 
 @dataclass(frozen=True)
@@ -260,28 +260,28 @@ class StaticLaw:
                     if isinstance(line.tree.left, Name) and line.each is None}
         if len(formulas) < len(component.equations) or None in domains.values():
             return None
-        given = {f"{port}.{m}": ca.SX.sym(m) for port, domain in domains.items() if domain is not None
-                 for m in (*domain.across, *domain.positions)}
+        inputs = {f"{port}.{m}": ca.SX.sym(m) for port, domain in domains.items() if domain is not None
+                  for m in (*domain.across, *domain.positions)}
         parameters = {name: ca.SX.sym(name) for name in component.parameters}
         through = tuple(f"{port}.{m}" for port, domain in domains.items() if domain is not None for m in domain.through)
-        seen = tuple(dict.fromkeys(s.seen for s in effect.shapes.values() if s.seen))
+        range_variables = tuple(dict.fromkeys(s.seen for s in effect.shapes.values() if s.seen))
         groups: dict[Dimension, list[ca.SX]] = {}
         for name in effect.amplitude:
             groups.setdefault(component.parameters[name].unit.dimension, []).append(parameters[name])
-        known = {**given, **parameters}
+        known = {**inputs, **parameters}
         context = Context(lambda text, name: known[text] if text in known else known.setdefault(
             text, evaluate(formulas[text], context)), _no_derivative)
         try:
             flows = ca.vertcat(*(evaluate(formulas[name], context) for name in through))
-            courses = [evaluate(formulas[name], context) if name in formulas else known[name] for name in seen]
+            courses = [evaluate(formulas[name], context) if name in formulas else known[name] for name in range_variables]
             constants = {p.name: value for p in component.parameters.values()
                          if p.name not in (*effect.amplitude, *effect.shapes)
                          for value in [_constant(p, domains.values(), media, values)]}
         except (KeyError, ExpressionProblem, RecursionError):
             return None
         along = ca.horzcat(*(ca.sum2(ca.jacobian(flows, ca.vertcat(*group))) for group in groups.values()))
-        return cls(component, tuple(given), through, seen, len(groups), Buffered(ca.Function(
-            "law", [ca.vertcat(*given.values()), ca.vertcat(*parameters.values())],
+        return cls(component, tuple(inputs), through, range_variables, len(groups), Buffered(ca.Function(
+            "law", [ca.vertcat(*inputs.values()), ca.vertcat(*parameters.values())],
             [ca.densify(ca.vertcat(ca.vec(along), *courses))]).map(AT_ONCE)), tuple(parameters), constants)
 
     def at(self, courses: Array, numbers: Mapping[str, float]) -> tuple[Array, Array]:
@@ -289,8 +289,8 @@ class StaticLaw:
         values `numbers`."""
         values = {**dict.fromkeys(self.parameters, 0.0), **self.values, **numbers}
         rows = mapped(self.tangents, [courses], np.array([[values[name]] for name in self.parameters]))[:, 0]
-        own = self.groups * len(self.through)
-        return rows[:own].reshape(self.groups, len(self.through), -1), rows[own:]
+        size = self.groups * len(self.through)
+        return rows[:size].reshape(self.groups, len(self.through), -1), rows[size:]
 
 
 def _no_derivative(value: ca.SX) -> ca.SX:
@@ -319,16 +319,16 @@ def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> li
     motion, or a node is not a source of the linear model."""
     node = {end.lstrip("+").rpartition(".")[2]: name for name, ends in candidate.change.nodes.items() for end in ends}
     places = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.through]
-    given = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.given]
+    input_names = [f"{node.get(name.partition('.')[0], '')}.{name.partition('.')[2]}" for name in law.given]
     if len(candidate.vanishing) < sum(n.amplitude for n in candidate.numbers) or any(
             n.sought is not None and n.sought.held for n in candidate.numbers) or not all(
-            set(places) <= a.gradients.keys() and set(given) <= a.courses.keys() for a in adjoints):
+            set(places) <= a.gradients.keys() and set(input_names) <= a.courses.keys() for a in adjoints):
         return []
-    courses = [np.array([a.courses[name] for name in given]) for a in adjoints]
+    courses = [np.array([a.courses[name] for name in input_names]) for a in adjoints]
     short = {n.name: n.name.rpartition(".")[2] for n in candidate.numbers}
     middle = {short[n.name]: 1.0 for n in candidate.numbers if not n.amplitude}
     motions = _motions(candidate, law, [law.at(course, middle)[1] for course in courses])
-    found = []
+    scores = []
     for shapes in points_within(candidate, motions):
         products = np.zeros((law.groups, len(next(iter(adjoints[0].gradients.values())))))
         for adjoint, course in zip(adjoints, courses, strict=True):
@@ -337,15 +337,15 @@ def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> li
                 # a flow into the component is a flow out of the node
                 products -= tangents[:, k] @ adjoint.gradients[place].T
         for group, amplitudes in zip(products, _groups(candidate), strict=True):
-            own = group[1:1 + SKETCH]
-            length = float(np.sqrt(np.mean(own**2)))
+            sketch = group[1:1 + SKETCH]
+            length = float(np.sqrt(np.mean(sketch**2)))
             size = float(np.sqrt(np.mean(group[1 + SKETCH:1 + SKETCH + RAW]**2)))
             if not (np.isfinite(length) and 0 < length < np.inf and size > 0):
                 continue
-            noisy = group[1 + SKETCH + RAW:] if len(group) > 1 + SKETCH + RAW else own
-            found.append(Prescore(candidate, shapes, float(-group[0] / length), any(map(may_be_below_neutral, amplitudes)),
-                                  length / size, noisy / length, tuple(n.name for n in amplitudes)))
-    return found
+            noisy = group[1 + SKETCH + RAW:] if len(group) > 1 + SKETCH + RAW else sketch
+            scores.append(Prescore(candidate, shapes, float(-group[0] / length), any(map(may_be_below_neutral, amplitudes)),
+                                   length / size, noisy / length, tuple(n.name for n in amplitudes)))
+    return scores
 
 
 def _groups(candidate: Candidate) -> list[list[EffectNumber]]:
@@ -356,8 +356,8 @@ def _groups(candidate: Candidate) -> list[list[EffectNumber]]:
     return list(groups.values())
 
 
-def _motions(candidate: Candidate, law: StaticLaw, seen: Sequence[Array]) -> dict[str, tuple[float, float]]:
+def _motions(candidate: Candidate, law: StaticLaw, range_courses: Sequence[Array]) -> dict[str, tuple[float, float]]:
     """Same result as `motion_ranges`, from the variables seen (seen, N) of each record."""
-    courses = dict(zip(law.seen, np.hstack(seen), strict=True))
+    courses = dict(zip(law.seen, np.hstack(range_courses), strict=True))
     return {n.name: (float(course.min()), float(course.max())) for n in candidate.numbers
             if n.follows for course in [courses[n.follows.rpartition(".")[2]]]}

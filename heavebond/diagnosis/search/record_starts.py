@@ -61,14 +61,14 @@ def _with_own_starts(experiment: Experiment, comparison: Comparison) -> Experime
     return replace(experiment, model=experiment.model.with_parameters(values), free=free)
 
 
-def _with_velocities(own: Experiment, before: Experiment, comparison: Comparison) -> Experiment | None:
+def _with_velocities(with_positions: Experiment, before: Experiment, comparison: Comparison) -> Experiment | None:
     """The experiment with free initial velocities in addition to the free initial positions, for velocities that are
     states and are not measured. The search range extends to the largest rate of change between two samples. None if there is
     no such velocity."""
     assembly = next(iter(comparison.records.values())).result.assembly
-    shown = {output.shown.text for output in own.outputs.values()}
-    free, values = dict(own.free), {}
-    for name in own.free:
+    measured_states = {output.shown.text for output in with_positions.outputs.values()}
+    free, values = dict(with_positions.free), {}
+    for name in with_positions.free:
         if name in before.free:
             continue
         path, _, position = name.removeprefix(INITIAL).rpartition(".")
@@ -76,17 +76,17 @@ def _with_velocities(own: Experiment, before: Experiment, comparison: Comparison
         if domain is None or position not in domain.positions:
             continue
         state = f"{path}.{domain.rate(position)}"
-        if state in assembly.state_names and state not in shown and f"{INITIAL}{state}" not in free:
-            output = next(n for n, o in own.outputs.items() if o.shown.text == f"{path}.{position}")
-            scale = read_unit(own.outputs[output].shown.unit).scale
+        if state in assembly.state_names and state not in measured_states and f"{INITIAL}{state}" not in free:
+            output = next(n for n, o in with_positions.outputs.items() if o.shown.text == f"{path}.{position}")
+            scale = read_unit(with_positions.outputs[output].shown.unit).scale
             channels = [record.channels[output] for record in comparison.records.values()]
             begins = [float(record.result[state][0]) for record in comparison.records.values()]
             most = max(float(np.max(np.abs(np.diff(c.measured) / np.diff(c.time)))) for c in channels) * scale
             unit = read_unit(assembly.flat.unknowns[assembly.flat.names[state]].unit.text)
             free[f"{INITIAL}{state}"] = Free(f"{INITIAL}{state}", Range(min(-most, *begins), max(most, *begins), unit),
-                                             own.free[name].place, each=True)
+                                             with_positions.free[name].place, each=True)
             values[f"{INITIAL}{state}"] = begins[0]
-    return replace(own, model=own.model.with_parameters(values), free=free) if values else None
+    return replace(with_positions, model=with_positions.model.with_parameters(values), free=free) if values else None
 
 
 def own_starts(experiment: Experiment, before: LadderEntry, seconds: float, say: Progress) -> Fit | None:
@@ -97,16 +97,17 @@ def own_starts(experiment: Experiment, before: LadderEntry, seconds: float, say:
     chance allows. The significance is judged in units of the noise, not of the residual: the difference of the first samples
     is a measured fact, and a large residual of a missing effect could hide it.
     """
-    own = _with_own_starts(experiment, before.comparison)
+    extended = _with_own_starts(experiment, before.comparison)
     best, chi2, free = None, before.chi2_fit, experiment.free
     ends = clock.monotonic() + seconds
-    while own is not None and (left := ends - clock.monotonic()) > 0:
-        found = fit(own, progress=lambda text: say(f"fitting the start of each record: {text}"), partial=True, seconds=left)
-        added = sum(p.name not in free for p in found.parameters)
-        if (chi2 - found.chi2) * found.samples <= EARNED * added:
+    while extended is not None and (seconds_left := ends - clock.monotonic()) > 0:
+        trial = fit(extended, progress=lambda text: say(f"fitting the start of each record: {text}"), partial=True,
+                    seconds=seconds_left)
+        added = sum(p.name not in free for p in trial.parameters)
+        if (chi2 - trial.chi2) * trial.samples <= EARNED * added:
             break
-        own = _with_velocities(own, experiment, before.comparison) if best is None else None
-        best, chi2, free = found, found.chi2, found.experiment.free
+        extended = _with_velocities(extended, experiment, before.comparison) if best is None else None
+        best, chi2, free = trial, trial.chi2, trial.experiment.free
     return best
 
 
@@ -117,8 +118,8 @@ def _as_a_sensor(channels: Sequence[Channel]) -> bool:
     noise = ELSEWHERE * max(max(c.noise, c.step) for c in channels)
     largest, starts = max(((abs(float(c.model[0])), k) for k, c in enumerate(channels)), default=(0.0, 0))
     gain = shifts[starts] / float(channels[starts].model[0]) if largest else 0.0
-    rest = [shift - gain * float(c.model[0]) for shift, c in zip(shifts, channels, strict=True)]
-    return max(shifts) - min(shifts) <= noise or (largest > 0 and max(map(abs, rest)) <= noise)
+    deviations = [shift - gain * float(c.model[0]) for shift, c in zip(shifts, channels, strict=True)]
+    return max(shifts) - min(shifts) <= noise or (largest > 0 and max(map(abs, deviations)) <= noise)
 
 
 def _begins(channel: Channel, value: float) -> bool:
@@ -137,27 +138,27 @@ def own_start_words(before: Experiment, base: Fit | None, fitted: Fit | None) ->
     if base is None or fitted is None:
         return []
     diagrams = {p.name: p.before for p in base.parameters}
-    lines, told = [], set[str]()
+    lines, reported = [], set[str]()
     for name, free in fitted.experiment.free.items():
         if name in before.free or not name.startswith(INITIAL):
             continue
         state, unit = name.removeprefix(INITIAL), free.range.unit
         output = next((n for n, o in fitted.experiment.outputs.items() if o.shown.text == state), None)
         if output is None:  # the velocity of a position
-            if state.rpartition(".")[0] not in told:
+            if state.rpartition(".")[0] not in reported:
                 continue
             begins = {p.record: float(unit.from_si(p.value)) for p in fitted.parameters if p.name == name}
-            begins |= {record: float(unit.from_si(own.values[name])) for record, own in fitted.held_out.items()
-                       if name in own.values}
+            begins |= {record: float(unit.from_si(estimate.values[name])) for record, estimate in fitted.held_out.items()
+                       if name in estimate.values}
         else:
             channels = {record.name: record.channels[output] for record in fitted.after.records.values()}
             diagram = float(unit.from_si(diagrams[name]))
             if all(_begins(c, diagram) for c in channels.values()):
                 continue  # with the selected effects, the records begin at the diagram's value
             begins = {record: float(c.model[0]) for record, c in channels.items()}
-            told.add(state.rpartition(".")[0])
-        said = listing(f"{readable(value, unit.text, 3)} in {record}" for record, value in begins.items())
-        lines.append(f"The records do not begin where the diagram does: {state} begins at {said}. The answer holds "
+            reported.add(state.rpartition(".")[0])
+        start_texts = listing(f"{readable(value, unit.text, 3)} in {record}" for record, value in begins.items())
+        lines.append(f"The records do not begin where the diagram does: {state} begins at {start_texts}. The answer holds "
                      f"for these start values. To keep them, write `{name}: {free_text(free)}` under `free:`"
                      + (f", and `initial: {{{state}: 0 {unit.text}}}` in the diagram"
                         if state not in before.model.initial.conditions else "") + ".")

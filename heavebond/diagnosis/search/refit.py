@@ -58,20 +58,20 @@ def passed_ends(problem: Residuals, numbers: Sequence[EffectNumber], inner: Arra
     """The names of those `numbers` that ended at an end of the search range although the sum of squares would fall beyond
     it by more than chance. `inner` (m,) is the optimum of the least squares problem, `r` (n,) are the residuals of the
     data there."""
-    own, ended = {n.name: n for n in numbers}, problem.at_end(inner)
-    stopped = [int(k) for k in np.flatnonzero(ended) if problem.columns[k].free.name in own]
-    found = []
+    numbers_by_name, ended = {n.name: n for n in numbers}, problem.at_end(inner)
+    stopped = [int(k) for k in np.flatnonzero(ended) if problem.columns[k].free.name in numbers_by_name]
+    names = []
     for k in stopped:
         high = bool(inner[k] > (problem.low[k] + problem.high[k]) / 2)
         name, span = problem.columns[k].free.name, problem.columns[k].free.range
-        limit, end = own[name].limits[high], span.high if high else span.low
+        limit, end = numbers_by_name[name].limits[high], span.high if high else span.low
         if limit is not None and abs(end - limit) <= AT_END * (span.high - span.low):
             continue
         slope, size = _alone(problem, k, inner, r)
         slope *= 1.0 if high else -1.0
         if slope < 0 < size and slope**2 / size > MISSED * _unit(r):
-            found.append(name)
-    return tuple(found)
+            names.append(name)
+    return tuple(names)
 
 
 def unshown_amplitudes(problem: Residuals, numbers: Sequence[EffectNumber], inner: Array, r: Array) -> tuple[str, ...]:
@@ -79,7 +79,7 @@ def unshown_amplitudes(problem: Residuals, numbers: Sequence[EffectNumber], inne
     neutral value, or an end of the range for amplitudes without a neutral value (the smallest gap of a play). `inner`
     (m,) and `r` (n,): see `passed_ends`."""
     amplitudes = {n.name: n for n in numbers if n.amplitude}
-    found = []
+    names = []
     for k, column in enumerate(problem.columns):
         number, span = amplitudes.get(column.free.name), column.free.range
         if number is None:
@@ -89,10 +89,10 @@ def unshown_amplitudes(problem: Residuals, numbers: Sequence[EffectNumber], inne
         else:
             ends = [column.inner(number.neutral)] if span.low <= number.neutral <= span.high else []
         slope, size = _alone(problem, k, inner, r)
-        ways = [end - float(inner[k]) for end in ends]
-        if any(d**2 * size + 2 * d * slope < MISSED * _unit(r) for d in ways):
-            found.append(number.name)
-    return tuple(dict.fromkeys(found))
+        distances = [end - float(inner[k]) for end in ends]
+        if any(d**2 * size + 2 * d * slope < MISSED * _unit(r) for d in distances):
+            names.append(number.name)
+    return tuple(dict.fromkeys(names))
 
 
 def _alone(problem: Residuals, k: int, inner: Array, r: Array) -> tuple[float, float]:
@@ -102,8 +102,8 @@ def _alone(problem: Residuals, k: int, inner: Array, r: Array) -> tuple[float, f
     whole, slopes = np.concatenate([r, prior]), np.vstack([J, priors])
     inside = ~problem.at_end(inner)
     inside[k] = False
-    left = slopes[:, k] - slopes[:, inside] @ np.linalg.lstsq(slopes[:, inside], slopes[:, k], rcond=1e-9)[0]
-    return float(left @ whole), float(left @ left)
+    projected = slopes[:, k] - slopes[:, inside] @ np.linalg.lstsq(slopes[:, inside], slopes[:, k], rcond=1e-9)[0]
+    return float(projected @ whole), float(projected @ projected)
 
 
 def _unit(r: Array) -> float:
@@ -175,9 +175,9 @@ class Refit:
     def absent(self) -> bool:
         """True if the records do not distinguish any of its amplitudes from the value without an effect. The diagram
         without the effect then fits as well with these values."""
-        own = self.candidate.vanishing
-        return len(own) > 0 and {n.name for n in own} == {n.name for n in self.candidate.numbers if n.amplitude} \
-            and {n.name for n in own} <= set(self.unshown)
+        vanishing = {n.name for n in self.candidate.vanishing}
+        return bool(vanishing) and vanishing == {n.name for n in self.candidate.numbers if n.amplitude} \
+            and vanishing <= set(self.unshown)
 
     @property
     def bic(self) -> float:
@@ -197,17 +197,17 @@ def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least
     candidates, 0 if unknown. None if the diagram with the candidate cannot be simulated."""
     try:
         refit = _RefitProblem(base, candidate, guesses)
-        found = refit.begin(least or np.inf, progress or (lambda text: None))
-        if not found:
+        descents = refit.begin(least or np.inf, progress or (lambda text: None))
+        if not descents:
             return None
-        trial = refit.judged(found[0].x)
+        trial = refit.judged(descents[0].x)
         while trial.cost <= HOPE * (least or np.inf) and refit.rough(trial) and refit.finer < TIMES:
             refit.make_finer()
-            found = sorted([refit.descend(found[0].x, progress or (lambda text: None), FIRST, 1e-4), *found[1:]],
-                           key=lambda e: e.cost)
-            trial = refit.judged(found[0].x)
-        falls = any(d.unfinished and made_progress(d.history) for d in found) or bool(refit.wider(found[0].x))
-        return replace(trial, begun=tuple(found) if refit.hopeful(found[0]) else (), falls=falls)
+            descents = sorted([refit.descend(descents[0].x, progress or (lambda text: None), FIRST, 1e-4), *descents[1:]],
+                              key=lambda e: e.cost)
+            trial = refit.judged(descents[0].x)
+        falls = any(d.unfinished and made_progress(d.history) for d in descents) or bool(refit.wider(descents[0].x))
+        return replace(trial, begun=tuple(descents) if refit.hopeful(descents[0]) else (), falls=falls)
     except HeavebondError:
         return None
 
@@ -218,11 +218,11 @@ def followed(base: Base, trial: Refit, guesses: Sequence[Score] = (), progress: 
         return trial
     try:
         refit, say = _RefitProblem(base, trial.candidate, guesses, trial.finer), progress or (lambda text: None)
-        found = refit.judged(refit.follow(trial.begun, say))
-        while refit.rough(found) and refit.finer < TIMES:  # the errors were small only relative to the first misfit
+        result = refit.judged(refit.follow(trial.begun, say))
+        while refit.rough(result) and refit.finer < TIMES:  # the errors were small only relative to the first misfit
             refit.make_finer()
-            found = refit.judged(refit.descend(found.inner, say, LAST, 1e-5, "dogbox").x)
-        return found
+            result = refit.judged(refit.descend(result.inner, say, LAST, 1e-5, "dogbox").x)
+        return result
     except HeavebondError:
         return replace(trial, begun=())
 
@@ -235,8 +235,8 @@ def polished(base: Base, trial: Refit, guesses: Sequence[Score] = (), lender: Re
     refit = _RefitProblem(base, trial.candidate, guesses, trial.finer)
     refit.sought({n.name: trial.experiment.free[n.name].range for n in trial.candidate.numbers if n.name in refit.ranges})
     values = {**trial.values, **_lent(lender, trial.candidate)} if lender is not None else trial.values
-    there = [c.inner(trial.own.get(c.record, {}).get(c.free.name, values[c.free.name])) for c in refit.problem.columns]
-    start = refit.problem.allowed(np.clip(there, refit.problem.low, refit.problem.high))
+    point = [c.inner(trial.own.get(c.record, {}).get(c.free.name, values[c.free.name])) for c in refit.problem.columns]
+    start = refit.problem.allowed(np.clip(point, refit.problem.low, refit.problem.high))
     try:
         end = refit.arrive(start, progress or (lambda text: None))
         better = refit.judged(end)
@@ -258,18 +258,19 @@ def refitted_from(base: Base, candidate: Candidate, lender: Refit, progress: Pro
 
 
 def refitted_at(base: Base, candidate: Candidate, values: Mapping[str, float], ranges: Mapping[str, Range],
-                own: Mapping[str, Mapping[str, float]] | None = None, progress: Progress | None = None) -> Refit | None:
-    """Refit a candidate from given values (SI) of its numbers and of free parameters. `own` are values that differ
-    between records, by record name. `ranges` are the search ranges of the candidate's numbers. None if the diagram cannot
-    be simulated there."""
+                record_values: Mapping[str, Mapping[str, float]] | None = None, progress: Progress | None = None
+                ) -> Refit | None:
+    """Refit a candidate from given values (SI) of its numbers and of free parameters. `record_values` are values that
+    differ between records, by record name. `ranges` are the search ranges of the candidate's numbers. None if the diagram
+    cannot be simulated there."""
     try:
         refit = _RefitProblem(base, candidate, ())
         refit.sought({name: span for name, span in ranges.items() if name in refit.ranges})
         first = base.problem.runs[0].record.name
-        start = {name: {**base.problem.values_of(base.inner, name or first), **values, **(own or {}).get(name, {})}
+        start = {name: {**base.problem.values_of(base.inner, name or first), **values, **(record_values or {}).get(name, {})}
                  for name in {c.record for c in refit.problem.columns}}
-        there = [c.inner(start[c.record].get(c.free.name, c.before)) for c in refit.problem.columns]
-        end = refit.arrive(refit.problem.allowed(np.clip(there, refit.problem.low, refit.problem.high)),
+        point = [c.inner(start[c.record].get(c.free.name, c.before)) for c in refit.problem.columns]
+        end = refit.arrive(refit.problem.allowed(np.clip(point, refit.problem.low, refit.problem.high)),
                            progress or (lambda text: None))
         return refit.judged(end)
     except HeavebondError:
@@ -288,11 +289,11 @@ def at_end_of(base: Base, candidate: Candidate, guesses: Sequence[Score], ranges
 def _lent(lender: Refit, candidate: Candidate) -> dict[str, float]:
     """The values of a refit that apply to another law: the parameters that both diagrams have, and the numbers with the
     same name in both laws."""
-    own = {n.name.rpartition(".")[2]: n.name for n in candidate.numbers}
+    names_by_key = {n.name.rpartition(".")[2]: n.name for n in candidate.numbers}
     numbers = {n.name: n.name.rpartition(".")[2] for n in lender.candidate.numbers}
-    found = {name: value for name, value in lender.values.items() if name not in numbers}
-    return {**found, **{own[key]: lender.values[name] for name, key in numbers.items()
-                        if key in own and name in lender.values}}
+    common = {name: value for name, value in lender.values.items() if name not in numbers}
+    return {**common, **{names_by_key[key]: lender.values[name] for name, key in numbers.items()
+                         if key in names_by_key and name in lender.values}}
 
 
 class _RefitProblem:
@@ -328,8 +329,8 @@ class _RefitProblem:
         numbers, leaves = {n.name: n for n in self.candidate.numbers}, self.runs[0].assembly.flat.expanded.leaves
         free = {name: Free(name, Range(low, high, numbers[name].unit), place, typical=numbers[name].prior(leaves))
                 for name, (low, high) in self.ranges.items()}
-        kept = {name: f for name, f in changed.free.items() if name in known}
-        return replace(changed, model=changed.model.with_parameters(self._first_values()), free={**kept, **free})
+        present = {name: f for name, f in changed.free.items() if name in known}
+        return replace(changed, model=changed.model.with_parameters(self._first_values()), free={**present, **free})
 
     def _first_values(self) -> dict[str, float]:
         """First values of the candidate's numbers, inside their ranges and in the order that the law requires."""
@@ -343,11 +344,11 @@ class _RefitProblem:
 
     def _start(self, plan: Plan) -> Array:
         """Convert a starting point into unknowns of this problem."""
-        there = {(c.free.name, c.record): v for c, v in zip(self.base.problem.columns, plan.base, strict=True)}
+        point = {(c.free.name, c.record): v for c, v in zip(self.base.problem.columns, plan.base, strict=True)}
         # a parameter with a separate value for each record starts at the common value
-        there |= {(c.free.name, c.record): there.get((c.free.name, ""), c.inner(c.before)) for c in self.problem.columns
+        point |= {(c.free.name, c.record): point.get((c.free.name, ""), c.inner(c.before)) for c in self.problem.columns
                   if c.free.name in self.candidate.change.each}
-        start: Array = np.array([there[c.free.name, c.record] if (c.free.name, c.record) in there else
+        start: Array = np.array([point[c.free.name, c.record] if (c.free.name, c.record) in point else
                           c.inner(float(np.clip(plan.numbers[c.free.name], *self.ranges[c.free.name])))
                           for c in self.problem.columns])
         span = self.problem.high - self.problem.low
@@ -392,7 +393,7 @@ class _RefitProblem:
 
     def wider(self, inner: Array) -> dict[str, Range]:
         """Wider search ranges for the amplitudes that ended at an end of their range. Declared bounds are kept."""
-        found = {}
+        widened = {}
         numbers = {n.name: n for n in self.candidate.vanishing}
         for column, value, low, high in zip(self.problem.columns, inner, self.problem.low, self.problem.high, strict=True):
             number, span = numbers.get(column.free.name), column.free.range
@@ -402,19 +403,19 @@ class _RefitProblem:
             wider = replace(span, low=ends[0] if number.low is None else max(number.low, ends[0]),
                             high=ends[1] if number.high is None else min(number.high, ends[1]))
             if (value > (low + high) / 2 and wider.high > span.high) or (value < (low + high) / 2 and wider.low < span.low):
-                found[number.name] = wider
-        return found
+                widened[number.name] = wider
+        return widened
 
     def sought(self, ranges: Mapping[str, Range]) -> None:
         """Change the search ranges of these numbers from now on."""
         experiment = self.problem.experiment
         free = {name: replace(f, range=ranges[name]) if name in ranges else f for name, f in experiment.free.items()}
         self.ranges |= {name: (span.low, span.high) for name, span in ranges.items()}
-        now, runs = self.problem.runs[0].assembly.parameter_values, self.problem.runs
-        moved = {name: float(np.clip(now[name], span.low, span.high)) for name, span in ranges.items()
-                 if not span.low <= now[name] <= span.high}
-        if moved:  # first values outside of the new ranges
-            runs = [run.again(run.names, moved, QuickSimulator) for run in runs]
+        present_values, runs = self.problem.runs[0].assembly.parameter_values, self.problem.runs
+        clipped = {name: float(np.clip(present_values[name], span.low, span.high)) for name, span in ranges.items()
+                   if not span.low <= present_values[name] <= span.high}
+        if clipped:  # first values outside of the new ranges
+            runs = [run.again(run.names, clipped, QuickSimulator) for run in runs]
         self.problem = Residuals(replace(experiment, free=free), runs=runs)
 
     def _out_of_the_way(self, inner: Array) -> Array:
@@ -432,10 +433,10 @@ class _RefitProblem:
             shares = (1 - ASIDE, ASIDE) if column.free.name in limits else \
                 (1.0, 0.0) if column.record and is_instant(self.problem.experiment.model, column.free.name) else ()
             for share in shares:
-                there = inner.copy()
-                there[k] = self.problem.low[k] + share * (self.problem.high[k] - self.problem.low[k])
-                if self._cost(there, cost + felt) <= cost + felt:
-                    inner = there
+                moved_point = inner.copy()
+                moved_point[k] = self.problem.low[k] + share * (self.problem.high[k] - self.problem.low[k])
+                if self._cost(moved_point, cost + felt) <= cost + felt:
+                    inner = moved_point
                     break
         return inner
 
@@ -453,15 +454,15 @@ class _RefitProblem:
         # if another candidate explains most of the misfit, one whose first steps explain nothing is given up
         nothing = self._nothing if least < DECISION.mainly * self.base.cost else np.inf
         enough = stop_inferior_starts(self.problem.high - self.problem.low, least, nothing)
-        found = [self.descend(start, progress, FIRST, 1e-4, enough=enough) for start in chosen]
-        if all(2 * e.cost > self.base.cost for e in found) and (beside := self.starts.beside) is not None:
-            found.append(self.descend(self._start(beside), progress, FIRST, 1e-4, enough=enough))
-        return sorted(found, key=lambda e: e.cost)
+        descents = [self.descend(start, progress, FIRST, 1e-4, enough=enough) for start in chosen]
+        if all(2 * e.cost > self.base.cost for e in descents) and (beside := self.starts.beside) is not None:
+            descents.append(self.descend(self._start(beside), progress, FIRST, 1e-4, enough=enough))
+        return sorted(descents, key=lambda e: e.cost)
 
     def follow(self, begun: Sequence[Descent], progress: Progress) -> Array:
         """Run the best start, and a second one if its cost is close, to convergence."""
-        first, *others = begun
-        ends = [first, *(e for e in others if ANOTHER[0] < e.cost / first.cost < ANOTHER[1])][:2]
+        first, *other_starts = begun
+        ends = [first, *(e for e in other_starts if ANOTHER[0] < e.cost / first.cost < ANOTHER[1])][:2]
         ends = [self.descend(e.x, progress, LAST, 1e-5) if e.unfinished else e for e in ends]
         best = min(ends, key=lambda e: e.cost)
         if self.problem.at_end(best.x).any():  # the reflective method may stop here although other unknowns can move
@@ -497,17 +498,18 @@ class _RefitProblem:
         held_out = own_starts_of(problem, inner, exact)
         errors = predictive_errors(problem, inner, exact, r, held_out)
         each = {name for name, f in problem.experiment.free.items() if f.each}
-        own = {run.record.name: {name: there[name] for name in each}
-               for run, there in zip(problem.runs, values, strict=True)}
-        sought = sum(is_instant(problem.experiment.model, name) for there in held_out.values() for name in there)
+        record_values = {run.record.name: {name: separate_values[name] for name in each}
+                         for run, separate_values in zip(problem.runs, values, strict=True)}
+        instants = sum(is_instant(problem.experiment.model, name)
+                       for separate_values in held_out.values() for name in separate_values)
         at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
                        if end and c.free.name not in {*self.ranges, *self.candidate.change.each})
         return Refit(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
-                     errors.mean(SELECTION, TEST), len(r), errors.samples(SELECTION, TEST), len(inner) + sought, at_end,
+                     errors.mean(SELECTION, TEST), len(r), errors.samples(SELECTION, TEST), len(inner) + instants, at_end,
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations, errors=errors, beyond=passed_ends(problem, self.candidate.numbers, inner, r),
                      unshown=unshown_amplitudes(problem, self.candidate.numbers, inner, r), inner=inner,
-                     finer=self.finer, acts=self._acts(inner, exact), own={**own, **held_out} if each else {})
+                     finer=self.finer, acts=self._acts(inner, exact), own={**record_values, **held_out} if each else {})
 
     def _acts(self, inner: Array, exact: Mapping[str, Run]) -> bool:
         """True if the effect acts in a fitted record. An effect whose component declares no such quantity always acts."""
@@ -517,7 +519,7 @@ class _RefitProblem:
                 return True
         return not self.candidate.acts
 
-    def slack(self, inner: Array, own: Mapping[str, Mapping[str, float]]) -> float:
+    def slack(self, inner: Array, record_values: Mapping[str, Mapping[str, float]]) -> float:
         """The part of chi-square on held-out data that is due to the uncertainty of the fitted numbers.
 
         Let r (n,) be the residuals of the held-out samples, J (n, m) their derivatives, F the information of the fit with
@@ -531,27 +533,27 @@ class _RefitProblem:
         problem = self.problem
         moving = np.flatnonzero(~problem.at_end(inner))
         fitted = np.vstack([problem.evaluate(inner)[1], problem.priors(inner)[1]])[:, moving]
-        r, J = self._checked(inner, own)
+        r, J = self._checked(inner, record_values)
         J = J[:, moving]
         normal, slope = fitted.T @ fitted + J.T @ J, J.T @ r
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         return float(slope / scale @ np.linalg.lstsq(normal / scale[:, None] / scale, slope / scale, rcond=1e-12)[0])
 
-    def _checked(self, inner: Array, own: Mapping[str, Mapping[str, float]]) -> tuple[Array, Array]:
+    def _checked(self, inner: Array, record_values: Mapping[str, Mapping[str, float]]) -> tuple[Array, Array]:
         """Residuals (n,) of all held-out samples, and their derivatives (n, m) with respect to the unknowns of the
-        optimiser. `own` are the values that differ between records."""
+        optimiser. `record_values` are the values that differ between records."""
         problem, names = self.problem, list(self.problem.experiment.free)
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
         parts, blocks = [np.zeros(0)], [np.zeros((0, len(inner)))]
         for record in problem.experiment.records.values():
             values = problem.values_of(inner, record.name)
             if record.use != "fit":
-                values.update(own.get(record.name, {}))
-            wrong, moved = exact[record.name].again(names, values, QuickSimulator).held_out(values)
+                values.update(record_values.get(record.name, {}))
+            wrong, slopes = exact[record.name].again(names, values, QuickSimulator).held_out(values)
             block = np.zeros((len(wrong), len(inner)))
             for k, column in enumerate(problem.columns):
                 if column.record in ("", record.name):
-                    block[:, k] = moved[names.index(column.free.name)] * column.slope(inner[k])
+                    block[:, k] = slopes[names.index(column.free.name)] * column.slope(inner[k])
             parts.append(wrong)
             blocks.append(block)
         return np.concatenate(parts), np.vstack(blocks)

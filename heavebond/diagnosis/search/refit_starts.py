@@ -62,8 +62,8 @@ def stop_inferior_starts(spans: Array, least: float, nothing: float = np.inf) ->
     midway: list[tuple[float, Array]] = []  # sum of squares and unknowns of each descent after MIDWAY runs
 
     def met(cost: float, inner: Array) -> bool:
-        return any(abs(cost - other) < MEETS * other and float(np.max(np.abs(inner - there) / spans)) < MEETS
-                   for other, there in midway)
+        return any(abs(cost - other_cost) < MEETS * other_cost and float(np.max(np.abs(inner - other_point) / spans)) < MEETS
+                   for other_cost, other_point in midway)
 
     def enough(costs: Sequence[float], best: Array) -> str:
         history = list(accumulate(costs, min))
@@ -124,7 +124,7 @@ class RefitStarts:
     def _amplitudes(self) -> dict[str, tuple[float, float]]:
         """Search ranges of the amplitudes. An amplitude without influence on the records (for example the turbulent part
         of a line in which the oil hardly moves) is not in the result and remains neutral."""
-        found = {}
+        ranges = {}
         for number in self.candidate.vanishing:
             scales = [self._scale(g) for g in self.guesses if number.name in g.along]
             if not scales and self.guesses and not number.neutral_of:
@@ -132,8 +132,8 @@ class RefitStarts:
             widest = WIDE * max(scales, default=abs(number.neutral) or 1.0)
             low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
             high = number.neutral + widest
-            found[number.name] = (low, high if number.high is None else min(high, number.high))
-        return found
+            ranges[number.name] = (low, high if number.high is None else min(high, number.high))
+        return ranges
 
     @property
     def _neutral(self) -> dict[str, float]:
@@ -143,7 +143,7 @@ class RefitStarts:
     def _plans(self) -> list[Plan]:
         problem = self.base.problem
         inside = np.clip(self.base.inner, problem.low, problem.high)
-        given = np.clip(problem.given, problem.low, problem.high)
+        initial = np.clip(problem.given, problem.low, problem.high)
         neutral = self._neutral
         vanishing = list(neutral)
         # amplitudes that a score does not move start with a small value: a descent cannot leave an end of a range
@@ -158,7 +158,7 @@ class RefitStarts:
             # an amplitude that must be above another one starts there: at equal values its shapes have no effect
             numbers.update({high: APART * numbers[low] for high, low in self.candidate.orders
                             if high in vanishing and low in vanishing})
-            plans += [Plan(numbers, point), Plan(numbers, given)]
+            plans += [Plan(numbers, point), Plan(numbers, initial)]
         ended = {n.name: n.neutral + INSIDE * (n.high - n.neutral) for n in self.candidate.numbers
                  if n.name in vanishing and n.high is not None}
         if plans and ended:  # the derivative of a law may vanish at the end of a range
@@ -207,8 +207,8 @@ def _halton(dimensions: int, number: int) -> Array:
     primes = [p for p in range(2, 60) if all(p % q for q in range(2, p))][:dimensions]
     points = np.zeros((number, len(primes)))
     for column, base in enumerate(primes):
-        left, share = np.arange(1, number + 1), 1.0 / base
-        while left.any():
-            points[:, column] += left % base * share
-            left, share = left // base, share / base
+        digits, share = np.arange(1, number + 1), 1.0 / base
+        while digits.any():
+            points[:, column] += digits % base * share
+            digits, share = digits // base, share / base
     return points

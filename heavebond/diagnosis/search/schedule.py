@@ -49,7 +49,7 @@ class RefitSchedule:
     failed: list[str] = field(default_factory=list)
     postponed: list[str] = field(default_factory=list)
 
-    def make(self, leading: Sequence[Job], rest: Sequence[Job], until: float) -> bool:
+    def make(self, leading: Sequence[Job], remaining: Sequence[Job], until: float) -> bool:
         """Refit the leading candidates. If none of them comes near the noise, refit the rest as well.
 
         Candidates with the largest scores are refitted first: compared with the best of them, inferior candidates are
@@ -58,9 +58,9 @@ class RefitSchedule:
         next step scores them on the residual, and each effect is searched again with the others in the diagram. `until` is a
         time of `time.perf_counter`. The result is true if all planned refits of the leading candidates were completed.
         """
-        guesses = {c.label: g for c, g in (*leading, *rest)}
-        now = clock.perf_counter()
-        last, whole = now + BEGINNING * (until - now), True
+        guesses = {c.label: g for c, g in (*leading, *remaining)}
+        start = clock.perf_counter()
+        last, whole = start + BEGINNING * (until - start), True
         for begin, end in ((0, FIRST), (FIRST, REFITS), (REFITS, len(leading))):
             if begin == REFITS and self.explained:
                 self.postponed += [candidate.label for candidate, _ in leading[begin:]]
@@ -69,7 +69,7 @@ class RefitSchedule:
             whole &= self._begin(jobs, "", last)
             self._follow(_hopeful(self.trials.values()), guesses, until)
         if unexplained(self.trials.values()) and not self.explained:
-            self._begin(rest, " others", last)
+            self._begin(remaining, " others", last)
             self._follow(_hopeful(self.trials.values()), guesses, until)
         if unexplained(self.trials.values()) and not self.explained:
             self._follow(self.trials.values(), guesses, until)
@@ -81,26 +81,26 @@ class RefitSchedule:
         """True if no refit comes near the noise, but one of them explains most of the misfit."""
         return unexplained(self.trials.values()) and any(map(self.explains, self.trials.values()))
 
-    def _begin(self, jobs: Sequence[Job], others: str, until: float) -> bool:
+    def _begin(self, jobs: Sequence[Job], suffix: str, until: float) -> bool:
         """Make the first steps of these refits; true if all of them were started in time."""
-        done = 0
+        count = 0
         least = min((trial.cost for trial in self.trials.values()), default=0.0)
-        for done, (candidate, trial) in enumerate(self.workers.begin(jobs, least, until), 1):
+        for count, (candidate, trial) in enumerate(self.workers.begin(jobs, least, until), 1):
             if trial is not None:
                 self.trials[candidate.label] = trial
             elif candidate.label not in self.workers.lost:
                 self.failed.append(candidate.label)
-            self.say(f"refitting {done} of {len(jobs)}{others}: {candidate.label}"
+            self.say(f"refitting {count} of {len(jobs)}{suffix}: {candidate.label}"
                      + (f" leaves {trial.chi2_held_out:.4g}" if trial else " cannot be simulated") + self._best())
-        return done == len(jobs)
+        return count == len(jobs)
 
     def _follow(self, trials: Iterable[Refit], guesses: Mapping[str, Sequence[Score]], until: float) -> None:
         """Continue the refits that have made only their first steps, the best first."""
         open_ = sorted((t for t in trials if t.begun), key=lambda t: t.cost)
         jobs = [(t, guesses[t.candidate.label]) for t in open_]
-        for done, (candidate, trial) in enumerate(self.workers.follow(jobs, until), 1):
+        for count, (candidate, trial) in enumerate(self.workers.follow(jobs, until), 1):
             self.trials[candidate.label] = trial
-            self.say(f"refitting {done} of {len(jobs)} further: {candidate.label} leaves {trial.chi2_held_out:.4g}"
+            self.say(f"refitting {count} of {len(jobs)} further: {candidate.label} leaves {trial.chi2_held_out:.4g}"
                      f"{self._best()}")
 
     def _best(self) -> str:
@@ -111,9 +111,9 @@ class RefitSchedule:
 
 def _hopeful(trials: Iterable[Refit]) -> list[Refit]:
     """The refits that may still come near the best one."""
-    found = list(trials)
-    least = min((t.cost for t in found), default=0.0)
-    return [t for t in found if t.cost <= HOPE * least or t.falls]
+    refits = list(trials)
+    least = min((t.cost for t in refits), default=0.0)
+    return [t for t in refits if t.cost <= HOPE * least or t.falls]
 
 
 def unexplained(trials: Iterable[Refit]) -> bool:
@@ -138,25 +138,25 @@ def planned(scores: Sequence[Score], as_one: Mapping[str, str]
         if score.told_apart:
             by_label.setdefault(score.candidate.label, []).append(score)
     place = {label: k for k, label in enumerate(dict.fromkeys(s.candidate.label for s in scores))}
-    kept: list[list[Score]] = []
+    distinct: list[list[Score]] = []
     twins: dict[str, tuple[str, ...]] = {}
     for label, group in by_label.items():
-        k = next((k for k, other in enumerate(kept) if _same(other, group, as_one)), None)
+        k = next((k for k, earlier in enumerate(distinct) if _same(earlier, group, as_one)), None)
         if k is None:
-            kept.append(group)
+            distinct.append(group)
             continue
         # of two equivalent candidates keep the first one of the catalogue, where dormant effects of parts come first
-        other = kept[k][0].candidate.label
-        first, second = sorted((other, label), key=place.__getitem__)
-        kept[k] = group if first == label else kept[k]
-        twins[first] = (*twins.pop(other, ()), second)
-    largest = kept[0][0].gain if kept else 0.0
+        earlier = distinct[k][0].candidate.label
+        first, second = sorted((earlier, label), key=place.__getitem__)
+        distinct[k] = group if first == label else distinct[k]
+        twins[first] = (*twins.pop(earlier, ()), second)
+    largest = distinct[0][0].gain if distinct else 0.0
     leading: list[Job] = []
-    rest: list[Job] = []
-    for k, group in enumerate(kept):
+    remaining: list[Job] = []
+    for k, group in enumerate(distinct):
         promising = families[_family(group[0])] >= PROMISING * largest and group[0].gain >= AT_LEAST * largest
-        (leading if k < REFITS or promising else rest).append((group[0].candidate, group))
-    return _in_turn(leading), _in_turn(rest), twins
+        (leading if k < REFITS or promising else remaining).append((group[0].candidate, group))
+    return _in_turn(leading), _in_turn(remaining), twins
 
 
 def _in_turn(jobs: Sequence[Job]) -> list[Job]:
@@ -176,7 +176,7 @@ def _family(score: Score) -> tuple[str, frozenset[str]]:
     return score.candidate.kind, frozenset(score.candidate.where)
 
 
-def _same(one: Sequence[Score], other: Sequence[Score], as_one: Mapping[str, str]) -> bool:
+def _same(first: Sequence[Score], second: Sequence[Score], as_one: Mapping[str, str]) -> bool:
     """True if two candidates move all channels in the same proportion at all choices of their shapes: one law at places with
     the same influence.
 
@@ -185,23 +185,23 @@ def _same(one: Sequence[Score], other: Sequence[Score], as_one: Mapping[str, str
     the scores at the shape choice with the largest gain are compared. (Lags of an input and of a channel have no nodes, and
     differ by their initial states.)
     """
-    a, b = one[0].candidate, other[0].candidate
-    if a.vanishes != b.vanishes or len(one) != len(other) or len(a.numbers) != len(b.numbers):
+    a, b = first[0].candidate, second[0].candidate
+    if a.vanishes != b.vanishes or len(first) != len(second) or len(a.numbers) != len(b.numbers):
         return False
-    pairs = list(zip(sorted(one, key=_shapes), sorted(other, key=_shapes), strict=True))
+    pairs = list(zip(sorted(first, key=_shapes), sorted(second, key=_shapes), strict=True))
     if a.component == b.component and _nodes(a, as_one) == _nodes(b, as_one) != []:
         return _alike(*max(pairs, key=lambda pair: min(s.gain for s in pair)), JOINED, 1 - JOINED)
     return all(_alike(s, t, ALIKE, TWINS) for s, t in pairs)
 
 
-def _alike(one: Score, other: Score, share: float, cosine: float) -> bool:
+def _alike(first: Score, second: Score, share: float, cosine: float) -> bool:
     """True if the shapes and gains of two scores agree to the relative tolerance `share`, and the cosine of their
     directions exceeds `cosine`."""
-    shapes, others = _shapes(one)[0], _shapes(other)[0]
+    shapes, second_shapes = _shapes(first)[0], _shapes(second)[0]
     # opposite directions agree as well: one candidate may have the other sign only
-    return len(shapes) == len(others) and np.allclose(shapes, others, rtol=share) and \
-        abs(one.gain - other.gain) <= share * max(one.gain, other.gain) and \
-        abs(float(one.direction @ other.direction)) > cosine
+    return len(shapes) == len(second_shapes) and np.allclose(shapes, second_shapes, rtol=share) and \
+        abs(first.gain - second.gain) <= share * max(first.gain, second.gain) and \
+        abs(float(first.direction @ second.direction)) > cosine
 
 
 def _nodes(candidate: Candidate, as_one: Mapping[str, str]) -> list[str]:

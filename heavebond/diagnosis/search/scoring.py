@@ -164,9 +164,9 @@ def scored(base: Base, candidate: Candidate, shared: SharedDiagram | None = None
     """
     if candidate.differs:
         return _of_records(base, candidate)
-    found = _scored_from_zero(base, candidate, shared)
-    if found or not candidate.vanishes or (finite := from_finite_amplitudes(base, candidate)) is None:
-        return found
+    scores = _scored_from_zero(base, candidate, shared)
+    if scores or not candidate.vanishes or (finite := from_finite_amplitudes(base, candidate)) is None:
+        return scores
     return _all_scores(base, finite, lambda one, names: base.runs(one.change, names))
 
 
@@ -181,21 +181,21 @@ def _of_records(base: Base, candidate: Candidate) -> list[Score]:
     except HeavebondError:
         return []
     ends = np.cumsum([0, *(int(run.counts.sum()) for run in base.problem.runs)])
-    own = np.zeros((len(whole), len(ends) - 1))
-    for k in range(own.shape[1]):
-        own[ends[k]:ends[k + 1], k] = whole[ends[k]:ends[k + 1]]
-    left = np.column_stack([base.split(column)[0] for column in own.T])
-    common, least = left.sum(axis=1), SAME * float(np.linalg.norm(whole))
+    per_record = np.zeros((len(whole), len(ends) - 1))
+    for k in range(per_record.shape[1]):
+        per_record[ends[k]:ends[k + 1], k] = whole[ends[k]:ends[k + 1]]
+    projected = np.column_stack([base.split(column)[0] for column in per_record.T])
+    common, least = projected.sum(axis=1), SAME * float(np.linalg.norm(whole))
     if float(np.linalg.norm(common)) > least:  # a common change in all records is not a difference between them
-        left = left - np.outer(common, common @ left / (common @ common))
-    basis, sizes, _ = np.linalg.svd(left, full_matrices=False)
+        projected = projected - np.outer(common, common @ projected / (common @ common))
+    basis, sizes, _ = np.linalg.svd(projected, full_matrices=False)
     basis = basis[:, sizes > max(least, 1e-300)]
-    taken = basis @ (basis.T @ base.r)
-    z = float(np.linalg.norm(taken))
+    explained = basis @ (basis.T @ base.r)
+    z = float(np.linalg.norm(explained))
     if z == 0:
         return []
     return [Score(candidate, {}, z, z / float(sizes[0]), np.zeros(len(base.inner)), float(np.linalg.norm(whole)),
-                  float(sizes[0]) / float(np.linalg.norm(whole)), -taken / z)]
+                  float(sizes[0]) / float(np.linalg.norm(whole)), -explained / z)]
 
 
 def _scored_from_zero(base: Base, candidate: Candidate, shared: SharedDiagram | None) -> list[Score]:
@@ -203,11 +203,11 @@ def _scored_from_zero(base: Base, candidate: Candidate, shared: SharedDiagram | 
     sleeping = base.sleeping(shared, candidate.label)
     if shared is None or sleeping is None:
         return _all_scores(base, candidate, lambda one, names: base.runs(one.change, names))
-    own = shared.member(candidate.label)
-    found = _all_scores(base, own, lambda _, names: [run.again(names, {}, QuickSimulator) for run in sleeping])
-    name = {there.name: here.name for there, here in zip(own.numbers, candidate.numbers, strict=True)}
+    member = shared.member(candidate.label)
+    scores = _all_scores(base, member, lambda _, names: [run.again(names, {}, QuickSimulator) for run in sleeping])
+    name = {member_number.name: number.name for member_number, number in zip(member.numbers, candidate.numbers, strict=True)}
     return [replace(s, candidate=candidate, shapes={name[n]: value for n, value in s.shapes.items()},
-                    along=tuple(name[n] for n in s.along)) for s in found]
+                    along=tuple(name[n] for n in s.along)) for s in scores]
 
 
 def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate, list[str]], list[Run]]) -> list[Score]:
@@ -223,19 +223,19 @@ def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate,
         points = shape_points(candidate, runs, base)
     except HeavebondError:
         return []
-    found = []
+    scores = []
     kink, sizes = _kinked(base, candidate), dict[str, float]()
     for shapes in points:
         try:
             if candidate.vanishes:
-                runs, moved, sizes = _tangents(base, candidate, runs, shapes, kink, sizes)
-                found += [score for first in _at_zero(base, candidate, moved, shapes)
-                          for score in _on_sides(base, first, runs, kink)]
+                runs, slopes, sizes = _tangents(base, candidate, runs, shapes, kink, sizes)
+                scores += [score for first in _at_zero(base, candidate, slopes, shapes)
+                           for score in _on_sides(base, first, runs, kink)]
             else:
-                found.append(_scored(base, candidate, shapes, _difference(base, runs, shapes), ROUGH * base.error))
+                scores.append(_scored(base, candidate, shapes, _difference(base, runs, shapes), ROUGH * base.error))
         except HeavebondError:  # the diagram cannot be simulated at this choice of the shapes
             continue
-    return found
+    return scores
 
 
 def _neutral(candidate: Candidate) -> dict[str, float]:
@@ -252,12 +252,12 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
     of 1 N of friction on a machine of 100 t is below the integration error, so that the tangent would be numerical noise.
     The effect of 1 m3/(s Pa) of leakage is so large that the runs would be unnecessarily accurate.
     """
-    there = {**_neutral(candidate), **shapes}
-    moved = sensitivities(base, runs, there)
+    point = {**_neutral(candidate), **shapes}
+    slopes = sensitivities(base, runs, point)
     zero = {n.name: n for n in candidate.vanishing if n.neutral == 0}
     sizes = {**dict.fromkeys(zero, 1.0), **sizes}
     for _ in range(RUNS):
-        lengths = {name: float(np.linalg.norm(moved[name])) for name in zero}
+        lengths = {name: float(np.linalg.norm(slopes[name])) for name in zero}
         steps = {name: SIZED * float(np.linalg.norm(base.r)) / length for name, length in lengths.items() if length > 0}
         steps = {name: min(step, zero[name].high or np.inf) for name, step in steps.items()}
         settled = all(step < STAYS * sizes[name] for name, step in steps.items())
@@ -268,18 +268,18 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
         runs = [run.again(run.names, sizes, QuickSimulator) for run in runs]
         if settled:  # the tangent is more accurate than necessary; later runs use the new sizes
             break
-        moved = sensitivities(base, runs, there)
-    return runs, moved, sizes
+        slopes = sensitivities(base, runs, point)
+    return runs, slopes, sizes
 
 
-def _at_zero(base: Base, candidate: Candidate, moved: Mapping[str, Array], shapes: Mapping[str, float]) -> list[Score]:
-    """The scores at amplitude zero, with the derivatives `moved` of the residuals. Amplitudes of one unit are moved
+def _at_zero(base: Base, candidate: Candidate, slopes: Mapping[str, Array], shapes: Mapping[str, float]) -> list[Score]:
+    """The scores at amplitude zero, with the derivatives `slopes` of the residuals. Amplitudes of one unit are moved
     together. Amplitudes whose neutral value is the value of a replaced parameter are moved one at a time, because moving
     them together is the same as changing that parameter."""
     together: dict[tuple[Dimension, str], list[str]] = {}
     for number in candidate.vanishing:
         together.setdefault((number.unit.dimension, number.name if number.neutral_of else ""), []).append(number.name)
-    return [replace(_scored(base, candidate, shapes, np.sum([moved[name] for name in names], axis=0)), along=tuple(names))
+    return [replace(_scored(base, candidate, shapes, np.sum([slopes[name] for name in names], axis=0)), along=tuple(names))
             for names in together.values()]
 
 
@@ -311,20 +311,20 @@ def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> li
     if at_zero.size == 0 or not amplitudes or not (kink or at_zero.told_apart):
         return [at_zero]
     step = BESIDE * float(np.linalg.norm(base.r)) / at_zero.size if kink else SEEN / (at_zero.size * at_zero.share)
-    beside, seen, wrong = [], [], 0
+    beside, secants, wrong = [], [], 0
     for side in admissible_sides(amplitudes):
         with suppress(HeavebondError):  # the amplitude cannot be simulated or exceeds its bound
-            found, effect = _beside(base, at_zero, runs, side * step)
-            if not kink and _promised_more(base, step * min(at_zero.size, found.size), effect) \
+            side_score, effect = _beside(base, at_zero, runs, side * step)
+            if not kink and _promised_more(base, step * min(at_zero.size, side_score.size), effect) \
                     and (secant := _secant(base, at_zero, runs, side * step)) is not None:
                 wrong += 1
-                seen.append(secant)
+                secants.append(secant)
             else:
-                beside.append(found)
+                beside.append(side_score)
     if kink:
         return beside
     tangent = [] if wrong == len(admissible_sides(amplitudes)) else [at_zero]
-    return [*tangent, *(s for s in beside if _turned(s, at_zero)), *seen]
+    return [*tangent, *(s for s in beside if _turned(s, at_zero)), *secants]
 
 
 def _promised_more(base: Base, promised: float, effect: Array) -> bool:
@@ -342,17 +342,17 @@ def _secant(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Sco
     if most <= abs(step):
         return None
     plain = [run.again([], {}, QuickSimulator) for run in runs]
-    found, size = None, abs(step)
+    score, size = None, abs(step)
     for _ in range(DECADES):
         size = min(10 * size, most)
         try:
             effect = plain_residuals(base, plain, _at(at_zero, side * size)) - base.quick
         except HeavebondError:
             break
-        found = _scored(base, at_zero.candidate, at_zero.shapes, effect / size, ROUGH * base.error / size)
-        if size * found.size >= SEEN or size >= most:
+        score = _scored(base, at_zero.candidate, at_zero.shapes, effect / size, ROUGH * base.error / size)
+        if size * score.size >= SEEN or size >= most:
             break
-    return None if found is None else replace(found, amplitude=side * found.amplitude, along=at_zero.along, side=side)
+    return None if score is None else replace(score, amplitude=side * score.amplitude, along=at_zero.along, side=side)
 
 
 def _at(score: Score, step: float) -> dict[str, float]:
@@ -360,19 +360,19 @@ def _at(score: Score, step: float) -> dict[str, float]:
     return {**_neutral(score.candidate), **score.shapes, **{n.name: n.neutral + step for n in _amplitudes_of(score)}}
 
 
-def _turned(one: Score, other: Score) -> bool:
+def _turned(score: Score, reference: Score) -> bool:
     """True if two scores of a candidate have different directions."""
-    return one.size > 0 and float(one.side * one.direction @ other.direction) < TURNED
+    return score.size > 0 and float(score.side * score.direction @ reference.direction) < TURNED
 
 
 def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> tuple[Score, Array]:
     """The score from the tangent at an amplitude `step` from the neutral value, and the effect (n,) of this amplitude on
     the residuals."""
     side = 1 if step > 0 else -1
-    r, moved = responses(base, runs, _at(at_zero, step))
-    s = side * np.sum([moved[name] for name in at_zero.along], axis=0)
-    found = _scored(base, at_zero.candidate, at_zero.shapes, s)
-    return replace(found, amplitude=side * found.amplitude, along=at_zero.along, side=side), r - base.quick
+    r, slopes = responses(base, runs, _at(at_zero, step))
+    s = side * np.sum([slopes[name] for name in at_zero.along], axis=0)
+    score = _scored(base, at_zero.candidate, at_zero.shapes, s)
+    return replace(score, amplitude=side * score.amplitude, along=at_zero.along, side=side), r - base.quick
 
 
 def _amplitudes_of(score: Score) -> list[EffectNumber]:
@@ -385,12 +385,12 @@ def _settled(candidate: Candidate, runs: Sequence[Run], base: Base) -> Candidate
     `half s` or `peak s`)."""
     held = {n.name: n for n in candidate.numbers if n.sought is not None and n.sought.held}
     values = {}
-    seen = motion_ranges(list(held.values()), runs, base)
+    motions = motion_ranges(list(held.values()), runs, base)
     for name, number in held.items():
         assert number.sought is not None
-        low, high = seen[name]
-        said = {"middle": (low + high) / 2, "half": (high - low) / 2, "peak": max(abs(low), abs(high))}
-        values[name] = quantity(said[number.sought.held], number.unit)
+        low, high = motions[name]
+        choices = {"middle": (low + high) / 2, "half": (high - low) / 2, "peak": max(abs(low), abs(high))}
+        values[name] = quantity(choices[number.sought.held], number.unit)
     return holding(candidate, values)
 
 
@@ -416,11 +416,11 @@ def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Ar
         size = float(np.linalg.norm(s))
     if not np.isfinite(size) or size <= least:
         return Score(candidate, shapes, 0.0, 0.0, np.zeros(len(base.inner)), 0.0, 0.0, np.zeros(0))
-    left, step = base.split(s)
-    length = float(np.linalg.norm(left))
-    z = float(-left @ base.r / length) if length > SAME * size else 0.0
+    projected, step = base.split(s)
+    length = float(np.linalg.norm(projected))
+    z = float(-projected @ base.r / length) if length > SAME * size else 0.0
     amplitude = z / length if length > 0 else 0.0
-    direction = left / length if length > SAME * size else s / size
+    direction = projected / length if length > SAME * size else s / size
     return Score(candidate, shapes, z, amplitude, step * amplitude, size, length / size, direction)
 
 
@@ -440,7 +440,7 @@ def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float
         ranges = {**_ranges_within(candidate, motions, BEYOND), **ranges}
     if not ranges:
         return [{}]
-    found = []
+    points = []
     signed = any(low < 0 < high for low, high in ranges.values())
     for share in INSTANTS if candidate.attaches == "parameter" else \
             (0.1, 0.5, 0.9) if not candidate.vanishes else (0.25, 0.5, 0.75) if signed else (0.25, 0.75):
@@ -449,8 +449,8 @@ def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float
             for name, part in ((high_one, 1 - share / 2), (low_one, share / 2)):
                 if name in ranges:
                     point[name] = point_of_range(*ranges[name], part)
-        found.append(point)
-    return found
+        points.append(point)
+    return points
 
 
 def point_of_range(low: float, high: float, share: float) -> float:
@@ -465,23 +465,23 @@ def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: 
     return _ranges_within(candidate, motion_ranges(candidate.numbers, runs, base), beyond)
 
 
-def _ranges_within(candidate: Candidate, seen: Mapping[str, tuple[float, float]], beyond: float
+def _ranges_within(candidate: Candidate, motions: Mapping[str, tuple[float, float]], beyond: float
                    ) -> dict[str, tuple[float, float]]:
-    found = {}
+    ranges = {}
     for number in candidate.numbers:
         if number.sought is None:
             continue
         if number.sought.range is not None:
             low, high = number.sought.range.low, number.sought.range.high
         else:
-            low, high = seen[number.name]
+            low, high = motions[number.name]
             low = 0.0 if 0 < low < PASSES * high else low
             low, high = low - beyond * (high - low), high + beyond * (high - low)
         low = max(low, number.low) if number.low is not None else low
         high = min(high, number.high) if number.high is not None else high
         if high > low:
-            found[number.name] = (low, high)
-    return found
+            ranges[number.name] = (low, high)
+    return ranges
 
 
 def motion_ranges(numbers: Sequence[EffectNumber], runs: Sequence[Run], base: Base) -> dict[str, tuple[float, float]]:

@@ -157,11 +157,11 @@ def make_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (), numb
 
     excluded: dict[str, str] = {}
     site = site_of(experiment)
-    found = [c for c in candidates(experiment, excluded, site) if chosen(c)]
+    near = [c for c in candidates(experiment, excluded, site) if chosen(c)]
     distant = [c for c in between_all_nodes(experiment, site) if chosen(c)]
-    made = _step(experiment, found, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant,
-                 varying=chosen, later=bool(beside))
-    return replace(made, excluded={**excluded, **made.excluded})
+    stage = _step(experiment, near, number, seconds, progress or (lambda text: None), thorough=thorough, distant=distant,
+                  varying=chosen, later=bool(beside))
+    return replace(stage, excluded={**excluded, **stage.excluded})
 
 
 def make_curve_stage(experiment: Experiment, *, beside: Sequence[Candidate] = (),
@@ -188,9 +188,9 @@ def make_calibration_stage(experiment: Experiment, *, number: int | None = None,
                            classes: Sequence[str] = (), progress: Progress | None = None) -> Stage:
     """Make a step with calibration errors only: offsets and gains of inputs and channels. Only the best of them is
     refitted to full convergence, because only its residual is needed."""
-    found = [c for c in single_candidates(experiment) if is_calibration_error(c, experiment)
-             and (not classes or c.kind in classes)]
-    return _step(experiment, found, number, seconds, progress or (lambda text: None), most=CALIBRATED)
+    calibration_errors = [c for c in single_candidates(experiment) if is_calibration_error(c, experiment)
+                          and (not classes or c.kind in classes)]
+    return _step(experiment, calibration_errors, number, seconds, progress or (lambda text: None), most=CALIBRATED)
 
 
 def make_value_stage(experiment: Experiment, *, beside: Refit | None = None, number: int | None = None,
@@ -206,7 +206,7 @@ def single(experiment: Experiment, candidate: Candidate, progress: Progress) -> 
     return _step(experiment, [candidate], 1, SECONDS, progress, always=True)
 
 
-def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
+def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | None, seconds: float, say: Progress,
           always: bool = False, thorough: bool = False, beside: Refit | None = None, most: int | None = None,
           distant: Sequence[Candidate] = (), varying: Callable[[Candidate], bool] | None = None, later: bool = False
           ) -> Stage:
@@ -225,13 +225,13 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
     as_one = _as_one(courses)
     first = base.problem.runs[0]
     fitted = base.problem.values_of(base.inner, first.record.name)
-    excluded = {} if always else {c.label: reason for c in (*found, *distant)
+    excluded = {} if always else {c.label: reason for c in (*proposed, *distant)
                                   if (reason := _meaningless(c, base, courses))}
-    found = [at_values(c, first.assembly, fitted) for c in found if c.label not in excluded]
+    proposed = [at_values(c, first.assembly, fitted) for c in proposed if c.label not in excluded]
     if distant:
         say("scoring effects between all nodes to first order")
-    prescored = select(base, found, [c for c in distant if c.label not in excluded], as_one)
-    found += prescored.selected
+    prescored = select(base, proposed, [c for c in distant if c.label not in excluded], as_one)
+    proposed += prescored.selected
     scores: list[Score] = []
     acts_as: dict[str, tuple[str, ...]] = {}
     partial, scored_all, twins, known = False, False, dict[str, tuple[str, ...]](), set[str]()
@@ -243,18 +243,18 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
         refits = RefitSchedule(workers, say, explains, {beside.candidate.label: beside} if beside is not None else {})
         try:
             until = began + seconds
-            scored_all = _score(workers, found, scores, say, began + SCORING * seconds)
+            scored_all = _score(workers, proposed, scores, say, began + SCORING * seconds)
             known = {s.candidate.label for s in scores}
             scores = beyond_their_members(scores)
-            left = leftover(base, scores, prescored.scores)
-            if left.significant or always:
+            tests = leftover(base, scores, prescored.scores)
+            if tests.significant or always:
                 acts_as = {} if beside is not None or most is not None else equivalent_values(base, scores)
-                leading, rest, twins = planned(scores, as_one)
+                leading, remaining, twins = planned(scores, as_one)
                 leading = leading[:most]
-                partial = not refits.make(leading, rest if thorough else [], until) or not scored_all
+                partial = not refits.make(leading, remaining if thorough else [], until) or not scored_all
                 if varying is not None and not partial and unexplained(refits.trials.values()):
                     more, of_variations, weak = _variations(base, scores, varying, workers, say, until)
-                    found, scores, excluded = [*found, *more], [*scores, *of_variations], excluded | weak
+                    proposed, scores, excluded = [*proposed, *more], [*scores, *of_variations], excluded | weak
                     known |= {s.candidate.label for s in of_variations}
                     jobs, _, twins = planned(scores, as_one)
                     promised = DECISION.mainly * float(base.r @ base.r) if later or refits.explained else 0.0
@@ -263,16 +263,16 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
                     partial = not refits.make(leading_variations, [], until)
                     leading = [*leading, *leading_variations]
                 say("comparing the best closely")
-                refits.trials |= _polished(workers, list(refits.trials.values()), {c.label: g for c, g in (*leading, *rest)},
-                                           CLOSELY if most is None else 1)
+                guesses = {c.label: g for c, g in (*leading, *remaining)}
+                refits.trials |= _polished(workers, list(refits.trials.values()), guesses, CLOSELY if most is None else 1)
                 if most is None:
                     apart = _told_apart_held_out(workers, list(refits.trials.values()), twins, scores)
                     refits.trials |= apart
-                    same = {label: tuple(other for other in group if other not in apart) for label, group in twins.items()}
+                    same = {label: tuple(twin for twin in group if twin not in apart) for label, group in twins.items()}
                     twins = {label: group for label, group in same.items() if group}
         except KeyboardInterrupt:
             clear_signal()
-            partial, left, twins = True, leftover(base, scores, prescored.scores), {}
+            partial, tests, twins = True, leftover(base, scores, prescored.scores), {}
     if not always:
         excluded |= {label: "it never acts in the fitted records" for label, t in refits.trials.items() if not t.acts}
     excluded |= dict.fromkeys(refits.postponed, "another effect explains most of the misfit of this step")
@@ -281,9 +281,9 @@ def _step(experiment: Experiment, found: Sequence[Candidate], number: int | None
         "laws with constant parameters leave hardly more"
     excluded |= {t.candidate.label: why for t in dispensable_variations(trials, later)}
     trials = [t for t in trials if t.candidate.label not in excluded]
-    made = _judged(base, errors, left, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
-    broken = tuple(c.label for c in found if c.label not in known and c.label not in workers.lost) if scored_all else ()
-    return replace(made, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(found), broken=broken,
+    stage = _judged(base, errors, tests, scores, trials, twins, partial, clock.perf_counter() - began, as_one)
+    broken = tuple(c.label for c in proposed if c.label not in known and c.label not in workers.lost) if scored_all else ()
+    return replace(stage, lost=tuple(dict.fromkeys(workers.lost)), acts_as=acts_as, planned=len(proposed), broken=broken,
                    failed=tuple(refits.failed), prescored=len(distant),
                    excluded={**excluded, **prescored.left_out})
 
@@ -306,17 +306,17 @@ def _variations(base: Base, before: Sequence[Score], chosen: Callable[[Candidate
     return [*added, *beginning], [*of_variations, *of_onsets], left_out
 
 
-def _score(workers: Workers, found: Sequence[Candidate], scores: list[Score], say: Progress, until: float) -> bool:
+def _score(workers: Workers, proposed: Sequence[Candidate], scores: list[Score], say: Progress, until: float) -> bool:
     """Append the scores of candidates to the empty list `scores` as they are computed, so that an early end keeps them.
     At the end, sort them in the order of the candidates, so that the result does not depend on the order of the
     processes. The result is false if candidates were not started at the time `until`."""
     k = 0
-    for k, (candidate, got) in enumerate(workers.score(found, until), 1):
-        say(f"scoring {k} of {len(found)}: {candidate.label}")
+    for k, (candidate, got) in enumerate(workers.score(proposed, until), 1):
+        say(f"scoring {k} of {len(proposed)}: {candidate.label}")
         scores += got
-    place = {c.label: k for k, c in enumerate(found)}
+    place = {c.label: k for k, c in enumerate(proposed)}
     scores.sort(key=lambda s: place[s.candidate.label])
-    return k == len(found)
+    return k == len(proposed)
 
 
 def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, Sequence[Score]], most: int
@@ -348,45 +348,45 @@ def _told_apart_held_out(workers: Workers, trials: Sequence[Refit], twins: Mappi
         if score.told_apart and score.candidate.label in near:
             guesses.setdefault(score.candidate.label, []).append(score)
     first = [t for _, t in workers.begin([(group[0].candidate, group) for group in guesses.values()]) if t is not None]
-    found = [t for _, t in workers.follow([(t, guesses[t.candidate.label]) for t in first])
-             if _differ_held_out(t, near[t.candidate.label])]
-    return {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in found])}
+    different = [t for _, t in workers.follow([(t, guesses[t.candidate.label]) for t in first])
+                 if _differ_held_out(t, near[t.candidate.label])]
+    return {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in different])}
 
 
-def _differ_held_out(one: Refit, other: Refit) -> bool:
+def _differ_held_out(first: Refit, second: Refit) -> bool:
     """True if the residuals of two refits on held-out data differ by more than chance."""
-    a, b, samples = one.chi2_held_out, other.chi2_held_out, one.samples_held_out
+    a, b, samples = first.chi2_held_out, second.chi2_held_out, first.samples_held_out
     return samples > 0 and max(fallen(a, b, samples), fallen(b, a, samples)) > EARNED
 
 
-def _lender(trial: Refit, others: Iterable[Refit]) -> Refit | None:
+def _lender(trial: Refit, refits: Iterable[Refit]) -> Refit | None:
     """The refit with the smallest sum of squares among other laws at the same place, if it is below the sum of `trial`.
     The trial is then refitted from its values: a law that contains the other law as a special case cannot have a larger
     residual, unless it ended in another local minimum."""
-    there = [t for t in others if set(t.candidate.where) == set(trial.candidate.where) and t.cost < trial.cost]
-    return min(there, key=lambda t: t.cost, default=None)
+    better = [t for t in refits if set(t.candidate.where) == set(trial.candidate.where) and t.cost < trial.cost]
+    return min(better, key=lambda t: t.cost, default=None)
 
 
-def refitted_beside(made: Stage, known: Sequence[Refit], exact: Refit) -> Stage:
+def refitted_beside(stage: Stage, known: Sequence[Refit], exact: Refit) -> Stage:
     """The step with some candidates refitted again from other starting values. `known` are refits of these candidates in
     a diagram without the other effects. A law may have several local minima, and the minimum in that diagram is a good
     starting point. `exact` is a refit of one candidate in the present diagram. A refit replaces an earlier one if its sum
     of squares is smaller."""
-    there = {s.candidate.label: s for s in made.scores}
-    twins = {label for group in made.twins.values() for label in group}  # equivalent to a candidate that was refitted
-    lent = [(there[t.candidate.label], t) for t in known if t.candidate.label in {*there} - twins]
-    found = [exact]
+    scores_by_label = {s.candidate.label: s for s in stage.scores}
+    twins = {label for group in stage.twins.values() for label in group}  # equivalent to a candidate that was refitted
+    lent = [(scores_by_label[t.candidate.label], t) for t in known if t.candidate.label in {*scores_by_label} - twins]
+    improved = [exact]
     if lent:
-        base = fitted_base(made.experiment)
+        base = fitted_base(stage.experiment)
         refits = [(score, refitted_from(base, score.candidate, lender)) for score, lender in lent]
-        found += [replace(trial, score=score.gain) for score, trial in refits if trial is not None]
-    trials = {t.candidate.label: t for t in made.trials}
-    for trial in found:
+        improved += [replace(trial, score=score.gain) for score, trial in refits if trial is not None]
+    trials = {t.candidate.label: t for t in stage.trials}
+    for trial in improved:
         if trial.candidate.label not in trials or trial.cost < trials[trial.candidate.label].cost:
             trials[trial.candidate.label] = trial
-    made = replace(made, trials=tuple(sorted(trials.values(), key=merit)), chosen=None, cluster=(), identity=None)
-    earned = _earned(made)
-    return choosing(made, _leader(made, earned)) if earned else made
+    stage = replace(stage, trials=tuple(sorted(trials.values(), key=merit)), chosen=None, cluster=(), identity=None)
+    earned = _earned(stage)
+    return choosing(stage, _leader(stage, earned)) if earned else stage
 
 
 def fitted_base(experiment: Experiment) -> Base:
@@ -421,12 +421,12 @@ def _courses(base: Base) -> dict[str, tuple[str, Array]]:
 def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
     """Map each node to the first of the nodes that move together with it in the base model, for example because a
     lossless rope or lever connects them."""
-    found: dict[str, str] = {}
+    first_of_group: dict[str, str] = {}
     for name, (domain, course) in courses.items():
         near = AS_ONE * max(float(np.abs(course).max()), 1e-300)
-        found[name] = next((first for first in found.values() if courses[first][0] == domain
-                            and np.abs(course - courses[first][1]).max() < near), name)
-    return found
+        first_of_group[name] = next((first for first in first_of_group.values() if courses[first][0] == domain
+                                     and np.abs(course - courses[first][1]).max() < near), name)
+    return first_of_group
 
 
 def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> str:
@@ -447,7 +447,7 @@ POSITIONS = 50  # number of positions at which passes are counted
 def _displacements(candidate: Candidate, base: Base) -> list[Array]:
     """The displacement (N,) between the nodes of a candidate since the start of each fitted record; empty without a
     mechanical node."""
-    found = []
+    displacements = []
     for run in (base.exact[run.record.name] for run in base.problem.runs):
         nodes = nodes_of(run.assembly.flat)
         ends = [nodes[name] for name in candidate.where if name in nodes and nodes[name].mechanical]
@@ -456,8 +456,8 @@ def _displacements(candidate: Candidate, base: Base) -> list[Array]:
         speeds = [result.si[f"{node.name}.{node.across}"] for node in ends]
         if speeds:
             speed = speeds[0] - (speeds[1] if len(speeds) > 1 else 0.0)
-            found.append(np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(result.time))]))
-    return found
+            displacements.append(np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(result.time))]))
+    return displacements
 
 
 def _reverses(candidate: Candidate, base: Base) -> bool:
@@ -484,24 +484,24 @@ def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str
     effect = base.problem.experiment.model.library.component(candidate.component).effect
     if effect is None or not effect.also:
         return True
-    others = [courses[node][1] for node in candidate.change.nodes if node not in candidate.where and node in courses]
-    return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in others)
+    other_courses = [courses[node][1] for node in candidate.change.nodes if node not in candidate.where and node in courses]
+    return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in other_courses)
 
 
-def _judged(base: Base, errors: PredictiveErrors, left: ResidualTests, scores: Sequence[Score], trials: Sequence[Refit],
+def _judged(base: Base, errors: PredictiveErrors, tests: ResidualTests, scores: Sequence[Score], trials: Sequence[Refit],
             twins: dict[str, tuple[str, ...]], partial: bool, seconds: float, as_one: Mapping[str, str]) -> Stage:
     problem = base.problem
     ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
-    made = Stage(
+    stage = Stage(
         problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
-        float(base.r @ base.r) / len(base.r), errors.mean(SELECTION, TEST), errors.samples(SELECTION, TEST), ended, left,
+        float(base.r @ base.r) / len(base.r), errors.mean(SELECTION, TEST), errors.samples(SELECTION, TEST), ended, tests,
         tuple(_best_of_each(scores)), tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial,
         seconds, errors=errors, as_one=as_one)
-    earned = _earned(made)
-    return choosing(made, _leader(made, earned)) if earned else made
+    earned = _earned(stage)
+    return choosing(stage, _leader(stage, earned)) if earned else stage
 
 
-def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
+def _leader(stage: Stage, earned: Sequence[Refit]) -> Refit:
     """The refit that is named first.
 
     Candidates are plausible if the records cannot distinguish them from the best one on all records. If some of them explain
@@ -512,46 +512,46 @@ def _leader(made: Stage, earned: Sequence[Refit]) -> Refit:
     If the plausible candidates reach the noise, the best prediction is a matter of chance. Then `merit` ranks them, a
     simpler law is preferred to a law that only refines it, and a dormant parameter of a part to an additional part.
     """
-    plausible = _plausible(made, earned)
+    plausible = _plausible(stage, earned)
     first = min(plausible, key=merit)
     if leaves_noise(first):
         # the forms of a variation do not contain each other
         simpler = [t for t in plausible if leaves_noise(t) and _needless(first, t) and not first.candidate.varies]
         first = min(simpler, key=merit, default=first)
-        own = [t for t in plausible if t.candidate.attaches == "in" and t.unknowns <= first.unknowns and leaves_noise(t)]
-        return min(own, key=merit, default=first)
+        dormant = [t for t in plausible if t.candidate.attaches == "in" and t.unknowns <= first.unknowns and leaves_noise(t)]
+        return min(dormant, key=merit, default=first)
     first = best_predicting(plausible, FITTED, SELECTION)
-    return simpler_law(made, first) or first
+    return simpler_law(stage, first) or first
 
 
-def _plausible(made: Stage, earned: Sequence[Refit]) -> list[Refit]:
-    assert made.errors is not None
+def _plausible(stage: Stage, earned: Sequence[Refit]) -> list[Refit]:
+    assert stage.errors is not None
     best = min(earned, key=likelihood)
-    members = compared(best if leaves_noise(best) else best_predicting(earned), earned, made.errors).members
-    return [t for t in members if is_noticeable(made, t)] or list(members)
+    members = compared(best if leaves_noise(best) else best_predicting(earned), earned, stage.errors).members
+    return [t for t in members if is_noticeable(stage, t)] or list(members)
 
 
-def is_noticeable(made: Stage, trial: Refit) -> bool:
+def is_noticeable(stage: Stage, trial: Refit) -> bool:
     """True if a refit explains a noticeable part of the residual above the noise.
 
     Held-out data are used if their residual is more than noise. Otherwise all samples are used, each predicted by parameters
     that were not fitted to it. The errors are in units of the discrepancy of each record.
     """
-    assert made.errors is not None and trial.errors is not None
-    return share_taken(made.errors, trial.errors, *((SELECTION, TEST) if made.shown_held_out else ALL)) > DECISION.further
+    assert stage.errors is not None and trial.errors is not None
+    return share_taken(stage.errors, trial.errors, *((SELECTION, TEST) if stage.shown_held_out else ALL)) > DECISION.further
 
 
-def choosing(made: Stage, trial: Refit) -> Stage:
+def choosing(stage: Stage, trial: Refit) -> Stage:
     """The step with one of its refits chosen, and the candidates that the records cannot distinguish from it."""
-    assert made.errors is not None
-    earned = _earned(made)
-    found = compared(trial, [trial, *(t for t in earned if t is not trial)], made.errors)
-    near = [t for t in earned if any(t is m for m in found.members) or _as_good(t, trial)]
-    others = (trial, *near)
-    others = (*others, *twins_of(others, made))
-    close = [t for t in near if t is not trial and not refines(t, others)]
-    return replace(made, chosen=trial, identity=found,
-                   cluster=(trial, *close, *twins_of([trial, *close], made)))
+    assert stage.errors is not None
+    earned = _earned(stage)
+    identity = compared(trial, [trial, *(t for t in earned if t is not trial)], stage.errors)
+    near = [t for t in earned if any(t is m for m in identity.members) or _as_good(t, trial)]
+    laws = (trial, *near)
+    laws = (*laws, *twins_of(laws, stage))
+    close = [t for t in near if t is not trial and not refines(t, laws)]
+    return replace(stage, chosen=trial, identity=identity,
+                   cluster=(trial, *close, *twins_of([trial, *close], stage)))
 
 
 def _as_good(trial: Refit, best: Refit) -> bool:
@@ -588,53 +588,54 @@ def _generalises(trial: Refit, simpler: Refit) -> bool:
     return any(simpler.candidate.component in effect.replaces for effect in law.effects)
 
 
-def _leaves_no_more(trial: Refit, other: Refit) -> bool:
+def _leaves_no_more(trial: Refit, reference: Refit) -> bool:
     """True if the residual of a refit is not significantly larger than the residual of another one, on fitted and on
     held-out data."""
-    return (trial.cost - other.cost) / max(1.0, other.chi2_fit) < EARNED \
-        and not fallen(trial.chi2_held_out, other.chi2_held_out, other.samples_held_out) > EARNED  # (NaN: no held-out data)
+    return (trial.cost - reference.cost) / max(1.0, reference.chi2_fit) < EARNED \
+        and not fallen(trial.chi2_held_out, reference.chi2_held_out,  # (NaN without held-out data)
+                       reference.samples_held_out) > EARNED
 
 
-def leaders(made: Stage, most: int, simplest: bool = False) -> list[Stage]:
+def leaders(stage: Stage, most: int, simplest: bool = False) -> list[Stage]:
     """Copies of the step, each with another choice: the best justified refit of each class and place, at most `most`, the
     leader first. Refits that the test data exclude in comparison with the leader are left out. With `simplest`, the law
     with the fewest numbers of each of these classes and places is added."""
-    earned = _earned(made)
+    earned = _earned(stage)
     if not earned:
         return []
-    first = _leader(made, earned)
-    plausible = _plausible(made, earned)
+    first = _leader(stage, earned)
+    plausible = _plausible(stage, earned)
     families: dict[object, list[Refit]] = {}
     for trial in [first, *(t for t in earned if t is not first and (t in plausible or merit(t) > merit(first)))]:
         families.setdefault((trial.candidate.kind, frozenset(trial.candidate.where)), []).append(trial)
-    found = list(families.values())[:most]
-    chosen = [family[0] for family in found]
+    leading = list(families.values())[:most]
+    chosen = [family[0] for family in leading]
     if simplest:
-        least = [min(family, key=lambda t: (t.unknowns, merit(t))) for family in found]
-        chosen += [t for t in least if not any(t is other for other in chosen)]
-    return [choosing(made, trial) for trial in chosen]
+        least = [min(family, key=lambda t: (t.unknowns, merit(t))) for family in leading]
+        chosen += [t for t in least if not any(t is refit for refit in chosen)]
+    return [choosing(stage, trial) for trial in chosen]
 
 
-def simpler_law(made: Stage, trial: Refit) -> Refit | None:
+def simpler_law(stage: Stage, trial: Refit) -> Refit | None:
     """A justified refit that is preferred to `trial` because its law is simpler; None if there is none.
 
     It has a smaller `merit` and no significantly larger residual. It also has fewer numbers, or `trial` refines it (a law of
     the same class at the same place, see `_needless`).
     """
-    found = [t for t in _earned(made) if merit(t) < merit(trial) and (
+    simpler = [t for t in _earned(stage) if merit(t) < merit(trial) and (
         (t.unknowns < trial.unknowns and _leaves_no_more(t, trial))
         or (t.candidate.kind == trial.candidate.kind and _needless(trial, t)))]
-    return min(found, key=merit, default=None)
+    return min(simpler, key=merit, default=None)
 
 
-def twins_of(close: Sequence[Refit], made: Stage) -> list[Refit]:
+def twins_of(close: Sequence[Refit], stage: Stage) -> list[Refit]:
     """Candidates that are equivalent to the refits `close` but have another class or another place. Examples: `leakage`
     between the chambers is the `internal leakage` of the piston; delays of an input and of the only channel may have the
     same influence."""
-    by_label = {s.candidate.label: s.candidate for s in made.scores}
-    pairs = [(trial, by_label[label]) for trial in close for label in made.twins.get(trial.candidate.label, ())]
+    by_label = {s.candidate.label: s.candidate for s in stage.scores}
+    pairs = [(trial, by_label[label]) for trial in close for label in stage.twins.get(trial.candidate.label, ())]
     return [replace(trial, candidate=twin) for trial, twin in pairs if not same_class(trial.candidate.kind, twin.kind)
-            or made.places.place(trial.candidate) != made.places.place(twin)]
+            or stage.places.place(trial.candidate) != stage.places.place(twin)]
 
 
 def _best_of_each(scores: Sequence[Score]) -> list[Score]:
@@ -646,8 +647,8 @@ def _best_of_each(scores: Sequence[Score]) -> list[Score]:
 
 def _unseen(scores: Sequence[Score]) -> list[Candidate]:
     """Candidates that the records do not distinguish from the free parameters at any choice of their shapes."""
-    told = {s.candidate.label for s in scores if s.told_apart}
-    return [s.candidate for s in _best_of_each(scores) if s.candidate.label not in told]
+    distinguished = {s.candidate.label for s in scores if s.told_apart}
+    return [s.candidate for s in _best_of_each(scores) if s.candidate.label not in distinguished]
 
 
 def merit(trial: Refit) -> float:
@@ -657,27 +658,27 @@ def merit(trial: Refit) -> float:
 
 
 def _merit(cost: float, samples: int, unknowns: int, errors: PredictiveErrors | None) -> float:
-    others = errors.samples(SELECTION) if errors is not None else 0
-    chi2 = errors.mean(SELECTION) if errors is not None and others else 1.0
-    return bic(cost, samples, unknowns) + others * float(np.log(max(chi2, 1e-300)))
+    selection_samples = errors.samples(SELECTION) if errors is not None else 0
+    chi2 = errors.mean(SELECTION) if errors is not None and selection_samples else 1.0
+    return bic(cost, samples, unknowns) + selection_samples * float(np.log(max(chi2, 1e-300)))
 
 
-def _earned(made: Stage) -> list[Refit]:
+def _earned(stage: Stage) -> list[Refit]:
     """The justified refits, the best first. `merit` must fall by more than chance allows. If the residual on the
     selection data was more than noise, chi-square there must also fall by more than chance allows. The residual on all
     held-out data must not be larger (see `_worse`)."""
-    assert made.errors is not None
-    before, samples = made.errors.mean(SELECTION), made.errors.samples(SELECTION)
-    return [t for t in made.trials if merit(t) < made.merit - EARNED and t.errors is not None
+    assert stage.errors is not None
+    before, samples = stage.errors.mean(SELECTION), stage.errors.samples(SELECTION)
+    return [t for t in stage.trials if merit(t) < stage.merit - EARNED and t.errors is not None
             and (not is_above_noise(before, samples) or fallen(before, t.errors.mean(SELECTION), samples) > EARNED)
-            and not _worse(made, t)]
+            and not _worse(stage, t)]
 
 
-def _worse(made: Stage, trial: Refit) -> bool:
+def _worse(stage: Stage, trial: Refit) -> bool:
     """True if the residual of a refit on held-out data is larger than the residual of the model without it. If the latter
     is noise, true if the residual of the refit is more than noise."""
-    if made.shown_held_out:
-        return not trial.chi2_held_out < made.chi2_held_out
+    if stage.shown_held_out:
+        return not trial.chi2_held_out < stage.chi2_held_out
     return is_above_noise(trial.chi2_held_out, trial.samples_held_out)
 
 
@@ -698,9 +699,10 @@ def at_values_of(trial: Refit, experiment: Experiment) -> Experiment:
     """The experiment with its free parameters at the values of a refit, which may be of this diagram or of one with an
     additional effect."""
     values = {n: v for n, v in trial.values.items() if n in experiment.free}
-    own = {record: {n: v for n, v in there.items() if n in experiment.free and not n.startswith("initial.")}
-           for record, there in trial.own.items()}
-    return replace(experiment, model=experiment.model.with_parameters(values)).with_record_values(own)
+    record_values = {record: {n: v for n, v in values_of_record.items()
+                              if n in experiment.free and not n.startswith("initial.")}
+                     for record, values_of_record in trial.own.items()}
+    return replace(experiment, model=experiment.model.with_parameters(values)).with_record_values(record_values)
 
 
 def worth_it(step: Stage) -> bool:

@@ -93,23 +93,23 @@ def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
     """Estimate the strength of an effect as a function of its amplitude. `base` is the fitted model with the effect,
     `numbers` are the numbers of the effect. None if no amplitude of the effect has a neutral value, or if it has no
     influence."""
-    own = _own_response(base, numbers)
-    if own is None or not own.any():
+    response = _own_response(base, numbers)
+    if response is None or not response.any():
         return None
-    amplitude, cluster = _amplitudes(base, own)
-    g = np.empty(len(own))
-    g[np.argsort(amplitude, kind="stable")] = np.linspace(-1.0, 1.0, len(own))
+    amplitude, cluster = _amplitudes(base, response)
+    g = np.empty(len(response))
+    g[np.argsort(amplitude, kind="stable")] = np.linspace(-1.0, 1.0, len(response))
     moving = np.flatnonzero(~base.problem.at_end(base.inner))
     J, priors = base.J[:, moving], base.priors[:, moving]
-    X = np.column_stack([J, own * g, own * g**2])
+    X = np.column_stack([J, response * g, response * g**2])
     scale = np.sqrt(np.maximum((X**2).sum(axis=0), 1e-300))
     X = X / scale
     P = np.pad(priors / scale[:len(moving)], ((0, 0), (0, 2)))
     normal = X.T @ X + P.T @ P
     inverse = np.linalg.pinv(normal, rcond=1e-12)
     step = -inverse @ (X.T @ base.r + P.T @ base.problem.priors(base.inner)[0])
-    left = base.r + X @ step
-    scores = np.stack([np.bincount(cluster, X[:, k] * left, int(cluster.max()) + 1) for k in range(X.shape[1])], axis=1)
+    residual = base.r + X @ step
+    scores = np.stack([np.bincount(cluster, X[:, k] * residual, int(cluster.max()) + 1) for k in range(X.shape[1])], axis=1)
     blocks = len(scores)
     covariance = inverse @ (scores.T @ scores) @ inverse * blocks / max(blocks - 1, 1)
     b = (step / scale)[-2:]
@@ -117,7 +117,7 @@ def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
     # the numbers of the effect move as well; their contribution is part of the strength
     names = {n.name for n in numbers}
     inside = [k for k, column in enumerate(moving) if base.problem.columns[column].free.name in names]
-    common = float(own @ (X[:, inside] @ step[inside])) / float(own @ own)
+    common = float(response @ (X[:, inside] @ step[inside])) / float(response @ response)
     strength = tuple(float(1 + common + b[0] * v + b[1] * v**2) for v in np.quantile(g, AT))
     return Constancy(strength, _chance(b, spread, blocks))
 
@@ -136,33 +136,33 @@ def _own_response(base: Base, numbers: Sequence[EffectNumber]) -> Array | None:
     """The influence of the effect on the residuals (n,) at its fitted strength, to first order. None if no amplitude has
     a neutral value."""
     neutral = {n.name: n.neutral for n in numbers if n.amplitude and n.sought is None}
-    found = np.zeros(len(base.r))
+    response = np.zeros(len(base.r))
     for k, (column, inner) in enumerate(zip(base.problem.columns, base.inner, strict=True)):
         if column.free.name in neutral:
-            found += base.J[:, k] / column.slope(inner) * (column.outer(inner) - neutral[column.free.name])
-    return found if neutral else None
+            response += base.J[:, k] / column.slope(inner) * (column.outer(inner) - neutral[column.free.name])
+    return response if neutral else None
 
 
-def _amplitudes(base: Base, own: Array) -> tuple[Array, NDArray[np.int64]]:
+def _amplitudes(base: Base, response: Array) -> tuple[Array, NDArray[np.int64]]:
     """The envelope (n,) of a response at each residual, combined over all channels, and the index (n,) of the block of
     time."""
     runs, before = base.problem.runs, 0
-    found, cluster = np.zeros(len(own)), np.zeros(len(own), dtype=np.int64)
-    number, total = 0, len(own)
+    amplitude, cluster = np.zeros(len(response)), np.zeros(len(response), dtype=np.int64)
+    number, total = 0, len(response)
     for run in runs:
         channel, place = np.nonzero(run.counts)
-        part = own[before:before + len(place)]
+        part = response[before:before + len(place)]
         time = run.found.grid
         square = np.zeros(len(time))
         for c in np.unique(channel):
-            there = channel == c
-            whole = np.interp(np.arange(len(time)), place[there], part[there])
+            of_channel = channel == c
+            whole = np.interp(np.arange(len(time)), place[of_channel], part[of_channel])
             square += envelope(whole, time)[0]**2
-        found[before:before + len(place)] = np.sqrt(square)[place]
+        amplitude[before:before + len(place)] = np.sqrt(square)[place]
         blocks = max(2, round(BLOCKS * len(place) / total))
         cluster[before:before + len(place)] = number + place * blocks // len(time)
         before, number = before + len(place), number + blocks
-    return found, np.unique(cluster, return_inverse=True)[1].astype(np.int64)
+    return amplitude, np.unique(cluster, return_inverse=True)[1].astype(np.int64)
 
 
 MOST = 5  # maximum number of effects
@@ -205,10 +205,10 @@ class SelectedEffect:
         known = {} if self.beside is None else {self.beside: self.alternatives}
         return replace(self, alternatives=alternatives, beside=beside, former={**self.former, **known}, review=review)
 
-    def among(self, others: frozenset[str]) -> SelectedEffect:
-        """The effect with its alternatives if the effects `others` are in the diagram; unchanged if they are not known."""
-        known = self.former.get(others)
-        return self if known is None or self.beside == others else self.judged((self.chosen, *known[1:]), others)
+    def among(self, labels: frozenset[str]) -> SelectedEffect:
+        """The effect with its alternatives if the effects `labels` are in the diagram; unchanged if they are not known."""
+        known = self.former.get(labels)
+        return self if known is None or self.beside == labels else self.judged((self.chosen, *known[1:]), labels)
 
     @property
     def is_noise(self) -> bool:
@@ -226,154 +226,155 @@ Calibrating = Callable[[Experiment], Stage]
 
 
 def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, most: int = MOST,
-                    left: Callable[[], float] = lambda: inf, calibrating: Calibrating | None = None
+                    remaining_time: Callable[[], float] = lambda: inf, calibrating: Calibrating | None = None
                     ) -> Iterator[tuple[Selection, Stage]]:
     """Yield the best selection so far of at most `most` effects, and the last step (with its chosen effect, or without one
     if no effect is justified). The last pair is the result.
 
     `stepping` makes a step on an experiment, given the selection so far. `calibrating` makes a step with calibration errors
-    only. `left` returns the remaining time (s). A further step starts only if the remaining time is at least the share
-    `BEGUN` of the time of the previous step. A step that runs out of time counts only if it reaches the noise. Pairs that
-    are yielded before the end have a partial step. They are the result if the search is stopped early.
+    only. `remaining_time` returns the remaining time (s). A further step starts only if the remaining time is at least the
+    share `BEGUN` of the time of the previous step. A step that runs out of time counts only if it reaches the noise. Pairs
+    that are yielded before the end have a partial step. They are the result if the search is stopped early.
     """
     last = stepping(experiment, ())
     yield (), replace(last, chosen=None, cluster=(), partial=True)
     if last.chosen is not None and last.chosen.absent and not last.partial:  # a wrong local minimum of the free parameters
         last = stepping(at_values_of(last.chosen, experiment), ())
-    base, ways = last.merit, _extended((), last)
-    yield (ways[0] if ways else ()), last
+    base, selections = last.merit, _extended((), last)
+    yield (selections[0] if selections else ()), last
     pairs, joint = list[Selection](), tuple[Refit, ...]()
-    if calibrating is not None and ways and not (last.partial or ways[0][-1].is_noise or most < 2):
-        ways, pairs = _beside_calibration(last, ways, calibrating, left)
+    if calibrating is not None and selections and not (last.partial or selections[0][-1].is_noise or most < 2):
+        selections, pairs = _beside_calibration(last, selections, calibrating, remaining_time)
     for turn in range(2 * most):
-        if not ways or len(ways[0]) >= most or last.partial or ways[0][-1].is_noise or near_the_noise(ways[0]):
+        if not selections or len(selections[0]) >= most or last.partial \
+                or selections[0][-1].is_noise or near_the_noise(selections[0]):
             break
-        yield ways[0], replace(ways[0][-1].step, partial=True)
+        yield selections[0], replace(selections[0][-1].step, partial=True)
         steps: list[tuple[Stage, list[Selection]]] = []
-        for way in _promising(ways, base):
-            if left() < BEGUN * way[-1].step.seconds:
+        for selection in _promising(selections, base):
+            if remaining_time() < BEGUN * selection[-1].step.seconds:
                 break
-            made = stepping(following(way[-1].step), way)
-            steps.append((made, _extended(way, made)))
-            pair = _completed(way, made) if turn == 0 else ()
+            stage = stepping(following(selection[-1].step), selection)
+            steps.append((stage, _extended(selection, stage)))
+            pair = _completed(selection, stage) if turn == 0 else ()
             pairs += [pair] if pair else []
-            if made.partial or any(found[-1].is_noise for found in steps[-1][1]):
+            if stage.partial or any(extension[-1].is_noise for extension in steps[-1][1]):
                 break
             if pair and len(steps) == 1:
-                yield (steps[0][1] or ways)[0], replace(made, partial=True)
-                joint = joint_refits(pair, say, left)
+                yield (steps[0][1] or selections)[0], replace(stage, partial=True)
+                joint = joint_refits(pair, say, remaining_time)
         if turn == 0 and pairs:
             joint = best_pairs(pairs, joint)
-            ways = [_with_joint(way, joint) for way in ways]
-            steps = [(made, [_with_joint(way, joint) for way in extended]) for made, extended in steps]
-        cut = bool(steps) and steps[-1][0].partial and left() <= 0  # ended by the time limit, not by the user
-        if cut and not any(found[-1].is_noise for found in steps[-1][1]):
+            selections = [_with_joint(selection, joint) for selection in selections]
+            steps = [(stage, [_with_joint(selection, joint) for selection in extended]) for stage, extended in steps]
+        cut = bool(steps) and steps[-1][0].partial and remaining_time() <= 0  # ended by the time limit, not by the user
+        if cut and not any(extension[-1].is_noise for extension in steps[-1][1]):
             last = replace(steps.pop()[0], chosen=None, cluster=())  # its scores and refits are reported without a result
             if not steps:
                 break
         elif not steps:
-            last = ways[0][-1].step
+            last = selections[0][-1].step
             break
-        longer = [found for _, extended in steps for found in extended
-                  if worth_it(found[-1].step) and _merit(found) < min(map(_merit, ways))]
-        longer = [_without_absent(found) for found in longer]
-        ways = _distinct(sorted(longer, key=_merit)) if longer else sorted(ways, key=_merit)
-        last = replace(ways[0][-1].step if longer else steps[0][0], partial=cut or steps[-1][0].partial)
+        longer = [extension for _, extended in steps for extension in extended
+                  if worth_it(extension[-1].step) and _merit(extension) < min(map(_merit, selections))]
+        longer = [_without_absent(extension) for extension in longer]
+        selections = _distinct(sorted(longer, key=_merit)) if longer else sorted(selections, key=_merit)
+        last = replace(selections[0][-1].step if longer else steps[0][0], partial=cut or steps[-1][0].partial)
         if not longer:
             break
-        if not last.partial and left() > 0:
-            for way, partial in looked_back(ways[0], stepping, say):
-                last = replace(way[-1].step, partial=partial)
-                yield way, last
-            ways[0] = way
-    yield (ways[0] if ways else ()), last
+        if not last.partial and remaining_time() > 0:
+            for selection, partial in looked_back(selections[0], stepping, say):
+                last = replace(selection[-1].step, partial=partial)
+                yield selection, last
+            selections[0] = selection
+    yield (selections[0] if selections else ()), last
 
 
-def near_the_noise(way: Selection) -> bool:
+def near_the_noise(selection: Selection) -> bool:
     """True if a selection of several effects has a residual near the noise; a further effect would be within the error of
     the noise. (A first effect alone is not sufficient, as a second one may show that the first is wrong.)"""
-    last = way[-1].chosen
-    return len(way) > 1 and last.chi2_fit <= DECISION.near and not last.chi2_held_out > DECISION.near
+    last = selection[-1].chosen
+    return len(selection) > 1 and last.chi2_fit <= DECISION.near and not last.chi2_held_out > DECISION.near
 
 
-def _extended(way: Selection, made: Stage) -> list[Selection]:
-    """Selections that extend `way` by one of the leading effects of the step `made`."""
-    return [(*way, SelectedEffect(step, step.cluster, _labels(way))) for step in leaders(made, WAYS)]
+def _extended(selection: Selection, stage: Stage) -> list[Selection]:
+    """Selections that extend `selection` by one of the leading effects of the step `stage`."""
+    return [(*selection, SelectedEffect(step, step.cluster, _labels(selection))) for step in leaders(stage, WAYS)]
 
 
-def _without_absent(way: Selection) -> Selection:
+def _without_absent(selection: Selection) -> Selection:
     """Remove the last effect of a selection if it is absent from the fitted model and the shorter selection is as good.
 
     The shorter selection is refitted from the values with the effect. It is as good if its `merit` is, or if its fit of the
     fitted records is as good and its residual is near the noise. (If a motion is sensitive to its initial state, two fits
     that the fitted records cannot distinguish may differ on other records by more than the merit allows.)
     """
-    chosen = way[-1].chosen
-    if len(way) < 2 or not chosen.absent:
-        return way
-    before = way[-2]
-    found = refitted_from(fitted_base(before.step.experiment), before.candidate, replace(chosen, candidate=before.candidate))
-    shorter = way[:-1] if found is None else _with_last(way[:-1], found)
+    chosen = selection[-1].chosen
+    if len(selection) < 2 or not chosen.absent:
+        return selection
+    before = selection[-2]
+    refit = refitted_from(fitted_base(before.step.experiment), before.candidate, replace(chosen, candidate=before.candidate))
+    shorter = selection[:-1] if refit is None else _with_last(selection[:-1], refit)
     trial = shorter[-1].chosen
     as_good = trial.bic < chosen.bic + DECISIVE and not max(trial.chi2_fit, trial.chi2_held_out) > DECISION.near
-    return shorter if as_good or _merit(shorter) < _merit(way) + DECISIVE else way
+    return shorter if as_good or _merit(shorter) < _merit(selection) + DECISIVE else selection
 
 
-def _beside_calibration(made: Stage, ways: Sequence[Selection], calibrating: Calibrating, left: Callable[[], float]
-                        ) -> tuple[list[Selection], list[Selection]]:
+def _beside_calibration(stage: Stage, selections: Sequence[Selection], calibrating: Calibrating,
+                        remaining_time: Callable[[], float]) -> tuple[list[Selection], list[Selection]]:
     """Sort the selections of one effect by their merit after a calibration error was added.
 
     If the calibration error does not explain a noticeable part of the residual, the merit without it is used. The simplest
     law of a class and place is included if a calibration error explains a noticeable part of its residual. The second result
     lists pairs: each law with the calibration error that complements it best.
     """
-    found = {_label(way): (_merit(way), way) for way in ways}
+    ranked = {_label(selection): (_merit(selection), selection) for selection in selections}
     pairs = []
-    for step in leaders(made, WAYS, simplest=True):
-        if left() <= 0:
+    for step in leaders(stage, WAYS, simplest=True):
+        if remaining_time() <= 0:
             break
-        way = (SelectedEffect(step, step.cluster),)
+        selection = (SelectedEffect(step, step.cluster),)
         beside = calibrating(following(step))
-        pairs += [pair] if (pair := _completed(way, beside)) else []
+        pairs += [pair] if (pair := _completed(selection, beside)) else []
         if beside.chosen is not None and worth_it(beside):
-            found[_label(way)] = merit(beside.chosen), way
-    return [way for _, way in sorted(found.values(), key=lambda pair: pair[0])], pairs
+            ranked[_label(selection)] = merit(beside.chosen), selection
+    return [selection for _, selection in sorted(ranked.values(), key=lambda pair: pair[0])], pairs
 
 
-def _completed(way: Selection, made: Stage) -> Selection:
-    """A selection extended by the effect of the step `made` that predicts best, whether or not it is justified; empty if
+def _completed(selection: Selection, stage: Stage) -> Selection:
+    """A selection extended by the effect of the step `stage` that predicts best, whether or not it is justified; empty if
     no further effect was refitted."""
-    trials = [t for t in made.trials if t.errors is not None]
+    trials = [t for t in stage.trials if t.errors is not None]
     if not trials:
         return ()
-    step = choosing(made, min(trials, key=loss))
-    return (*way, SelectedEffect(step, step.cluster, _labels(way)))
+    step = choosing(stage, min(trials, key=loss))
+    return (*selection, SelectedEffect(step, step.cluster, _labels(selection)))
 
 
-def joint_refits(pair: Selection, say: Progress, left: Callable[[], float]) -> tuple[Refit, ...]:
+def joint_refits(pair: Selection, say: Progress, remaining_time: Callable[[], float]) -> tuple[Refit, ...]:
     """Refit the other leading laws of the first step, each together with the second effect of a `pair`. Each refit starts
     from the values of the law alone. Pairs in which the law is absent are left out, because they contain only the second
     effect."""
     law, second = (added.candidate for added in pair)
     first = pair[0].step
     laws = [t for t in leading_laws(first) if t.candidate.label not in (law.label, second.label)]
-    others = without_effect(pair, 0, say) if laws and left() > 0 else None
-    if others is None:
+    without_law = without_effect(pair, 0, say) if laws and remaining_time() > 0 else None
+    if without_law is None:
         return ()
-    experiment = following(others[-1].step)
+    experiment = following(without_law[-1].step)
     try:
         base = fitted_base(experiment)
     except HeavebondError:
         return ()
-    there = {c.label: c for rule in (candidates, between_all_nodes) for c in rule(experiment) if not c.acts_on([second])}
-    found = []
-    for trial in (t for t in laws if t.candidate.label in there):
-        if left() <= 0:
+    by_label = {c.label: c for rule in (candidates, between_all_nodes) for c in rule(experiment) if not c.acts_on([second])}
+    refits = []
+    for trial in (t for t in laws if t.candidate.label in by_label):
+        if remaining_time() <= 0:
             break
         say(f"comparing the leading effects in pairs: {trial.candidate.label} and {second.label}")
-        joint = refitted_from(base, there[trial.candidate.label], trial)
-        found += [replace(joint, lent=second.label)] if joint is not None and not joint.absent else []
-    return tuple(found)
+        joint = refitted_from(base, by_label[trial.candidate.label], trial)
+        refits += [replace(joint, lent=second.label)] if joint is not None and not joint.absent else []
+    return tuple(refits)
 
 
 def leading_laws(first: Stage) -> list[Refit]:
@@ -395,119 +396,122 @@ def best_pairs(pairs: Sequence[Selection], joint: Sequence[Refit]) -> tuple[Refi
     first.
     """
     first = pairs[0][0].step
-    found = {t.candidate.label: t for t in leading_laws(first)}
+    best = {t.candidate.label: t for t in leading_laws(first)}
     alone = {t.candidate.label: loss(t) for t in first.trials if t.errors is not None}
-    own = [(replace(second.chosen, candidate=law.candidate, beyond=law.chosen.beyond, unshown=law.chosen.unshown),
-            second.candidate.label) for law, second in pairs]
-    for pair, second in (*own, *((t, t.lent) for t in joint)):
+    selected_pairs = [(replace(second.chosen, candidate=law.candidate, beyond=law.chosen.beyond, unshown=law.chosen.unshown),
+                       second.candidate.label) for law, second in pairs]
+    for pair, second in (*selected_pairs, *((t, t.lent) for t in joint)):
         label = pair.candidate.label
-        before = found.get(label)
+        before = best.get(label)
         if alone.get(second, inf) >= alone.get(label, inf) and (before is None or loss(pair) < loss(before)):
-            found[label] = pair
-    return tuple(sorted(found.values(), key=loss))
+            best[label] = pair
+    return tuple(sorted(best.values(), key=loss))
 
 
-def _with_joint(way: Selection, joint: tuple[Refit, ...]) -> Selection:
+def _with_joint(selection: Selection, joint: tuple[Refit, ...]) -> Selection:
     """The selection with the pairs of the leading laws in its first step. Alternatives of its first effect that the pairs
     exclude are removed."""
-    first, known = way[0], {t.candidate.label: t for t in joint}
-    alternatives, own = first.alternatives, known.get(first.candidate.label)
-    if own is not None and first.step.errors is not None:
-        others = [known[t.candidate.label] for t in alternatives[1:] if t.candidate.label in known]
-        kept = {t.candidate.label for t in compared(own, others, first.step.errors).members}
-        alternatives = tuple(t for t in alternatives if t.candidate.label not in known or t.candidate.label in kept)
-    return replace(first, step=replace(first.step, joint=joint), alternatives=alternatives), *way[1:]
+    first, known = selection[0], {t.candidate.label: t for t in joint}
+    alternatives, pair = first.alternatives, known.get(first.candidate.label)
+    if pair is not None and first.step.errors is not None:
+        other_pairs = [known[t.candidate.label] for t in alternatives[1:] if t.candidate.label in known]
+        members = {t.candidate.label for t in compared(pair, other_pairs, first.step.errors).members}
+        alternatives = tuple(t for t in alternatives if t.candidate.label not in known or t.candidate.label in members)
+    return replace(first, step=replace(first.step, joint=joint), alternatives=alternatives), *selection[1:]
 
 
-def _label(way: Selection) -> str:
-    return way[-1].candidate.label
+def _label(selection: Selection) -> str:
+    return selection[-1].candidate.label
 
 
-def _merit(way: Selection) -> float:
-    return merit(way[-1].chosen)
+def _merit(selection: Selection) -> float:
+    return merit(selection[-1].chosen)
 
 
-def _promising(ways: Sequence[Selection], base: float) -> list[Selection]:
+def _promising(selections: Sequence[Selection], base: float) -> list[Selection]:
     """The selections that may still become the best. With an estimated noise only the best one is continued, because an
     estimated noise does not show whether the best selection is incomplete."""
-    given, best = ways[0][-1].step.experiment.noise_given, min(map(_merit, ways))
-    return [ways[0], *(way for way in ways[1:WAYS] if given and base - _merit(way) > FOLLOWED * (base - best))]
+    noise_given, best = selections[0][-1].step.experiment.noise_given, min(map(_merit, selections))
+    return [selections[0], *(selection for selection in selections[1:WAYS]
+                             if noise_given and base - _merit(selection) > FOLLOWED * (base - best))]
 
 
-def _distinct(ways: Sequence[Selection]) -> list[Selection]:
+def _distinct(selections: Sequence[Selection]) -> list[Selection]:
     """The selections without duplicates: the order of the effects does not matter."""
-    found: dict[frozenset[str], Selection] = {}
-    for way in ways:
-        found.setdefault(frozenset(added.candidate.label for added in way), way)
-    return list(found.values())
+    distinct: dict[frozenset[str], Selection] = {}
+    for selection in selections:
+        distinct.setdefault(frozenset(added.candidate.label for added in selection), selection)
+    return list(distinct.values())
 
 
-def looked_back(way: Selection, stepping: Stepping, say: Progress) -> Iterator[tuple[Selection, bool]]:
+def looked_back(selection: Selection, stepping: Stepping, say: Progress) -> Iterator[tuple[Selection, bool]]:
     """Review each effect of a selection. Yield the selection after each review, and whether some effects have not been
     reviewed yet.
 
     The review of an effect removes it if it is not needed together with the others, replaces it if another candidate is
     better, or determines its alternatives with all other effects in the diagram.
     """
-    way = _among(way)
-    while (k := next((k for k, added in enumerate(way) if added.beside != _others(way, k)), None)) is not None:
-        yield way, True
-        say(f"is {way[k].candidate.label} still needed?")
-        changed = _asked_again(way, k, stepping, say)
+    selection = _among(selection)
+    while (k := next((k for k, added in enumerate(selection)
+                      if added.beside != _labels_without(selection, k)), None)) is not None:
+        yield selection, True
+        say(f"is {selection[k].candidate.label} still needed?")
+        changed = _asked_again(selection, k, stepping, say)
         if changed is None:
             return
-        way = _among(_in_order(changed, say))
-    yield way, False
+        selection = _among(_in_order(changed, say))
+    yield selection, False
 
 
-def _asked_again(way: Selection, k: int, stepping: Stepping, say: Progress) -> Selection | None:
+def _asked_again(selection: Selection, k: int, stepping: Stepping, say: Progress) -> Selection | None:
     """The selection after its k-th effect was searched again with all others in the diagram; None if the search was
     stopped early."""
-    others = without_effect(way, k, say)
-    if others is None:
-        return _with(way, k, way[k].judged(way[k].alternatives, _others(way, k)))
+    remaining = without_effect(selection, k, say)
+    if remaining is None:
+        return _with(selection, k, selection[k].judged(selection[k].alternatives, _labels_without(selection, k)))
     # the refit of this diagram with the effect is known; the alternatives start from their refits without the others
-    exact = replace(way[-1].chosen, candidate=way[k].candidate)
-    again = stepping(following(others[-1].step) if others else way[k].step.experiment, others)
+    exact = replace(selection[-1].chosen, candidate=selection[k].candidate)
+    again = stepping(following(remaining[-1].step) if remaining else selection[k].step.experiment, remaining)
     if again.partial:
         return None
-    again = refitted_beside(again, way[k].alternatives[1:], exact)
+    again = refitted_beside(again, selection[k].alternatives[1:], exact)
     if again.chosen is None or not worth_it(again):
-        return others
-    same = next((t for t in again.trials if t.candidate.label == way[k].candidate.label), None)
-    if same is not None and merit(same) < _merit(way) - DECISIVE:  # a better local minimum of the known diagram
-        way = _with_last(way, same)
+        return remaining
+    same = next((t for t in again.trials if t.candidate.label == selection[k].candidate.label), None)
+    if same is not None and merit(same) < _merit(selection) - DECISIVE:  # a better local minimum of the known diagram
+        selection = _with_last(selection, same)
     assert again.identity is not None
     excluded = not any(t is same for t in again.identity.members)  # an indistinguishable candidate does not replace it
-    if excluded and merit(again.chosen) < _merit(way) - DECISIVE:
-        return _instead(way, k, again, others, say)
+    if excluded and merit(again.chosen) < _merit(selection) - DECISIVE:
+        return _instead(selection, k, again, remaining, say)
     if same is not None and (law := simpler_law(again, same)) is not None:
-        return _instead(way, k, choosing(again, law), others, say)
-    alike = choosing(again, same).cluster if same is not None else (way[k].chosen, *again.cluster)
-    return _with(way, k, way[k].judged(alike, _others(way, k), again))
+        return _instead(selection, k, choosing(again, law), remaining, say)
+    alike = choosing(again, same).cluster if same is not None else (selection[k].chosen, *again.cluster)
+    return _with(selection, k, selection[k].judged(alike, _labels_without(selection, k), again))
 
 
-def _instead(way: Selection, k: int, again: Stage, others: Selection, say: Progress) -> Selection:
-    """Replace the k-th effect by the effect chosen in the step `again`, which was made with all `others` in the diagram.
+def _instead(selection: Selection, k: int, again: Stage, remaining: Selection, say: Progress) -> Selection:
+    """Replace the k-th effect by the effect chosen in the step `again`, which was made with all `remaining` in the diagram.
     If the new effect does not explain a noticeable part of the residual at the k-th position, it is appended to the
     others."""
     assert again.chosen is not None
-    last = (*others, SelectedEffect(again, again.cluster, _labels(others)))
-    if k == len(way) - 1:
+    last = (*remaining, SelectedEffect(again, again.cluster, _labels(remaining)))
+    if k == len(selection) - 1:
         return last
     label = again.chosen.candidate.label
-    made = _with_refit(way[k].step, lambda candidate: candidate.label == label, say)
-    there = next((t for t in made.trials if t.candidate.label == label), None)
-    if there is None:
+    stage = _with_refit(selection[k].step, lambda candidate: candidate.label == label, say)
+    refit = next((t for t in stage.trials if t.candidate.label == label), None)
+    if refit is None:
         return last
-    step = choosing(made, there)
+    step = choosing(stage, refit)
     if not worth_it(step):
         return last
-    found = _continued((*way[:k], SelectedEffect(step, step.cluster, _labels(way[:k]))), way, k, say)
-    if found is None:
+    continued = _continued((*selection[:k], SelectedEffect(step, step.cluster, _labels(selection[:k]))), selection, k, say)
+    if continued is None:
         return last
-    found = _with_last(found, again.chosen)
-    return _with(found, k, found[k].judged((found[k].chosen, *again.cluster[1:]), _others(found, k), again))
+    continued = _with_last(continued, again.chosen)
+    alternatives = (continued[k].chosen, *again.cluster[1:])
+    return _with(continued, k, continued[k].judged(alternatives, _labels_without(continued, k), again))
 
 
 def _candidate(experiment: Experiment, wanted: Callable[[Candidate], bool]) -> Candidate | None:
@@ -524,72 +528,72 @@ def _with_refit(step: Stage, wanted: Callable[[Candidate], bool], say: Progress)
     return replace(step, trials=tuple(sorted((*step.trials, *trials), key=merit)))
 
 
-def _in_order(way: Selection, say: Progress) -> Selection:
+def _in_order(selection: Selection, say: Progress) -> Selection:
     """Sort a selection: an effect that does not explain a noticeable part of the residual at its position is moved behind
     an effect with which it does."""
-    given = way
-    for _ in way[1:]:
-        k = next((k for k, added in enumerate(way[:-1]) if not worth_it(added.step)), None)
+    original = selection
+    for _ in selection[1:]:
+        k = next((k for k, added in enumerate(selection[:-1]) if not worth_it(added.step)), None)
         if k is None:
-            return way
-        moved = _continued(way[:k], (*way, way[k]), k, say)
-        if moved is None:
+            return selection
+        reordered = _continued(selection[:k], (*selection, selection[k]), k, say)
+        if reordered is None:
             break
-        way = _with_last(moved, given[-1].chosen)
-    return way if worth_it(way[0].step) else given
+        selection = _with_last(reordered, original[-1].chosen)
+    return selection if worth_it(selection[0].step) else original
 
 
-def _with(way: Selection, k: int, added: SelectedEffect) -> Selection:
-    return *way[:k], added, *way[k + 1:]
+def _with(selection: Selection, k: int, added: SelectedEffect) -> Selection:
+    return *selection[:k], added, *selection[k + 1:]
 
 
-def _with_last(way: Selection, better: Refit) -> Selection:
+def _with_last(selection: Selection, better: Refit) -> Selection:
     """The selection with the values of the refit `better` of its last diagram, if their sum of squares is smaller."""
-    last = way[-1]
+    last = selection[-1]
     trial = replace(better, candidate=last.candidate)
     if trial.cost >= last.chosen.cost or any(n.name not in trial.values for n in last.candidate.numbers
                                              if n.name in last.chosen.values):
-        return way
+        return selection
     trials = [trial, *(t for t in last.step.trials if t.candidate.label != last.candidate.label)]
     step = choosing(replace(last.step, trials=tuple(sorted(trials, key=merit))), trial)
     alternatives = step.cluster if last.beside is not None else (trial, *last.alternatives[1:])
-    return _with(way, len(way) - 1, replace(last, step=step, alternatives=alternatives))
+    return _with(selection, len(selection) - 1, replace(last, step=step, alternatives=alternatives))
 
 
-def _labels(way: Selection) -> frozenset[str]:
-    return frozenset(added.candidate.label for added in way)
+def _labels(selection: Selection) -> frozenset[str]:
+    return frozenset(added.candidate.label for added in selection)
 
 
-def _others(way: Selection, k: int) -> frozenset[str]:
-    return _labels((*way[:k], *way[k + 1:]))
+def _labels_without(selection: Selection, k: int) -> frozenset[str]:
+    return _labels((*selection[:k], *selection[k + 1:]))
 
 
-def _among(way: Selection) -> Selection:
+def _among(selection: Selection) -> Selection:
     """The selection in which each effect has its alternatives with all other effects in the diagram, if these are known."""
-    return tuple(added.among(_others(way, k)) for k, added in enumerate(way))
+    return tuple(added.among(_labels_without(selection, k)) for k, added in enumerate(selection))
 
 
-def without_effect(way: Selection, k: int, say: Progress) -> Selection | None:
+def without_effect(selection: Selection, k: int, say: Progress) -> Selection | None:
     """The selection without its k-th effect. The effects after it are refitted one after the other. None if one of them
     depends on the removed effect."""
-    return _continued(way[:k], way, k, say)
+    return _continued(selection[:k], selection, k, say)
 
 
-def _continued(found: Selection, way: Selection, k: int, say: Progress) -> Selection | None:
-    """Extend the selection `found` by the effects of `way` after the k-th one, refitted one after the other. None if one
-    of them depends on the k-th effect."""
-    for added in way[k + 1:]:
-        wanted = partial(_is, wanted=added.candidate, gone=way[k].candidate)
+def _continued(extended: Selection, original: Selection, k: int, say: Progress) -> Selection | None:
+    """Extend the selection `extended` by the effects of `original` after the k-th one, refitted one after the other. None
+    if one of them depends on the k-th effect."""
+    for added in original[k + 1:]:
+        wanted = partial(_is, wanted=added.candidate, removed=original[k].candidate)
         beside: frozenset[str] | None = frozenset()
-        if not found:  # the first step has already refitted most candidates
-            step = _with_refit(way[0].step, wanted, say)
+        if not extended:  # the first step has already refitted most candidates
+            step = _with_refit(original[0].step, wanted, say)
         else:
-            now = following(found[-1].step)
-            there = _candidate(now, wanted)
-            if there is None:
+            experiment = following(extended[-1].step)
+            candidate = _candidate(experiment, wanted)
+            if candidate is None:
                 return None
-            step, beside = single(now, there, say), None
-        if step.partial and found:
+            step, beside = single(experiment, candidate, say), None
+        if step.partial and extended:
             raise KeyboardInterrupt
         trial = next((t for t in step.trials if wanted(t.candidate)), None)
         if trial is None:
@@ -597,14 +601,14 @@ def _continued(found: Selection, way: Selection, k: int, say: Progress) -> Selec
         step = choosing(step, trial)
         alternatives = step.cluster if beside is not None else (trial, *added.alternatives[1:])
         known = {} if added.beside is None else {added.beside: added.alternatives}
-        found = (*found, SelectedEffect(step, alternatives, beside, {**added.former, **known}))
-    return found
+        extended = (*extended, SelectedEffect(step, alternatives, beside, {**added.former, **known}))
+    return extended
 
 
-def _is(candidate: Candidate, wanted: Candidate, gone: Candidate) -> bool:
-    """True if `candidate` is the same effect as `wanted`, after the effect `gone` was removed from the diagram. An effect
+def _is(candidate: Candidate, wanted: Candidate, removed: Candidate) -> bool:
+    """True if `candidate` is the same effect as `wanted`, after the effect `removed` was removed from the diagram. An effect
     before the input of the removed effect (lag_inlet.u) is then before the input that this effect had replaced (inlet.u)."""
-    former = {new: old for old, new in gone.change.moved.items()}
+    former = {new: old for old, new in removed.change.moved.items()}
     place = (former.get(wanted.signal, wanted.signal), "") if wanted.signal else ("", wanted.place)
     return (candidate.component, candidate.attaches, candidate.signal, "" if candidate.signal else candidate.place) == \
         (wanted.component, wanted.attaches, *place)
@@ -629,17 +633,17 @@ class Unsupported:
         refused = f"{called(self.added.candidate)} lowers the reduced chi-square from {number(before, 3)} to " \
                   f"{number(after, 3)}, but is not certain: "
         if self.curve is not None:
-            left = self.curve.chi2_held_out if held else self.curve.chi2_fit
+            chi2_curve = self.curve.chi2_held_out if held else self.curve.chi2_fit
             return refused + f"another law {self.curve.candidate.place}, as an identified curve, explains most of that " \
-                             f"as well ({number(left, 3)})."
+                             f"as well ({number(chi2_curve, 3)})."
         assert self.constancy is not None
         low, high = min(self.constancy.strength), max(self.constancy.strength)
         return refused + "its strength is not the same at small and large motion " \
                          f"({number(low, 2)} to {number(high, 2)} times the fitted one where it may vary)."
 
 
-def doubts(way: Selection, say: Progress, curves: Callable[[Experiment, Callable[[Candidate], bool]], Stage] | None = None
-           ) -> list[Unsupported]:
+def doubts(selection: Selection, say: Progress,
+           curves: Callable[[Experiment, Callable[[Candidate], bool]], Stage] | None = None) -> list[Unsupported]:
     """The effects at the end of a selection that are not certain, in their order, with the reason for each.
 
     A further effect is compared with the residual before it, of which it must explain a noticeable share (`worth_it`). No
@@ -654,8 +658,8 @@ def doubts(way: Selection, say: Progress, curves: Callable[[Experiment, Callable
     were determined with it.
     """
     doubtful: list[Unsupported] = []
-    while len(way) > 1 and not _reaches_the_noise(way[-1]):
-        last, at_earlier = way[-1], _at_earlier_place(way)
+    while len(selection) > 1 and not _reaches_the_noise(selection[-1]):
+        last, at_earlier = selection[-1], _at_earlier_place(selection)
         if at_earlier(last.candidate):
             break
         say(f"is {last.candidate.label} the same at all amplitudes?")
@@ -670,14 +674,14 @@ def doubts(way: Selection, say: Progress, curves: Callable[[Experiment, Callable
         if reason is None:
             break
         doubtful.insert(0, reason)
-        way = way[:-1]
+        selection = selection[:-1]
     return doubtful
 
 
-def _at_earlier_place(way: Selection) -> Callable[[Candidate], bool]:
+def _at_earlier_place(selection: Selection) -> Callable[[Candidate], bool]:
     """A predicate: true if a candidate of the last step is at the place of an effect before the last one."""
-    step = way[-1].step
-    earlier = {Places.of(added.step.experiment, step.as_one).place(added.candidate) for added in way[:-1]}
+    step = selection[-1].step
+    earlier = {Places.of(added.step.experiment, step.as_one).place(added.candidate) for added in selection[:-1]}
     return lambda candidate: step.places.place(candidate) in earlier
 
 

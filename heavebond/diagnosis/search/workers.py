@@ -46,78 +46,78 @@ from heavebond.numerics.simulator import Tolerances
 SAME = 1e-6  # relative difference of the sum of squares from the stored one, as large as the tolerances of the runs
 ROUNDING = 1e-9  # of the norm of the residuals, by which a stored score may differ from the score of its direction
 
-_here: ContextVar[KeptLines | None] = ContextVar("kept refits", default=None)
+_stored_refits: ContextVar[KeptLines | None] = ContextVar("kept refits", default=None)
 
 
 @contextmanager
-def keeping(kept: KeptLines) -> Iterator[None]:
-    """Context manager: searches use the stored refits of `kept` and add the refits that they make."""
-    before = _here.set(kept)
+def keeping(stored: KeptLines) -> Iterator[None]:
+    """Context manager: searches use the stored refits of `stored` and add the refits that they make."""
+    before = _stored_refits.set(stored)
     try:
         yield
     finally:
-        _here.reset(before)
+        _stored_refits.reset(before)
 
 
 def kept_here() -> KeptLines | None:
     """The stored refits of the surrounding `keeping` block; None without such a block."""
-    return _here.get()
+    return _stored_refits.get()
 
 
 def entry(candidate: Candidate, refit: Refit | None) -> dict[str, Any]:
     """The entry of a refit in the resume file. `refit` is None if the diagram cannot be simulated."""
     if refit is None:
         return {"candidate": candidate.label}
-    own = {n.name for n in refit.candidate.numbers}
+    numbers = {n.name for n in refit.candidate.numbers}
     return {"candidate": candidate.label, "inner": refit.inner.tolist(), "cost": refit.cost, "falls": refit.falls,
             "slack": refit.slack, "evaluations": refit.evaluations,
             "ranges": {name: [free.range.low, free.range.high] for name, free in refit.experiment.free.items()
-                       if name in own},
+                       if name in numbers},
             "finer": refit.finer, "begun": [d.as_dict() for d in refit.begun]}
 
 
-def is_broken(kept: Kept) -> bool:
+def is_broken(stored: Kept) -> bool:
     """True if the entry states that the diagram with the candidate cannot be simulated."""
-    return "inner" not in kept
+    return "inner" not in stored
 
 
-def restored(base: Base, candidate: Candidate, guesses: Sequence[Score], kept: Kept) -> Refit | None:
+def restored(base: Base, candidate: Candidate, guesses: Sequence[Score], stored: Kept) -> Refit | None:
     """Restore a stored refit; None if the model now gives a different sum of squares at its values."""
     try:
-        found = at_end_of(base, candidate, guesses, {n: (low, high) for n, (low, high) in kept["ranges"].items()},
-                          np.array(kept["inner"], float), int(kept["finer"]))
-        begun = tuple(map(Descent.from_dict, kept["begun"]))
-        if not abs(found.cost - kept["cost"]) <= SAME * abs(kept["cost"]):
+        refit = at_end_of(base, candidate, guesses, {n: (low, high) for n, (low, high) in stored["ranges"].items()},
+                          np.array(stored["inner"], float), int(stored["finer"]))
+        begun = tuple(map(Descent.from_dict, stored["begun"]))
+        if not abs(refit.cost - stored["cost"]) <= SAME * abs(stored["cost"]):
             return None
-        return replace(found, begun=begun, falls=bool(kept["falls"]), slack=float(kept["slack"]),
-                       evaluations=int(kept["evaluations"]))
+        return replace(refit, begun=begun, falls=bool(stored["falls"]), slack=float(stored["slack"]),
+                       evaluations=int(stored["evaluations"]))
     except (HeavebondError, LookupError, TypeError, ValueError, AttributeError):
         return None
 
 
 def digest_of(base: Base) -> str:
     """Digest of the base model at its optimum and of all records."""
-    made = hashlib.sha256()
+    hasher = hashlib.sha256()
     problem = base.problem
     for part in (VERSION, problem.runs[0].simulator.tolerances, problem.columns,
                  sorted(problem.runs[0].assembly.parameter_values.items()), sorted(problem.experiment.outputs)):
-        made.update(repr(part).encode())
+        hasher.update(repr(part).encode())
     for array in (base.r, base.inner, base.J, base.priors):
-        made.update(np.ascontiguousarray(array).tobytes())
+        hasher.update(np.ascontiguousarray(array).tobytes())
     for name, run in base.exact.items():
-        made.update(f"{name} {run.record.use}".encode())
+        hasher.update(f"{name} {run.record.use}".encode())
         for samples in (run.found.grid, run.measured, run.counts, run.checking, run.noise):
-            made.update(np.ascontiguousarray(samples).tobytes())
-    return made.hexdigest()
+            hasher.update(np.ascontiguousarray(samples).tobytes())
+    return hasher.hexdigest()
 
 
-def digest(base: str, what: str, candidate: Candidate, component: Path | None, known: Sequence[object]) -> str:
-    """Digest of a refit. It depends on the digest `base` of the base model (see `digest_of`), on the task `what`, the
+def digest(base: str, task: str, candidate: Candidate, component: Path | None, known: Sequence[object]) -> str:
+    """Digest of a refit. It depends on the digest `base` of the base model (see `digest_of`), on the task `task`, the
     candidate, the file of its component, and the inputs `known`: sums of squares, scores and other refits."""
-    made = hashlib.sha256(f"{base} {what} {candidate!r} {_plain(known)!r}".encode())
+    hasher = hashlib.sha256(f"{base} {task} {candidate!r} {_plain(known)!r}".encode())
     if component is not None and component.is_file():
-        made.update(component.read_bytes())
-    return made.hexdigest()
+        hasher.update(component.read_bytes())
+    return hasher.hexdigest()
 
 
 def _plain(known: object) -> object:
@@ -136,7 +136,7 @@ def _plain(known: object) -> object:
 
 T = TypeVar("T")
 R = TypeVar("R", bound="Refit | None")
-Given = tuple[Experiment, Array, Tolerances]  # the data from which a worker builds the base model
+BaseData = tuple[Experiment, Array, Tolerances]  # the data from which a worker builds the base model
 _base: Base | None = None  # base model of this worker process
 _cluster: ContextVar[Cluster | None] = ContextVar("cluster of searches", default=None)
 
@@ -165,18 +165,18 @@ class Workers:
         self.lost: list[str] = []  # labels of the candidates whose process died
 
     @property
-    def _given(self) -> Given:
+    def _base_data(self) -> BaseData:
         return self.base.problem.experiment, self.base.inner, self.base.problem.runs[0].simulator.tolerances
 
     @cached_property
     def _packed(self) -> bytes:
-        return packed(self._given)
+        return packed(self._base_data)
 
     def __enter__(self) -> Workers:
         if self.cluster is None and self.number > 1:
             # forked workers already have the base model; without fork, each worker builds it
             self.processes = Processes(self.number, _keep, (self.base,)) if forks() else \
-                Processes(self.number, _make, self._given)
+                Processes(self.number, _make, self._base_data)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -221,24 +221,24 @@ class Workers:
         return self._refits("polish", polished, jobs, [job[0].candidate for job in jobs], float("inf"),
                             [trial for trial, _, _ in jobs])
 
-    def _refits(self, what: str, work: Callable[..., R], jobs: Sequence[tuple[Any, ...]], candidates: Sequence[Candidate],
+    def _refits(self, task: str, work: Callable[..., R], jobs: Sequence[tuple[Any, ...]], candidates: Sequence[Candidate],
                 until: float, instead: Sequence[R]) -> Iterator[tuple[Candidate, R]]:
         """Run `_each` for refits, with the stored refits as results if their digests agree."""
-        kept = self.kept
-        if kept is None:
+        stored = self.kept
+        if stored is None:
             yield from self._each(_refitted, [(work, job, None) for job in jobs], candidates, until, instead)
             return
-        digests = self._digests(what, candidates, jobs)
-        given = [(work, job, kept.get(digests[c.label])) for c, job in zip(candidates, jobs, strict=True)]
-        for candidate, found in self._each(_refitted, given, candidates, until, instead):
+        digests = self._digests(task, candidates, jobs)
+        extended_jobs = [(work, job, stored.get(digests[c.label])) for c, job in zip(candidates, jobs, strict=True)]
+        for candidate, refit in self._each(_refitted, extended_jobs, candidates, until, instead):
             if candidate.label not in self.lost:
-                kept.add(digests[candidate.label], entry(candidate, found))
-            yield candidate, found
+                stored.add(digests[candidate.label], entry(candidate, refit))
+            yield candidate, refit
 
-    def _digests(self, what: str, candidates: Sequence[Candidate], known: Sequence[Sequence[object]]) -> dict[str, str]:
+    def _digests(self, task: str, candidates: Sequence[Candidate], known: Sequence[Sequence[object]]) -> dict[str, str]:
         """The digest of each refit by candidate label; empty without a resume file."""
         files = self.base.problem.experiment.model.library.files
-        return {c.label: digest(self.digest, what, c, files.get(c.component), job)
+        return {c.label: digest(self.digest, task, c, files.get(c.component), job)
                 for c, job in zip(candidates, known, strict=True)} if self.kept is not None else {}
 
     def _each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]], keys: Sequence[Candidate], until: float,
@@ -265,8 +265,8 @@ class Workers:
             assert self.cluster is not None
             coming = as_done(self.cluster, _elsewhere, [(k, (self._packed, function, *job)) for k, job in enumerate(jobs)],
                              self.cluster.ahead, until, died)
-        for number, found in coming:
-            yield keys[number], found
+        for number, result in coming:
+            yield keys[number], result
 
 
 def _keep(base: Base) -> None:
@@ -274,18 +274,18 @@ def _keep(base: Base) -> None:
     _base = base
 
 
-def _make(*given: Any) -> None:
-    _keep(_made(given))
+def _make(*base_data: Any) -> None:
+    _keep(_built_base(base_data))
 
 
-def _made(given: Given) -> Base:
-    experiment, inner, tolerances = given
+def _built_base(base_data: BaseData) -> Base:
+    experiment, inner, tolerances = base_data
     return Base.at(searched(experiment, tolerances), inner)
 
 
 @lru_cache(maxsize=2)
-def _base_of(given: bytes) -> Base:
-    return _made(unpacked(given))
+def _base_of(packed_data: bytes) -> Base:
+    return _built_base(unpacked(packed_data))
 
 
 def _beside(function: Callable[..., T], *job: Any) -> T:
@@ -294,9 +294,9 @@ def _beside(function: Callable[..., T], *job: Any) -> T:
     return function(_base, *job, check_cancelled)
 
 
-def _elsewhere(given: bytes, function: Callable[..., T], *job: Any) -> T:
+def _elsewhere(packed_data: bytes, function: Callable[..., T], *job: Any) -> T:
     """Run a job in a worker process of a cluster, which receives all data with the job."""
-    return function(_base_of(given), *job)
+    return function(_base_of(packed_data), *job)
 
 
 def _scored(base: Base, candidate: Candidate, shared: SharedDiagram | None, progress: Progress | None = None) -> list[Score]:
@@ -306,16 +306,16 @@ def _scored(base: Base, candidate: Candidate, shared: SharedDiagram | None, prog
         return []
 
 
-def _refitted(base: Base, work: Callable[..., Refit | None], job: Sequence[Any], kept: Kept | None,
+def _refitted(base: Base, work: Callable[..., Refit | None], job: Sequence[Any], stored: Kept | None,
               progress: Progress | None = None) -> Any:
     """A stored refit if there is a valid one, otherwise the result of `work`. `job` holds a candidate or its refit so
     far, its scores, and further arguments of `work`."""
-    if kept is not None:
-        if is_broken(kept):
+    if stored is not None:
+        if is_broken(stored):
             return None
         candidate = job[0].candidate if isinstance(job[0], Refit) else job[0]
-        if (found := restored(base, candidate, job[1], kept)) is not None:
-            return found
+        if (refit := restored(base, candidate, job[1], stored)) is not None:
+            return refit
     try:
         return work(base, *job, progress)
     except RuntimeError:  # as in `_scored`; a refit keeps what it had
