@@ -13,11 +13,12 @@ import pytest
 from heavebond.diagnosis.answer import ranking, tree
 from heavebond.diagnosis.answer.physics import physics
 from heavebond.diagnosis.answer.ranking import conclusion
-from heavebond.diagnosis.answer.sentences import _fall, _other_place, _undetermined
+from heavebond.diagnosis.answer.sentences import _curve_comparison, _fall, _undetermined
 from heavebond.diagnosis.answer.tree import ANOTHER, STATED, Node, answer_tree
 from heavebond.diagnosis.answer.verdict import without_effects
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.diagnosis.candidates.places import Places, candidates
+from heavebond.diagnosis.evidence.flexible_laws import Adequacy
 from heavebond.diagnosis.evidence.probability import CALIBRATION, TEMPERATURES, Event, Evidence
 from heavebond.diagnosis.search.schedule import beyond_their_members
 from heavebond.estimation.experiment import load_experiment
@@ -227,9 +228,11 @@ def test_a_table_does_not_say_by_chance_beside_strong_evidence(monkeypatch: pyte
 
 def test_a_curve_that_leaves_much_more_does_not_predict_as_well() -> None:
     """26883 beside 1924."""
-    more = _other_place(_trial(DAMPER.label, 0.0, 26883.0), _trial(FRICTION.label, 0.0, 1924.0))
+    law = _trial(FRICTION.label, 0.0, 1924.0)
+    more = _curve_comparison(Adequacy(0.9, elsewhere=_trial(DAMPER.label, 0.0, 26883.0), law=law))[-1]
     assert "predicts as well" not in more and "leaves more" in more and "26883" in more and "1924" in more
-    assert "predicts as well" in _other_place(_trial(DAMPER.label, 0.0, 1930.0), _trial(FRICTION.label, 0.0, 1924.0))
+    alike = Adequacy(0.9, elsewhere=_trial(DAMPER.label, 0.0, 1930.0), law=law)
+    assert "predicts as well" in _curve_comparison(alike)[-1]
 
 
 def _entry(name: str, held: float, error: float) -> Any:
@@ -252,13 +255,13 @@ def test_the_error_without_an_effect_is_that_of_the_fitted_model() -> None:
 def test_a_search_that_was_ended_early_with_a_leader_far_ahead_names_it() -> None:
     step = _judged_step([_trial(FRICTION.label, -75369.0, 1.01), _trial(LAG.label, -2273.0, 3556.0)], 3998.0, partial=True)
     step.left = SimpleNamespace(significant=True)
-    said = _undetermined([], [], [step], None)
+    said = _undetermined([], [], [step])
     assert "No conclusion" not in said
     assert said == ("The search was ended early. Best so far: dry friction between platform and crown (CoulombFriction), "
                     "which explains more than 99 % of the misfit; of the others lag in the channel extension "
                     "(FirstOrderLag) explains 11 %.")
     weak = _judged_step([_trial(LAG.label, -2273.0, 3556.0)], 3998.0, partial=True)
-    assert _undetermined([], [], [weak], None) == "No conclusion yet: the search was ended early."
+    assert _undetermined([], [], [weak]) == "No conclusion yet: the search was ended early."
 
 
 def test_a_law_at_several_places_that_is_dropped_on_purpose_was_simulated() -> None:

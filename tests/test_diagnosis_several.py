@@ -221,7 +221,8 @@ def test_a_score_that_no_refit_justifies_is_noise(monkeypatch: pytest.MonkeyPatc
     assert said(5e-4) == said(0.009, size=0.004) == said(0.009, memory=0.004) == said(0.009, held=1.2) == "undetermined"
     assert said(0.009, complete=False) == said(0.009, partial=True) == "undetermined"
     step = replace(EMPTY, left=ResidualTests(0.009, 0.5, 0.5, 3.7))
-    assert "z = 3.7, is exceeded by chance in 0.9 % of such records" in sentences._nothing(ladder, (), [step])
+    words = sentences.verdict_words("nothing", ladder, (), [step], None)
+    assert "z = 3.7, is exceeded by chance in 0.9 % of such records" in words
 
 
 def test_an_effect_that_is_not_missed_any_more_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -301,7 +302,7 @@ def test_two_laws_of_one_name_are_named_once() -> None:
         return SimpleNamespace(candidate=SimpleNamespace(attaches="across", kind=kind, place="at the wall", component="Law"),
                                alternatives=())
 
-    assert sentences._effect([], [found("drag"), found("stiffness"), found("stiffness")]) == \
+    assert sentences.verdict_words("effect", [], [found("drag"), found("stiffness"), found("stiffness")], [], None) == \
         "Missing: drag at the wall (Law); stiffness at the wall (Law), 2 times."
 
 
@@ -311,22 +312,23 @@ def test_every_law_that_is_starred_is_named() -> None:
                                                          component=name, where=("wall",)))
 
     finding = AddedEffect(law("Law1").candidate, *[None] * 3, tuple(law(f"Law{k}") for k in range(1, 10)))
-    for said in (sentences._effect([], [finding]),
-                 sentences._mainly([replace(finding, rung=_rung(9, 9))], Adequacy(0.8))):
+    for said in (sentences.verdict_words("effect", [], [finding], [], None),
+                 sentences.verdict_words("mainly", [], [replace(finding, rung=_rung(9, 9))], [], None, Adequacy(0.8))):
         assert "friction at the wall (Law1)." in said and f"{', '.join(f'Law{k}' for k in range(2, 10))} there." in said
     # where all are named one by one, the laws of one place are one name
     other = law("Law0")
     other.candidate.place, other.candidate.where = "at the floor", ("floor",)
     unsure = replace(finding, alternatives=(*finding.alternatives, other))
-    assert sentences._one_of([], [unsure]) == "Missing: friction at the wall or at the floor. " \
+    assert sentences.verdict_words("one_of", [], [unsure], [], None) == "Missing: friction at the wall or at the floor. " \
         "The records cannot distinguish these places."
     play = law("Law10")
     play.candidate.kind = "play"
     either = replace(unsure, alternatives=(*unsure.alternatives, play))
-    assert sentences._one_of([], [either]) == "Missing: friction at the wall or at the floor; or play at the wall. " \
-        "The records cannot distinguish these."
+    assert sentences.verdict_words("one_of", [], [either], [], None) == \
+        "Missing: friction at the wall or at the floor; or play at the wall. The records cannot distinguish these."
     either = replace(finding, alternatives=(*finding.alternatives, play))
-    assert sentences._one_of([], [either]).startswith("Missing: friction at the wall or play at the wall. ")
+    words = sentences.verdict_words("one_of", [], [either], [], None)
+    assert words.startswith("Missing: friction at the wall or play at the wall. ")
 
 
 def test_a_candidate_whose_search_stopped_at_an_end_does_not_count_as_refitted() -> None:

@@ -60,7 +60,6 @@ from heavebond.diagnosis.search.step import SECONDS, Stage
 from heavebond.diagnosis.search.stepwise import MOST
 from heavebond.diagnosis.search.workers import working_on
 from heavebond.diagnosis.state import AddedEffect, LadderEntry
-from heavebond.estimation.comparison import Comparison
 from heavebond.estimation.excerpts import cut
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile
 from heavebond.estimation.fitting import Fit
@@ -240,7 +239,9 @@ def _run_phases(state: State, task: Task) -> State:
 
 def _answer(state: State, task: Task) -> Diagnosis:
     """Create the result of a diagnosis from its last state."""
-    noise = _noise(state.models[0].comparison) if state.models else {}
+    records = state.models[0].comparison.records if state.models else {}
+    noise = {c.name: (c.noise, c.unit, c.noise_given) for record in [*records.values()][:1]
+             for c in record.channels.values()}
     budget = task.budget
     if not state.steps or state.searched is None:
         return Diagnosis(state.given, "undetermined", before_search(state.models, state.base), state.models, (), (), (),
@@ -266,8 +267,3 @@ def _answer(state: State, task: Task) -> Diagnosis:
                                 next(iter(state.reviews), None)), bool(task.classes), state.reviews,
                        state.localization)
     return replace(answer, words=(*wrong_channels(models[-1].comparison, state.added, state.given), *answer.words))
-
-
-def _noise(comparison: Comparison) -> dict[str, tuple[float, str, bool]]:
-    first = next(iter(comparison.records.values()))
-    return {c.name: (c.noise, c.unit, c.noise_given) for c in first.channels.values()}

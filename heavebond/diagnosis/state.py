@@ -20,7 +20,6 @@ from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_e
 from heavebond.estimation.fitting import Fit, Fitted
 from heavebond.estimation.residuals import AT_END
 from heavebond.language.definition import Component, Typical
-from heavebond.numerics.dae import Array
 from heavebond.numerics.result import Probe
 
 
@@ -158,16 +157,16 @@ def with_limits(candidate: Candidate, fit: Fit) -> Fit:
     """
     limits = {n.name: n.follows for n in candidate.numbers if n.follows and n.sought is not None and not n.sought.held}
     runs = [record.result for record in fit.after.records.values() if record.use == "fit"]
-    return replace(fit, parameters=tuple(
-        _limited(p, np.hstack([Probe(run.assembly, [limits[p.name]], si=True).values(run)[0] for run in runs]))
-        if p.name in limits else p for p in fit.parameters))
-
-
-def _limited(p: Fitted, course: Array) -> Fitted:
-    low, high = p.told
-    least, most = float(course.min()), float(course.max())
-    reach = most if p.value >= most and high is None else least if p.value <= least and low is None else None
-    return replace(p, unreached=reach)
+    parameters = []
+    for p in fit.parameters:
+        if p.name in limits:
+            course = np.hstack([Probe(run.assembly, [limits[p.name]], si=True).values(run)[0] for run in runs])
+            least, most = float(course.min()), float(course.max())
+            low, high = p.told
+            reach = most if p.value >= most and high is None else least if p.value <= least and low is None else None
+            p = replace(p, unreached=reach)
+        parameters.append(p)
+    return replace(fit, parameters=tuple(parameters))
 
 
 def parameter_description(fit: Fit, name: str) -> str:

@@ -174,7 +174,11 @@ class Confirming:
         assert effects is not None
         if len(effects) > 1 and is_adequate(ladder, effects[:1]) and not is_adequate(ladder, effects):
             effects = [replace(effects[0], alternatives=selection[0].step.cluster)]
-        effects = [*(_beside_all(finding, effects[-1].fit) for finding in effects[:-1]), *effects[-1:]]
+        for k, effect in enumerate(effects[:-1]):  # each with the values and intervals of the fit with all effects
+            names = {p.name for p in effect.parameters}
+            parameters = tuple(p for p in with_limits(effect.candidate, effects[-1].fit).parameters if p.name in names)
+            if len(parameters) == len(names):
+                effects[k] = replace(effect, parameters=parameters)
         return [*ladder, *(f.rung for f in effects)], effects
 
     def _all(self, selection: Selection, ladder: Sequence[LadderEntry]) -> list[AddedEffect] | None:
@@ -191,10 +195,3 @@ class Confirming:
         """First entries of the table of models, computed on the searched samples."""
         return [ladder_entry(entry.name, compared(at_fit(self.part, fit)))
                 for entry, fit in zip(ladder, (None, self.base), strict=False)]
-
-
-def _beside_all(finding: AddedEffect, last: Fit) -> AddedEffect:
-    """Effect with the values and intervals of the fit with all effects."""
-    names = {p.name for p in finding.parameters}
-    parameters = tuple(p for p in with_limits(finding.candidate, last).parameters if p.name in names)
-    return replace(finding, parameters=parameters) if len(parameters) == len(names) else finding

@@ -56,24 +56,21 @@ def finding_files(finding: AddedEffect, before: Experiment, model: Path, experim
                            for name, value in fitted_of_record.items()
                            if name in newly_separate and not name.startswith(INITIAL)]
                   for record, fitted_of_record in finding.fit.record_values.items()}
+    # inputs that the diagnosis smooths although their file does not request it
+    smoothed = {name: f"{{column: {quoted(file_input.column)}, unit: {quoted(file_input.unit)}, "
+                      f"interpolation: {file_input.interpolation}, {'gaps: bridge, ' if file_input.bridge else ''}"
+                      f"smooth: {file_input.smooth:g} Hz"
+                      f"{f', noise: {file_input.noise:g} {file_input.unit}' if file_input.noise else ''}}}"
+                for name, file_input in before.inputs.items() if file_input.smooth is not None and file_input.file == Path()}
     lines = [f"experiment: {quoted(f'{before.name}, with {candidate.kind} {candidate.place}')}",
              f"extends: {quoted(extended_from(experiment, before.path))}",
              f"model: {quoted(extended_from(experiment, model))}",
              *block("records", {record: f"{{set: {{{', '.join(values)}}}}}" for record, values in of_records.items()
                                 if values}),
-             *block("inputs", {**_smoothed_inputs(before), **{new: old for old, new in change.moved.items()}}),
+             *block("inputs", {**smoothed, **{new: old for old, new in change.moved.items()}}),
              *block("outputs", {name: f"{{is: {quoted(formula)}}}" for name, formula in change.channels.items()}),
              *block("free", free)]
     return diagram, "\n".join(lines) + "\n"
-
-
-def _smoothed_inputs(experiment: Experiment) -> dict[str, str]:
-    """YAML entries of inputs that the diagnosis smooths although their file does not request it."""
-    return {name: f"{{column: {quoted(file_input.column)}, unit: {quoted(file_input.unit)}, "
-                  f"interpolation: {file_input.interpolation}, {'gaps: bridge, ' if file_input.bridge else ''}"
-                  f"smooth: {file_input.smooth:g} Hz"
-                  f"{f', noise: {file_input.noise:g} {file_input.unit}' if file_input.noise else ''}}}"
-            for name, file_input in experiment.inputs.items() if file_input.smooth is not None and file_input.file == Path()}
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,8 @@ def physics(candidate: Candidate, library: Library, values: Mapping[str, float],
 
 def _described(candidate: Candidate, values: Mapping[str, float], fitted: Mapping[str, Fitted]) -> str:
     """Description of an effect with its place and values."""
-    figures = [f"{n.name.rpartition('.')[2]} = {_figure(values[n.name], n.unit.text, _ends(fitted.get(n.name)))}"
+    ends = {name: p.told for name, p in fitted.items()}
+    figures = [f"{n.name.rpartition('.')[2]} = {_figure(values[n.name], n.unit.text, ends.get(n.name))}"
                for n in candidate.numbers if n.name in values]
     description = candidate.description or candidate.kind
     return f"{description[:1].upper()}{description[1:]} {candidate.place}" \
@@ -89,11 +90,18 @@ def _value(field: str | Expr, candidate: Candidate, component: Component, values
     expr = parse_formula(field) if isinstance(field, str) else field
     part = candidate.name.rpartition(".")[0] if candidate.attaches == "in" else candidate.name
     keys = list(dict.fromkeys(name.text for name in names(expr)))
-    known = {key: _known(f"{part}.{key}", key, candidate, component, values) for key in keys}
     units = {n.name.rpartition(".")[2]: n.unit for n in candidate.numbers}
-    parameter_values = {key: value for key, value in known.items() if value is not None}
-    if len(parameter_values) < len(keys):
-        return None
+    inserted = candidate.change.components.get(candidate.name)
+    parameter_values: dict[str, float] = {}
+    for key in keys:  # the fitted value, the value in the change to the diagram, or the default
+        value = values.get(f"{part}.{key}")
+        if value is None and inserted is not None and key in inserted.values:
+            value = constant(parse_formula(inserted.values[key].lstrip("= ")))
+        elif value is None and isinstance(default := component.parameters[key].default, Value):
+            value = constant(default.expr)
+        if value is None:
+            return None
+        parameter_values[key] = value
 
     def unit_of(name: Name) -> Dimension:
         return units.get(name.text, component.parameters[name.text].unit).dimension
@@ -101,8 +109,11 @@ def _value(field: str | Expr, candidate: Candidate, component: Component, values
     def at(key: str, value: float | None) -> float | None:
         return None if value is None else _evaluated(expr, {**parameter_values, key: value})
 
-    unit = units.get(field, component.parameters[field].unit).text if isinstance(field, str) else _unit_text(
-        dimension(expr, unit_of) or ())
+    if isinstance(field, str):
+        unit = units.get(field, component.parameters[field].unit).text
+    else:
+        base = dimension(expr, unit_of) or ()
+        unit = next((name for name in NAMED_UNITS if read_unit(name).dimension == base), dimension_text(base))
     moving = [key for key in keys if f"{part}.{key}" in fitted]
     ends: tuple[float | None, float | None] | None = None
     unreached = False
@@ -115,29 +126,10 @@ def _value(field: str | Expr, candidate: Candidate, component: Component, values
     return _figure(_evaluated(expr, parameter_values), unit, ends, label, unreached)
 
 
-def _known(full: str, key: str, candidate: Candidate, component: Component, values: Mapping[str, float]) -> float | None:
-    """Value of a parameter of the part: the fitted value, the value in the change to the diagram, or the default."""
-    if full in values:
-        return values[full]
-    part = candidate.change.components.get(candidate.name)
-    if part is not None and key in part.values:
-        return constant(parse_formula(part.values[key].lstrip("= ")))
-    default = component.parameters[key].default
-    return constant(default.expr) if isinstance(default, Value) else None
-
-
 def _evaluated(expr: Expr, values: Mapping[str, float]) -> float:
     context = Context(lambda _, name: ca.SX(values[name.text]), lambda symbol: symbol)
     with_values = evaluate(expr, context)
     return float(ca.evalf(with_values))
-
-
-def _unit_text(unit: Dimension) -> str:
-    return next((name for name in NAMED_UNITS if read_unit(name).dimension == unit), dimension_text(unit))
-
-
-def _ends(p: Fitted | None) -> tuple[float | None, float | None] | None:
-    return p.told if p is not None else None
 
 
 def _figure(value: float, unit: str, ends: tuple[float | None, float | None] | None, label: str = "",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from heavebond.core.cancellation import ENDED_EARLY
 from heavebond.core.errors import joined, listing
@@ -39,12 +39,10 @@ MENTIONED = 3  # largest number of candidates that are mentioned as not excluded
 def sentences(verdict: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
               shape: AddedEffect | None, adequacy: Adequacy | None = None) -> tuple[str, ...]:
     """Sentences on the verdict."""
-    lines = [_mainly(findings, adequacy) if verdict == "mainly" and adequacy is not None else
-             _beaten(findings, adequacy) if verdict == "shape" and adequacy is not None and adequacy.beaten else
-             _WORDS[verdict](ladder, findings, steps, shape)]
+    lines = [verdict_words(verdict, ladder, findings, steps, shape, adequacy)]
     lines += _same_laws(findings, steps)
     if adequacy is not None and (verdict == "mainly" or adequacy.beaten):
-        lines += _yardstick(adequacy)
+        lines += _curve_comparison(adequacy)
     short = [s.identity.blocks for s, f in zip(steps, findings, strict=False)
              if s.identity is not None and s.identity.too_short and len(f.alternatives) > 1]
     if short:
@@ -58,8 +56,7 @@ def sentences(verdict: str, ladder: Sequence[LadderEntry], findings: Sequence[Ad
     if ended and not steps[-1].at_end:
         lines.append(f"Without it {listing(ended)} went to the end of the range, a sign that physics is missing; "
                      f"with it {'they come' if len(ended) > 1 else 'it comes'} back inside.")
-    parameters = [p for f in findings for p in f.parameters]
-    for p in parameters:
+    for p in (p for f in findings for p in f.parameters):
         if p.unreached is not None:
             side = "below" if p.told[0] is None else "above"
             lines.append(f"{p.name} is not reached in the records that were fitted: they show only that it is {side} "
@@ -180,33 +177,63 @@ def _share(explained: float) -> str:
     return "more than 99" if explained > 0.995 else number(100 * explained, 2)
 
 
-def _mainly(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
-    """Sentence on the first effect and on those added after it, with their share of the misfit."""
-    share = f"{'It explains' if len(findings) == 1 else 'Together they explain'} {_share(adequacy.explained)} % of the " \
-            "misfit (chi-square above the noise)"
-    enough = near_noise(findings[-1].rung)  # the residual is then noise, and only the name of the effect is uncertain
-    first, *further = (called(f.candidate) if f.certain else _alternatives(f, 1 if k else MENTIONED)
-                       for k, f in enumerate(findings))
-    unsure = "" if findings[0].certain else _unsure(findings[:1])
-    more = f"; added after it: {'; '.join(further)}" if further else ""
-    return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure}{_laws(findings)} {share}{more}." + \
-        ("" if enough else " More is missing.")
+def verdict_words(verdict: str, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
+                  shape: AddedEffect | None, adequacy: Adequacy | None = None) -> str:
+    """First sentences of the answer: the missing effect with its alternatives, or the reason why none is named."""
+    if verdict == "nothing" or (verdict == "parameters" and not findings):
+        tests = steps[0].left
+        # a significant score that no refit confirms
+        refuted = f" (The largest score of a candidate, z = {number(tests.z, 3)}, is exceeded by chance in " \
+                  f"{number(100 * tests.score, 2)} % of such records; refitted, no candidate is justified.)" \
+            if tests.significant else ""
+        return ("No effect is missing: the residual is noise." if verdict == "nothing" else
+                "Parameters, not physics: with fitted values the residual is noise.") + refuted
+    if verdict == "parameters":
+        first, *alternatives = map(_revalued, findings[0].alternatives)
+        return f"Parameters, not physics: with {first}, the residual is near the noise level." + \
+            (f" The records do not distinguish it from {listing(alternatives, 5)}." if alternatives else "") + \
+            " It is held fixed in this experiment: check it, or put it under `free:`."
+    # laws of the same class and place that the records do not distinguish from the named ones
+    laws = dict.fromkeys(t.candidate.component for f in findings for t in f.alternatives[1:]
+                         if f.certain and t.candidate.component != f.candidate.component)
+    same_place = f" The records do not distinguish this law from {listing(laws, len(laws))} there." if laws else ""
+    if verdict == "effect":
+        # two laws of one class at one place may together represent a law outside the catalogue (c_2 s**2 + c_3 s**3)
+        often = Counter(called(f.candidate) for f in findings)
+        return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}." + same_place
+    if verdict == "one_of":
+        return "Missing: " + "; and ".join(map(_alternatives, findings)) + "." + _unsure(findings)
+    if verdict == "mainly":
+        assert adequacy is not None
+        share = f"{'It explains' if len(findings) == 1 else 'Together they explain'} {_share(adequacy.explained)} % of " \
+                "the misfit (chi-square above the noise)"
+        enough = near_noise(findings[-1].rung)  # the residual is then noise, and only the name of the effect is uncertain
+        first, *further = (called(f.candidate) if f.certain else _alternatives(f, 1 if k else MENTIONED)
+                           for k, f in enumerate(findings))
+        unsure = "" if findings[0].certain else _unsure(findings[:1])
+        more = f"; added after it: {'; '.join(further)}" if further else ""
+        return f"Missing: {'probably' if enough else 'mainly'} {first}.{unsure}{same_place} {share}{more}." + \
+            ("" if enough else " More is missing.")
+    if verdict == "shape" and adequacy is not None and adequacy.beaten:
+        assert adequacy.flexible is not None
+        first, *further = (_alternatives(f, 1 if k else MENTIONED) for k, f in enumerate(findings)) if findings else [""]
+        nearest = f" ({first})" if first else ""
+        return f"Something is missing {adequacy.flexible.candidate.place} that no entry of the catalogue explains: an " \
+               f"identified curve there explains most of what the best law of the catalogue{nearest} leaves." \
+               + (f" Found together with it: {'; '.join(further)}." if further else "")
+    if verdict == "shape":
+        text = "Something is missing that no entry of the catalogue explains."
+        if findings:
+            text += f" Nearest to it: {'; and '.join(map(_alternatives, findings))}, but more is missing."
+        if shape is not None:
+            text += f" An identified curve {shape.candidate.place} lowers the error until its name is found."
+        return text
+    return _undetermined(ladder, findings, steps)
 
 
-def _beaten(findings: Sequence[AddedEffect], adequacy: Adequacy) -> str:
-    """Sentence on a curve that explains more than the first effect, and on further effects."""
-    curve = adequacy.flexible
-    assert curve is not None
-    first, *further = (_alternatives(f, 1 if k else MENTIONED) for k, f in enumerate(findings)) if findings else [""]
-    nearest = f" ({first})" if first else ""
-    return f"Something is missing {curve.candidate.place} that no entry of the catalogue explains: an identified curve " \
-           f"there explains most of what the best law of the catalogue{nearest} leaves." \
-           + (f" Found together with it: {'; '.join(further)}." if further else "")
-
-
-def _yardstick(adequacy: Adequacy) -> list[str]:
+def _curve_comparison(adequacy: Adequacy) -> list[str]:
     """Sentences on the comparison of a named effect with identified curves, if the residual exceeds the noise."""
-    curve, elsewhere = adequacy.flexible, adequacy.elsewhere
+    curve, elsewhere, law = adequacy.flexible, adequacy.elsewhere, adequacy.law
     lines = []
     if not adequacy.tried and (curve is None or not adequacy.beaten):
         lines.append("Whether another law at this place would explain more was not tried to the end.")
@@ -221,44 +248,17 @@ def _yardstick(adequacy: Adequacy) -> list[str]:
     elif not adequacy.beaten:
         lines.append("An identified curve at this place does not explain much more (held-out chi-square per sample "
                      f"{number(curve.chi2_held_out, 3)}), so the residual is due to something else.")
-    if elsewhere is not None:
-        lines.append(_other_place(elsewhere, adequacy.law))
+    if elsewhere is not None:  # its predictions are as good or not significantly worse
+        opening = f"The place is not certain: an identified curve {elsewhere.candidate.place}"
+        figures = f"chi-square of all predictions {number(loss(elsewhere), 3)}"
+        if law is not None:
+            figures += f", with the named effect {number(loss(law), 3)}"
+        if law is None or loss(elsewhere) <= loss(law) + DECISION.material * max(loss(law), 1.0):
+            lines.append(f"{opening} predicts as well ({figures}).")
+        else:
+            lines.append(f"{opening} is not excluded. It leaves more ({figures}), but not significantly more, or a small "
+                         "part of the misfit.")
     return lines
-
-
-def _other_place(curve: Refit, law: Refit | None) -> str:
-    """Sentence on an identified curve at another place that is not excluded, because its predictions are as good or not
-    significantly worse."""
-    place, curve_loss = curve.candidate.place, loss(curve)
-    opening = f"The place is not certain: an identified curve {place}"
-    if law is None:
-        return f"{opening} predicts as well (chi-square of all predictions {number(curve_loss, 3)})."
-    figures = f"chi-square of all predictions {number(curve_loss, 3)}, with the named effect {number(loss(law), 3)}"
-    if curve_loss <= loss(law) + DECISION.material * max(loss(law), 1.0):
-        return f"{opening} predicts as well ({figures})."
-    return f"{opening} is not excluded. It leaves more ({figures}), but not significantly more, or a small part of the " \
-           "misfit."
-
-
-def _nothing(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage], *_: object) -> str:
-    return "No effect is missing: the residual is noise." + _refuted_words(steps)
-
-
-def _refuted_words(steps: Sequence[Stage]) -> str:
-    """Sentence on a significant score that no refit confirms."""
-    tests = steps[0].left
-    share = number(100 * tests.score, 2)
-    return f" (The largest score of a candidate, z = {number(tests.z, 3)}, is exceeded by chance in {share} % of such " \
-           "records; refitted, no candidate is justified.)" if tests.significant else ""
-
-
-def _parameters(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage], *_: object) -> str:
-    if not findings:
-        return "Parameters, not physics: with fitted values the residual is noise." + _refuted_words(steps)
-    first, *alternatives = map(_revalued, findings[0].alternatives)
-    return f"Parameters, not physics: with {first}, the residual is near the noise level." + \
-        (f" The records do not distinguish it from {listing(alternatives, 5)}." if alternatives else "") + \
-        " It is held fixed in this experiment: check it, or put it under `free:`."
 
 
 def acting_as_values(findings: Sequence[AddedEffect], steps: Sequence[Stage], known: Sequence[str]) -> list[str]:
@@ -293,19 +293,6 @@ def _revalued(trial: Refit) -> str:
         f"another value of {held.name} (in the diagram {before})"
 
 
-def _effect(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
-    # two laws of one class at one place may together represent a law outside the catalogue (c_2 s**2 + c_3 s**3)
-    often = Counter(called(f.candidate) for f in findings)
-    return f"Missing: {'; '.join(name if k == 1 else f'{name}, {k} times' for name, k in often.items())}." + _laws(findings)
-
-
-def _laws(findings: Sequence[AddedEffect]) -> str:
-    """Sentence on laws of the same class and place that the records do not distinguish from the named ones."""
-    laws = dict.fromkeys(t.candidate.component for f in findings for t in f.alternatives[1:]
-                         if f.certain and t.candidate.component != f.candidate.component)
-    return f" The records do not distinguish this law from {listing(laws, len(laws))} there." if laws else ""
-
-
 def _same_laws(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> list[str]:
     """Sentences on other entries of the catalogue that are the same law at the same place: `leakage` of a cylinder and
     `LaminarLeakage` between its chambers."""
@@ -317,11 +304,6 @@ def _same_laws(findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> list[
             lines.append(f"{listing(same, MENTIONED)} {'is' if len(same) == 1 else 'are'} the same law as "
                          f"{called(finding.candidate)}.")
     return lines
-
-
-
-def _one_of(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], *_: object) -> str:
-    return "Missing: " + "; and ".join(map(_alternatives, findings)) + "." + _unsure(findings)
 
 
 def _places(finding: AddedEffect) -> dict[str, list[str]]:
@@ -337,21 +319,19 @@ def _places(finding: AddedEffect) -> dict[str, list[str]]:
 
 
 def _alternatives(finding: AddedEffect, classes: int = MENTIONED) -> str:
-    """Format the first classes and places of a finding and the number of further ones: `dry friction at the wall or at the
-    floor; or backlash in the gear`."""
+    """Format the first classes and places of a finding and the number of further ones: `dry friction at the wall, at the
+    floor or at one of 2 other places; or backlash in the gear`."""
     places_by_class = _places(finding)
-    apart = "; or " if classes > 1 and any(len(places) > 1 for places in places_by_class.values()) else " or "
-    named = [f"{kind} {_either(places)}".strip() for kind, places in [*places_by_class.items()][:classes]]
+    named = []
+    for kind, places in [*places_by_class.items()][:classes]:
+        listed, more = places[:MENTIONED], len(places) - MENTIONED
+        if more > 0:
+            listed = [*listed, f"at {'another place' if more == 1 else f'one of {more} other places'}"]
+        named.append(f"{kind} {joined(listed, 'or')}".strip())
     more = len(places_by_class) - len(named)
     remaining = [] if more <= 0 else ["another class"] if more == 1 else [f"one of {more} other classes"]
-    return apart.join([*named, *remaining])
-
-
-def _either(places: Sequence[str]) -> str:
-    """Format places: `at the wall, at the floor or at one of 2 other places`."""
-    listed, more = places[:MENTIONED], len(places) - MENTIONED
-    listed = listed if more <= 0 else [*listed, f"at {'another place' if more == 1 else f'one of {more} other places'}"]
-    return joined(listed, "or")
+    several = classes > 1 and any(len(places) > 1 for places in places_by_class.values())
+    return ("; or " if several else " or ").join([*named, *remaining])
 
 
 def _unsure(findings: Sequence[AddedEffect]) -> str:
@@ -360,73 +340,42 @@ def _unsure(findings: Sequence[AddedEffect]) -> str:
     return f" The records cannot distinguish {alternatives}."
 
 
-def _shape(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
-           shape: AddedEffect | None) -> str:
-    text = "Something is missing that no entry of the catalogue explains."
-    if findings:
-        text += f" Nearest to it: {'; and '.join(map(_alternatives, findings))}, but more is missing."
-    if shape is not None:
-        text += f" An identified curve {shape.candidate.place} lowers the error until its name is found."
-    return text
-
-
-def _white_when_held_out(rung: LadderEntry) -> bool:
-    """True if the residual of each channel on held-out data is white according to the test for memory."""
-    p_values = [c.white for part in rung.comparison.parts if part.use != "fit" for c in part.channels.values()]
-    return bool(p_values) and all(p * len(p_values) >= LEVELS["memory"] for p in p_values)
-
-
-def _noise_to_write(rung: LadderEntry) -> list[str]:
-    """Noise entries for the channels whose held-out residual exceeds their noise, with the values that would explain it."""
-    return [f"`noise: {m.words}` at {m.channel}" for m in channel_errors(rung)
-            if m.error > math.sqrt(DECISION.near) * m.noise]
-
-
-def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
-                  shape: AddedEffect | None) -> str:
-    if steps[-1].partial or findings:
-        return _leading_so_far(ladder, findings, steps)
-    if not steps[0].left.significant and not is_still(ladder[0]):
-        best = min(ladder, key=held_out_or_fitted)
-        why = "The missing effect does not show where the model is fitted; give a longer or more exciting record " \
-            "`use: fit`." if not _white_when_held_out(best) else \
-            "It is white there too, which a missing effect seldom leaves, and a sensor that is noisier in some records " \
-            f"does. If so, nothing is missing: write {listing(_noise_to_write(best), 3)}."
-        return "Not decided by these records: the residual of the fitted records is noise, but on held-out data the " \
-            f"reduced chi-square is {number(held_out_or_fitted(best), 3)}. {why}"
-    if not steps[0].left.significant:
-        return "Not decided by these records: no channel moves by more than a few times its noise."
-    return "The residual exceeds the noise, but no effect of the catalogue reduces it noticeably on held-out data."
-
-
-def _leading_so_far(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> str:
-    """Sentence on the best result of a search that was ended early, with its share of the misfit; "no conclusion" only if no
-    candidate removes a large share."""
+def _undetermined(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage]) -> str:
+    """Reason why the records do not decide. After a search that was ended early, the best result with its share of the
+    misfit; "no conclusion" only if no candidate removes a large share."""
+    step = steps[-1]
     if findings:
         near = "; and ".join(map(_alternatives, findings))
         share = misfit_reduction(held_out_or_fitted(without_effects(ladder, findings)),
                                  held_out_or_fitted(findings[-1].rung))
         return f"The search was ended early. Best so far: {near}; {_share(share)} % of the misfit is explained."
-    step = steps[-1]
-    shares = [(_share_of(step, trial), trial.candidate) for trial in step.trials]
-    if not shares or shares[0][0] < DECISION.mainly:
-        return "No conclusion yet: the search was ended early."
-    (share, first), runners_up = shares[0], shares[1:]
-    behind = [f"{called(c)} explains {_share(s)} %" for s, c in runners_up
-              if (c.kind, c.where) != (first.kind, first.where)][:1]
-    return f"The search was ended early. Best so far: {called(first)}, which explains {_share(share)} % of the misfit" \
-        + (f"; of the others {behind[0]}" if behind else "") + "."
-
-
-def _share_of(step: Stage, trial: Refit) -> float:
-    """Share of the misfit of a step that a refit removes, on held-out data if there are any."""
-    held = math.isfinite(step.chi2_held_out)
-    return misfit_reduction(*((step.chi2_held_out, trial.chi2_held_out) if held else (step.chi2_fit, trial.chi2_fit)))
-
-
-_WORDS: dict[str, Callable[..., str]] = {
-    "nothing": _nothing, "parameters": _parameters, "effect": _effect, "one_of": _one_of, "shape": _shape,
-    "undetermined": _undetermined}
+    if step.partial:
+        held = math.isfinite(step.chi2_held_out)
+        shares = [(misfit_reduction(step.chi2_held_out, trial.chi2_held_out) if held else
+                   misfit_reduction(step.chi2_fit, trial.chi2_fit), trial.candidate) for trial in step.trials]
+        if not shares or shares[0][0] < DECISION.mainly:
+            return "No conclusion yet: the search was ended early."
+        (share, first), runners_up = shares[0], shares[1:]
+        behind = [f"{called(c)} explains {_share(s)} %" for s, c in runners_up
+                  if (c.kind, c.where) != (first.kind, first.where)][:1]
+        return f"The search was ended early. Best so far: {called(first)}, which explains {_share(share)} % of the misfit" \
+            + (f"; of the others {behind[0]}" if behind else "") + "."
+    if steps[0].left.significant:
+        return "The residual exceeds the noise, but no effect of the catalogue reduces it noticeably on held-out data."
+    if is_still(ladder[0]):
+        return "Not decided by these records: no channel moves by more than a few times its noise."
+    best = min(ladder, key=held_out_or_fitted)
+    # white by the test for memory in each channel of the held-out data
+    p_values = [c.white for part in best.comparison.parts if part.use != "fit" for c in part.channels.values()]
+    if p_values and all(p * len(p_values) >= LEVELS["memory"] for p in p_values):
+        to_write = [f"`noise: {m.words}` at {m.channel}" for m in channel_errors(best)
+                    if m.error > math.sqrt(DECISION.near) * m.noise]
+        why = "It is white there too, which a missing effect seldom leaves, and a sensor that is noisier in some records " \
+              f"does. If so, nothing is missing: write {listing(to_write, 3)}."
+    else:
+        why = "The missing effect does not show where the model is fitted; give a longer or more exciting record `use: fit`."
+    return "Not decided by these records: the residual of the fitted records is noise, but on held-out data the " \
+           f"reduced chi-square is {number(held_out_or_fitted(best), 3)}. {why}"
 
 
 def residual_notes(verdict: str, remainder: Remainder | None, steps: Sequence[Stage]) -> list[str]:
@@ -548,23 +497,27 @@ def was_ended(fit: Fit) -> bool:
 def so_far(steps: Sequence[Stage], untried: Sequence[str]) -> list[str]:
     """Sentences on a search that was ended early: the number of scored and refitted candidates, the leading one, and the
     parts of the search that were not tried."""
+    lines = []
     cut = next((k for k, step in enumerate(steps, 1) if step.partial), 0)
-    lines = [_cut_short(steps[cut - 1], f"In step {cut}" if len(steps) > 1 else "So far")] if cut else []
-    return [*lines, *([f"Not tried, as the search was ended early: {listing(untried, len(untried))}."] if untried else [])]
-
-
-def _cut_short(step: Stage, where: str) -> str:
-    scored, refitted = {s.candidate.label for s in step.scores}, {t.candidate.label for t in step.trials}
-    planned = max(step.planned, len(scored | refitted))
-    begun = f"{where} {len(scored)} of {counted(planned, 'candidate')} {'was' if len(scored) == 1 else 'were'} scored and " \
-        f"{len(refitted)} refitted; the others may explain the residual as well."
-    if not step.trials:
+    if cut:
+        step = steps[cut - 1]
+        scored, refitted = {s.candidate.label for s in step.scores}, {t.candidate.label for t in step.trials}
+        planned = max(step.planned, len(scored | refitted))
+        line = f"{f'In step {cut}' if len(steps) > 1 else 'So far'} {len(scored)} of {counted(planned, 'candidate')} " \
+               f"{'was' if len(scored) == 1 else 'were'} scored and {len(refitted)} refitted; the others may explain the " \
+               "residual as well."
         largest = max(step.scores, key=lambda s: s.gain, default=None)
-        return begun + (f" Largest score: {largest.candidate.label}." if largest is not None and largest.gain > 0 else "")
-    best, held = step.trials[0], math.isfinite(step.chi2_held_out)
-    before, after = (step.chi2_held_out, best.chi2_held_out) if held else (step.chi2_fit, best.chi2_fit)
-    return f"{begun} Leading: {best.candidate.label}, which changes chi-square per sample from {number(before, 3)} to " \
-        f"{number(after, 3)} on {'held-out' if held else 'fitted'} data."
+        if step.trials:
+            best, held = step.trials[0], math.isfinite(step.chi2_held_out)
+            before, after = (step.chi2_held_out, best.chi2_held_out) if held else (step.chi2_fit, best.chi2_fit)
+            line += f" Leading: {best.candidate.label}, which changes chi-square per sample from {number(before, 3)} to " \
+                    f"{number(after, 3)} on {'held-out' if held else 'fitted'} data."
+        elif largest is not None and largest.gain > 0:
+            line += f" Largest score: {largest.candidate.label}."
+        lines.append(line)
+    if untried:
+        lines.append(f"Not tried, as the search was ended early: {listing(untried, len(untried))}.")
+    return lines
 
 
 def unusual_values(findings: Sequence[AddedEffect]) -> list[str]:

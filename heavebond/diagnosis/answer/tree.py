@@ -236,7 +236,7 @@ def answer_leaves(step: Stage, known: Evidence, localization: Localization | Non
     effects = _laws(step, named, library, constants.temperature) if named else \
         _scored(step, max(0.0, masses.get(OTHER, 0.0) - constants.lapse), library)
     outside = _outside(step, known, effects, localization, masses.get(OUTSIDE, 0.0), constants.temperature)
-    return effects, _of_their_class(outside, effects), masses
+    return effects, outside, masses
 
 
 def _laws(step: Stage, events: Sequence[Event], library: Library, temperature: float) -> list[Leaf]:
@@ -280,17 +280,13 @@ def levels(step: Stage, candidate: Candidate, kind: str, library: Library) -> tu
     law = candidate.name if candidate.attaches == "in" else candidate.component
     inside = candidate.attaches in ("in", "replaces", "parameter") and not candidate.members
     words = f"in {candidate.where[0]}" if inside else candidate.place
-    does = kind_words(nature, _domain(candidate, library), len(place[1]) > 1)
-    return (system, place, nature, kind, law), (system, words, does, kind, law)
-
-
-def _domain(candidate: Candidate, library: Library) -> Domain | None:
-    """Domain of the ports of a law; None if it has several or none."""
+    # the domain of the ports of the law, if they have one in common
     component = library.component(candidate.component)
     effect = component.effect_of(candidate.attaches, candidate.old)
     also = effect.also if effect is not None else {}
     domains = {p.domain for p in component.ports.values() if p.name not in also}
-    return library.domains.get(next(iter(domains))) if len(domains) == 1 else None
+    domain = library.domains.get(next(iter(domains))) if len(domains) == 1 else None
+    return (system, place, nature, kind, law), (system, words, kind_words(nature, domain, len(place[1]) > 1), kind, law)
 
 
 def kind_words(kind: str, domain: Domain | None, pair: bool) -> str:
@@ -318,34 +314,30 @@ def _outside(step: Stage, known: Evidence, effects: Sequence[Leaf], localization
     """Distribute the probability of a law outside the catalogue over places and kinds.
 
     The weights are taken from the identified curves; without curves, from the localisation; otherwise from the effects of
-    the catalogue.
+    the catalogue. A law is assigned to a class if nearly all effects of its kind at its place are of this class. Example: a
+    flow between two nodes that depends on their pressure difference is leakage, regardless of its law.
     """
-    among = sum(leaf.probability for leaf in effects) or 1.0
+    leaves: list[Leaf] = []
     if known.curves:
         weights = known.flexible[temperature]
         words = {leaf.keys[1:3]: leaf.names for leaf in effects}
-        leaves = []
         for curve, weight in zip(known.curves, weights / max(float(weights.sum()), 1e-300), strict=True):
             names = frozenset(step.places.as_one.get(name, name) for name in curve.where)
             place = ("", names - step.places.grounds or names, frozenset[str]())
             level_names = words.get((place, curve.kind), (MACHINE, curve.place, kind_words(curve.kind, None, False)))
             leaves.append(Leaf((MACHINE, place, curve.kind, OUTSIDE), (*level_names[:3], NO_LAW), mass * float(weight)))
-        return leaves
-    if localization is not None and localization.missing and localization.suspects:
-        return _localized(step, localization, mass, temperature)
-    outside_leaves: dict[tuple[object, ...], Leaf] = {}
-    for leaf in effects:
-        keys = (*leaf.keys[:3], OUTSIDE)
-        leaf_so_far = outside_leaves.get(keys, Leaf(keys, (*leaf.names[:3], NO_LAW), 0.0))
-        outside_leaves[keys] = replace(leaf_so_far, probability=leaf_so_far.probability + mass * leaf.probability / among)
-    return list(outside_leaves.values())
-
-
-def _of_their_class(outside: Sequence[Leaf], effects: Sequence[Leaf]) -> list[Leaf]:
-    """Assign laws outside the catalogue to a class, if nearly all effects of the same kind at the same place are of this
-    class. Example: a flow between two nodes that depends on their pressure difference is leakage, regardless of its law."""
+    elif localization is not None and localization.missing and localization.suspects:
+        leaves = _localized(step, localization, mass, temperature)
+    else:
+        among = sum(leaf.probability for leaf in effects) or 1.0
+        sums: dict[tuple[object, ...], Leaf] = {}
+        for leaf in effects:
+            keys = (*leaf.keys[:3], OUTSIDE)
+            before = sums.get(keys, Leaf(keys, (*leaf.names[:3], NO_LAW), 0.0))
+            sums[keys] = replace(before, probability=before.probability + mass * leaf.probability / among)
+        leaves = list(sums.values())
     classified = []
-    for leaf in outside:
+    for leaf in leaves:
         alike = [effect for effect in effects if effect.keys[:3] == leaf.keys[:3]]
         classes = {effect.keys[3]: effect.names[3] for effect in alike}
         shares = {key: sum(e.probability for e in alike if e.keys[3] == key) for key in classes}
@@ -373,32 +365,18 @@ def _localized(step: Stage, localization: Localization, mass: float, temperature
         group = next(g for g in groups if s.place.name in g)
         share = groups[group] / sum(groups.values()) / sum(o.place.name in group for o in localization.suspects)
         predicted = min(1.0, max(0.0, s.curve.r2)) if s.curve is not None else 0.0
-        levels_ = [_input_levels(step, s), *_upstream_levels(step, s)]
-        leaves += [Leaf(keys, names, mass * explained * predicted * share / len(levels_)) for keys, names in levels_]
+        inputs = _input_levels(step, s)
+        leaves += [Leaf(keys, names, mass * explained * predicted * share / len(inputs)) for keys, names in inputs]
     return leaves
 
 
-def _upstream_levels(step: Stage, suspect: PlaceEstimate) -> list[tuple[tuple[object, ...], tuple[str, ...]]]:
-    """Keys and names of the signal inputs through which an unknown input at a node may act: those of the sources on its
-    nodes, and others with the same influence on the records (before a gain, for example)."""
-    nodes = {node.name for node in suspect.place.nodes}
-    known = {score.candidate.label: score.candidate for score in step.scores}
-    on_nodes = {label: c for label, c in known.items() if c.attaches == "input"
-                and nodes & {*step.places.parts.get(c.where[0], {}).values()}}
-    alike = {equivalent: known[equivalent] for label in on_nodes for equivalent in step.twins.get(label, ())
-             if equivalent in known and known[equivalent].attaches == "input"}
-    words = kind_words("transport", None, False)
-    return list({(place := step.places.place(c)): ((MACHINE, place, "transport", OUTSIDE), (MACHINE, c.place, words, NO_LAW))
-                 for c in {**on_nodes, **alike}.values()}.values())
-
-
-def _input_levels(step: Stage, suspect: PlaceEstimate) -> tuple[tuple[object, ...], tuple[str, ...]]:
-    """Keys and names of an unknown input on the levels system, place, kind and class."""
-    node = suspect.place.nodes[0]
+def _input_levels(step: Stage, suspect: PlaceEstimate) -> list[tuple[tuple[object, ...], tuple[str, ...]]]:
+    """Keys and names, on the levels system, place, kind and class, of an unknown input at a node, and of the signal inputs
+    through which it may act: those of the sources on its nodes, and others with the same influence on the records (before a
+    gain, for example)."""
+    node, curve = suspect.place.nodes[0], suspect.curve
     names = frozenset(step.places.as_one.get(n.name, n.name) for n in suspect.place.nodes)
     moving = names - step.places.grounds
-    place = ("", moving or names, frozenset[str]())
-    curve = suspect.curve
     kind = ""
     if curve is not None and curve.r2 >= INPUT_ESTIMATION.explains:
         kind = FOLLOWED.get(curve.variable.kind, "")
@@ -406,7 +384,18 @@ def _input_levels(step: Stage, suspect: PlaceEstimate) -> tuple[tuple[object, ..
             kind = "acceleration" if node.mechanical else "storage"
     words = kind_words(kind, node.domain, len(moving) > 1) if kind else \
         f"exerts a {node.domain.members[node.through].noun} of unknown origin"
-    return (MACHINE, place, kind, OUTSIDE), (MACHINE, suspect.place.words, words, NO_LAW)
+    at_node = (MACHINE, ("", moving or names, frozenset[str]()), kind, OUTSIDE), \
+        (MACHINE, suspect.place.words, words, NO_LAW)
+    nodes = {node.name for node in suspect.place.nodes}
+    known = {score.candidate.label: score.candidate for score in step.scores}
+    on_nodes = {label: c for label, c in known.items() if c.attaches == "input"
+                and nodes & {*step.places.parts.get(c.where[0], {}).values()}}
+    alike = {equivalent: known[equivalent] for label in on_nodes for equivalent in step.twins.get(label, ())
+             if equivalent in known and known[equivalent].attaches == "input"}
+    words = kind_words("transport", None, False)
+    upstream = {(place := step.places.place(c)): ((MACHINE, place, "transport", OUTSIDE), (MACHINE, c.place, words, NO_LAW))
+                for c in {**on_nodes, **alike}.values()}
+    return [at_node, *upstream.values()]
 
 
 # -- the tree -----------------------------------------------------------------------------------------------------------
@@ -506,24 +495,20 @@ def _with_equivalent_places(leaves: Sequence[Leaf], twins: Mapping[str, Sequence
 
 # -- words --------------------------------------------------------------------------------------------------------------
 def _meaning(best: Refit | AddedEffect, library: Library) -> str:
-    """Sentence on the physics of the best law."""
-    if isinstance(best, AddedEffect):
+    """Sentence on the physics of the best law. For a parameter that the diagram holds fixed, its fitted value and its value
+    in the diagram."""
+    if not isinstance(best, AddedEffect):
+        return physics(best.candidate, library, best.values)
+    if best.candidate.kind == VALUE:
+        (number,) = best.candidate.numbers
+        value = best.parameters[0].value if best.parameters else number.neutral
+        fitted, written = (readable(v, number.unit.text, 4) for v in (value, number.neutral))
+        return f"{number.name} is {fitted}; the diagram has {written}."
+    sentences, onset = variation_words([best]), onset_words(best)
+    if sentences in ([], [onset]):  # a law, possibly with an onset
         values = {**best.fit.values, **{p.name: p.value for p in best.parameters}}
-        if best.candidate.kind == VALUE:
-            return _value_words(best)
-        sentences, onset = variation_words([best]), onset_words(best)
-        if sentences in ([], [onset]):  # a law, possibly with an onset
-            sentences = [physics(best.candidate, library, values, best.parameters), *sentences]
-        return " ".join(sentences)
-    return physics(best.candidate, library, best.values)
-
-
-def _value_words(finding: AddedEffect) -> str:
-    """Sentence on the fitted value of a parameter that the diagram holds fixed, and its value in the diagram."""
-    (number,) = finding.candidate.numbers
-    value = finding.parameters[0].value if finding.parameters else number.neutral
-    written = [readable(v, number.unit.text, 4) for v in (value, number.neutral)]
-    return f"{number.name} is {written[0]}; the diagram has {written[1]}."
+        sentences = [physics(best.candidate, library, values, best.parameters), *sentences]
+    return " ".join(sentences)
 
 
 def _statement(root: Node, path: Sequence[Node], best: Refit | AddedEffect | None) -> str:

@@ -63,20 +63,17 @@ def onset_words(finding: AddedEffect) -> str:
 
 def _of_records(name: str, values: Sequence[Fitted]) -> str:
     """Sentence on the ratio of the largest to the smallest value of a parameter over the fitted records; empty if their
-    intervals overlap."""
-    fitted_values = sorted((p for p in values if p.record), key=lambda p: abs(p.value))
-    if len(fitted_values) < 2 or fitted_values[0].value == 0 or _overlap(fitted_values[0], fitted_values[-1]):
+    intervals overlap (an unknown end of an interval is replaced by the value)."""
+    by_size = sorted((p for p in values if p.record), key=lambda p: abs(p.value))
+    if len(by_size) < 2 or by_size[0].value == 0:
         return ""
-    low, high = fitted_values[0], fitted_values[-1]
-    return f"{name} is {number(high.value / low.value, 3)} times as large in record {high.record} as in record " \
-        f"{low.record} ({readable(high.value, high.unit, 3)} and {readable(low.value, low.unit, 3)})."
-
-
-def _overlap(first: Fitted, second: Fitted) -> bool:
-    """True if the intervals of two values overlap; an unknown end is replaced by the value."""
-    (low, high), (low_other, high_other) = ((p.told[0] if p.told[0] is not None else p.value,
-                                             p.told[1] if p.told[1] is not None else p.value) for p in (first, second))
-    return max(low, low_other) <= min(high, high_other)
+    smallest, largest = by_size[0], by_size[-1]
+    lows, highs = zip(*((p.value if p.told[0] is None else p.told[0], p.value if p.told[1] is None else p.told[1])
+                        for p in (smallest, largest)), strict=True)
+    if max(lows) <= min(highs):
+        return ""
+    return f"{name} is {number(largest.value / smallest.value, 3)} times as large in record {largest.record} as in record " \
+        f"{smallest.record} ({readable(largest.value, largest.unit, 3)} and {readable(smallest.value, smallest.unit, 3)})."
 
 
 def _of_factor(name: str, finding: AddedEffect, effect: Effect) -> str:

@@ -315,7 +315,11 @@ def _dormant(site: Site) -> Iterator[Candidate]:
             if parameter.neutral is None or values.get(full) != parameter.neutral:
                 continue
             woken = [p for p in leaf.component.parameters.values() if p.name in parameter.wakes_with]
-            numbers = [_dormant_number(full, parameter),
+            low, high = parameter.low, parameter.high
+            if parameter.sought is not None and parameter.sought.range is not None:
+                low, high = parameter.sought.range.low, parameter.sought.range.high
+            numbers = [EffectNumber(full, parameter.unit, low, high, None, True, parameter.neutral,
+                                    (parameter.low, parameter.high)),
                        *(EffectNumber(f"{leaf.path}.{p.name}", p.unit, p.low, p.high, p.sought, False,
                                       limits=(p.low, p.high)) for p in woken)]
             yield within(leaf, parameter, parameter.kind or parameter.doc or parameter.name, numbers)
@@ -326,14 +330,6 @@ def within(leaf: Leaf, parameter: Parameter, kind: str, numbers: Sequence[Effect
     settings = {n.name: quantity(n.neutral if n.amplitude else _middle(n.sought), n.unit) for n in numbers}
     return Candidate(f"{leaf.path}.{parameter.name}", leaf.component.name, kind, parameter.doc,
                      f"in {leaf.path} ({parameter.name})", (leaf.path,), Change(settings=settings), tuple(numbers), "in")
-
-
-def _dormant_number(full: str, parameter: Parameter) -> EffectNumber:
-    low, high = parameter.low, parameter.high
-    if parameter.sought is not None and parameter.sought.range is not None:
-        low, high = parameter.sought.range.low, parameter.sought.range.high
-    return EffectNumber(full, parameter.unit, low, high, None, True, parameter.neutral or 0.0,
-                        (parameter.low, parameter.high))
 
 
 def _middle(sought: SearchRange | None) -> float:
@@ -549,7 +545,10 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
             # an end with the name of the node cannot be disconnected from it
             if wire is None or port.count is not None or wire == leaf.path:
                 continue
-            if _carries_nothing(leaf.component, port.name):
+            # an equation sets the force on the port or the flow through it to zero
+            if any(isinstance(line.tree.left, Name) and line.tree.left.text.rpartition(".")[0] == port.name
+                   and isinstance(line.tree.right, Number) and line.tree.right.value == 0
+                   for line in leaf.component.equations):
                 if port.domain == first.domain:
                     site.excluded[f"{component.name} before {path}"] = "nothing flows through that port"
                 continue
@@ -566,12 +565,6 @@ def _in_series(site: Site, component: Component, effect: Effect) -> Iterator[Can
             yield Candidate(name, component.name, effect.kind, effect.description, place, (group.name, leaf.path),
                             Change({name: _part(component, numbers)}, ends, initial=_settled(component, effect, name)),
                             numbers, "in series", _full(component, name))
-
-
-def _carries_nothing(component: Component, port: str) -> bool:
-    """True if an equation sets the force on a port or the flow through it to zero."""
-    return any(isinstance(line.tree.left, Name) and line.tree.left.text.rpartition(".")[0] == port
-               and isinstance(line.tree.right, Number) and line.tree.right.value == 0 for line in component.equations)
 
 
 def _settled(component: Component, effect: Effect, name: str) -> dict[str, str]:
@@ -613,8 +606,12 @@ def _before_input(site: Site, component: Component, effect: Effect) -> Iterator[
             if block and wire is None:  # a formula in the file of the block
                 site.excluded[f"{component.name} before {path}"] = "a formula inside the block gives this input"
                 continue
-            if block and _is_input_of(site, block, wire):
-                continue
+            if block:  # at a node that only connects an input of the block, the effect before this input is the same
+                around = site.expanded.leaves[block].component
+                inner_wire = next((w for w in around.body.wires.values() if f"{block}.{w.name}" == wire), None)
+                ends = [end.path for end in inner_wire.ends] if inner_wire is not None else []
+                if len(ends) == 2 and any(around.signals[end].direction == "in" for end in ends if end in around.signals):
+                    continue
             name = fresh(site, f"{snake(component.name)}_{leaf.path}".replace(".", "_"))
             unit = site.network.units.get(leaf.path, {})
             numbers = _numbers(component, effect, name, solved(signal.unit.dimension, unit))
@@ -636,15 +633,6 @@ def is_offset_or_gain(component: Component) -> bool:
 
     return not component.variables and all(polynomial(side) for line in component.equations
                                            for side in (line.tree.left, line.tree.right))
-
-
-def _is_input_of(site: Site, block: str, wire: str | None) -> bool:
-    """True if a node inside a block only connects an input of the block to one part. An effect before this input of the
-    block is then the same candidate."""
-    around = site.expanded.leaves[block].component
-    inner_wire = next((w for w in around.body.wires.values() if f"{block}.{w.name}" == wire), None)
-    ends = [end.path for end in inner_wire.ends] if inner_wire is not None else []
-    return len(ends) == 2 and any(end in around.signals and around.signals[end].direction == "in" for end in ends)
 
 
 def _at_rest(site: Site, component: Component, name: str) -> dict[str, str]:
@@ -697,7 +685,12 @@ def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> I
             continue
         formulas = {key: re.sub(r"\bold\.", f"{leaf.path}.", formula.text) for key, formula in effect.start.items()}
         values = {key: _evaluated(site.assembly, formula) for key, formula in formulas.items()}
-        if wrong := [key for key, value in values.items() if not _allowed(component.parameters[key], value)]:
+        wrong = []
+        for key, value in values.items():
+            low, high = component.parameters[key].low, component.parameters[key].high
+            if not isfinite(value) or (low is not None and value < low) or (high is not None and value > high):
+                wrong.append(key)
+        if wrong:
             site.excluded[f"{component.name} in place of {leaf.path}"] = \
                 f"{leaf.path} has no equal values of {listing(wrong)}"
             continue
@@ -706,7 +699,8 @@ def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> I
             new = component.parameters[key]
             if key in numbers:
                 numbers[key] = replace(numbers[key], neutral=values[key], neutral_of=formula)
-            elif formula != f"{leaf.path}.{key}" and _names(formula) & site.experiment.free.keys():
+            elif formula != f"{leaf.path}.{key}" and site.experiment.free.keys() & {
+                    name.text for name in names(parse_formula(formula, units=False))}:
                 # a free parameter remains free under its new name
                 numbers[key] = EffectNumber(f"{leaf.path}.{key}", new.unit, new.low, new.high, None, True, values[key],
                                             (new.low, new.high), neutral_of=formula)
@@ -716,17 +710,6 @@ def _replacing(site: Site, component: Component, effect: Effect, kind: str) -> I
         yield Candidate(leaf.path, component.name, effect.kind, effect.description, f"in place of {leaf.path}", (leaf.path,),
                         Change({leaf.path: Part(part.kind, {**part.values, **written})}), tuple(numbers.values()),
                         "replaces", _full(component, leaf.path), old=kind)
-
-
-def _allowed(parameter: Parameter, value: float) -> bool:
-    """True if the value is finite and within the bounds of the parameter."""
-    return isfinite(value) and (parameter.low is None or value >= parameter.low) and \
-        (parameter.high is None or value <= parameter.high)
-
-
-def _names(formula: str) -> set[str]:
-    """Names in a formula."""
-    return {name.text for name in names(parse_formula(formula, units=False))}
 
 
 def _written(leaf: Leaf, formula: Formula) -> str:

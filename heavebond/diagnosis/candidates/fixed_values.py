@@ -9,17 +9,14 @@ calibration error.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import isfinite
 
 from heavebond.core.errors import listing
 from heavebond.diagnosis.candidates.catalogue import Candidate, EffectNumber, is_offset_or_gain, quantity, within
-from heavebond.equations.expanded import Leaf
 from heavebond.estimation.comparison import assemble_for
 from heavebond.estimation.experiment import Experiment
-from heavebond.language.definition import Parameter, Value
+from heavebond.language.definition import Value
 from heavebond.language.edits import Change
-from heavebond.numerics.dae import Assembly
 from heavebond.text.expression import names
 
 VALUE = "value of a parameter"
@@ -29,51 +26,37 @@ WIDE = 10.0  # largest factor, up or down, on the value in the diagram
 def fixed_values(experiment: Experiment) -> list[Candidate]:
     """One candidate for each parameter that is not free.
 
-    These are the parameters of the diagram, the parameters of its parts, and required parameters of parts inside blocks.
-    Zeros, inactive effects, widths of transitions and values that follow from a formula are left out.
+    These are the parameters under `parameters:` of the diagram that the formulas of parts use, the parameters of its parts,
+    and required parameters of parts inside blocks. Zeros, inactive effects, widths of transitions and values that follow
+    from a formula are left out. The diagram's value is the null value, like amplitude 0 of an effect.
     """
     assembly = assemble_for(experiment, next(iter(experiment.records.values())))
+    units, leaves = {q.name: q.unit for q in assembly.flat.parameters}, assembly.flat.expanded.leaves
     candidates = []
-    for leaf in assembly.flat.expanded.leaves.values():
-        for parameter in _single_numbers(leaf):
-            name = f"{leaf.path}.{parameter.name}"
-            value = assembly.parameter_values.get(name, 0.0)
-            if name not in experiment.free and isfinite(value) and value not in (0.0, parameter.neutral):
-                candidates.append(within(leaf, parameter, VALUE, [_number(name, parameter, value)]))
-    return [*_of_diagram(experiment, assembly), *candidates]
-
-
-def _of_diagram(experiment: Experiment, assembly: Assembly) -> Iterator[Candidate]:
-    """Candidates for the parameters under `parameters:` of the diagram that the formulas of parts use."""
-    units = {q.name: q.unit for q in assembly.flat.parameters}
-    leaves = assembly.flat.expanded.leaves.items()
     for name in assembly.flat.expanded.parameters:
         value = assembly.parameter_values.get(name, 0.0)
-        using = tuple(path for path, leaf in leaves if any(
+        using = tuple(path for path, leaf in leaves.items() if any(
             isinstance(bound.value, Value) and name in {n.text for n in names(bound.value.expr)}
             for bound in leaf.parameters.values()))
         if using and name not in experiment.free and isfinite(value) and value:
             low, high = sorted((value / WIDE, value * WIDE))
             number = EffectNumber(name, units[name], low, high, None, True, value)
-            component = assembly.flat.expanded.leaves[using[0]].component.name
-            yield Candidate(name, component, VALUE, "parameter of the diagram", f"in {listing(using)} ({name})", using,
-                            Change(settings={name: quantity(value, units[name])}), (number,), "in")
-
-
-def _single_numbers(leaf: Leaf) -> Iterator[Parameter]:
-    """Parameters of a part that the diagram, or a block, sets to a single number."""
-    for parameter in leaf.component.parameters.values():
-        if not parameter.integer and not parameter.width and parameter.count is None \
-                and ("." not in leaf.path or parameter.default is None):
-            yield parameter
-
-
-def _number(name: str, parameter: Parameter, value: float) -> EffectNumber:
-    """Treat the diagram's value of a fixed parameter as the null value, like amplitude 0 of an effect."""
-    ends = sorted((value / WIDE, value * WIDE))
-    low = ends[0] if parameter.low is None else max(ends[0], parameter.low)
-    high = ends[1] if parameter.high is None else min(ends[1], parameter.high)
-    return EffectNumber(name, parameter.unit, low, high, None, True, value, (parameter.low, parameter.high))
+            candidates.append(Candidate(
+                name, leaves[using[0]].component.name, VALUE, "parameter of the diagram", f"in {listing(using)} ({name})",
+                using, Change(settings={name: quantity(value, units[name])}), (number,), "in"))
+    for leaf in leaves.values():
+        for parameter in leaf.component.parameters.values():
+            name = f"{leaf.path}.{parameter.name}"
+            value = assembly.parameter_values.get(name, 0.0)
+            single = not parameter.integer and not parameter.width and parameter.count is None \
+                and ("." not in leaf.path or parameter.default is None)
+            if single and name not in experiment.free and isfinite(value) and value not in (0.0, parameter.neutral):
+                low, high = sorted((value / WIDE, value * WIDE))
+                low = low if parameter.low is None else max(low, parameter.low)
+                high = high if parameter.high is None else min(high, parameter.high)
+                number = EffectNumber(name, parameter.unit, low, high, None, True, value, (parameter.low, parameter.high))
+                candidates.append(within(leaf, parameter, VALUE, [number]))
+    return candidates
 
 
 def is_calibration_error(candidate: Candidate, experiment: Experiment) -> bool:

@@ -21,7 +21,7 @@ one place.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from heavebond.diagnosis.candidates.catalogue import (
@@ -36,7 +36,7 @@ from heavebond.diagnosis.candidates.catalogue import (
 )
 from heavebond.equations.expanded import Leaf
 from heavebond.estimation.experiment import Experiment, ExperimentOrFile, load_experiment
-from heavebond.language.definition import Component, Value
+from heavebond.language.definition import Value
 from heavebond.language.edits import Change, Part
 from heavebond.text.expression import names
 
@@ -65,8 +65,8 @@ class Places:
         leaves = site.expanded.leaves.values()
         node_of_port = {leaf.path: {port.name: site.group(f"{leaf.path}.{port.name}").name
                                     for port in leaf.component.ports.values() if port.count is None} for leaf in leaves}
-        return cls(node_of_port, frozenset(name for domain in site.nodes for name in _grounds(site, domain)), as_one or {},
-                   site.expanded.leaves)
+        grounds = frozenset(group.name for domain in site.nodes for group in site.grounds(domain).values())
+        return cls(node_of_port, grounds, as_one or {}, site.expanded.leaves)
 
     def place(self, candidate: Candidate) -> Place:
         """Key of the place of a candidate, which is equal for two candidates at one place."""
@@ -79,39 +79,26 @@ class Places:
         of_parts = candidate.attaches in ("in", "replaces", "parameter")
         parts = candidate.where[1:] if series else candidate.where if of_parts else ()
         nodes = set(candidate.where[:len(candidate.where) - len(parts)])
-        nodes = nodes.union(*(self._nodes(candidate, part) for part in parts))
+        amplitudes = {n.name.rpartition(".")[2] for n in candidate.numbers if n.amplitude}
+        for part in parts:  # a dormant parameter acts between the nodes of the equations that contain it
+            acting = self._acting(part, amplitudes) if candidate.attaches == "in" else set()
+            nodes |= acting or set(self.parts[part].values())
         moving = {self.as_one.get(name, name) for name in nodes - self.grounds}
         return "", frozenset(moving or nodes), frozenset(parts if series else ())
-
-    def _nodes(self, candidate: Candidate, part: str) -> set[str]:
-        """Nodes between which a candidate acts that changes a part, replaces it or is in series with it."""
-        amplitudes = {n.name.rpartition(".")[2] for n in candidate.numbers if n.amplitude}
-        return (self._acting(part, amplitudes) if candidate.attaches == "in" else set()) or set(self.parts[part].values())
 
     def _acting(self, part: str, parameters: set[str]) -> set[str]:
         """Nodes of the ports in the equations of a part that contain these parameters. For a block, these are the equations
         of its parts that take values from the parameters."""
-        ports, paths = self.parts[part], {f"{part}.{name}" for name in parameters}
-        nodes = {ports[name] for name in _ports_beside(self.leaves[part].component, parameters) & ports.keys()}
+        ports, paths, nodes = self.parts[part], {f"{part}.{name}" for name in parameters}, set[str]()
+        for line in self.leaves[part].component.equations:
+            named = {name.text for side in (line.tree.left, line.tree.right) for name in names(side)}
+            if named & parameters:
+                nodes |= {ports[port] for text in named if (port := text.partition(".")[0]) in ports and "." in text}
         for path, leaf in self.leaves.items() if self.leaves[part].component.composite else ():
             dependent = {name for name, bound in leaf.parameters.items() if path.startswith(f"{part}.") and isinstance(
                 bound.value, Value) and any(bound.scope + n.text in paths for n in names(bound.value.expr))}
             nodes |= self._acting(path, dependent) if dependent else set()
         return nodes
-
-
-def _ports_beside(component: Component, parameters: set[str]) -> set[str]:
-    """Ports of a component whose variables are in one equation with one of these parameters."""
-    ports = set()
-    for line in component.equations:
-        named = {name.text for side in (line.tree.left, line.tree.right) for name in names(side)}
-        if named & parameters:
-            ports |= {text.partition(".")[0] for text in named if "." in text}
-    return ports
-
-
-def _grounds(site: Site, domain: str) -> list[str]:
-    return [group.name for group in site.grounds(domain).values()]
 
 
 Signature = tuple[object, ...]
@@ -154,26 +141,18 @@ def _at_all_places(site: Site) -> list[Candidate]:
 def at_like_places(site: Site, single: Sequence[Candidate]) -> list[Candidate]:
     """Combine the candidates in `single` that have one law at similar places: one candidate for each group of at least
     two."""
-    kinds = _kinds(site)
+    connected: dict[str, set[str]] = {}  # components that are connected to each node
+    for leaf in site.expanded.leaves.values():
+        for port in leaf.component.ports.values():
+            if port.count is None:
+                connected.setdefault(site.group(f"{leaf.path}.{port.name}").name, set()).add(leaf.component.name)
+    kinds = {name: frozenset(components) for name, components in connected.items()}
     groups: dict[Signature, list[Candidate]] = {}
     for candidate in single:
         signature = _signature(site, candidate, kinds)
         if signature:
             groups.setdefault(signature, []).append(candidate)
     return [_joined(site, group) for group in groups.values() if len(group) > 1]
-
-
-
-def _kinds(site: Site) -> dict[str, frozenset[str]]:
-    """Components that are connected to each node."""
-    kinds_of_node: dict[str, set[str]] = {}
-    for leaf in site.expanded.leaves.values():
-        for port in leaf.component.ports.values():
-            if port.count is None:
-                kinds_of_node.setdefault(site.group(f"{leaf.path}.{port.name}").name, set()).add(leaf.component.name)
-    return {name: frozenset(kinds) for name, kinds in kinds_of_node.items()}
-
-
 def _signature(site: Site, candidate: Candidate, kinds: Mapping[str, frozenset[str]]) -> Signature:
     """Key that is equal at similar places; empty for a candidate that cannot be combined, for example because it depends on
     a further node."""
@@ -191,13 +170,9 @@ def _signature(site: Site, candidate: Candidate, kinds: Mapping[str, frozenset[s
         port = candidate.place.rpartition(".")[2]
         return (*law, kinds.get(node, frozenset()), site.expanded.leaves[path].component.name, port)
     ends = tuple(sorted(tuple(sorted(kinds.get(node, frozenset()))) for node in candidate.where))
-    return (*law, ends, _joining(site, candidate.where))
-
-
-def _joining(site: Site, nodes: Sequence[str]) -> frozenset[str]:
-    """Components that are connected to all of these nodes."""
-    return frozenset(leaf.component.name for leaf in site.expanded.leaves.values() if set(nodes) <= {
+    joining = frozenset(leaf.component.name for leaf in site.expanded.leaves.values() if set(candidate.where) <= {
         site.group(f"{leaf.path}.{p.name}").name for p in leaf.component.ports.values() if p.count is None})
+    return (*law, ends, joining)
 
 
 def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
@@ -211,9 +186,16 @@ def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
     apart = _taken_over(site, first)
     further: list[EffectNumber] = []
     for repeat in repeats:
-        more, part = (_with_numbers_of(first, repeat), repeat.where[0]) if first.attaches == "in" else \
-            _replacing_alike(first, repeat, numbers.keys() - apart) if first.attaches == "replaces" else \
-            _following(naming_site, first, repeat)
+        if first.attaches == "in":  # the dormant parameters of the other part follow those of the first part
+            owner, another = (c.name.rpartition(".")[0] for c in (first, repeat))
+            more, part = Change(settings={f"{another}.{key}": f"={owner}.{key}" for key in numbers}), repeat.where[0]
+        elif first.attaches == "replaces":
+            new = repeat.change.components[repeat.name]
+            values = {key: f"={first.name}.{key}" if key in numbers.keys() - apart else text
+                      for key, text in new.values.items()}
+            more, part = Change({repeat.name: Part(new.kind, values)}), repeat.name
+        else:
+            more, part = _following(naming_site, first, repeat)
         change, parts = change.joined(more), [*parts, part]
         further += [n for n in repeat.numbers if n.name.rpartition(".")[2] in apart]
     where = tuple(dict.fromkeys(name for candidate in group for name in candidate.where))
@@ -223,26 +205,12 @@ def _joined(site: Site, group: Sequence[Candidate]) -> Candidate:
                             *further))
 
 
-def _with_numbers_of(first: Candidate, repeat: Candidate) -> Change:
-    """Change that sets the dormant parameters of another part equal to the parameters of the first part."""
-    owner, another = (c.name.rpartition(".")[0] for c in (first, repeat))
-    return Change(settings={f"{another}.{key}": f"={owner}.{key}"
-                            for key in (n.name.rpartition(".")[2] for n in first.numbers)})
-
-
 def _taken_over(site: Site, candidate: Candidate) -> set[str]:
     """Parameters of a replacing law whose initial values are taken from the replaced part. They remain separate for each
     part."""
     effect = site.experiment.model.library.component(candidate.component).effect_of(candidate.attaches, candidate.old)
     start = effect.start if effect is not None and candidate.attaches == "replaces" else {}
     return {key for n in candidate.numbers if (key := n.name.rpartition(".")[2]) in start and "old." in start[key].text}
-
-
-def _replacing_alike(first: Candidate, repeat: Candidate, shared: Collection[str]) -> tuple[Change, str]:
-    """Change that replaces another part by the law, with the `shared` parameters of the first; and the name of this part."""
-    part = repeat.change.components[repeat.name]
-    values = {key: f"={first.name}.{key}" if key in shared else text for key, text in part.values.items()}
-    return Change({repeat.name: Part(part.kind, values)}), repeat.name
 
 
 def _following(site: Site, first: Candidate, repeat: Candidate) -> tuple[Change, str]:

@@ -10,7 +10,7 @@ parameter influences the channels, and the variable changes. The reason for each
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,10 +22,9 @@ from heavebond.equations.flatten import Flat
 from heavebond.equations.places import nodes_of
 from heavebond.equations.variation import fixed_because
 from heavebond.estimation.residuals import Residuals, Run
-from heavebond.language.definition import FACTOR, Component, Parameter, SearchRange, Value
+from heavebond.language.definition import FACTOR, Component, SearchRange, Value
 from heavebond.language.edits import Change, Part
 from heavebond.language.library import Library
-from heavebond.language.model import Model
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Probe
@@ -111,22 +110,28 @@ def varying_parameters(problem: Residuals, inner: Array) -> Varying:
         path, _, key = name.rpartition(".")
         units = {v: unit_of_variable(runs[0].assembly.flat, v) for v in moving[path]}
         for form in forms:
-            variations += _of_form(form, leaves[path], key, {v: courses[v] for v in moving[path]}, units, (begin, end))
-    variations = [_beside_earlier(c, model) for c in variations if c.name not in model.body.instances]
+            assert form.effect is not None
+            words, u = form.effect.varies_with, next(iter(form.signals))
+            for variable in moving[path]:
+                course = courses[variable]
+                sides = min(float(np.mean(course > 0)), float(np.mean(course < 0)))
+                if "variable" in words or ("rate" in words and sides > VARYING.both):
+                    span = float(course.min()), float(course.max())
+                    variations.append(_candidate(form, leaves[path], key, variable, units[variable], span, u))
+            if {"time", "instant"} & set(words):
+                variations.append(_candidate(form, leaves[path], key, "time", SECOND, (begin, end), u))
+    variations = [c for c in variations if c.name not in model.body.instances]
+    for k, candidate in enumerate(variations):  # the factors that the parameter already has in the diagram are kept
+        vary = {name: (*((f"({setting.value.text.lstrip('= ')})",) if (setting := model.vary.get(name)) is not None
+                         and isinstance(setting.value, Value) else ()), *factors)
+                for name, factors in candidate.change.vary.items()}
+        variations[k] = replace(candidate, change=replace(candidate.change, vary=vary))
     independent = {*runs[0].assembly.parameter_names}
     by_record = [_by_record(problem, leaves[name.rpartition(".")[0]], name) for name in influence if name in independent] \
         if len(runs) > 1 else []
     variations = [*by_record, *variations]
     left_out |= {c.place: "other parameters have a larger influence" for c in variations[VARYING.most:]}
     return Varying(tuple(variations[:VARYING.most]), left_out)
-
-
-def _beside_earlier(candidate: Candidate, model: Model) -> Candidate:
-    """Candidate that keeps the factors that its parameter already has in the diagram."""
-    vary = {name: (*((f"({setting.value.text.lstrip('= ')})",) if (setting := model.vary.get(name)) is not None
-                     and isinstance(setting.value, Value) else ()), *factors)
-            for name, factors in candidate.change.vary.items()}
-    return replace(candidate, change=replace(candidate.change, vary=vary))
 
 
 def differing_parameters(problem: Residuals, inner: Array) -> tuple[Candidate, ...]:
@@ -146,7 +151,12 @@ def _influence(problem: Residuals, inner: Array, left_out: dict[str, str]) -> li
         for parameter in leaf.component.parameters.values():
             name = f"{leaf.path}.{parameter.name}"
             source = _independent(name, leaf, independent)
-            if not source or not _is_candidate(leaf, parameter, values.get(name, 0.0)):
+            value = values.get(name, 0.0)
+            # a single physical number other than zero; not of signal components and sources
+            single = bool(leaf.component.ports) and not leaf.component.composite and not parameter.integer \
+                and not parameter.width and parameter.count is None and bool(np.isfinite(value)) \
+                and value not in (0.0, parameter.neutral) and leaf.component.power != "source"
+            if not source or not single:
                 continue
             if reason := fixed_because(leaf.component, parameter.name):
                 left_out[name] = reason
@@ -166,14 +176,6 @@ def _influence(problem: Residuals, inner: Array, left_out: dict[str, str]) -> li
     return sorted((n for n in sources if n not in left_out), key=lambda n: -size[sources[n]])
 
 
-def _is_candidate(leaf: Leaf, parameter: Parameter, value: float) -> bool:
-    """True if a parameter is a single physical number other than zero. Parameters of signal components and of sources are
-    excluded."""
-    return bool(leaf.component.ports) and not leaf.component.composite and not parameter.integer and not parameter.width \
-        and parameter.count is None and bool(np.isfinite(value)) and value not in (0.0, parameter.neutral) \
-        and leaf.component.power != "source"
-
-
 def _independent(name: str, leaf: Leaf, independent: set[str]) -> str:
     """Independent parameter that determines the value of a parameter: the parameter itself, or the only name in its
     formula."""
@@ -186,8 +188,12 @@ def _independent(name: str, leaf: Leaf, independent: set[str]) -> str:
 
 
 def _variables(leaf: Leaf, run: Run) -> list[str]:
-    """Variables of a part, and the efforts at its ports, that exist in the diagram. For a part between two moving nodes only
-    the relative motion matters, which is described by the variables of the part."""
+    """Variables of a part, and the efforts at its ports, that exist in the diagram.
+
+    For a part between two moving nodes only the relative motion matters, which is described by the variables of the part. A
+    mechanical part without a displacement variable (damper, friction) has the formula of the relative position of its nodes
+    as well, because friction may vary along the path, unless the diagram lacks the positions.
+    """
     flat, domains = run.assembly.flat, [port.domain for port in leaf.component.ports.values()]
     ports = [f"{port.name}.{member}" for port in leaf.component.ports.values()
              if port.count is None and (domain := flat.domains.get(f"{leaf.path}.{port.name}")) is not None
@@ -195,25 +201,18 @@ def _variables(leaf: Leaf, run: Run) -> list[str]:
              for member in domain.across]
     part_variables = [v.name for v in leaf.component.variables.values() if v.name not in leaf.component.held]
     existing = [full for name in (*part_variables, *ports) if (full := f"{leaf.path}.{name}") in flat.names]
-    return [*_relative_positions(leaf, run), *existing]
-
-
-def _relative_positions(leaf: Leaf, run: Run) -> list[str]:
-    """Formula of the relative position of the nodes of a mechanical part without a displacement variable (damper, friction),
-    because friction may vary along the path. Empty if the diagram lacks the positions."""
-    flat = run.assembly.flat
     nodes = {port: node for node in nodes_of(flat).values() for port in node.ports}
     ends = [node for port in reversed(leaf.component.ports) if (node := nodes.get(f"{leaf.path}.{port}")) is not None]
     if len(ends) != 2 or any(node.domain.position is None for node in ends):
-        return []
+        return existing
     length = ends[0].domain.members[ends[0].domain.position or ""].unit.dimension
     if any(v.unit.dimension == length for v in leaf.component.variables.values()):
-        return []
+        return existing
     moving = [node for node in ends if not any(
         attached.component.is_a(node.domain.reference or "") for port in node.ports
         if (attached := flat.expanded.leaves.get(port.rpartition(".")[0])) is not None)]
     names = [f"{node.name}.{node.domain.position}" for node in moving]
-    return [" - ".join(names)] if names and all(name in flat.names for name in names) else []
+    return [" - ".join(names), *existing] if names and all(name in flat.names for name in names) else existing
 
 
 def unit_of_variable(flat: Flat, variable: str) -> Unit:
@@ -231,20 +230,6 @@ def _moving(courses: Mapping[str, Array]) -> list[str]:
         if all(abs(float(np.corrcoef(course, courses[earlier])[0, 1])) < VARYING.alike for earlier in selected):
             selected.append(name)
     return selected
-
-
-def _of_form(form: Component, leaf: Leaf, key: str, courses: Mapping[str, Array], units: Mapping[str, Unit],
-             times: tuple[float, float]) -> Iterator[Candidate]:
-    """Candidates of one form of factor for one parameter."""
-    assert form.effect is not None
-    words, u = form.effect.varies_with, next(iter(form.signals))
-    for variable, course in courses.items():
-        low, high = float(course.min()), float(course.max())
-        sides = min(float(np.mean(course > 0)), float(np.mean(course < 0)))
-        if "variable" in words or ("rate" in words and sides > VARYING.both):
-            yield _candidate(form, leaf, key, variable, units[variable], (low, high), u)
-    if {"time", "instant"} & set(words):
-        yield _candidate(form, leaf, key, "time", SECOND, times, u)
 
 
 def _by_record(problem: Residuals, leaf: Leaf, name: str) -> Candidate:

@@ -97,8 +97,13 @@ def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> 
         return Identity((best, *near), float("nan"))
     confidence = _set(best, competitors)
     misfit = max(before.mean(*ALL) - 1.0, 0.0)
-    near = [t for k, t in enumerate(competitors, 1) if _explains(best, t, misfit)
-            and (confidence is None or k in confidence or not differs_materially(best, t, misfit))]
+    near = []
+    for k, trial in enumerate(competitors, 1):
+        # a candidate that removes hardly any misfit is excluded even if the records contain few independent blocks
+        least = min(_excess(trial, joint) for joint in (False, True))
+        if misfit - least >= DECISION.mainly * (misfit - _excess(best, False)) \
+                and (confidence is None or k in confidence or not differs_materially(best, trial, misfit)):
+            near.append(trial)
     return Identity((best, *near), confidence.blocks if confidence is not None else float("nan"))
 
 
@@ -123,13 +128,6 @@ def _excess(trial: Refit, joint: bool) -> float:
     (`Refit.slack`)."""
     assert trial.errors is not None
     return loss(trial) - 1.0 - joint * trial.slack / max(trial.errors.samples(*ALL), 1)
-
-
-def _explains(best: Refit, trial: Refit, misfit: float) -> bool:
-    """True if a candidate removes at least the share `DECISION.mainly` of the misfit that the best one removes. A candidate
-    that removes hardly any misfit is thus excluded even if the records contain few independent blocks."""
-    least = min(_excess(trial, joint) for joint in (False, True))
-    return misfit - least >= DECISION.mainly * (misfit - _excess(best, False))
 
 
 def differs_materially(best: Refit, trial: Refit, misfit: float) -> bool:

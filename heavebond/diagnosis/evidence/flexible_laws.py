@@ -188,7 +188,15 @@ def judged(selection: Selection, complete: bool, tried: bool, number: int | None
     The stage is None if it was not completed within `seconds`, or if `tried` is False: then no curves are fitted. `complete`
     as in `Adequacy`.
     """
-    law, curves = _compared(selection, number, seconds, say) if tried else (_alone(selection), None)
+    law, curves = _alone(selection), None
+    if tried:
+        # the law is compared in the diagram with the other effects; without them if they cannot be fitted without it
+        remaining = without_effect(selection, 0, say) if len(selection) > 1 else None
+        if remaining is not None and remaining[-1].chosen.errors is not None:
+            exact = replace(selection[-1].chosen, candidate=selection[0].candidate)
+            law = Comparand(exact, remaining[-1].chosen.errors, following(remaining[-1].step))
+        curves = make_curve_stage(law.experiment, beside=[t.candidate for t in selection[0].alternatives], number=number,
+                                  seconds=seconds, progress=lambda text: say(f"identified curves: {text}"))
     assessment = adequacy(selection[-1].chosen, selection[0].step, law, curves, complete)
     return assessment, curves if curves is not None and not curves.partial else None
 
@@ -218,19 +226,6 @@ def _alone(selection: Selection) -> Comparand:
     step = selection[0].step
     assert step.errors is not None
     return Comparand(selection[0].chosen, step.errors, step.experiment)
-
-
-def _compared(selection: Selection, number: int | None, seconds: float, say: Progress) -> tuple[Comparand, Stage]:
-    """First effect in the diagram with the other effects, and the curves in its place. If the others cannot be fitted
-    without it, it is compared without them."""
-    law = _alone(selection)
-    if len(selection) > 1:
-        remaining = without_effect(selection, 0, say)
-        if remaining is not None and remaining[-1].chosen.errors is not None:
-            exact = replace(selection[-1].chosen, candidate=selection[0].candidate)
-            law = Comparand(exact, remaining[-1].chosen.errors, following(remaining[-1].step))
-    return law, make_curve_stage(law.experiment, beside=[t.candidate for t in selection[0].alternatives], number=number,
-                                 seconds=seconds, progress=lambda text: say(f"identified curves: {text}"))
 
 
 OTHER_CAUSES = "Noise of a measured input (give its `noise:`), the dynamics of a sensor, or parameters that change with " \

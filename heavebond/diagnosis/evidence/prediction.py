@@ -28,7 +28,7 @@ doi:10.1080/07474930802459016.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
@@ -152,6 +152,7 @@ def block_length(x: Array, stretch: NDArray[np.int64]) -> tuple[float, float]:
 FITTED, SELECTION, TEST = 0, 1, 2  # roles of the samples
 BINS = 2000  # largest number of bins; neighbouring samples are summed, which does not change the sums of blocks
 GAP = 0.5  # largest gap as a share of a block
+GAPS = 10  # median distances of samples without a sample that end a stretch
 
 
 @dataclass(frozen=True)
@@ -218,13 +219,28 @@ class Series:
 
 def predictive_errors(problem: Residuals, inner: Array, exact: Mapping[str, Run], r: Array,
                       separate_values: Mapping[str, Mapping[str, float]] | None = None) -> PredictiveErrors:
-    """Compute the predictive errors of a fit.
+    """Compute the predictive errors of a fit: cross-validated on the fitted samples of each record, then on all samples that
+    were not fitted. If the run of a record fails, its samples get a large error.
 
-    `r` (n,) are the residuals on the fitted samples, `exact` are runs of all records. `separate_values`
-    contains the separate values of each held-out record; if None, they are fitted.
+    `r` (n,) are the residuals on the fitted samples, `exact` are runs of all records. `separate_values` contains the
+    separate values of each held-out record; if None, they are fitted.
     """
-    separate_values = own_starts_of(problem, inner, exact) if separate_values is None else separate_values
-    return binned([*_fitted(problem, inner, r), *_held_out(problem, inner, exact, separate_values)])
+    if separate_values is None:
+        separate_values = own_starts_of(problem, inner, exact)
+    ends = np.cumsum([int(run.counts.sum()) for run in problem.runs])[:-1]
+    series = [_series(run.counts, part, FITTED)
+              for run, part in zip(problem.runs, np.split(cross_validated(problem, inner, r), ends), strict=True)]
+    for record in problem.experiment.records.values():
+        run, values = exact[record.name], problem.values_of(inner, record.name)
+        samples = run.counts if record.use != "fit" else run.checking
+        if not samples.any():
+            continue
+        try:
+            residuals = run.held_out({**values, **separate_values.get(record.name, {})})[0]
+        except (ModelError, SimulationError, StartError):
+            residuals = np.full(int(samples.sum()), BROKEN)
+        series.append(_series(samples, residuals, TEST if record.use == "test" else SELECTION))
+    return binned(series)
 
 
 def own_starts_of(problem: Residuals, inner: Array, exact: Mapping[str, Run]) -> dict[str, dict[str, float]]:
@@ -239,44 +255,26 @@ def own_starts_of(problem: Residuals, inner: Array, exact: Mapping[str, Run]) ->
 
 
 def binned(series: Sequence[Series]) -> PredictiveErrors:
-    """Collect several series in bins. Times without samples end a stretch if they are many."""
+    """Collect several series in bins. A stretch ends where samples are missing for more than `GAPS` median distances
+    (held-out blocks, a gap in the record)."""
     total = sum(int((s.counts > 0).sum()) for s in series)
     width = max(1, -(-total // BINS))
     sums, counts, stretches, roles = [], [], [], []
-    for number, (s, part) in enumerate((one, part) for one in series for part in _parts(one)):
-        edges = np.arange(0, len(part), width)
-        sums.append(np.add.reduceat(s.sums[part], edges))
-        counts.append(np.add.reduceat(s.counts[part], edges))
-        stretches.append(np.full(len(edges), number))
-        roles.append(np.full(len(edges), s.role))
+    number = 0
+    for s in series:
+        sampled = np.flatnonzero(s.counts > 0)
+        distances = np.diff(sampled)
+        breaks = np.flatnonzero(distances > GAPS * np.median(distances)) + 1 if len(distances) else []
+        for part in np.split(sampled, breaks) if len(sampled) else []:
+            edges = np.arange(0, len(part), width)
+            sums.append(np.add.reduceat(s.sums[part], edges))
+            counts.append(np.add.reduceat(s.counts[part], edges))
+            stretches.append(np.full(len(edges), number))
+            roles.append(np.full(len(edges), s.role))
+            number += 1
     if not sums:
         return PredictiveErrors(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64))
     return PredictiveErrors(*(np.concatenate(arrays) for arrays in (sums, counts, stretches, roles)))
-
-
-def _parts(s: Series) -> Iterator[NDArray[np.int64]]:
-    """Indices of the samples of a series, one array per stretch. A stretch ends if samples are missing for more than ten
-    median distances (held-out blocks, a gap in the record)."""
-    sampled = np.flatnonzero(s.counts > 0)
-    if len(sampled):
-        far = np.diff(sampled)
-        yield from np.split(sampled, np.flatnonzero(far > 10 * np.median(far)) + 1 if len(far) else [])
-
-
-def _held_out(problem: Residuals, inner: Array, exact: Mapping[str, Run], separate_values: Mapping[str, Mapping[str, float]]
-              ) -> Iterator[Series]:
-    """Errors on all samples that were not fitted. If a run fails, its samples get a large error."""
-    experiment = problem.experiment
-    for record in experiment.records.values():
-        run, values = exact[record.name], problem.values_of(inner, record.name)
-        samples = run.counts if record.use != "fit" else run.checking
-        if not samples.any():
-            continue
-        try:
-            r = run.held_out({**values, **separate_values.get(record.name, {})})[0]
-        except (ModelError, SimulationError, StartError):
-            r = np.full(int(samples.sum()), BROKEN)
-        yield _series(samples, r, TEST if record.use == "test" else SELECTION)
 
 
 def _series(samples: NDArray[np.bool_], r: Array, role: int) -> Series:
@@ -289,16 +287,11 @@ def _series(samples: NDArray[np.bool_], r: Array, role: int) -> Series:
     return Series(sums, np.bincount(place, minlength=len(sums)).astype(float), role)
 
 
-def _fitted(problem: Residuals, inner: Array, r: Array) -> Iterator[Series]:
-    """Cross-validated errors on the fitted samples of each record."""
-    predicted = cross_validated(problem, inner, r)
-    ends = np.cumsum([int(run.counts.sum()) for run in problem.runs])[:-1]
-    for run, part in zip(problem.runs, np.split(predicted, ends), strict=True):
-        yield _series(run.counts, part, FITTED)
-
-
 def cross_validated(problem: Residuals, inner: Array, r: Array) -> Array:
-    """Residuals (n,) of all fitted samples, each predicted by parameters fitted without its block of time."""
+    """Residuals (n,) of all fitted samples, each predicted by parameters fitted without its block of time.
+
+    The number of blocks of a record is proportional to its number of samples.
+    """
     moving = np.flatnonzero(~problem.at_end(inner))
     if not len(moving):
         return r
@@ -308,25 +301,17 @@ def cross_validated(problem: Residuals, inner: Array, r: Array) -> Array:
     low, high = (problem.low - inner)[moving], (problem.high - inner)[moving]
     inverse = np.linalg.pinv(normal / scale[:, None] / scale, rcond=1e-12) / scale[:, None] / scale
     predicted = r.copy()
-    for block, wide in _blocks(problem):
-        step = inverse @ (J[wide].T @ r[wide])
-        predicted[block] = r[block] + J[block] @ np.clip(step, low, high)
-    return predicted
-
-
-def _blocks(problem: Residuals) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Indices of the samples of each block, and of the same block with its gaps. The number of blocks of a record is
-    proportional to its number of samples."""
     total, before = problem.samples, 0
     for run in problem.runs:
         place = np.nonzero(run.counts)[1]
         number = max(2, round(DECISION.folds * len(place) / max(total, 1)))
         first, last = int(place.min(initial=0)), int(place.max(initial=0)) + 1
-        edges = np.linspace(first, last, number + 1)
         gap = GAP * (last - first) / number
-        for low, high in pairwise(edges):
-            block = np.flatnonzero((place >= low) & (place < high))
-            wide = np.flatnonzero((place >= low - gap) & (place < high + gap))
+        for begin, end in pairwise(np.linspace(first, last, number + 1)):
+            block = before + np.flatnonzero((place >= begin) & (place < end))
+            wide = before + np.flatnonzero((place >= begin - gap) & (place < end + gap))  # the block with its gaps
             if len(block):
-                yield before + block, before + wide
+                step = inverse @ (J[wide].T @ r[wide])
+                predicted[block] = r[block] + J[block] @ np.clip(step, low, high)
         before += len(place)
+    return predicted

@@ -48,7 +48,7 @@ from heavebond.diagnosis.decision import DECISION
 from heavebond.diagnosis.evidence.comparison import HOPELESS, leaves_noise, loss
 from heavebond.diagnosis.evidence.flexible_laws import Adequacy
 from heavebond.diagnosis.evidence.prediction import block_length, levelled, resampled
-from heavebond.diagnosis.evidence.residual_tests import LEVELS, ResidualTests
+from heavebond.diagnosis.evidence.residual_tests import LEVELS
 from heavebond.diagnosis.search.refit import Refit
 from heavebond.diagnosis.search.schedule import PROMISING
 from heavebond.diagnosis.search.step import Stage, refines, twins_of
@@ -203,8 +203,20 @@ def evidence(steps: Sequence[Stage], values: Stage | None = None, sheet: float =
     # after a search that was ended early the residual is not evidence for a law outside the catalogue: further effects were
     # not tried
     residual = 1.0 if any(step.partial for step in steps) else max(1.0, min(map(loss, [*best, *later]), default=1.0))
-    return Evidence(*_weighted(alike, _to_simpler(alike, best, weights, stage), stage), residual,
-                    factor_bound(_p_value(stage.left)), factor_bound(sheet), *_flexible(adequacy, stage), _untried(stage))
+    # the three p values combined are below the sum of the significance levels if one of them is below its level
+    level = sum(LEVELS.values())
+    p_value = float(min(1.0, *(getattr(stage.left, name) * level / own_level for name, own_level in LEVELS.items())))
+    untried = 0.0
+    if stage.partial and stage.planned:
+        # promising candidates without a refit: without a score, or with a score of at least PROMISING times the largest
+        gains = {s.candidate.label: s.gain for s in stage.scores}
+        least = PROMISING * max(gains.values(), default=0.0)
+        promising = {label for label, gain in gains.items() if gain >= least}
+        unscored = max(stage.planned - len(gains), 0)
+        untried = (len(promising - {t.candidate.label for t in stage.trials}) + unscored) \
+            / max(len(promising) + unscored, 1)
+    return Evidence(*_weighted(alike, _to_simpler(alike, best, weights, stage), stage), residual, factor_bound(p_value),
+                    factor_bound(sheet), *_flexible(adequacy, stage), untried)
 
 
 def compared_step(step: Stage, review: Stage | None) -> Stage:
@@ -272,18 +284,6 @@ def _beside_values(best: Sequence[Refit], weights: Mapping[float, Array], alone:
     return combined
 
 
-def _untried(stage: Stage) -> float:
-    """Share of the promising candidates of a partial step without a refit: those without a score, and those whose score is
-    at least `PROMISING` times the largest."""
-    if not stage.partial or not stage.planned:
-        return 0.0
-    scored = {s.candidate.label: s.gain for s in stage.scores}
-    least = PROMISING * max(scored.values(), default=0.0)
-    promising = {label for label, gain in scored.items() if gain >= least}
-    open_ = len(promising - {t.candidate.label for t in stage.trials}) + max(stage.planned - len(scored), 0)
-    return open_ / max(len(promising) + max(stage.planned - len(scored), 0), 1)
-
-
 def _flexible(adequacy: Adequacy | None, stage: Stage) -> tuple[tuple[Event, ...], dict[float, Array]]:
     """Best identified curve of each place, with its weight relative to the law that it replaces.
 
@@ -298,14 +298,9 @@ def _flexible(adequacy: Adequacy | None, stage: Stage) -> tuple[tuple[Event, ...
     curves = list(best.values())
     law = min([adequacy.law, *(t for t in stage.joint if t.candidate.label == adequacy.law.candidate.label)], key=loss)
     weights = law_weights([law, *curves], penalised=False)  # no penalty: a curve represents laws with few numbers
-    return tuple(Event(_depends_on(c.candidate), 0.0, c.candidate.place, c.candidate.where, (c.candidate.label,))
-                 for c in curves), \
+    return tuple(Event("displacement" if c.candidate.curve_of_displacement else "rate", 0.0, c.candidate.place,
+                       c.candidate.where, (c.candidate.label,)) for c in curves), \
         {t: relative[1:] / max(float(relative[0]), 1e-6) for t, relative in weights.items()}
-
-
-def _depends_on(curve: Candidate) -> str:
-    """Type of the variable of an identified curve: displacement or rate."""
-    return "displacement" if curve.curve_of_displacement else "rate"
 
 
 def _to_simpler(families: Sequence[Sequence[Refit]], best: Sequence[Refit], weights: Mapping[float, Array],
@@ -341,7 +336,9 @@ def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array
         twins = [by_label[label] for c in members for label in stage.twins.get(c.label, ()) if label in by_label]
         alike: dict[object, list[Candidate]] = {}
         for c in (*members, *twins):
-            alike.setdefault(c.name if c.kind == VALUE else (_class_of(c, members[0]), places.place(c)), []).append(c)
+            # one class if one of the two classes is a special case of the other
+            kind = members[0].kind if same_class(c.kind, members[0].kind) else c.kind
+            alike.setdefault(c.name if c.kind == VALUE else (kind, places.place(c)), []).append(c)
         for key, candidates in alike.items():
             c, labels = candidates[0], tuple(c.label for c in candidates)
             before = events.setdefault(key, Event(c.kind, 0.0, c.place, c.where))
@@ -349,11 +346,6 @@ def _weighted(families: Sequence[Sequence[Refit]], weights: Mapping[float, Array
             shares.setdefault(key, {})[k] = 1 / len(alike)
     mixing = np.array([[of.get(k, 0.0) for k in range(len(families))] for of in shares.values()])
     return tuple(events.values()), {t: mixing @ weight for t, weight in weights.items()}
-
-
-def _class_of(candidate: Candidate, first: Candidate) -> str:
-    """Class of a candidate; the class of `first` if one is a special case of the other."""
-    return first.kind if same_class(candidate.kind, first.kind) else candidate.kind
 
 
 def law_weights(trials: Sequence[Refit], penalised: bool = True) -> dict[float, Array]:
@@ -403,15 +395,6 @@ def _independent_blocks(differences: Array, counts: Array, stretch: NDArray[np.i
         if within.any():
             ratios.append(float(between @ between) * count / (count - 1) / float(within @ within))
     return blocks / max(1.0, float(np.median(ratios)) if ratios else 1.0)
-
-
-def _p_value(tests: ResidualTests) -> float:
-    """Combine the p values of the three residual tests into one.
-
-    The result is below the sum of the significance levels if one p value is below the level of its test.
-    """
-    level = sum(LEVELS.values())
-    return float(min(1.0, *(getattr(tests, name) * level / test_level for name, test_level in LEVELS.items())))
 
 
 def factor_bound(p: float) -> float:

@@ -67,17 +67,25 @@ def leftover(base: Base, scores: Sequence[Score], prescored: Sequence[Prescore] 
 
     Scores of candidates in `prescored` were selected for their large prescores, which the score test takes into account.
     """
-    distinguishable = [s for s in scores if s.told_apart]
-    errors = np.hstack([run.input_errors for run in base.problem.runs])
-    p_score, z = _largest(distinguishable, errors, prescored)
-    memory = 1.0 if _noticeable(errors) else _memory(base)
-    return ResidualTests(p_score, _size(base, errors) if base.problem.experiment.noise_given else 1.0, memory, z)
+    from scipy.special import chdtrc
 
-
-def _noticeable(errors: Array) -> bool:
-    """True if the noise of inputs is a noticeable part of the variance of the residual; `errors` (M, n) are its
-    realisations."""
-    return len(errors) > 0 and float(np.mean(errors**2)) > NOTICEABLE
+    errors = np.hstack([run.input_errors for run in base.problem.runs])  # realisations (M, n) of the noise of inputs
+    score, z = _largest([s for s in scores if s.told_apart], errors, prescored)
+    size = memory = 1.0
+    if base.problem.experiment.noise_given:
+        freedom, scale = float(max(1, len(base.r) - len(base.inner))), 1.0
+        if len(errors) > 1:
+            # tr R**2 from pairs of different realisations: the square of a single one would add a bias
+            noise_share, gram = _noise_share(errors), errors @ errors.T
+            pairs = (float(np.sum(gram**2)) - float(np.sum(np.diag(gram) ** 2))) / (len(errors) * (len(errors) - 1))
+            trace = float(np.sum(noise_share**2) + 2 * noise_share @ np.mean(errors**2, axis=0)) + max(pairs, 0.0)
+            scale = max(1.0, trace / len(base.r))
+        size = float(chdtrc(freedom / scale, float(base.r @ base.r) / scale))
+    if not (len(errors) > 0 and float(np.mean(errors**2)) > NOTICEABLE):
+        p_values = [metrics.whiteness(part, LAGS) for part in channels(base.problem.runs, base.r) if len(part) > 5 * LAGS]
+        finite = [p for p in p_values if np.isfinite(p)]
+        memory = min(1.0, min(finite) * len(finite)) if finite else 1.0
+    return ResidualTests(score, size, memory, z)
 
 
 def is_noise(fitted: float, held_out: float, samples: int) -> bool:
@@ -99,8 +107,12 @@ def _largest(scores: Sequence[Score], errors: Array, prescored: Sequence[Prescor
     """
     if not scores:
         return 1.0, 0.0
-    signed = np.array([s.signed for s in scores])
-    covariance = _covariance(np.array([s.direction for s in scores]), errors)
+    signed, directions = np.array([s.signed for s in scores]), np.array([s.direction for s in scores])
+    # covariance of the projections of the residual of a correct model on the directions (k, n)
+    covariance = directions @ directions.T
+    if len(errors):
+        drawn = directions @ errors.T
+        covariance = (directions * _noise_share(errors)) @ directions.T + drawn @ drawn.T / len(errors)
     deviation = np.sqrt(np.diag(covariance))
     z = np.array([s.z for s in scores]) / deviation
     observed = float(np.max(np.where(signed, np.abs(z), z)))
@@ -136,36 +148,9 @@ def _chance(correlation: Array, signed: NDArray[np.bool_], observed: float) -> f
     return float((np.sum(largest >= observed) + 1) / (DRAWS + 1))
 
 
-def _covariance(directions: Array, errors: Array) -> Array:
-    """Covariance (k, k) of the projections of the residual of a correct model on directions (k, n)."""
-    if not len(errors):
-        return np.asarray(directions @ directions.T)
-    drawn = directions @ errors.T
-    return np.asarray((directions * _noise_share(errors)) @ directions.T + drawn @ drawn.T / len(errors))
-
-
 def _noise_share(errors: Array) -> Array:
     """Share (n,) of the variance of each residual that is noise of the channel."""
     return np.asarray(np.clip(1 - np.mean(errors**2, axis=0), 0.0, 1.0))
-
-
-def _size(base: Base, errors: Array) -> float:
-    from scipy.special import chdtrc
-
-    freedom, scale = float(max(1, len(base.r) - len(base.inner))), 1.0
-    if len(errors) > 1:
-        # tr R**2 from pairs of different realisations: the square of a single one would add a bias
-        noise_share, gram = _noise_share(errors), errors @ errors.T
-        pairs = (float(np.sum(gram**2)) - float(np.sum(np.diag(gram) ** 2))) / (len(errors) * (len(errors) - 1))
-        trace = float(np.sum(noise_share**2) + 2 * noise_share @ np.mean(errors**2, axis=0)) + max(pairs, 0.0)
-        scale = max(1.0, trace / len(base.r))
-    return float(chdtrc(freedom / scale, float(base.r @ base.r) / scale))
-
-
-def _memory(base: Base) -> float:
-    p_values = [metrics.whiteness(part, LAGS) for part in channels(base.problem.runs, base.r) if len(part) > 5 * LAGS]
-    finite = [p for p in p_values if np.isfinite(p)]
-    return min(1.0, min(finite) * len(finite)) if finite else 1.0
 
 
 def channels(runs: Sequence[Run], r: Array) -> list[Array]:

@@ -14,6 +14,7 @@ separately in this diagram. A refit moves all free parameters and uses a diagram
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
 
@@ -25,7 +26,6 @@ from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.estimation.comparison import assemble_for, driven_by
 from heavebond.estimation.experiment import Experiment, Record, changed_experiment
 from heavebond.estimation.residuals import Residuals, Run
-from heavebond.language.definition import Component
 from heavebond.language.edits import Change
 from heavebond.language.library import Library
 from heavebond.numerics.dae import Array, Assembly
@@ -67,17 +67,21 @@ class SharedDiagram:
 def shared_diagrams(library: Library, candidates: Sequence[Candidate]) -> dict[str, SharedDiagram]:
     """Assign candidates to shared diagrams.
 
-    Candidates share a diagram if their changes name no common item (see `_claimed_names`), up to `MOST`
-    candidates. Candidates at inputs are never mixed with other candidates.
-
-    The result maps the labels of candidates to shared diagrams.
-    Candidates that need a separate diagram are not in it.
+    Candidates share a diagram if their changes name no common item, up to `MOST` candidates. Candidates at inputs are never
+    mixed with other candidates. The result maps the labels of candidates to shared diagrams. Candidates that need a
+    separate diagram are not in it.
     """
     groups: list[tuple[set[str], list[Candidate]]] = []
     for candidate in candidates:
-        if not _may_sleep_beside_others(library, candidate):
+        if not _may_share(library, candidate):
             continue
-        claimed = _claimed_names(candidate.change)
+        # names that two changes of one diagram must not have in common: parts, new nodes, ports that are removed from a
+        # node, parameter values, initial values, channels and inputs
+        change = candidate.change
+        ends = [(node, end) for node, joined in change.nodes.items() for end in joined]
+        claimed = {*change.components, *(node for node, end in ends if end[0] not in "+-"),
+                   *(end for _, end in ends if end[0] == "-"), *change.settings, *change.initial,
+                   *(f"channel {name}" for name in change.channels), *(f"input {name}" for name in change.moved)}
         for occupied, group in groups:
             if len(group) < MOST and not claimed & occupied \
                     and (group[0].attaches == "input") is (candidate.attaches == "input"):
@@ -90,26 +94,15 @@ def shared_diagrams(library: Library, candidates: Sequence[Candidate]) -> dict[s
             for shared in [SharedDiagram(tuple(group))] for candidate in group}
 
 
-def _claimed_names(change: Change) -> set[str]:
-    """The names that two changes of one diagram must not share: parts, new nodes, ports that are removed from a node,
-    parameter values, initial values, channels and inputs."""
-    ends = [(node, end) for node, joined in change.nodes.items() for end in joined]
-    new = {node for node, end in ends if end[0] not in "+-"}
-    return {*change.components, *new, *(end for _, end in ends if end[0] == "-"), *change.settings, *change.initial,
-            *(f"channel {name}" for name in change.channels), *(f"input {name}" for name in change.moved)}
-
-
-def _may_sleep_beside_others(library: Library, candidate: Candidate) -> bool:
+def _may_share(library: Library, candidate: Candidate) -> bool:
     """True if a candidate can be inserted into a shared diagram at amplitude zero: no number of it is fixed before the
     runs, and its parts have neither states nor events."""
-    return candidate.vanishes and candidate.attaches in ADDING and \
-        not any(n.sought is not None and n.sought.held for n in candidate.numbers) and \
-        all(_is_static(library.component(part.kind)) for part in candidate.change.components.values())
-
-
-def _is_static(component: Component) -> bool:
-    return not (component.composite or component.when) and not any(
-        _differentiates(side) for line in component.equations for side in (line.tree.left, line.tree.right))
+    if not candidate.vanishes or candidate.attaches not in ADDING \
+            or any(n.sought is not None and n.sought.held for n in candidate.numbers):
+        return False
+    components = [library.component(part.kind) for part in candidate.change.components.values()]
+    return not any(c.composite or c.when for c in components) and not any(
+        _differentiates(side) for c in components for line in c.equations for side in (line.tree.left, line.tree.right))
 
 
 def _differentiates(expr: Expr) -> bool:
@@ -216,20 +209,21 @@ class Base:
         while shared is not None:
             key = repr(shared.members)
             if key not in self.shared:
-                self.shared[key] = self._sleeping(shared)
-            if (runs := self.shared[key]) is not None:
-                return runs
+                usable = None
+                with suppress(HeavebondError):
+                    runs = self.runs(shared.change, [], shared.amplitudes)
+                    # the same states and algebraic unknowns, and the same number of events
+                    alike = all(run.assembly.state_names == base_run.assembly.state_names
+                                and run.assembly.algebraic_names == base_run.assembly.algebraic_names
+                                and len(run.assembly.flat.events) == len(base_run.assembly.flat.events)
+                                for run, base_run in zip(runs, self.problem.runs, strict=True))
+                    if alike and np.linalg.norm(plain_residuals(self, runs, {}) - self.quick) <= self.error:
+                        usable = runs
+                self.shared[key] = usable
+            if (shared_runs := self.shared[key]) is not None:
+                return shared_runs
             shared = shared.half(label)
         return None
-
-    def _sleeping(self, shared: SharedDiagram) -> list[Run] | None:
-        try:
-            runs = self.runs(shared.change, [], shared.amplitudes)
-            alike = all(_same_unknowns(run.assembly, base_run.assembly)
-                        for run, base_run in zip(runs, self.problem.runs, strict=True))
-            return runs if alike and np.linalg.norm(plain_residuals(self, runs, {}) - self.quick) <= self.error else None
-        except HeavebondError:
-            return None
 
     @cached_property
     def cost(self) -> float:
@@ -267,12 +261,6 @@ class Base:
 def plain_residuals(base: Base, runs: Sequence[Run], values: Mapping[str, float]) -> Array:
     """Residuals (n,) at the base model's parameter values and the additional `values`."""
     return np.concatenate([run.residuals(values_at(base, run, values))[0] for run in runs])
-
-
-def _same_unknowns(first: Assembly, second: Assembly) -> bool:
-    """True if two diagrams have the same states and algebraic unknowns, and the same number of events."""
-    return first.state_names == second.state_names and first.algebraic_names == second.algebraic_names and \
-        len(first.flat.events) == len(second.flat.events)
 
 
 def values_at(base: Base, run: Run, more: Mapping[str, float]) -> dict[str, float]:

@@ -109,28 +109,28 @@ class _Scan:
     def best(self, score: Score) -> tuple[float, float, dict[str, float]]:
         """The largest gain of a direction that acts from an onset time on in each record, the gain in whole records, and
         the onset times by record name."""
-        s = self._direction(score)
+        s = score.direction
+        if score.told_apart and score.z != 0:
+            # the derivative with respect to the amplitude, including the part that the free parameters can explain
+            length = score.size * score.share
+            s = length * score.direction - self.base.J @ score.step / (score.z / length)
         sums = [self._sums(s, part, times, grid) for _, part, times, grid in self.records]
-        last = ONSET.times
+        last, count = ONSET.times, len(sums)
         whole = self._gains(score, [b[:1] for b in sums])[0]
+        ascents: list[tuple[float, list[int]]] = []
         # starts: the effect acts in all records, or in one record only
-        starts = [[0] * len(sums), *([last if j != k else 0 for j in range(len(sums))] for k in range(len(sums)))]
-        gain, indices = max((self._ascended(score, sums, start) for start in starts), key=lambda entry: entry[0])
-        return gain, float(whole), {name: float(grid[k]) for (name, _, _, grid), k in
-                                    zip(self.records, indices, strict=True)}
-
-    def _ascended(self, score: Score, sums: Sequence[Array], start: Sequence[int]) -> tuple[float, list[int]]:
-        """The gain after a coordinate ascent over the records, and the grid index of each record."""
-        at, gain = list(start), 0.0
-        for _ in range(ONSET.rounds):
-            before = list(at)
-            for k in range(len(sums)):
-                parts = [part if j == k else part[at[j]:at[j] + 1] for j, part in enumerate(sums)]
-                gains = self._gains(score, parts)
-                at[k], gain = int(np.argmax(gains)), float(gains.max())
-            if at == before:
-                break
-        return gain, at
+        for start in [[0] * count, *([last if j != k else 0 for j in range(count)] for k in range(count))]:
+            at, gain = list(start), 0.0  # coordinate ascent over the records
+            for _ in range(ONSET.rounds):
+                before = list(at)
+                for k in range(count):
+                    gains = self._gains(score, [part if j == k else part[at[j]:at[j] + 1] for j, part in enumerate(sums)])
+                    at[k], gain = int(np.argmax(gains)), float(gains.max())
+                if at == before:
+                    break
+            ascents.append((gain, at))
+        gain, at = max(ascents, key=lambda ascent: ascent[0])
+        return gain, float(whole), {name: float(grid[k]) for (name, _, _, grid), k in zip(self.records, at, strict=True)}
 
     def _gains(self, score: Score, parts: Sequence[Array]) -> Array:
         """The gains (times,) after the sums of all records are added."""
@@ -141,15 +141,6 @@ class _Scan:
         visible = lengths > SAME**2 * np.maximum(q, 1e-300)
         z = np.where(visible, -(b - step @ self.slope) / np.sqrt(np.where(visible, lengths, 1.0)), 0.0)
         return np.asarray(z**2 if score.signed else np.maximum(z, 0.0)**2)
-
-    def _direction(self, score: Score) -> Array:
-        """The derivative s (n,) of the residuals with respect to the amplitude, including the part that the free
-        parameters can explain."""
-        if not score.told_apart or score.z == 0:
-            return score.direction
-        length = score.size * score.share
-        amplitude = score.z / length
-        return np.asarray(length * score.direction - self.base.J @ score.step / amplitude)
 
     def _sums(self, s: Array, part: slice, times: Array, grid: Array) -> Array:
         """The sums b, q and g as columns (times, 2 + m), over the samples after each grid time."""

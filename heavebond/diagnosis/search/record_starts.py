@@ -122,11 +122,6 @@ def _as_a_sensor(channels: Sequence[Channel]) -> bool:
     return max(shifts) - min(shifts) <= noise or (largest > 0 and max(map(abs, deviations)) <= noise)
 
 
-def _begins(channel: Channel, value: float) -> bool:
-    """True if the model of a channel begins at `value`, in the channel's unit, to within the noise."""
-    return abs(float(channel.model[0]) - value) <= ELSEWHERE * max(channel.noise, channel.step)
-
-
 def started_entry(fitted: Fit) -> LadderEntry:
     """The entry in the table of models for a fit with initial values for each record."""
     return ladder_entry(f"{fitted.experiment.model.name}, start of each record fitted", fitted.after)
@@ -153,7 +148,7 @@ def own_start_words(before: Experiment, base: Fit | None, fitted: Fit | None) ->
         else:
             channels = {record.name: record.channels[output] for record in fitted.after.records.values()}
             diagram = float(unit.from_si(diagrams[name]))
-            if all(_begins(c, diagram) for c in channels.values()):
+            if all(abs(float(c.model[0]) - diagram) <= ELSEWHERE * max(c.noise, c.step) for c in channels.values()):
                 continue  # with the selected effects, the records begin at the diagram's value
             begins = {record: float(c.model[0]) for record, c in channels.items()}
             reported.add(state.rpartition(".")[0])

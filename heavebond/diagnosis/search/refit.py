@@ -44,7 +44,7 @@ from heavebond.diagnosis.search.refit_starts import (
 from heavebond.diagnosis.search.scoring import Score
 from heavebond.estimation.experiment import Experiment, Free
 from heavebond.estimation.fitting import is_instant
-from heavebond.estimation.residuals import AT_END, Descent, Exceeded, Residuals, Run
+from heavebond.estimation.residuals import AT_END, Descent, Exceeded, Residuals
 from heavebond.numerics.dae import Array
 from heavebond.numerics.quick_simulation import QuickSimulator
 from heavebond.numerics.result import Probe
@@ -306,8 +306,14 @@ class _RefitProblem:
         self.runs = base.runs(candidate.change, [])
         self.starts = RefitStarts(base, candidate, guesses, self.runs)
         self.ranges = dict(self.starts.ranges)
-        freed = self._freed(changed, set(self.runs[0].assembly.parameter_values))
-        values = self._first_values()
+        # the candidate's numbers are free as well, with first values inside their ranges
+        place, values = next(iter(changed.records.values())).place, self._first_values()
+        numbers, assembly = {n.name: n for n in candidate.numbers}, self.runs[0].assembly
+        free = {name: f for name, f in changed.free.items() if name in assembly.parameter_values}
+        free |= {name: Free(name, Range(low, high, numbers[name].unit), place,
+                            typical=numbers[name].prior(assembly.flat.expanded.leaves))
+                 for name, (low, high) in self.ranges.items()}
+        freed = replace(changed, model=changed.model.with_parameters(values), free=free)
         self.problem = Residuals(freed, runs=[run.again(list(freed.free), values, QuickSimulator) for run in self.runs])
         for _ in range(finer):
             self.make_finer()
@@ -322,15 +328,6 @@ class _RefitProblem:
         """True if the errors of the search runs at the end of a refit are not small compared with its residual. This may
         occur if a law changes within milliseconds. The descent then ends in the roughness of the sum of squares."""
         return self.errs > ERRS * float(np.sqrt(trial.cost))
-
-    def _freed(self, changed: Experiment, known: set[str]) -> Experiment:
-        """The experiment in which the candidate's numbers are free as well, with first values inside their ranges."""
-        place = next(iter(changed.records.values())).place
-        numbers, leaves = {n.name: n for n in self.candidate.numbers}, self.runs[0].assembly.flat.expanded.leaves
-        free = {name: Free(name, Range(low, high, numbers[name].unit), place, typical=numbers[name].prior(leaves))
-                for name, (low, high) in self.ranges.items()}
-        present = {name: f for name, f in changed.free.items() if name in known}
-        return replace(changed, model=changed.model.with_parameters(self._first_values()), free={**present, **free})
 
     def _first_values(self) -> dict[str, float]:
         """First values of the candidate's numbers, inside their ranges and in the order that the law requires."""
@@ -353,11 +350,6 @@ class _RefitProblem:
                           for c in self.problem.columns])
         span = self.problem.high - self.problem.low
         return np.asarray(np.clip(start, self.problem.low + 1e-6 * span, self.problem.high - 1e-6 * span))
-
-    def _residuals(self, inner: Array, runs: Sequence[Run]) -> Array:
-        """Residuals of the data (n,) from runs without sensitivities."""
-        problem, inner = self.problem, self.problem.allowed(inner)
-        return np.concatenate([run.residuals(problem.values_of(inner, run.record.name))[0] for run in runs])
 
     def _cost(self, inner: Array, most: float = np.inf) -> float:
         """Sum of squares of residuals and priors from runs without sensitivities; infinite if it exceeds `most` or a run
@@ -492,7 +484,9 @@ class _RefitProblem:
         """Compute the figures of the refit at `inner`, from runs by IDAS."""
         problem, inner = self.problem, self.problem.allowed(inner)
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
-        r, prior = self._residuals(inner, [exact[run.record.name] for run in self.runs]), problem.priors(inner)[0]
+        r = np.concatenate([exact[name].residuals(problem.values_of(inner, name))[0]
+                            for name in (run.record.name for run in self.runs)])
+        prior = problem.priors(inner)[0]
         self.errs = float(np.linalg.norm(r - problem.evaluate(inner)[0]))
         values = [problem.values_of(inner, run.record.name) for run in problem.runs]
         held_out = own_starts_of(problem, inner, exact)
@@ -502,6 +496,13 @@ class _RefitProblem:
                          for run, separate_values in zip(problem.runs, values, strict=True)}
         instants = sum(is_instant(problem.experiment.model, name)
                        for separate_values in held_out.values() for name in separate_values)
+        acts = not self.candidate.acts
+        if self.candidate.acts:  # at some time in a fitted record
+            for run in (exact[run.record.name] for run in self.runs):
+                result = run.simulator.run(problem.values_of(inner, run.record.name))
+                acts = bool(np.any(Probe(run.assembly, [self.candidate.acts], si=True).values(result) > 0))
+                if acts:
+                    break
         at_end = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(inner), strict=True)
                        if end and c.free.name not in {*self.ranges, *self.candidate.change.each})
         return Refit(self.candidate, problem.experiment, values[0], float(r @ r + prior @ prior), float(r @ r) / len(r),
@@ -509,15 +510,7 @@ class _RefitProblem:
                      max((g.gain for g in self.guesses), default=float("nan")),
                      problem.evaluations, errors=errors, beyond=passed_ends(problem, self.candidate.numbers, inner, r),
                      unshown=unshown_amplitudes(problem, self.candidate.numbers, inner, r), inner=inner,
-                     finer=self.finer, acts=self._acts(inner, exact), own={**record_values, **held_out} if each else {})
-
-    def _acts(self, inner: Array, exact: Mapping[str, Run]) -> bool:
-        """True if the effect acts in a fitted record. An effect whose component declares no such quantity always acts."""
-        for run in (exact[run.record.name] for run in self.runs) if self.candidate.acts else ():
-            result = run.simulator.run(self.problem.values_of(inner, run.record.name))
-            if np.any(Probe(run.assembly, [self.candidate.acts], si=True).values(result) > 0):
-                return True
-        return not self.candidate.acts
+                     finer=self.finer, acts=acts, own={**record_values, **held_out} if each else {})
 
     def slack(self, inner: Array, record_values: Mapping[str, Mapping[str, float]]) -> float:
         """The part of chi-square on held-out data that is due to the uncertainty of the fitted numbers.
@@ -533,18 +526,9 @@ class _RefitProblem:
         problem = self.problem
         moving = np.flatnonzero(~problem.at_end(inner))
         fitted = np.vstack([problem.evaluate(inner)[1], problem.priors(inner)[1]])[:, moving]
-        r, J = self._checked(inner, record_values)
-        J = J[:, moving]
-        normal, slope = fitted.T @ fitted + J.T @ J, J.T @ r
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        return float(slope / scale @ np.linalg.lstsq(normal / scale[:, None] / scale, slope / scale, rcond=1e-12)[0])
-
-    def _checked(self, inner: Array, record_values: Mapping[str, Mapping[str, float]]) -> tuple[Array, Array]:
-        """Residuals (n,) of all held-out samples, and their derivatives (n, m) with respect to the unknowns of the
-        optimiser. `record_values` are the values that differ between records."""
-        problem, names = self.problem, list(self.problem.experiment.free)
+        names = list(problem.experiment.free)
         exact = exact_runs(problem.experiment, self.runs, self.base.exact)
-        parts, blocks = [np.zeros(0)], [np.zeros((0, len(inner)))]
+        residuals, blocks = [np.zeros(0)], [np.zeros((0, len(inner)))]
         for record in problem.experiment.records.values():
             values = problem.values_of(inner, record.name)
             if record.use != "fit":
@@ -554,6 +538,9 @@ class _RefitProblem:
             for k, column in enumerate(problem.columns):
                 if column.record in ("", record.name):
                     block[:, k] = slopes[names.index(column.free.name)] * column.slope(inner[k])
-            parts.append(wrong)
+            residuals.append(wrong)
             blocks.append(block)
-        return np.concatenate(parts), np.vstack(blocks)
+        r, J = np.concatenate(residuals), np.vstack(blocks)[:, moving]
+        normal, slope = fitted.T @ fitted + J.T @ J, J.T @ r
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        return float(slope / scale @ np.linalg.lstsq(normal / scale[:, None] / scale, slope / scale, rcond=1e-12)[0])

@@ -52,7 +52,18 @@ def from_finite_amplitudes(base: Base, candidate: Candidate) -> Candidate | None
     `POWERS`."""
     if candidate.attaches != "in series":
         return None
-    sizes = _sizes(base, candidate)
+    run = base.problem.runs[0]
+    node = nodes_of(run.assembly.flat).get(candidate.where[0])
+    port = next((end.lstrip("-") for ends in candidate.change.nodes.values() for end in ends if end.startswith("-")), "")
+    sizes: dict[Dimension, float] = {}  # natural sizes of amplitudes by their dimension
+    if node is not None and port in node.ports:
+        names = [f"{node.name}.{node.across}", f"{port}.{node.through}"]
+        members = node.domain.members[node.across].unit.dimension, node.domain.members[node.through].unit.dimension
+        across, through = np.hstack([Probe(r.assembly, names, si=True).values(r.simulator.run(values_at(base, r, {})))
+                                     for r in base.problem.runs])
+        x, y = float(np.ptp(across)), float(np.abs(through).max())
+        if x > 0 and y > 0:
+            sizes = {times(times((), members[0], a), members[1], b): x**a * y**b for a, b in POWERS}
     ranges = {n.name: (LOWEST * size, HIGHEST * size) for n in candidate.vanishing
               if (size := sizes.get(n.unit.dimension)) is not None}
     return ranged(candidate, ranges) if len(ranges) == len(candidate.vanishing) else None
@@ -63,24 +74,6 @@ def ranged(candidate: Candidate, ranges: Mapping[str, tuple[float, float]]) -> C
     return replace(candidate, numbers=tuple(
         replace(n, sought=SearchRange(Range(*ranges[n.name], n.unit), "")) if n.name in ranges else n
         for n in candidate.numbers))
-
-
-def _sizes(base: Base, candidate: Candidate) -> dict[Dimension, float]:
-    """Natural sizes of amplitudes at the place of a candidate, by their dimension. Empty if the variables there do not
-    change."""
-    run = base.problem.runs[0]
-    node = nodes_of(run.assembly.flat).get(candidate.where[0])
-    port = next((end.lstrip("-") for ends in candidate.change.nodes.values() for end in ends if end.startswith("-")), "")
-    if node is None or port not in node.ports:
-        return {}
-    names = [f"{node.name}.{node.across}", f"{port}.{node.through}"]
-    members = node.domain.members[node.across].unit.dimension, node.domain.members[node.through].unit.dimension
-    courses = [Probe(r.assembly, names, si=True).values(r.simulator.run(values_at(base, r, {}))) for r in base.problem.runs]
-    across, through = np.hstack(courses)
-    x, y = float(np.ptp(across)), float(np.abs(through).max())
-    if not (x > 0 and y > 0):
-        return {}
-    return {times(times((), members[0], a), members[1], b): x**a * y**b for a, b in POWERS}
 
 
 # Smallest share of a direction that the free parameters cannot explain. Below it, the candidate has the same influence as
@@ -164,7 +157,15 @@ def scored(base: Base, candidate: Candidate, shared: SharedDiagram | None = None
     """
     if candidate.differs:
         return _of_records(base, candidate)
-    scores = _scored_from_zero(base, candidate, shared)
+    sleeping = base.sleeping(shared, candidate.label)
+    if shared is None or sleeping is None:
+        scores = _all_scores(base, candidate, lambda one, names: base.runs(one.change, names))
+    else:
+        member = shared.member(candidate.label)
+        of_member = _all_scores(base, member, lambda _, names: [run.again(names, {}, QuickSimulator) for run in sleeping])
+        name = {of_part.name: number.name for of_part, number in zip(member.numbers, candidate.numbers, strict=True)}
+        scores = [replace(s, candidate=candidate, shapes={name[n]: value for n, value in s.shapes.items()},
+                          along=tuple(name[n] for n in s.along)) for s in of_member]
     if scores or not candidate.vanishes or (finite := from_finite_amplitudes(base, candidate)) is None:
         return scores
     return _all_scores(base, finite, lambda one, names: base.runs(one.change, names))
@@ -198,18 +199,6 @@ def _of_records(base: Base, candidate: Candidate) -> list[Score]:
                   float(sizes[0]) / float(np.linalg.norm(whole)), -explained / z)]
 
 
-def _scored_from_zero(base: Base, candidate: Candidate, shared: SharedDiagram | None) -> list[Score]:
-    """The scores of a candidate whose diagram can be simulated at amplitude zero."""
-    sleeping = base.sleeping(shared, candidate.label)
-    if shared is None or sleeping is None:
-        return _all_scores(base, candidate, lambda one, names: base.runs(one.change, names))
-    member = shared.member(candidate.label)
-    scores = _all_scores(base, member, lambda _, names: [run.again(names, {}, QuickSimulator) for run in sleeping])
-    name = {member_number.name: number.name for member_number, number in zip(member.numbers, candidate.numbers, strict=True)}
-    return [replace(s, candidate=candidate, shapes={name[n]: value for n, value in s.shapes.items()},
-                    along=tuple(name[n] for n in s.along)) for s in scores]
-
-
 def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate, list[str]], list[Run]]) -> list[Score]:
     """The scores of a candidate at all choices of its shapes. `prepared` returns runs with sensitivities to the numbers
     of the candidate that it receives."""
@@ -224,7 +213,11 @@ def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate,
     except HeavebondError:
         return []
     scores = []
-    kink, sizes = _kinked(base, candidate), dict[str, float]()
+    # the law of the candidate may have a kink at amplitude zero
+    amplitudes = {n.name.rpartition(".")[2]: n for n in candidate.vanishing}
+    component = base.problem.experiment.model.library.component(candidate.component)
+    kink = any(kinked(side, amplitudes) for line in component.equations for side in (line.tree.left, line.tree.right))
+    sizes: dict[str, float] = {}
     for shapes in points:
         try:
             if candidate.vanishes:
@@ -232,7 +225,9 @@ def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate,
                 scores += [score for first in _at_zero(base, candidate, slopes, shapes)
                            for score in _on_sides(base, first, runs, kink)]
             else:
-                scores.append(_scored(base, candidate, shapes, _difference(base, runs, shapes), ROUGH * base.error))
+                # no tangent: an amplitude of 1 is the effect at a finite value of its numbers
+                change = plain_residuals(base, runs, shapes) - base.quick
+                scores.append(_scored(base, candidate, shapes, change, ROUGH * base.error))
         except HeavebondError:  # the diagram cannot be simulated at this choice of the shapes
             continue
     return scores
@@ -293,13 +288,6 @@ def admissible_sides(amplitudes: Sequence[EffectNumber]) -> tuple[int, ...]:
     return (1, -1) if any(map(may_be_below_neutral, amplitudes)) else (1,)
 
 
-def _kinked(base: Base, candidate: Candidate) -> bool:
-    """True if the law of the candidate has a kink at amplitude zero."""
-    amplitudes = {n.name.rpartition(".")[2]: n for n in candidate.vanishing}
-    component = base.problem.experiment.model.library.component(candidate.component)
-    return any(kinked(side, amplitudes) for line in component.equations for side in (line.tree.left, line.tree.right))
-
-
 def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> list[Score]:
     """The score at amplitude zero, and the scores from both sides of zero if they differ from it.
 
@@ -315,7 +303,9 @@ def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> li
     for side in admissible_sides(amplitudes):
         with suppress(HeavebondError):  # the amplitude cannot be simulated or exceeds its bound
             side_score, effect = _beside(base, at_zero, runs, side * step)
-            if not kink and _promised_more(base, step * min(at_zero.size, side_score.size), effect) \
+            # a smooth law cannot give less than the tangents at zero and at this amplitude promise
+            promised = step * min(at_zero.size, side_score.size)
+            if not kink and float(np.linalg.norm(effect)) < promised - max(AGREES * promised, ROUGH * base.error) \
                     and (secant := _secant(base, at_zero, runs, side * step)) is not None:
                 wrong += 1
                 secants.append(secant)
@@ -324,13 +314,8 @@ def _on_sides(base: Base, at_zero: Score, runs: Sequence[Run], kink: bool) -> li
     if kink:
         return beside
     tangent = [] if wrong == len(admissible_sides(amplitudes)) else [at_zero]
-    return [*tangent, *(s for s in beside if _turned(s, at_zero)), *secants]
-
-
-def _promised_more(base: Base, promised: float, effect: Array) -> bool:
-    """True if the effect (n,) of a finite amplitude is smaller than `promised` by more than the numerical error. `promised`
-    is the smaller one of the predictions of the tangents at zero and at this amplitude. A smooth law cannot give less."""
-    return float(np.linalg.norm(effect)) < promised - max(AGREES * promised, ROUGH * base.error)
+    turned = [s for s in beside if s.size > 0 and float(s.side * s.direction @ at_zero.direction) < TURNED]
+    return [*tangent, *turned, *secants]
 
 
 def _secant(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Score | None:
@@ -358,11 +343,6 @@ def _secant(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Sco
 def _at(score: Score, step: float) -> dict[str, float]:
     """The values of the candidate's numbers with the amplitudes at their neutral values plus `step`."""
     return {**_neutral(score.candidate), **score.shapes, **{n.name: n.neutral + step for n in _amplitudes_of(score)}}
-
-
-def _turned(score: Score, reference: Score) -> bool:
-    """True if two scores of a candidate have different directions."""
-    return score.size > 0 and float(score.side * score.direction @ reference.direction) < TURNED
 
 
 def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> tuple[Score, Array]:
@@ -400,12 +380,6 @@ def holding(candidate: Candidate, values: Mapping[str, str]) -> Candidate:
         return candidate
     return replace(candidate, change=candidate.change.with_values(values),
                    numbers=tuple(n for n in candidate.numbers if n.name not in values))
-
-
-def _difference(base: Base, runs: Sequence[Run], shapes: Mapping[str, float]) -> Array:
-    """The change of the residuals (n,) from an effect without a neutral value, at a finite value of its numbers. It
-    replaces the tangent; an amplitude of 1 is the effect at this value."""
-    return plain_residuals(base, runs, shapes) - base.quick
 
 
 def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Array, least: float = 0.0) -> Score:

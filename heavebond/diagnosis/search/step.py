@@ -221,8 +221,7 @@ def _step(experiment: Experiment, proposed: Sequence[Candidate], number: int | N
     say("fitting the free parameters")
     base = fitted_base(experiment)
     errors = predictive_errors(base.problem, base.inner, base.exact, base.r)
-    courses = _courses(base)
-    as_one = _as_one(courses)
+    courses, as_one = _courses(base)
     first = base.problem.runs[0]
     fitted = base.problem.values_of(base.inner, first.record.name)
     excluded = {} if always else {c.label: reason for c in (*proposed, *distant)
@@ -331,7 +330,14 @@ def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, S
     near = [t for t in order if t.candidate.label in guesses
             and (merit(t) - merit(order[0]) < margin or t.bic - lowest < margin)][:most]
     better = {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in near])}
-    lent = [(t, guesses[t.candidate.label], lender) for t in better.values() if (lender := _lender(t, better.values()))]
+    # A law that contains another law as a special case cannot have a larger residual, unless it ended in another local
+    # minimum. So a candidate is refitted from the values of the best other law at its place if this has a smaller sum.
+    lent = []
+    for t in better.values():
+        smaller = [other for other in better.values()
+                   if set(other.candidate.where) == set(t.candidate.where) and other.cost < t.cost]
+        if smaller:
+            lent.append((t, guesses[t.candidate.label], min(smaller, key=lambda other: other.cost)))
     return better | {c.label: t for c, t in workers.polish(lent)}
 
 
@@ -348,23 +354,12 @@ def _told_apart_held_out(workers: Workers, trials: Sequence[Refit], twins: Mappi
         if score.told_apart and score.candidate.label in near:
             guesses.setdefault(score.candidate.label, []).append(score)
     first = [t for _, t in workers.begin([(group[0].candidate, group) for group in guesses.values()]) if t is not None]
-    different = [t for _, t in workers.follow([(t, guesses[t.candidate.label]) for t in first])
-                 if _differ_held_out(t, near[t.candidate.label])]
+    different = []
+    for _, trial in workers.follow([(t, guesses[t.candidate.label]) for t in first]):
+        chi2, other, samples = trial.chi2_held_out, near[trial.candidate.label].chi2_held_out, trial.samples_held_out
+        if samples > 0 and max(fallen(chi2, other, samples), fallen(other, chi2, samples)) > EARNED:
+            different.append(trial)
     return {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in different])}
-
-
-def _differ_held_out(first: Refit, second: Refit) -> bool:
-    """True if the residuals of two refits on held-out data differ by more than chance."""
-    a, b, samples = first.chi2_held_out, second.chi2_held_out, first.samples_held_out
-    return samples > 0 and max(fallen(a, b, samples), fallen(b, a, samples)) > EARNED
-
-
-def _lender(trial: Refit, refits: Iterable[Refit]) -> Refit | None:
-    """The refit with the smallest sum of squares among other laws at the same place, if it is below the sum of `trial`.
-    The trial is then refitted from its values: a law that contains the other law as a special case cannot have a larger
-    residual, unless it ended in another local minimum."""
-    better = [t for t in refits if set(t.candidate.where) == set(trial.candidate.where) and t.cost < trial.cost]
-    return min(better, key=lambda t: t.cost, default=None)
 
 
 def refitted_beside(stage: Stage, known: Sequence[Refit], exact: Refit) -> Stage:
@@ -410,28 +405,30 @@ def _fitted(problem: Residuals, inner: Array) -> Base:
     return Base.at(problem, inner)
 
 
-def _courses(base: Base) -> dict[str, tuple[str, Array]]:
-    """The domain of each node of the base model and the time course of its across variable on all fitted records."""
+def _courses(base: Base) -> tuple[dict[str, tuple[str, Array]], dict[str, str]]:
+    """The domain of each node of the base model and the time course of its across variable on all fitted records; and for
+    each node, the first of the nodes that move together with it, for example because a lossless rope or lever connects
+    them."""
     runs = [base.exact[run.record.name] for run in base.problem.runs]
     results = [run.simulator.run(base.problem.values_of(base.inner, run.record.name)) for run in runs]
-    return {node.name: (node.domain.name, np.concatenate([result.si[f"{node.name}.{node.across}"] for result in results]))
-            for node in nodes_of(runs[0].assembly.flat).values()}
-
-
-def _as_one(courses: Mapping[str, tuple[str, Array]]) -> dict[str, str]:
-    """Map each node to the first of the nodes that move together with it in the base model, for example because a
-    lossless rope or lever connects them."""
-    first_of_group: dict[str, str] = {}
+    courses = {node.name: (node.domain.name, np.concatenate([r.si[f"{node.name}.{node.across}"] for r in results]))
+               for node in nodes_of(runs[0].assembly.flat).values()}
+    as_one: dict[str, str] = {}
     for name, (domain, course) in courses.items():
         near = AS_ONE * max(float(np.abs(course).max()), 1e-300)
-        first_of_group[name] = next((first for first in first_of_group.values() if courses[first][0] == domain
-                                     and np.abs(course - courses[first][1]).max() < near), name)
-    return first_of_group
+        as_one[name] = next((first for first in as_one.values() if courses[first][0] == domain
+                             and np.abs(course - courses[first][1]).max() < near), name)
+    return courses, as_one
 
 
 def _meaningless(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> str:
     """The reason why a candidate cannot act on the fitted records as its class does; empty if it can."""
-    if not _says_more(candidate, base, courses):
+    effect = base.problem.experiment.model.library.component(candidate.component).effect
+    # if the additional variables of a law are constant, the catalogue contains a simpler law with the same influence: a seal
+    # under constant pressure has dry friction
+    others = [courses[node][1] for node in candidate.change.nodes if node not in candidate.where and node in courses] \
+        if effect is not None and effect.also else []
+    if any(not float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in others):
         return "the pressure that it depends on is steady, so that it is dry friction"
     if candidate.reverses and not _reverses(candidate, base):
         return "the motion there goes in one direction only"
@@ -478,25 +475,18 @@ def retraced(displacements: Sequence[Array]) -> bool:
     return not passes.any() or bool(2 * np.count_nonzero(passes > 1) >= np.count_nonzero(passes))
 
 
-def _says_more(candidate: Candidate, base: Base, courses: Mapping[str, tuple[str, Array]]) -> bool:
-    """True if the additional variables of a law change during the fitted records. If they are constant, the catalogue
-    contains a simpler law with the same influence. For example, a seal under constant pressure has dry friction."""
-    effect = base.problem.experiment.model.library.component(candidate.component).effect
-    if effect is None or not effect.also:
-        return True
-    other_courses = [courses[node][1] for node in candidate.change.nodes if node not in candidate.where and node in courses]
-    return all(float(np.ptp(course)) > STEADY * float(np.abs(course).max()) for course in other_courses)
-
-
 def _judged(base: Base, errors: PredictiveErrors, tests: ResidualTests, scores: Sequence[Score], trials: Sequence[Refit],
             twins: dict[str, tuple[str, ...]], partial: bool, seconds: float, as_one: Mapping[str, str]) -> Stage:
     problem = base.problem
     ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
+    best_scores = _best_of_each(scores)
+    distinguished = {s.candidate.label for s in scores if s.told_apart}  # from the free parameters at some choice of shapes
+    unseen = tuple(s.candidate for s in best_scores if s.candidate.label not in distinguished)
     stage = Stage(
         problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
         float(base.r @ base.r) / len(base.r), errors.mean(SELECTION, TEST), errors.samples(SELECTION, TEST), ended, tests,
-        tuple(_best_of_each(scores)), tuple(sorted(trials, key=merit)), None, (), twins, tuple(_unseen(scores)), partial,
-        seconds, errors=errors, as_one=as_one)
+        tuple(best_scores), tuple(sorted(trials, key=merit)), None, (), twins, unseen, partial, seconds, errors=errors,
+        as_one=as_one)
     earned = _earned(stage)
     return choosing(stage, _leader(stage, earned)) if earned else stage
 
@@ -576,16 +566,14 @@ def _needless(trial: Refit, simpler: Refit) -> bool:
     because a more flexible law always fits an inexact law better.
     """
     more = trial.unknowns > simpler.unknowns
-    refines = (more and (same_class(trial.candidate.kind, simpler.candidate.kind) or _generalises(trial, simpler))) \
-        or (bool(trial.unshown) and (more or not simpler.unshown))
+    related = same_class(trial.candidate.kind, simpler.candidate.kind)
+    if more and not related:
+        # an entry `replaces` of its effects declares that a law contains another one (Bouc-Wen hysteresis contains dry
+        # friction with presliding)
+        effects = trial.experiment.model.library.component(trial.candidate.component).effects
+        related = any(simpler.candidate.component in effect.replaces for effect in effects)
+    refines = (more and related) or (bool(trial.unshown) and (more or not simpler.unshown))
     return refines and set(trial.candidate.where) == set(simpler.candidate.where) and _leaves_no_more(simpler, trial)
-
-
-def _generalises(trial: Refit, simpler: Refit) -> bool:
-    """True if the component of a law contains the simpler law, as an entry `replaces` of its effects declares (Bouc-Wen
-    hysteresis contains dry friction with presliding)."""
-    law = trial.experiment.model.library.component(trial.candidate.component)
-    return any(simpler.candidate.component in effect.replaces for effect in law.effects)
 
 
 def _leaves_no_more(trial: Refit, reference: Refit) -> bool:
@@ -645,12 +633,6 @@ def _best_of_each(scores: Sequence[Score]) -> list[Score]:
     return list(best.values())
 
 
-def _unseen(scores: Sequence[Score]) -> list[Candidate]:
-    """Candidates that the records do not distinguish from the free parameters at any choice of their shapes."""
-    distinguished = {s.candidate.label for s in scores if s.told_apart}
-    return [s.candidate for s in _best_of_each(scores) if s.candidate.label not in distinguished]
-
-
 def merit(trial: Refit) -> float:
     """Ranking value of a refit: BIC of the fitted samples plus n ln(chi-square) of the selection data; smaller is better.
     The test data are not used."""
@@ -666,20 +648,14 @@ def _merit(cost: float, samples: int, unknowns: int, errors: PredictiveErrors | 
 def _earned(stage: Stage) -> list[Refit]:
     """The justified refits, the best first. `merit` must fall by more than chance allows. If the residual on the
     selection data was more than noise, chi-square there must also fall by more than chance allows. The residual on all
-    held-out data must not be larger (see `_worse`)."""
+    held-out data must not be larger than the residual of the model without the refit; if the latter is noise, it must be
+    noise."""
     assert stage.errors is not None
     before, samples = stage.errors.mean(SELECTION), stage.errors.samples(SELECTION)
     return [t for t in stage.trials if merit(t) < stage.merit - EARNED and t.errors is not None
             and (not is_above_noise(before, samples) or fallen(before, t.errors.mean(SELECTION), samples) > EARNED)
-            and not _worse(stage, t)]
-
-
-def _worse(stage: Stage, trial: Refit) -> bool:
-    """True if the residual of a refit on held-out data is larger than the residual of the model without it. If the latter
-    is noise, true if the residual of the refit is more than noise."""
-    if stage.shown_held_out:
-        return not trial.chi2_held_out < stage.chi2_held_out
-    return is_above_noise(trial.chi2_held_out, trial.samples_held_out)
+            and (t.chi2_held_out < stage.chi2_held_out if stage.shown_held_out else
+                 not is_above_noise(t.chi2_held_out, t.samples_held_out))]
 
 
 def fallen(before: float, after: float, samples: int) -> float:

@@ -93,8 +93,12 @@ def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
     """Estimate the strength of an effect as a function of its amplitude. `base` is the fitted model with the effect,
     `numbers` are the numbers of the effect. None if no amplitude of the effect has a neutral value, or if it has no
     influence."""
-    response = _own_response(base, numbers)
-    if response is None or not response.any():
+    neutral = {n.name: n.neutral for n in numbers if n.amplitude and n.sought is None}
+    response = np.zeros(len(base.r))  # influence of the effect on the residuals (n,) at its fitted strength, to first order
+    for k, (column, inner) in enumerate(zip(base.problem.columns, base.inner, strict=True)):
+        if column.free.name in neutral:
+            response += base.J[:, k] / column.slope(inner) * (column.outer(inner) - neutral[column.free.name])
+    if not response.any():
         return None
     amplitude, cluster = _amplitudes(base, response)
     g = np.empty(len(response))
@@ -130,17 +134,6 @@ def _chance(b: Array, spread: Array, blocks: int) -> float:
     t = float(b @ np.linalg.pinv(spread) @ b)
     free = max(blocks - 1, 3)
     return float(fdtrc(2, free - 1, t * (free - 1) / (2 * free)))
-
-
-def _own_response(base: Base, numbers: Sequence[EffectNumber]) -> Array | None:
-    """The influence of the effect on the residuals (n,) at its fitted strength, to first order. None if no amplitude has
-    a neutral value."""
-    neutral = {n.name: n.neutral for n in numbers if n.amplitude and n.sought is None}
-    response = np.zeros(len(base.r))
-    for k, (column, inner) in enumerate(zip(base.problem.columns, base.inner, strict=True)):
-        if column.free.name in neutral:
-            response += base.J[:, k] / column.slope(inner) * (column.outer(inner) - neutral[column.free.name])
-    return response if neutral else None
 
 
 def _amplitudes(base: Base, response: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -251,7 +244,11 @@ def select_stepwise(experiment: Experiment, stepping: Stepping, say: Progress, m
             break
         yield selections[0], replace(selections[0][-1].step, partial=True)
         steps: list[tuple[Stage, list[Selection]]] = []
-        for selection in _promising(selections, base):
+        # Continue those that may still become the best. With an estimated noise this is the best one only, because an
+        # estimated noise does not show whether the best selection is incomplete.
+        noise_given, best = selections[0][-1].step.experiment.noise_given, min(map(_merit, selections))
+        for selection in [selections[0], *(s for s in selections[1:WAYS] if noise_given
+                                           and base - _merit(s) > FOLLOWED * (base - best))]:
             if remaining_time() < BEGUN * selection[-1].step.seconds:
                 break
             stage = stepping(following(selection[-1].step), selection)
@@ -426,14 +423,6 @@ def _label(selection: Selection) -> str:
 
 def _merit(selection: Selection) -> float:
     return merit(selection[-1].chosen)
-
-
-def _promising(selections: Sequence[Selection], base: float) -> list[Selection]:
-    """The selections that may still become the best. With an estimated noise only the best one is continued, because an
-    estimated noise does not show whether the best selection is incomplete."""
-    noise_given, best = selections[0][-1].step.experiment.noise_given, min(map(_merit, selections))
-    return [selections[0], *(selection for selection in selections[1:WAYS]
-                             if noise_given and base - _merit(selection) > FOLLOWED * (base - best))]
 
 
 def _distinct(selections: Sequence[Selection]) -> list[Selection]:
@@ -658,8 +647,14 @@ def doubts(selection: Selection, say: Progress,
     were determined with it.
     """
     doubtful: list[Unsupported] = []
-    while len(selection) > 1 and not _reaches_the_noise(selection[-1]):
-        last, at_earlier = selection[-1], _at_earlier_place(selection)
+    while len(selection) > 1:
+        last = selection[-1]
+        step, chosen = last.step, last.chosen
+        before = step.chi2_held_out if step.samples_held_out else step.chi2_fit
+        # the residual with the effect is the given noise, and the residual without it is clearly larger
+        if chosen.experiment.noise_given and leaves_noise(chosen) and before > DECISION.near:
+            break
+        at_earlier = _at_earlier_place(selection)
         if at_earlier(last.candidate):
             break
         say(f"is {last.candidate.label} the same at all amplitudes?")
@@ -667,9 +662,10 @@ def doubts(selection: Selection, say: Progress,
         reason = Unsupported(last, constancy=strength) if strength is not None and strength.differs else None
         if reason is None and curves is not None:
             say(f"would another law of the earlier effects explain as much as {last.candidate.label}?")
-            trials = curves(last.step.experiment, at_earlier).trials
+            trials = curves(step.experiment, at_earlier).trials
             best = min((t for t in trials if t.errors is not None), key=loss, default=None)
-            if best is not None and _explains_most(best, last):
+            misfit = step.errors.mean(*ALL) if step.errors is not None else 0.0
+            if best is not None and misfit - loss(best) > DECISION.mainly * (misfit - loss(chosen)):
                 reason = Unsupported(last, curve=best)
         if reason is None:
             break
@@ -678,28 +674,16 @@ def doubts(selection: Selection, say: Progress,
     return doubtful
 
 
+def _constancy(added: SelectedEffect) -> Constancy | None:
+    """Constancy of an added effect in the model fitted with it; None if this model cannot be simulated."""
+    try:
+        return constancy(fitted_base(following(added.step)), added.candidate.numbers)
+    except HeavebondError:
+        return None
+
+
 def _at_earlier_place(selection: Selection) -> Callable[[Candidate], bool]:
     """A predicate: true if a candidate of the last step is at the place of an effect before the last one."""
     step = selection[-1].step
     earlier = {Places.of(added.step.experiment, step.as_one).place(added.candidate) for added in selection[:-1]}
     return lambda candidate: step.places.place(candidate) in earlier
-
-
-def _explains_most(curve: Refit, added: SelectedEffect) -> bool:
-    """True if a curve explains most of the part of the residual that an added effect explains."""
-    assert added.step.errors is not None
-    before = added.step.errors.mean(*ALL)
-    return before - loss(curve) > DECISION.mainly * (before - loss(added.chosen))
-
-
-def _reaches_the_noise(added: SelectedEffect) -> bool:
-    """True if the residual with an effect is the given noise, and the residual without it is clearly larger."""
-    before = added.step.chi2_held_out if added.step.samples_held_out else added.step.chi2_fit
-    return added.chosen.experiment.noise_given and leaves_noise(added.chosen) and before > DECISION.near
-
-
-def _constancy(added: SelectedEffect) -> Constancy | None:
-    try:
-        return constancy(fitted_base(following(added.step)), added.candidate.numbers)
-    except HeavebondError:
-        return None
