@@ -325,6 +325,6 @@ def test_a_limit_that_the_motion_does_not_reach_is_looked_for_where_a_refit_seek
     candidate: Any = SimpleNamespace(numbers=(number,), vanishes=True, orders=(), attaches="across")
     monkeypatch.setattr(scoring, "motion_ranges", lambda *others: {"limit.x": motion})
     unused: Any = None
-    points = scoring.shape_points(candidate, (), unused)
+    points = scoring.points_within(candidate, scoring.motion_ranges(candidate.numbers, (), unused))
     low, high = found or (0.0, 0.0)
     assert all(low < point["limit.x"] < high if found else not point for point in points)

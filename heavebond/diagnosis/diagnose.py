@@ -134,18 +134,15 @@ class Diagnosis(facade.Displayed):
         """
         if self.evidence is None or self.restricted:
             return ()
-        return stated(probabilities(self.evidence), self.named_first)
+        # labels of the candidates that the answer names for the first step
+        named = tuple(t.candidate.label for f in self.findings[:1] for t in f.alternatives)
+        return stated(probabilities(self.evidence), named)
 
     @cached_property
     def tree(self) -> Tree:
         """The answer as a tree: measuring chain or machine, place, kind, class, law, each with its probability."""
         return answer_tree(self.steps, self.evidence, self.findings, self.ladder, self.localization, self.partial,
                            self.doubtful, self.reviews)
-
-    @property
-    def named_first(self) -> tuple[str, ...]:
-        """Labels of the candidates that the answer names for the first step."""
-        return tuple(t.candidate.label for f in self.findings[:1] for t in f.alternatives)
 
     @property
     def started(self) -> bool:

@@ -30,8 +30,8 @@ from heavebond.diagnosis.evidence.flexible_laws import (
     remainder,
 )
 from heavebond.diagnosis.evidence.horizons import with_horizons
-from heavebond.diagnosis.evidence.record_differences import RecordDifference, record_differences
-from heavebond.diagnosis.search.record_starts import own_starts, started_entry
+from heavebond.diagnosis.evidence.record_differences import record_differences
+from heavebond.diagnosis.search.record_starts import own_starts
 from heavebond.diagnosis.search.refit import Refit, begun
 from heavebond.diagnosis.search.step import (
     Stage,
@@ -54,7 +54,7 @@ from heavebond.diagnosis.search.stepwise import (
     near_the_noise,
     select_stepwise,
 )
-from heavebond.diagnosis.state import AddedEffect, LadderEntry, chi2_sum
+from heavebond.diagnosis.state import AddedEffect, LadderEntry, chi2_sum, ladder_entry
 from heavebond.estimation.comparison import Comparison, compare
 from heavebond.estimation.excerpts import as_long_as, excerpt
 from heavebond.estimation.experiment import Experiment
@@ -222,7 +222,8 @@ def fit_record_starts(state: State, task: Task) -> Iterator[State]:
     seconds = min(FITTING * task.budget.seconds, task.budget.left())
     started = own_starts(state.experiment, state.models[-1], seconds, task.say)
     if started is not None:
-        yield replace(state, experiment=started.experiment, base=started, models=(*state.models, started_entry(started)))
+        entry = ladder_entry(f"{started.experiment.model.name}, start of each record fitted", started.after)
+        yield replace(state, experiment=started.experiment, base=started, models=(*state.models, entry))
 
 
 def search(state: State, task: Task) -> Iterator[State]:
@@ -290,7 +291,11 @@ def _search(state: State, task: Task, reserved: float) -> Iterator[State]:
         return task.budget.left(reserved)
 
     def stepping(experiment: Experiment, selection: Selection) -> Stage:
-        task.grow([*(entry.as_dict() for entry in state.models), *map(_unconfirmed, selection)])
+        # the effects that are not yet confirmed have the figures on the searched samples
+        task.grow([*(entry.as_dict() for entry in state.models),
+                   *({"name": f"+ {added.candidate.label}", "error_fit": nan, "error_held_out": nan,
+                      "chi2_fit": added.chosen.chi2_fit, "chi2_held_out": added.chosen.chi2_held_out}
+                     for added in selection)])
         beside = f" beside {listing(added.candidate.label for added in selection)}" if len(selection) > 1 else ""
         return make_stage(experiment, beside=[added.candidate for added in selection], number=task.number,
                           seconds=remaining_time(), classes=task.classes, thorough=not selection,
@@ -431,8 +436,22 @@ def compare_held_out_records(state: State, task: Task) -> Iterator[State]:
         differences = record_differences(at_fit(replace(state.given, horizons=state.experiment.horizons), state.base))
         state = replace(state, differences=tuple(difference.words for difference in differences))
         yield state
-        if len({difference.candidate.label for difference in differences}) == 1:
-            yield _with_difference(state, task, differences[0])
+        if len({difference.candidate.label for difference in differences}) != 1:
+            return
+        # the parameter becomes a finding with a value for each record, if this improves the prediction of the held-out ones
+        assert state.confirming is not None and state.searched is not None
+        base = fitted_base(at_fit(state.searched, state.base))
+        trial = begun(base, differences[0].candidate, progress=task.say)
+        if trial is None:
+            return
+        stage = choosing(replace(state.steps[0], trials=(trial,)), trial)
+        before = state.models[-1]
+        effect = state.confirming.one(SelectedEffect(stage, stage.cluster), before.comparison)
+        if effect is None or misfit_reduction(before.chi2_held_out, effect.rung.chi2_held_out) < DECISION.mainly:
+            return
+        # the fitted records show no effect; the evidence is the size of the residual of the held-out records
+        stage = replace(stage, left=replace(stage.left, size=differences[0].chance))
+        yield replace(state, models=(*state.models, effect.rung), findings=(effect,), steps=(stage,))
 
 
 def decide(state: State, task: Task) -> Iterator[State]:
@@ -458,22 +477,6 @@ PHASES: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts
                              decide)
 CLOSING: tuple[Phase, ...] = (confirm, decide)
 FIRST: tuple[Phase, ...] = (simulate_records, fit_parameters, fit_record_starts)
-
-
-def _with_difference(state: State, task: Task, difference: RecordDifference) -> State:
-    """Add the parameter that differs in a held-out record as a finding with a value for each record. Return the same state
-    if this does not improve the prediction of the held-out records."""
-    assert state.confirming is not None and state.searched is not None
-    trial = begun(fitted_base(at_fit(state.searched, state.base)), difference.candidate, progress=task.say)
-    if trial is None:
-        return state
-    stage = choosing(replace(state.steps[0], trials=(trial,)), trial)
-    effect = state.confirming.one(SelectedEffect(stage, stage.cluster), state.models[-1].comparison)
-    if effect is None or misfit_reduction(state.models[-1].chi2_held_out, effect.rung.chi2_held_out) < DECISION.mainly:
-        return state
-    # the fitted records show no effect; the evidence is the size of the residual of the held-out records
-    stage = replace(stage, left=replace(stage.left, size=difference.chance))
-    return replace(state, models=(*state.models, effect.rung), findings=(effect,), steps=(stage,))
 
 
 def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
@@ -510,13 +513,6 @@ def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
         return
     step = replace(state.steps[0], chosen=None, cluster=())
     yield replace(state, models=without, findings=(), doubtful=(), reviews=(), steps=(step,), shape=shape)
-
-
-def _unconfirmed(added: SelectedEffect) -> dict[str, object]:
-    """Entry of an effect for the growing table of models, with the figures on the searched samples."""
-    trial = added.chosen
-    return {"name": f"+ {added.candidate.label}", "error_fit": nan, "error_held_out": nan, "chi2_fit": trial.chi2_fit,
-            "chi2_held_out": trial.chi2_held_out}
 
 
 def _answered(step: Stage, added: SelectedEffect) -> Stage:

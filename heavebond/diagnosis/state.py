@@ -129,11 +129,13 @@ class AddedEffect:
 
 def ladder_entry(name: str, comparison: Comparison) -> LadderEntry:
     """Create an entry of the table of models from the comparison with all records."""
-    fitted = [p for p in comparison.parts if p.use == "fit"]
-    checked = [p for p in comparison.parts if p.use != "fit"]
-    chi2_fit, chi2_held_out = (total / count if count else math.nan for part in (fitted, checked)
-                               for total, count in [chi2_sum(comparison.experiment, part)])
-    return LadderEntry(name, _error(fitted), _error(checked), chi2_fit, chi2_held_out, comparison)
+    figures = []
+    for parts in ([p for p in comparison.parts if p.use == "fit"], [p for p in comparison.parts if p.use != "fit"]):
+        squares = [p.normalised**2 for p in parts if math.isfinite(p.normalised)]
+        total, count = chi2_sum(comparison.experiment, parts)
+        figures.append((math.sqrt(np.mean(squares)) if squares else math.nan, total / count if count else math.nan))
+    (error_fit, chi2_fit), (error_held_out, chi2_held_out) = figures
+    return LadderEntry(name, error_fit, error_held_out, chi2_fit, chi2_held_out, comparison)
 
 
 def channel_errors(rung: LadderEntry) -> list[ChannelError]:
@@ -199,11 +201,6 @@ def _component(fit: Fit, path: str) -> Component | None:
     return leaves[path].component if path in leaves else None
 
 
-def _error(parts: Sequence[RecordComparison]) -> float:
-    squares = [p.normalised**2 for p in parts if math.isfinite(p.normalised)]
-    return math.sqrt(np.mean(squares)) if squares else math.nan
-
-
 def chi2_sum(experiment: Experiment, parts: Sequence[RecordComparison]) -> tuple[float, int]:
     """Chi-square of all samples of these parts of records, and their number. Errors that the machine carries from one
     segment of a record to the next do not count (see `Horizon`)."""
@@ -233,8 +230,10 @@ def errors(experiments: Sequence[ExperimentOrFile], *, progress: Progress | None
     and the errors of `compare`.
     """
     loaded = [load_experiment(e) for e in experiments]
-    for later in loaded[1:]:
-        if _measured(later) != _measured(loaded[0]):
+    measured = [(sorted((str(r.file.resolve()), r.use, r.begin or 0.0, r.end or 0.0) for r in e.records.values()),
+                 sorted((o.column, o.shown.unit) for o in e.outputs.values())) for e in loaded]
+    for later, parts in zip(loaded, measured, strict=True):
+        if parts != measured[0]:
             raise UsageError([Problem("ladder-records", f"{later.path.name} and {loaded[0].path.name} have different "
                                       "records or channels, so their errors cannot be compared", None,
                                       "Let the later experiments `extends:` the first one.")])
@@ -245,9 +244,3 @@ def errors(experiments: Sequence[ExperimentOrFile], *, progress: Progress | None
             progress(experiment.path.name)
         rungs.append(ladder_entry(experiment.path.stem, compare(experiment)))
     return rungs
-
-
-def _measured(experiment: Experiment) -> tuple[object, ...]:
-    """Parts of the records and their channels, for a comparison of two experiments."""
-    return (sorted((str(r.file.resolve()), r.use, r.begin or 0.0, r.end or 0.0) for r in experiment.records.values()),
-            sorted((o.column, o.shown.unit) for o in experiment.outputs.values()))

@@ -213,7 +213,8 @@ def _effect_tree(step: Stage, known: Evidence, finding: AddedEffect | None, loca
     models = [Node("system", name, masses[name], key=name) for name in (NOTHING, PARAMETERS) if masses.get(name, 0.0) > 0]
 
     def grown(leaves: Sequence[Leaf]) -> tuple[Node, tuple[Node, ...]]:
-        root = _with_rest(Node("answer", "the records", 1.0, _sorted([*_grown(leaves, 0), *models])))
+        root = _with_rest(Node("answer", "the records", 1.0, tuple(sorted(
+            [*_grown(leaves, 0), *models], key=lambda node: -node.probability))))
         return root, _path(root)
 
     root, path = grown([*effects, *outside])
@@ -411,10 +412,6 @@ def _grown(leaves: Sequence[Leaf], depth: int) -> tuple[Node, ...]:
         node = Node(LEVELS[depth + 1], first.names[depth], sum(leaf.probability for leaf in group), _grown(group, depth + 1),
                     key, tuple(label for leaf in group for label in leaf.labels))
         nodes.append(_with_rest(node))
-    return _sorted(nodes)
-
-
-def _sorted(nodes: Sequence[Node]) -> tuple[Node, ...]:
     return tuple(sorted(nodes, key=lambda node: -node.probability))
 
 

@@ -95,7 +95,19 @@ def compared(best: Refit, trials: Sequence[Refit], before: PredictiveErrors) -> 
         margin = STRONG + INEXACT * (best.samples + best.samples_held_out)
         near = [t for t in competitors if min(likelihood(t, j) - likelihood(best, j) for j in (False, True)) < margin]
         return Identity((best, *near), float("nan"))
-    confidence = _set(best, competitors)
+    # Confidence set of the best (index 0) and the others. Candidates with a much larger loss get the p value 0 without a
+    # bootstrap.
+    confidence = None
+    errors = [t.errors for t in (best, *competitors)]
+    available = [e for e in errors if e is not None]
+    if len(available) == len(errors) > 1 and len(available[0].sums):
+        losses = levelled(available)
+        means = losses.sum(axis=1)
+        close = np.flatnonzero(means <= HOPELESS * max(means[0], available[0].counts.sum()))
+        part = confidence_set(losses[close], available[0].counts, available[0].stretch)
+        p, frequency = np.zeros(len(available)), np.zeros(len(available))
+        p[close], frequency[close] = part.p, part.best
+        confidence = ConfidenceSet(p, frequency, part.blocks)
     misfit = max(before.mean(*ALL) - 1.0, 0.0)
     near = []
     for k, trial in enumerate(competitors, 1):
@@ -136,10 +148,9 @@ def differs_materially(best: Refit, trial: Refit, misfit: float) -> bool:
     The criterion is a difference of a material share of the misfit, or a multiple of the residual of the best above the
     noise. It must be satisfied with and without the part of the residuals that is due to undetermined parameters.
     """
-    def differ(least: float, more: float) -> bool:
-        return more - least > DECISION.material * misfit or more > DECISION.times * max(least, DECISION.near - 1.0)
-
-    return all(differ(_excess(best, joint), _excess(trial, joint)) for joint in (False, True))
+    pairs = [(_excess(best, joint), _excess(trial, joint)) for joint in (False, True)]
+    return all(more - least > DECISION.material * misfit or more > DECISION.times * max(least, DECISION.near - 1.0)
+               for least, more in pairs)
 
 
 def dispensable_variations(trials: Sequence[Refit], later: bool = False) -> list[Refit]:
@@ -155,22 +166,6 @@ def dispensable_variations(trials: Sequence[Refit], later: bool = False) -> list
     least = 0.0 if later else min(laws, default=inf)
     return [t for t in trials if t.candidate.varies and t.errors is not None and not leaves_noise(t)
             and least <= DECISION.times * max(_excess(t, False), DECISION.near - 1.0)]
-
-
-def _set(best: Refit, trials: Sequence[Refit]) -> ConfidenceSet | None:
-    """Confidence set of the best (index 0) and the others; None without common samples. Candidates with a much larger loss
-    get the p value 0 without a bootstrap."""
-    errors = [t.errors for t in (best, *trials)]
-    available = [e for e in errors if e is not None]
-    if len(available) < len(errors) or len(available) < 2 or not len(available[0].sums):
-        return None
-    losses = levelled(available)
-    means = losses.sum(axis=1)
-    close = np.flatnonzero(means <= HOPELESS * max(means[0], available[0].counts.sum()))
-    part = confidence_set(losses[close], available[0].counts, available[0].stretch)
-    p, frequency = np.zeros(len(available)), np.zeros(len(available))
-    p[close], frequency[close] = part.p, part.best
-    return ConfidenceSet(p, frequency, part.blocks)
 
 
 # The tangents of the search have errors of some percent (see `scoring.SIZED`). Two tangents are nearly proportional if the

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from heavebond.core.errors import HeavebondError
 from heavebond.diagnosis.candidates.catalogue import Candidate
 from heavebond.estimation.comparison import assemble_for, driven_by
-from heavebond.estimation.experiment import Experiment, Record, changed_experiment
+from heavebond.estimation.experiment import Experiment, changed_experiment
 from heavebond.estimation.residuals import Residuals, Run
 from heavebond.language.edits import Change
 from heavebond.language.library import Library
@@ -56,12 +56,6 @@ class SharedDiagram:
     def member(self, label: str) -> Candidate:
         """The candidate with this label. Its parts have the names that they have in the shared diagram."""
         return next(c for c in self.members if c.label == label)
-
-    def half(self, label: str) -> SharedDiagram | None:
-        """The half of the candidates that contains the candidate `label`; None if it would be alone."""
-        middle = len(self.members) // 2
-        members = next(part for part in (self.members[:middle], self.members[middle:]) if label in (c.label for c in part))
-        return SharedDiagram(members) if len(members) > 1 else None
 
 
 def shared_diagrams(library: Library, candidates: Sequence[Candidate]) -> dict[str, SharedDiagram]:
@@ -133,14 +127,12 @@ def exact_runs(experiment: Experiment, fitted: Sequence[Run], like: Mapping[str,
     """Runs of all records by IDAS. The runs of the fitted records use the diagram of `fitted`. The runs of the other
     records read the measured data from `like` if it contains a run of the record (possibly with another diagram)."""
     fitted_runs = {run.record.name: run.again([], {}, Unexplained) for run in fitted}
-    like = like or {}
-    first = fitted[0]
-
-    def held_out_run(record: Record) -> Run:
-        return Run(experiment, record, [], first.simulator.tolerances, kind=Unexplained, like=like.get(record.name),
-                   assembly=driven_by(first.assembly, experiment, first.record, record))
-
-    return {name: fitted_runs.get(name) or held_out_run(record) for name, record in experiment.records.items()}
+    first, runs = fitted[0], dict[str, Run]()
+    for name, record in experiment.records.items():
+        runs[name] = fitted_runs[name] if name in fitted_runs else Run(
+            experiment, record, [], first.simulator.tolerances, kind=Unexplained, like=(like or {}).get(record.name),
+            assembly=driven_by(first.assembly, experiment, first.record, record))
+    return runs
 
 
 @dataclass(frozen=True)
@@ -222,7 +214,10 @@ class Base:
                 self.shared[key] = usable
             if (shared_runs := self.shared[key]) is not None:
                 return shared_runs
-            shared = shared.half(label)
+            middle = len(shared.members) // 2
+            halves = shared.members[:middle], shared.members[middle:]
+            members = next(half for half in halves if label in (c.label for c in half))
+            shared = SharedDiagram(members) if len(members) > 1 else None
         return None
 
     @cached_property

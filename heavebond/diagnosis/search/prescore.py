@@ -327,7 +327,13 @@ def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> li
     courses = [np.array([a.courses[name] for name in input_names]) for a in adjoints]
     short = {n.name: n.name.rpartition(".")[2] for n in candidate.numbers}
     middle = {short[n.name]: 1.0 for n in candidate.numbers if not n.amplitude}
-    motions = _motions(candidate, law, [law.at(course, middle)[1] for course in courses])
+    # the motions as by `motion_ranges`, from the variables that the law shows in each record
+    seen = dict(zip(law.seen, np.hstack([law.at(course, middle)[1] for course in courses]), strict=True))
+    motions = {n.name: (float(course.min()), float(course.max())) for n in candidate.numbers
+               if n.follows for course in [seen[n.follows.rpartition(".")[2]]]}
+    groups: dict[Dimension, list[EffectNumber]] = {}  # amplitudes of one unit move together
+    for number in candidate.vanishing:
+        groups.setdefault(number.unit.dimension, []).append(number)
     scores = []
     for shapes in points_within(candidate, motions):
         products = np.zeros((law.groups, len(next(iter(adjoints[0].gradients.values())))))
@@ -336,7 +342,7 @@ def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> li
             for k, place in enumerate(places):
                 # a flow into the component is a flow out of the node
                 products -= tangents[:, k] @ adjoint.gradients[place].T
-        for group, amplitudes in zip(products, _groups(candidate), strict=True):
+        for group, amplitudes in zip(products, groups.values(), strict=True):
             sketch = group[1:1 + SKETCH]
             length = float(np.sqrt(np.mean(sketch**2)))
             size = float(np.sqrt(np.mean(group[1 + SKETCH:1 + SKETCH + RAW]**2)))
@@ -346,18 +352,3 @@ def _of(candidate: Candidate, law: StaticLaw, adjoints: Sequence[Adjoint]) -> li
             scores.append(Prescore(candidate, shapes, float(-group[0] / length), any(map(may_be_below_neutral, amplitudes)),
                                    length / size, noisy / length, tuple(n.name for n in amplitudes)))
     return scores
-
-
-def _groups(candidate: Candidate) -> list[list[EffectNumber]]:
-    """The amplitudes grouped by unit; the amplitudes of one group move together."""
-    groups: dict[Dimension, list[EffectNumber]] = {}
-    for number in candidate.vanishing:
-        groups.setdefault(number.unit.dimension, []).append(number)
-    return list(groups.values())
-
-
-def _motions(candidate: Candidate, law: StaticLaw, range_courses: Sequence[Array]) -> dict[str, tuple[float, float]]:
-    """Same result as `motion_ranges`, from the variables seen (seen, N) of each record."""
-    courses = dict(zip(law.seen, np.hstack(range_courses), strict=True))
-    return {n.name: (float(course.min()), float(course.max())) for n in candidate.numbers
-            if n.follows for course in [courses[n.follows.rpartition(".")[2]]]}

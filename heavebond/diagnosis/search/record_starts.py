@@ -22,7 +22,7 @@ from heavebond.core.progress import Progress
 from heavebond.core.units import Range
 from heavebond.core.units import unit as read_unit
 from heavebond.diagnosis.search.step import EARNED
-from heavebond.diagnosis.state import LadderEntry, ladder_entry
+from heavebond.diagnosis.state import LadderEntry
 from heavebond.estimation.comparison import ELSEWHERE, Channel, Comparison
 from heavebond.estimation.experiment import Experiment, Free
 from heavebond.estimation.fitting import Fit, fit
@@ -120,11 +120,6 @@ def _as_a_sensor(channels: Sequence[Channel]) -> bool:
     gain = shifts[starts] / float(channels[starts].model[0]) if largest else 0.0
     deviations = [shift - gain * float(c.model[0]) for shift, c in zip(shifts, channels, strict=True)]
     return max(shifts) - min(shifts) <= noise or (largest > 0 and max(map(abs, deviations)) <= noise)
-
-
-def started_entry(fitted: Fit) -> LadderEntry:
-    """The entry in the table of models for a fit with initial values for each record."""
-    return ladder_entry(f"{fitted.experiment.model.name}, start of each record fitted", fitted.after)
 
 
 def own_start_words(before: Experiment, base: Fit | None, fitted: Fit | None) -> list[str]:

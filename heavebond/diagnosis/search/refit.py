@@ -306,9 +306,16 @@ class _RefitProblem:
         self.runs = base.runs(candidate.change, [])
         self.starts = RefitStarts(base, candidate, guesses, self.runs)
         self.ranges = dict(self.starts.ranges)
-        # the candidate's numbers are free as well, with first values inside their ranges
-        place, values = next(iter(changed.records.values())).place, self._first_values()
         numbers, assembly = {n.name: n for n in candidate.numbers}, self.runs[0].assembly
+        # first values of the candidate's numbers, inside their ranges and in the order that the law requires
+        values = {name: float(np.clip(self.starts.plans[0].numbers[name], *self.ranges[name])) for name in self.ranges}
+        for leaf in assembly.flat.expanded.leaves.values():
+            for ends in leaf.component.orders:
+                high, low = (f"{leaf.path}.{end}" for end in ends)
+                if high in values and low in values and values[high] <= values[low]:
+                    values[high], values[low] = self.ranges[high][1], self.ranges[low][0]
+        # these numbers are free as well
+        place = next(iter(changed.records.values())).place
         free = {name: f for name, f in changed.free.items() if name in assembly.parameter_values}
         free |= {name: Free(name, Range(low, high, numbers[name].unit), place,
                             typical=numbers[name].prior(assembly.flat.expanded.leaves))
@@ -328,16 +335,6 @@ class _RefitProblem:
         """True if the errors of the search runs at the end of a refit are not small compared with its residual. This may
         occur if a law changes within milliseconds. The descent then ends in the roughness of the sum of squares."""
         return self.errs > ERRS * float(np.sqrt(trial.cost))
-
-    def _first_values(self) -> dict[str, float]:
-        """First values of the candidate's numbers, inside their ranges and in the order that the law requires."""
-        values = {name: float(np.clip(self.starts.plans[0].numbers[name], *self.ranges[name])) for name in self.ranges}
-        for leaf in self.runs[0].assembly.flat.expanded.leaves.values():
-            for ends in leaf.component.orders:
-                high, low = (f"{leaf.path}.{end}" for end in ends)
-                if high in values and low in values and values[high] <= values[low]:
-                    values[high], values[low] = self.ranges[high][1], self.ranges[low][0]
-        return values
 
     def _start(self, plan: Plan) -> Array:
         """Convert a starting point into unknowns of this problem."""

@@ -23,8 +23,9 @@ from heavebond.diagnosis.search.scoring import (
     Score,
     admissible_sides,
     may_be_below_neutral,
+    motion_ranges,
     point_of_range,
-    shape_ranges,
+    ranges_within,
 )
 from heavebond.estimation.residuals import ARRIVED, GIVEN_UP, Run
 from heavebond.numerics.dae import Array
@@ -61,16 +62,13 @@ def stop_inferior_starts(spans: Array, least: float, nothing: float = np.inf) ->
     """
     midway: list[tuple[float, Array]] = []  # sum of squares and unknowns of each descent after MIDWAY runs
 
-    def met(cost: float, inner: Array) -> bool:
-        return any(abs(cost - other_cost) < MEETS * other_cost and float(np.max(np.abs(inner - other_point) / spans)) < MEETS
-                   for other_cost, other_point in midway)
-
     def enough(costs: Sequence[float], best: Array) -> str:
         history = list(accumulate(costs, min))
         if len(costs) >= MIDWAY and history[-1] > min(HOPE * least, nothing) and not made_progress(history):
             return GIVEN_UP
         if len(costs) == MIDWAY:
-            if met(history[-1], best):
+            if any(abs(history[-1] - cost) < MEETS * cost and float(np.max(np.abs(best - point) / spans)) < MEETS
+                   for cost, point in midway):
                 return ARRIVED
             midway.append((history[-1], best))
         return stop_stalled(costs, best)
@@ -104,7 +102,8 @@ class RefitStarts:
 
     def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score], runs: Sequence[Run]):
         self.base, self.candidate, self.guesses = base, candidate, guesses
-        self.ranges = {**shape_ranges(candidate, runs, base, BEYOND), **self._amplitudes()}
+        motions = motion_ranges(candidate.numbers, runs, base)
+        self.ranges = {**ranges_within(candidate, motions, BEYOND), **self._amplitudes()}
         self.plans = self._plans()
 
     @property
@@ -150,7 +149,8 @@ class RefitStarts:
         carried = {n.name: n.neutral for n in self.candidate.vanishing if n.neutral_of}
         little = {name: neutral[name] + (g.side or 1) * SMALL * self._scale(g) for g in self.guesses for name in g.along}
         plans = []
-        for guess in sorted(self.guesses, key=lambda g: -g.gain)[:MOST_SHAPES]:
+        best = sorted(self.guesses, key=lambda g: -g.gain)
+        for guess in best[:MOST_SHAPES]:
             right = bool(vanishing) and (guess.signed or guess.z > 0)
             size = guess.amplitude if right else (guess.side or 1) * 0.1 * self._scale(guess)
             point = np.clip(inside + guess.step, problem.low, problem.high) if right else inside
@@ -167,7 +167,18 @@ class RefitStarts:
             for share in STARTS:
                 numbers = {name: point_of_range(low, high, share) for name, (low, high) in self.ranges.items()}
                 plans += [Plan(numbers, inside)]
-        return [*plans, *self._larger(), *self._further(plans[0], vanishing)]
+        first = plans[0]
+        # Amplitudes whose effect, by the tangent, is as large as the whole misfit or several times larger, with either sign
+        # if both are allowed. Far from the optimum the tangent shows neither the size nor the sign: if the model oscillates
+        # many cycles out of phase with the record, more detuning does not increase the error.
+        scales = {n: max((self._scale(g) for g in best if n.name in g.along), default=0.0)
+                  for n in self.candidate.vanishing}
+        shapes = list({tuple(g.shapes.values()): g.shapes for g in best}.values())[:MOST_SHAPES] if scales else []
+        for at in shapes:
+            for side in admissible_sides(self.candidate.vanishing):
+                plans += [Plan({**at, **{n.name: n.neutral + (side if may_be_below_neutral(n) else 1) * size * scale
+                                         for n, scale in scales.items()}}, inside) for size in LARGER]
+        return [*plans, *self._further(first, vanishing)]
 
     def _further(self, first: Plan, vanishing: Sequence[str]) -> list[Plan]:
         """Further starts for a law of several shape parameters: choices of its shapes and of its size, spread over their
@@ -186,19 +197,6 @@ class RefitStarts:
                     numbers[high], numbers[low] = numbers[low], numbers[high]
             plans.append(Plan(numbers, first.base))
         return plans
-
-    def _larger(self) -> list[Plan]:
-        """Starts with amplitudes whose effect, by the tangent, is as large as the whole misfit or several times larger,
-        with either sign if both are allowed. Far from the optimum the tangent shows neither the size nor the sign: if the
-        model oscillates many cycles out of phase with the record, more detuning does not increase the error."""
-        best = sorted(self.guesses, key=lambda g: -g.gain)
-        shapes = list({tuple(g.shapes.values()): g.shapes for g in best}.values())[:MOST_SHAPES]
-        scales = {n: max((self._scale(g) for g in best if n.name in g.along), default=0.0)
-                  for n in self.candidate.vanishing}
-        inside = np.clip(self.base.inner, self.base.problem.low, self.base.problem.high)
-        return [Plan({**at, **{n.name: n.neutral + (side if may_be_below_neutral(n) else 1) * size * scale
-                                for n, scale in scales.items()}}, inside)
-                for at in shapes for side in admissible_sides(self.candidate.vanishing) for size in LARGER] if scales else []
 
 
 def _halton(dimensions: int, number: int) -> Array:

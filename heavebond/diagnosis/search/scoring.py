@@ -209,7 +209,7 @@ def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate,
         if settled is not candidate:
             candidate = settled
             runs = prepared(candidate, moving)
-        points = shape_points(candidate, runs, base)
+        points = points_within(candidate, motion_ranges(candidate.numbers, runs, base))
     except HeavebondError:
         return []
     scores = []
@@ -217,13 +217,19 @@ def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate,
     amplitudes = {n.name.rpartition(".")[2]: n for n in candidate.vanishing}
     component = base.problem.experiment.model.library.component(candidate.component)
     kink = any(kinked(side, amplitudes) for line in component.equations for side in (line.tree.left, line.tree.right))
+    # Amplitudes of one unit are moved together. Amplitudes whose neutral value is the value of a replaced parameter are
+    # moved one at a time, because moving them together is the same as changing that parameter.
+    together: dict[tuple[Dimension, str], list[str]] = {}
+    for number in candidate.vanishing:
+        together.setdefault((number.unit.dimension, number.name if number.neutral_of else ""), []).append(number.name)
     sizes: dict[str, float] = {}
     for shapes in points:
         try:
             if candidate.vanishes:
                 runs, slopes, sizes = _tangents(base, candidate, runs, shapes, kink, sizes)
-                scores += [score for first in _at_zero(base, candidate, slopes, shapes)
-                           for score in _on_sides(base, first, runs, kink)]
+                for names in together.values():
+                    at_zero = _scored(base, candidate, shapes, np.sum([slopes[name] for name in names], axis=0))
+                    scores += _on_sides(base, replace(at_zero, along=tuple(names)), runs, kink)
             else:
                 # no tangent: an amplitude of 1 is the effect at a finite value of its numbers
                 change = plain_residuals(base, runs, shapes) - base.quick
@@ -265,17 +271,6 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
             break
         slopes = sensitivities(base, runs, point)
     return runs, slopes, sizes
-
-
-def _at_zero(base: Base, candidate: Candidate, slopes: Mapping[str, Array], shapes: Mapping[str, float]) -> list[Score]:
-    """The scores at amplitude zero, with the derivatives `slopes` of the residuals. Amplitudes of one unit are moved
-    together. Amplitudes whose neutral value is the value of a replaced parameter are moved one at a time, because moving
-    them together is the same as changing that parameter."""
-    together: dict[tuple[Dimension, str], list[str]] = {}
-    for number in candidate.vanishing:
-        together.setdefault((number.unit.dimension, number.name if number.neutral_of else ""), []).append(number.name)
-    return [replace(_scored(base, candidate, shapes, np.sum([slopes[name] for name in names], axis=0)), along=tuple(names))
-            for names in together.values()]
 
 
 def may_be_below_neutral(number: EffectNumber) -> bool:
@@ -398,20 +393,15 @@ def _scored(base: Base, candidate: Candidate, shapes: Mapping[str, float], s: Ar
     return Score(candidate, shapes, z, amplitude, step * amplitude, size, length / size, direction)
 
 
-def shape_points(candidate: Candidate, runs: Sequence[Run], base: Base) -> list[dict[str, float]]:
-    """Choices of the shape parameters from the motion in these runs, see `points_within`."""
-    return points_within(candidate, motion_ranges(candidate.numbers, runs, base))
-
-
 def points_within(candidate: Candidate, motions: Mapping[str, tuple[float, float]]) -> list[dict[str, float]]:
     """Choices of the shape parameters: points along the diagonal of their ranges, in logarithms if a range is above zero.
 
     `motions` are ranges of motion as from `motion_ranges`. If the motion alone gives an empty range (a limit that must be
     positive for a variable that is always negative), the extended range of a refit is used.
     """
-    ranges = _ranges_within(candidate, motions, 0.0)
+    ranges = ranges_within(candidate, motions, 0.0)
     if any(n.sought is not None and n.name not in ranges for n in candidate.numbers):
-        ranges = {**_ranges_within(candidate, motions, BEYOND), **ranges}
+        ranges = {**ranges_within(candidate, motions, BEYOND), **ranges}
     if not ranges:
         return [{}]
     points = []
@@ -432,15 +422,10 @@ def point_of_range(low: float, high: float, share: float) -> float:
     return float(low * (high / low) ** share) if low > 0 else float(low + (high - low) * share)
 
 
-def shape_ranges(candidate: Candidate, runs: Sequence[Run], base: Base, beyond: float = 0.0
-                 ) -> dict[str, tuple[float, float]]:
-    """Search range of each shape. For a shape with `seen s`, the range is the motion of s in the base model, extended at
-    both ends by the share `beyond` of its span."""
-    return _ranges_within(candidate, motion_ranges(candidate.numbers, runs, base), beyond)
-
-
-def _ranges_within(candidate: Candidate, motions: Mapping[str, tuple[float, float]], beyond: float
-                   ) -> dict[str, tuple[float, float]]:
+def ranges_within(candidate: Candidate, motions: Mapping[str, tuple[float, float]], beyond: float
+                  ) -> dict[str, tuple[float, float]]:
+    """Search range of each shape. For a shape with `seen s`, the range is the motion of s (`motions`, as from
+    `motion_ranges`), extended at both ends by the share `beyond` of its span."""
     ranges = {}
     for number in candidate.numbers:
         if number.sought is None:

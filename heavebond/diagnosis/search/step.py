@@ -334,10 +334,10 @@ def _polished(workers: Workers, trials: Sequence[Refit], guesses: Mapping[str, S
     # minimum. So a candidate is refitted from the values of the best other law at its place if this has a smaller sum.
     lent = []
     for t in better.values():
-        smaller = [other for other in better.values()
-                   if set(other.candidate.where) == set(t.candidate.where) and other.cost < t.cost]
+        smaller = [law for law in better.values()
+                   if set(law.candidate.where) == set(t.candidate.where) and law.cost < t.cost]
         if smaller:
-            lent.append((t, guesses[t.candidate.label], min(smaller, key=lambda other: other.cost)))
+            lent.append((t, guesses[t.candidate.label], min(smaller, key=lambda law: law.cost)))
     return better | {c.label: t for c, t in workers.polish(lent)}
 
 
@@ -356,8 +356,9 @@ def _told_apart_held_out(workers: Workers, trials: Sequence[Refit], twins: Mappi
     first = [t for _, t in workers.begin([(group[0].candidate, group) for group in guesses.values()]) if t is not None]
     different = []
     for _, trial in workers.follow([(t, guesses[t.candidate.label]) for t in first]):
-        chi2, other, samples = trial.chi2_held_out, near[trial.candidate.label].chi2_held_out, trial.samples_held_out
-        if samples > 0 and max(fallen(chi2, other, samples), fallen(other, chi2, samples)) > EARNED:
+        chi2, samples = trial.chi2_held_out, trial.samples_held_out
+        chi2_best = near[trial.candidate.label].chi2_held_out
+        if samples > 0 and max(fallen(chi2, chi2_best, samples), fallen(chi2_best, chi2, samples)) > EARNED:
             different.append(trial)
     return {c.label: t for c, t in workers.polish([(t, guesses[t.candidate.label], None) for t in different])}
 
@@ -479,13 +480,16 @@ def _judged(base: Base, errors: PredictiveErrors, tests: ResidualTests, scores: 
             twins: dict[str, tuple[str, ...]], partial: bool, seconds: float, as_one: Mapping[str, str]) -> Stage:
     problem = base.problem
     ended = tuple(c.free.name for c, end in zip(problem.columns, problem.at_end(base.inner), strict=True) if end)
-    best_scores = _best_of_each(scores)
+    best_of_candidate: dict[str, Score] = {}
+    for score in sorted(scores, key=lambda s: -s.gain):
+        best_of_candidate.setdefault(score.candidate.label, score)
+    best_scores = tuple(best_of_candidate.values())
     distinguished = {s.candidate.label for s in scores if s.told_apart}  # from the free parameters at some choice of shapes
     unseen = tuple(s.candidate for s in best_scores if s.candidate.label not in distinguished)
     stage = Stage(
         problem.experiment, problem.values_of(base.inner, problem.runs[0].record.name), base.cost, len(base.r),
         float(base.r @ base.r) / len(base.r), errors.mean(SELECTION, TEST), errors.samples(SELECTION, TEST), ended, tests,
-        tuple(best_scores), tuple(sorted(trials, key=merit)), None, (), twins, unseen, partial, seconds, errors=errors,
+        best_scores, tuple(sorted(trials, key=merit)), None, (), twins, unseen, partial, seconds, errors=errors,
         as_one=as_one)
     earned = _earned(stage)
     return choosing(stage, _leader(stage, earned)) if earned else stage
@@ -624,13 +628,6 @@ def twins_of(close: Sequence[Refit], stage: Stage) -> list[Refit]:
     pairs = [(trial, by_label[label]) for trial in close for label in stage.twins.get(trial.candidate.label, ())]
     return [replace(trial, candidate=twin) for trial, twin in pairs if not same_class(trial.candidate.kind, twin.kind)
             or stage.places.place(trial.candidate) != stage.places.place(twin)]
-
-
-def _best_of_each(scores: Sequence[Score]) -> list[Score]:
-    best: dict[str, Score] = {}
-    for score in sorted(scores, key=lambda s: -s.gain):
-        best.setdefault(score.candidate.label, score)
-    return list(best.values())
 
 
 def merit(trial: Refit) -> float:

@@ -59,11 +59,6 @@ def keeping(stored: KeptLines) -> Iterator[None]:
         _stored_refits.reset(before)
 
 
-def kept_here() -> KeptLines | None:
-    """The stored refits of the surrounding `keeping` block; None without such a block."""
-    return _stored_refits.get()
-
-
 def entry(candidate: Candidate, refit: Refit | None) -> dict[str, Any]:
     """The entry of a refit in the resume file. `refit` is None if the diagram cannot be simulated."""
     if refit is None:
@@ -74,11 +69,6 @@ def entry(candidate: Candidate, refit: Refit | None) -> dict[str, Any]:
             "ranges": {name: [free.range.low, free.range.high] for name, free in refit.experiment.free.items()
                        if name in numbers},
             "finer": refit.finer, "begun": [d.as_dict() for d in refit.begun]}
-
-
-def is_broken(stored: Kept) -> bool:
-    """True if the entry states that the diagram with the candidate cannot be simulated."""
-    return "inner" not in stored
 
 
 def restored(base: Base, candidate: Candidate, guesses: Sequence[Score], stored: Kept) -> Refit | None:
@@ -157,7 +147,7 @@ class Workers:
     cluster of the surrounding `working_on` block."""
 
     def __init__(self, base: Base, number: int | None = None):
-        self.base, self.kept = base, kept_here()
+        self.base, self.kept = base, _stored_refits.get()
         self.digest = digest_of(base) if self.kept is not None else ""
         self.cluster = _cluster.get()
         self.number = number or processors()
@@ -186,22 +176,18 @@ class Workers:
     def score(self, candidates: Sequence[Candidate], until: float = float("inf")) -> Iterator[tuple[Candidate, list[Score]]]:
         """Yield the scores of each candidate in the order of completion. Candidates that are not started at the time
         `until` are left out. The classes take turns, so that the scores of an early end are not those of a few classes."""
-        shared = self._shared(candidates)
+        # candidates of the catalogue get distinct part names, so that several fit into one diagram
+        experiment = self.base.problem.experiment
+        adding = any(c.change.components for c in candidates)
+        labels = {c.label for c in candidates if c.attaches == "across"}
+        apart = {c.label: c for c in named_apart(experiment, labels)} if adding else {}
+        shared = shared_diagrams(experiment.model.library, [apart.get(c.label, c) for c in candidates])
         classes: dict[str, list[Candidate]] = {}
         for candidate in candidates:
             classes.setdefault(candidate.kind, []).append(candidate)
         in_turn = [c for row in zip_longest(*classes.values()) for c in row if c is not None]
         none: list[list[Score]] = [[] for _ in in_turn]
         yield from self._each(_scored, [(c, shared.get(c.label)) for c in in_turn], in_turn, until, none)
-
-    def _shared(self, candidates: Sequence[Candidate]) -> dict[str, SharedDiagram]:
-        """The shared diagrams by candidate label. Candidates of the catalogue get distinct part names, so that several
-        fit into one diagram."""
-        experiment = self.base.problem.experiment
-        adding = any(c.change.components for c in candidates)
-        labels = {c.label for c in candidates if c.attaches == "across"}
-        apart = {c.label: c for c in named_apart(experiment, labels)} if adding else {}
-        return shared_diagrams(experiment.model.library, [apart.get(c.label, c) for c in candidates])
 
     def begin(self, jobs: Sequence[tuple[Candidate, Sequence[Score]]], least: float = 0.0, until: float = float("inf")
               ) -> Iterator[tuple[Candidate, Refit | None]]:
@@ -228,18 +214,14 @@ class Workers:
         if stored is None:
             yield from self._each(_refitted, [(work, job, None) for job in jobs], candidates, until, instead)
             return
-        digests = self._digests(task, candidates, jobs)
+        files = self.base.problem.experiment.model.library.files
+        digests = {c.label: digest(self.digest, task, c, files.get(c.component), job)
+                   for c, job in zip(candidates, jobs, strict=True)}
         extended_jobs = [(work, job, stored.get(digests[c.label])) for c, job in zip(candidates, jobs, strict=True)]
         for candidate, refit in self._each(_refitted, extended_jobs, candidates, until, instead):
             if candidate.label not in self.lost:
                 stored.add(digests[candidate.label], entry(candidate, refit))
             yield candidate, refit
-
-    def _digests(self, task: str, candidates: Sequence[Candidate], known: Sequence[Sequence[object]]) -> dict[str, str]:
-        """The digest of each refit by candidate label; empty without a resume file."""
-        files = self.base.problem.experiment.model.library.files
-        return {c.label: digest(self.digest, task, c, files.get(c.component), job)
-                for c, job in zip(candidates, known, strict=True)} if self.kept is not None else {}
 
     def _each(self, function: Callable[..., T], jobs: Sequence[tuple[Any, ...]], keys: Sequence[Candidate], until: float,
               instead: Sequence[T]) -> Iterator[tuple[Candidate, T]]:
@@ -311,7 +293,7 @@ def _refitted(base: Base, work: Callable[..., Refit | None], job: Sequence[Any],
     """A stored refit if there is a valid one, otherwise the result of `work`. `job` holds a candidate or its refit so
     far, its scores, and further arguments of `work`."""
     if stored is not None:
-        if is_broken(stored):
+        if "inner" not in stored:  # the diagram with the candidate cannot be simulated
             return None
         candidate = job[0].candidate if isinstance(job[0], Refit) else job[0]
         if (refit := restored(base, candidate, job[1], stored)) is not None:
