@@ -470,27 +470,28 @@ def assemble_for(experiment: Experiment, record: Record) -> Assembly:
     return assembly
 
 
-def driven_by(assembly: Assembly, experiment: Experiment, own: Record, other: Record) -> Assembly | None:
-    """The equations of record `own`, driven by the inputs of record `other`; None if the records differ in more than
+def driven_by(assembly: Assembly, experiment: Experiment, source: Record, driving: Record) -> Assembly | None:
+    """The equations of record `source`, driven by the inputs of record `driving`; None if the records differ in more than
     their measured data (settings, conditions, units or interpolation of inputs), apart from numbers that are free for
     `each` record."""
     own_names = {name for name, free in experiment.free.items() if free.each}
     numbers: dict[str, float | str] = {}
-    for name in sorted(own_names & {*own.settings, *other.settings}):
-        value = other.settings[name].value if name in other.settings else None
+    for name in sorted(own_names & {*source.settings, *driving.settings}):
+        value = driving.settings[name].value if name in driving.settings else None
         if not isinstance(value, Value) or value.formula:
             return None
         numbers[name] = float(value.text) if value.si else value.text
-    common, apart = ({name: s for name, s in record.settings.items() if name not in own_names} for record in (own, other))
-    other_inputs, before = experiment.inputs_for(other), experiment.inputs_for(own)
+    common, apart = ({name: s for name, s in record.settings.items() if name not in own_names}
+                     for record in (source, driving))
+    other_inputs, before = experiment.inputs_for(driving), experiment.inputs_for(source)
     flat = assembly.flat
-    alike = common == apart and own.conditions == other.conditions and \
+    alike = common == apart and source.conditions == driving.conditions and \
         other_inputs.keys() == before.keys() == {k.name for k in flat.inputs} and \
         all((g.unit, g.interpolation) == (before[name].unit, before[name].interpolation) for name, g in other_inputs.items())
     if not alike:
         return None
     inputs = tuple(replace(known, source=other_inputs[known.name]) for known in flat.inputs)
-    expanded = replace(flat.expanded, model=experiment.model_for(other))
+    expanded = replace(flat.expanded, model=experiment.model_for(driving))
     driven = replace(assembly, reduced=replace(assembly.reduced, flat=replace(flat, inputs=inputs, expanded=expanded)))
     return driven.with_parameters(numbers)
 

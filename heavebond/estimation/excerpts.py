@@ -75,9 +75,9 @@ def _cost(record: RecordComparison) -> int:
     return max(1, round(between / EXCERPTS.evaluations))
 
 
-def as_long_as(other: Experiment, experiment: Experiment) -> Experiment:
+def as_long_as(reference: Experiment, experiment: Experiment) -> Experiment:
     """A variant of another experiment with its records ending at the same times."""
-    records = {name: replace(r, end=other.records[name].end) for name, r in experiment.records.items()}
+    records = {name: replace(r, end=reference.records[name].end) for name, r in experiment.records.items()}
     return replace(experiment, records=records)
 
 

@@ -164,10 +164,10 @@ class Horizon:
 def without_carried(parts: Sequence[tuple[NDArray[np.int64], NDArray[np.float64]]], rows: NDArray[np.float64]
                     ) -> NDArray[np.float64]:
     """Residuals, or rows of their derivatives (..., n), without the errors that `Horizon.carried` gives."""
-    found = rows.copy()
+    cleaned = rows.copy()
     for samples, basis in parts:
-        found[..., samples] -= (found[..., samples] @ basis) @ basis.T
-    return found
+        cleaned[..., samples] -= (cleaned[..., samples] @ basis) @ basis.T
+    return cleaned
 
 
 @dataclass(frozen=True)
@@ -249,11 +249,11 @@ class Experiment:
 
 def with_inputs_moved(experiment: Experiment, to: Dictionary[str, str]) -> Experiment:
     """The experiment with measured inputs redirected to other inputs, by the names of both."""
-    def there(inputs: Dictionary[str, FileInput]) -> dict[str, FileInput]:
+    def redirected(inputs: Dictionary[str, FileInput]) -> dict[str, FileInput]:
         return {to.get(name, name): file_input for name, file_input in inputs.items()}
 
-    records = {n: replace(r, inputs=there(r.inputs)) for n, r in experiment.records.items()}
-    return replace(experiment, inputs=there(experiment.inputs), records=records)
+    records = {n: replace(r, inputs=redirected(r.inputs)) for n, r in experiment.records.items()}
+    return replace(experiment, inputs=redirected(experiment.inputs), records=records)
 
 
 def changed_experiment(experiment: Experiment, change: Change) -> Experiment:
@@ -555,13 +555,14 @@ class _Reader:
         return free
 
 
-def _together(one: Record, other: Record) -> bool:
+def _together(first: Record, second: Record) -> bool:
     """True if the times between `from:` and `to:` overlap."""
-    begin, end = (max(r.begin if r.begin is not None else -math.inf for r in (one, other)),
-                  min(r.end if r.end is not None else math.inf for r in (one, other)))
+    begin, end = (max(r.begin if r.begin is not None else -math.inf for r in (first, second)),
+                  min(r.end if r.end is not None else math.inf for r in (first, second)))
     return begin < end
 
 
-def _same_file(one: Path, other: Path) -> bool:
+def _same_file(first: Path, second: Path) -> bool:
     """True if two files are one, or copies of each other; missing files are reported when they are read."""
-    return one.is_file() and other.is_file() and (one.resolve() == other.resolve() or cmp(one, other, shallow=False))
+    return first.is_file() and second.is_file() \
+        and (first.resolve() == second.resolve() or cmp(first, second, shallow=False))

@@ -251,8 +251,8 @@ def evaluated(experiment: Experiment, before: Comparison | None = None) -> Fit:
     return _finished(problem, Descent(problem.start, cost / 2, (cost,), ENDED_EARLY), [cost], before)
 
 
-def _free(name: str, given: Free | str) -> Free:
-    return given if isinstance(given, Free) else Free(name, si_range(given, name), Place("free", 1, 1, f"{name}: {given}"))
+def _free(name: str, span: Free | str) -> Free:
+    return span if isinstance(span, Free) else Free(name, si_range(span, name), Place("free", 1, 1, f"{name}: {span}"))
 
 
 def _filled_by_compare(problem: Residuals) -> str:

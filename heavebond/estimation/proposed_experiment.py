@@ -268,7 +268,7 @@ def _matched(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] 
 def _as_inputs(assembly: Assembly, inputs: Sequence[_Target], chosen: Mapping[str, _Target]) -> dict[str, _Target]:
     """The targets of columns, with the input of a source in place of an output that this source prescribes: the measured
     speed of a pump is not an output if a SpeedSource turns the shaft of the pump."""
-    expanded, found = assembly.flat.expanded, dict(chosen)
+    expanded, targets = assembly.flat.expanded, dict(chosen)
     shared = {member for d in expanded.model.library.domains.values() for member in (*d.across, *d.positions)}
     for column, target in chosen.items():
         place, _, member = target.name.rpartition(".")
@@ -276,11 +276,11 @@ def _as_inputs(assembly: Assembly, inputs: Sequence[_Target], chosen: Mapping[st
                      if place == path or any(place == f"{e.leaf}.{e.port}" for e in j.ends)), ())
         if target.role != "output" or member not in shared:
             continue
-        able = [t for t in inputs if t not in found.values() and t.unit.dimension == target.unit.dimension
+        able = [t for t in inputs if t not in targets.values() and t.unit.dimension == target.unit.dimension
                 and any(t.name.rpartition(".")[0] == e.leaf for e in ends)]
         if len(able) == 1:
-            found[column] = able[0]
-    return found
+            targets[column] = able[0]
+    return targets
 
 
 def _by_place(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool] | None], signals: Sequence[_Target]
@@ -291,11 +291,11 @@ def _by_place(columns: Sequence[str], units: Mapping[str, tuple[str, Unit, bool]
     places = {t: _words(path) for t in signals for path, _, member in [t.name.rpartition(".")] if member in QUANTITIES}
     by_place: dict[str, _Target] = {}
     for column in columns:
-        given = units[column]
-        if given is None or not (place := _words(_bare(column, given)) - QUANTITIES):
+        column_unit = units[column]
+        if column_unit is None or not (place := _words(_bare(column, column_unit)) - QUANTITIES):
             continue
-        fit = [t for t, words in places.items()
-               if t.unit.dimension == as_meant(given[1], t.unit).dimension and place <= words and t not in by_place.values()]
+        fit = [t for t, words in places.items() if t.unit.dimension == as_meant(column_unit[1], t.unit).dimension
+               and place <= words and t not in by_place.values()]
         least = min((len(places[t]) for t in fit), default=0)
         shortest = [t for t in fit if len(places[t]) == least]
         if len(shortest) == 1:
@@ -431,7 +431,7 @@ def _without_gaps(table: Table, chosen: Sequence[Chosen], steps: TimeAxis | None
 def _unrecognised(proposal: Proposal) -> list[str]:
     """A line for each unrecognised column with the unit of some outputs, with the first of these that no other column has
     and the others after it; and for columns without a unit, with some variables of the diagram."""
-    taken = {c.target for c in proposal.columns}
+    used = {c.target for c in proposal.columns}
     unknown = [c for c in proposal.columns if not c.role and not c.unit_known]
     lines = [f"#   VARIABLE: {{column: {quoted(c.name)}, unit: UNIT}}" for c in unknown]
     if unknown:
@@ -441,12 +441,12 @@ def _unrecognised(proposal: Proposal) -> list[str]:
         if column.role or not column.unit_known:
             continue
         unit = read_unit(column.unit)
-        able = [name for name, (text, _) in proposal.outputs.items() if name not in taken and name.count(".") <= 1
+        able = [name for name, (text, _) in proposal.outputs.items() if name not in used and name.count(".") <= 1
                 and as_meant(unit, read_unit(text)).dimension == read_unit(text).dimension]
         if able:
             name, line = _output(Chosen(column.name, "output", as_meant(unit, read_unit(proposal.outputs[able[0]][0])).text,
                                         able[0]))
-            taken.add(able[0])
+            used.add(able[0])
             more = f"   # or {listing(able[1:], 4)}" if able[1:] else ""
             lines.append(f"#   {name}: {line}{more}")
     return lines
@@ -476,33 +476,33 @@ class Records:
     every: str = ""
 
 
-def experiment_text(name: str, path: Path, given: Records, unrecognised: Sequence[str] = ()) -> str:
+def experiment_text(name: str, path: Path, recorded: Records, unrecognised: Sequence[str] = ()) -> str:
     """The text of an experiment at `path`, with possible outputs (`unrecognised`) as comments; HeavebondError if no
     column is a time or can be an output."""
-    time = next((c for c in given.columns if c.role == "time"), None)
+    time = next((c for c in recorded.columns if c.role == "time"), None)
     inputs = {c.target: f"{{column: {quoted(c.column)}, unit: {quoted(c.unit)}, interpolation: {c.interpolation}}}"
-              for c in given.columns if c.role == "input"}
-    outputs = dict(_output(c) for c in given.columns if c.role == "output")
-    if time is None and not given.every:
+              for c in recorded.columns if c.role == "input"}
+    outputs = dict(_output(c) for c in recorded.columns if c.role == "output")
+    if time is None and not recorded.every:
         raise HeavebondError([Problem("record-no-time", "no column is the time", None,
                                       f"A record has one column of times that increase from row to row. {FIXED_RATE}")])
     if not (outputs or unrecognised):
         raise HeavebondError([Problem("record-roles", "no column is an output", None,
                                       "An experiment needs at least one measured output.")])
-    times = f"{{every: {quoted(given.every)}}}" if time is None else \
+    times = f"{{every: {quoted(recorded.every)}}}" if time is None else \
         f"{{column: {quoted(time.column)}, unit: {quoted(time.unit)}}}"
     folder, records = path.resolve().parent, dict[str, str]()
-    for file, use in given.files.items():
+    for file, use in recorded.files.items():
         inside = file.resolve().relative_to(folder) if file.resolve().is_relative_to(folder) else file.resolve()
-        part = given.parts.get(file)
+        part = recorded.parts.get(file)
         cut = f", from: {part.first}, to: {part.last}" if part is not None else ""
         records[_free_name(file.stem, records)] = f"{{file: {quoted(inside.as_posix())}, use: {use}{cut}}}"
     unsure = ["# not recognised: remove the # of measured quantities, and give their formulas", *unrecognised]
-    lines = [f"experiment: {quoted(name)}", f"model: {quoted(extended_from(path, given.model))}",
+    lines = [f"experiment: {quoted(name)}", f"model: {quoted(extended_from(path, recorded.model))}",
              *block("records", records), f"time: {times}",
              *block("inputs", inputs), *(block("outputs", outputs) or ["outputs:"]),
              *(unsure if unrecognised else []),
-             *block("free", {k: text if _RANGE.fullmatch(text) else quoted(text) for k, text in given.free.items()})]
+             *block("free", {k: text if _RANGE.fullmatch(text) else quoted(text) for k, text in recorded.free.items()})]
     return "\n".join(lines) + "\n"
 
 

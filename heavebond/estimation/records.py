@@ -228,13 +228,13 @@ def _unit_slips(experiment: Experiment, record: Record, files: _Files) -> tuple[
     return list(notes), units
 
 
-def _time_slip(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:
+def _time_slip(experiment: Experiment, record: Record, samples: Mapping[str, Samples]) -> list[str]:
     """A note if the times seem to be in another unit, by the planned duration and output interval of the diagram."""
     begin, until, every = (constant(value.expr) if value is not None else None for value in (
         experiment.model.begin, experiment.model.until, experiment.model.every))
     if not until or not every:
         return []
-    densest = max((c.time for c in found.values()), key=len)
+    densest = max((c.time for c in samples.values()), key=len)
     until -= begin or 0.0
     axis = experiment.time
     better = time_seems_in(densest, until, every, axis.unit)
@@ -376,11 +376,11 @@ def _channel(experiment: Experiment, record: Record, name: str, files: _Files, w
                    noise, output.noise is not None, step, estimate=None if output.noise else estimate)
 
 
-def _gap_notes(experiment: Experiment, record: Record, found: Mapping[str, Samples]) -> list[str]:
+def _gap_notes(experiment: Experiment, record: Record, samples: Mapping[str, Samples]) -> list[str]:
     """A note for each file whose output columns have gaps."""
     columns: dict[Path, list[str]] = {}
     apart: dict[Path, set[tuple[float, float]]] = {}
-    for name, channel in found.items():
+    for name, channel in samples.items():
         file, t = experiment.origin_of(record, name)[0], channel.time
         where = gaps(t)
         if len(where):

@@ -157,15 +157,15 @@ class Run:
         """The same for the validation samples: a whole record that is not fitted, or the blocks held out of a fitted one."""
         return self._wrong(values, self.counts if self.record.use != "fit" else self.checking)
 
-    def _wrong(self, values: Mapping[str, float], which: NDArray[np.bool_], most: float = np.inf) -> tuple[Array, Array]:
+    def _wrong(self, values: Mapping[str, float], samples: NDArray[np.bool_], most: float = np.inf) -> tuple[Array, Array]:
         total, horizon = 0.0, self.horizon
 
-        def watch(seen: int, signals: Array) -> None:
+        def watch(begin: int, signals: Array) -> None:
             nonlocal total
-            if not seen:
+            if not begin:
                 total = 0.0
-            at = slice(seen, seen + signals.shape[1])
-            wrong = ((signals - self.measured[:, at]) / self.noise[:, at])[which[:, at]]
+            at = slice(begin, begin + signals.shape[1])
+            wrong = ((signals - self.measured[:, at]) / self.noise[:, at])[samples[:, at]]
             total += float(wrong @ wrong)
             if total > most:
                 raise Exceeded
@@ -177,24 +177,24 @@ class Run:
             result = self.simulator.run(values)
             signals = self.probe.values(result)
             sensitivities = self.probe.sensitivities(result) if self.names else np.zeros((0, *signals.shape))
-        noise = self.noise[which]
-        wrong = (signals - self.measured)[which] / noise
-        slopes = sensitivities[:, which] / noise if self.names else np.zeros((0, len(wrong)))
+        noise = self.noise[samples]
+        wrong = (signals - self.measured)[samples] / noise
+        slopes = sensitivities[:, samples] / noise if self.names else np.zeros((0, len(wrong)))
         if horizon is not None:
-            wrong, slopes = self.without_carried(wrong, which), self.without_carried(slopes, which)
+            wrong, slopes = self.without_carried(wrong, samples), self.without_carried(slopes, samples)
             if float(wrong @ wrong) > most:
                 raise Exceeded
         return wrong, slopes
 
-    def without_carried(self, rows: Array, which: NDArray[np.bool_]) -> Array:
+    def without_carried(self, rows: Array, samples: NDArray[np.bool_]) -> Array:
         """Rows (..., n) over these samples without the errors that the machine carries from segment to segment (see
         `Horizon`); unchanged for a record without segments."""
         if self.horizon is None:
             return rows
-        key = which.tobytes()
+        key = samples.tobytes()
         if key not in self._carried:
-            channel, place = np.nonzero(which)
-            self._carried[key] = self.horizon.carried(channel, self.found.grid[place], self.noise[which])
+            channel, place = np.nonzero(samples)
+            self._carried[key] = self.horizon.carried(channel, self.found.grid[place], self.noise[samples])
         return without_carried(self._carried[key], rows)
 
     @cached_property
@@ -459,8 +459,8 @@ class Residuals:
             costs.append(float(residuals @ residuals))
             best = y.copy() if costs[-1] == min(costs) else best
             progress(f"chi-square per sample {min(costs) / self.samples:.4g} after {len(costs)} runs")
-            if said := enough(costs, whole(best)):
-                raise _Enough(said)
+            if reason := enough(costs, whole(best)):
+                raise _Enough(reason)
             if (settle or promise) and costs[-1] == min(costs):
                 fall = promised(*both(y.tobytes()), y, near)
                 if settle and fall < SHORT**2 * max(1.0, costs[-1] / self.samples):
@@ -480,8 +480,8 @@ class Residuals:
                                                    max_nfev=most,
                                      loss="soft_l1" if robust else "linear", xtol=tolerance, ftol=tolerance, gtol=1e-8)
             ended = solution.x, float(solution.cost), str(solution.message), solution.status == 0
-        except _Enough as said:
-            ended = best, min(costs) / 2, str(said), str(said) == GIVEN_UP
+        except _Enough as reason:
+            ended = best, min(costs) / 2, str(reason), str(reason) == GIVEN_UP
         except BaseException as error:
             if not (partial and costs and is_interrupt(error)):
                 raise

@@ -65,11 +65,11 @@ def new(folder: str | Path, origin: str | None = None) -> StarterFolder:
     if not folder.parent.is_dir():
         raise UsageError([Problem("file-unwritable", f"there is no folder '{folder.parent}'", None, "Make it first.")])
     make_folder(folder)
-    return _copied(machine, folder) if machine is not None else _made(folder, name)
+    return _copied(machine, folder) if machine is not None else _filled_folder(folder, name)
 
 
 # -- a rig of one load -----------------------------------------------------------------------------------------------
-def _made(folder: Path, name: str) -> StarterFolder:
+def _filled_folder(folder: Path, name: str) -> StarterFolder:
     make_folder(folder / "data")
     places = {"NAME.yaml": f"{name}.yaml", "hidden.yaml": "data/hidden.yaml"}
     files = []

@@ -40,25 +40,26 @@ class Starts:
     robust: bool = False
     partial: bool = False
 
-    def descents(self, problem: Residuals, say: Progress, cluster: Cluster | None = None, kept: KeptLines | None = None
+    def descents(self, problem: Residuals, say: Progress, cluster: Cluster | None = None, stored: KeptLines | None = None
                  ) -> list[Descent]:
         """Ends of the descents, in the order of the starts. With `partial` an interrupt returns the completed ones, the
         last of them with the message ENDED_EARLY."""
-        digests = [self._digest(problem, point) for point in self.points] if kept is not None else []
+        digests = [self._digest(problem, point) for point in self.points] if stored is not None else []
         completed: dict[int, Descent] = {}
         for k, digest in enumerate(digests):
             with suppress(LookupError, TypeError, ValueError):
-                assert kept is not None
-                entry = kept.get(digest) or {}
+                assert stored is not None
+                entry = stored.get(digest) or {}
                 completed[k] = Descent.from_dict(entry)
                 problem.evaluations += int(entry["evaluations"])
         waiting = [k for k in range(len(self.points)) if k not in completed]
-        coming = self._here(problem, waiting, say) if cluster is None else self._elsewhere(problem, waiting, say, cluster)
+        coming = self._in_this_process(problem, waiting, say) if cluster is None else \
+            self._on_cluster(problem, waiting, say, cluster)
         try:
             for k, descent, evaluations in coming:
                 completed[k] = descent
-                if kept is not None and descent.message != ENDED_EARLY:
-                    kept.add(digests[k], {**descent.as_dict(), "evaluations": evaluations})
+                if stored is not None and descent.message != ENDED_EARLY:
+                    stored.add(digests[k], {**descent.as_dict(), "evaluations": evaluations})
         except KeyboardInterrupt:
             if not self.partial or not completed:
                 raise
@@ -86,14 +87,15 @@ class Starts:
         descents = _in_order(descents_found)
         return [*descents[:-1], replace(descents[-1], message=ENDED_EARLY)]
 
-    def _here(self, problem: Residuals, numbers: Sequence[int], say: Progress) -> Iterator[tuple[int, Descent, int]]:
+    def _in_this_process(self, problem: Residuals, numbers: Sequence[int], say: Progress
+                         ) -> Iterator[tuple[int, Descent, int]]:
         for k in numbers:
             descent, evaluations = self.follow(problem, self.points[k], numbered(say, "start", k + 1, len(self.points)))
             yield k, descent, evaluations
             if descent.message == ENDED_EARLY:
                 return
 
-    def _elsewhere(self, problem: Residuals, numbers: Sequence[int], say: Progress, cluster: Cluster
+    def _on_cluster(self, problem: Residuals, numbers: Sequence[int], say: Progress, cluster: Cluster
                    ) -> Iterator[tuple[int, Descent, int]]:
         shared = packed(problem.experiment)
         jobs = [(k, (shared, replace(self, points=[self.points[k]], partial=False))) for k in numbers]

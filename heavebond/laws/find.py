@@ -124,15 +124,15 @@ class FoundLaw:
     @property
     def values_text(self) -> str:
         """The parameters with their values, and 95 % intervals if they are known."""
-        shown = []
+        texts = []
         for n in self.formula.numbers:
             value, ends = self.numbers.get(n.name, n.value), self.intervals.get(n.name)
             digits = _digits(value, ends)
             interval = f" ({number(ends[0], digits)} to {number(ends[1], digits)})" if ends is not None else \
                 " (not fitted)" if not n.fitted else ""
             unit = "" if n.unit.text == "1" else f" {n.unit.text}"
-            shown.append(f"{n.name} = {number(value, digits)}{unit}{interval}")
-        return ", ".join(shown)
+            texts.append(f"{n.name} = {number(value, digits)}{unit}{interval}")
+        return ", ".join(texts)
 
     @property
     def chi2_fit(self) -> float:
@@ -261,15 +261,15 @@ def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), separatio
             formulas += _formulas(search, estimate, place)
         say("fitting the free parameters")
         components = {_kind(k): formula.component(_kind(k), effect=False) for k, (formula, _) in enumerate(formulas)}
-        kept = _kept_folder()
-        base = fitted_base(_with_components(searched, components, kept))
+        component_folder = _kept_folder()
+        base = fitted_base(_with_components(searched, components, component_folder))
         known = [refit for place in places for refit in _of_catalogue(base, place.place, say)]
         laws = _refitted(base, search, formulas, say)
         answer, alternatives = _answer(original, base, laws, known)
         for turn in range(FURTHER):
             if answer.simplest is None or answer.simplest.loss < NOISE:
                 break
-            further = _further(base, answer.simplest, folder / f"further_{turn}", kept, say)
+            further = _further(base, answer.simplest, folder / f"further_{turn}", component_folder, say)
             if not further:
                 break
             laws, before = [*laws, *further], answer.simplest
@@ -284,8 +284,8 @@ def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), separatio
             answer = replace(answer, separation=_separation(searched, alternatives, say))
         say(f"fitting all samples with {law.text}")
         place = next(p for p in places if p.place.name == law.formula.place.name)
-        exact = replace(_confirmed(original, law, kept, say), implied=_implied(search, place, law.refit.values))
-        return replace(answer, simplest=exact, laws=tuple(exact if other is law else other for other in answer.laws))
+        exact = replace(_confirmed(original, law, component_folder, say), implied=_implied(search, place, law.refit.values))
+        return replace(answer, simplest=exact, laws=tuple(exact if listed is law else listed for listed in answer.laws))
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,7 @@ class _Sought:
     ratio: float
     value: Array
     deviation: Array
-    moved: Array
+    slopes: Array
     local: Regressors
 
 
@@ -366,7 +366,7 @@ def _with_components(experiment: Experiment, components: Mapping[str, str], fold
     return replace(experiment, model=replace(model, library=library))
 
 
-def _further(base: Base, law: FoundLaw, folder: Path, kept: Path, say: Progress) -> list[tuple[Formula, Refit]]:
+def _further(base: Base, law: FoundLaw, folder: Path, component_folder: Path, say: Progress) -> list[tuple[Formula, Refit]]:
     """Formulas that add parts to a law, from the records about the motion with it; refitted in simulation."""
     say(f"searching parts beside {law.text}")
     folder.mkdir()
@@ -389,7 +389,7 @@ def _further(base: Base, law: FoundLaw, folder: Path, kept: Path, say: Progress)
     components = {_kind(number + k): formula.component(_kind(number + k), effect=False)
                   for k, (formula, _) in enumerate(formulas)}
     problem = copy(base.problem)
-    problem.experiment = _with_components(base.problem.experiment, components, kept)
+    problem.experiment = _with_components(base.problem.experiment, components, component_folder)
     return _refitted(replace(base, problem=problem, diagrams={}, shared={}), search, formulas, say, number)
 
 
@@ -430,10 +430,10 @@ def candidate_of(experiment: Experiment, formula: Formula, kind: str) -> Candida
 def _of_catalogue(base: Base, place: Place, say: Progress) -> list[Refit]:
     """The laws of the catalogue at a place with the largest scores, refitted."""
     nodes = {node.name for node in place.nodes}
-    here = [c for c in candidates(base.problem.experiment) if c.kind != UNKNOWN and set(c.where) == nodes
-            and c.attaches in ("across", "at") and not c.members]
+    at_place = [c for c in candidates(base.problem.experiment) if c.kind != UNKNOWN and set(c.where) == nodes
+                and c.attaches in ("across", "at") and not c.members]
     scores = []
-    for candidate in here:
+    for candidate in at_place:
         with suppress(HeavebondError):
             candidate_scores = scored(base, candidate)
             if candidate_scores:
@@ -491,7 +491,7 @@ def _alternatives(simplest: FoundLaw, laws: Sequence[FoundLaw], known: Sequence[
     """The simplest formula and those that are no sum of another one and further parts, and laws of the catalogue."""
     chosen, keys = [simplest], [simplest.formula.key]
     for law in sorted(laws, key=lambda law: (law.formula.count, -law.probability)):
-        if not any(key <= law.formula.key and law.place == other.place for key, other in zip(keys, chosen, strict=True)):
+        if not any(key <= law.formula.key and law.place == earlier.place for key, earlier in zip(keys, chosen, strict=True)):
             chosen.append(law)
             keys.append(law.formula.key)
     one_place = len({law.place for law in chosen}) == 1
@@ -550,7 +550,7 @@ def _implied(search: Search, sought: _Sought, values: Mapping[str, float]) -> tu
     q = np.zeros(search.width)
     for side in search.sides:
         q[search.columns(side.record.name)] = [k.place_of(values.get(k.name, k.centre)) for k in search.known]
-    value = (sought.value + sought.moved @ q) * sought.ratio
+    value = (sought.value + sought.slopes @ q) * sought.ratio
     return tuple(implied_inputs(search, sought.place, value, sought.deviation * abs(sought.ratio),
                                 sought.local.variables(sought.place)).values())
 

@@ -240,10 +240,10 @@ def remembered(memory: str, time: Array, motions: Mapping[str, Array], constants
     m = max(np.size(v) for v in constants.values())
     fixed = np.array([np.broadcast_to(np.asarray(v, float), (m,)) for v in constants.values()])
     middle = np.array([(row[1:] + row[:-1]) / 2 for row in (np.asarray(v, float) for v in motions.values())])
-    given = np.concatenate([np.diff(time)[None], middle])
-    accumulated = step.map(m).mapaccum("accumulated", given.shape[1])
-    found = np.array(accumulated(np.zeros((1, m)), np.repeat(given, m, axis=1), np.tile(fixed, (1, given.shape[1]))))
-    return np.concatenate([np.zeros((1, m)), found.reshape(-1, m)])
+    inputs = np.concatenate([np.diff(time)[None], middle])
+    accumulated = step.map(m).mapaccum("accumulated", inputs.shape[1])
+    states = np.array(accumulated(np.zeros((1, m)), np.repeat(inputs, m, axis=1), np.tile(fixed, (1, inputs.shape[1]))))
+    return np.concatenate([np.zeros((1, m)), states.reshape(-1, m)])
 
 
 @lru_cache(maxsize=64)

@@ -97,12 +97,12 @@ class Formula:
     @cached_property
     def variables(self) -> dict[str, tuple[Variable, str]]:
         """The variables by their formulas in the diagram, each with its name in the law."""
-        found: dict[str, tuple[Variable, str]] = {}
+        named: dict[str, tuple[Variable, str]] = {}
         for part in self.parts:
             for variable in part.variables:
-                if variable.formula not in found:
-                    found[variable.formula] = (variable, self._name(variable, [name for _, name in found.values()]))
-        return found
+                if variable.formula not in named:
+                    named[variable.formula] = (variable, self._name(variable, [name for _, name in named.values()]))
+        return named
 
     def _name(self, variable: Variable, used: Sequence[str]) -> str:
         domain = self.node.domain
@@ -169,19 +169,19 @@ class Formula:
                 names[str(k)] = name
                 size = WIDER * abs(amplitude)
                 unit = _unit(dimension)
-                numbers.append(Number(name, amplitude, unit, f"amplitude of {self._shown(term.text, names)}",
+                numbers.append(Number(name, amplitude, unit, f"amplitude of {self._with_names(term.text, names)}",
                                       Range(-size, size, unit)))
             numbers += [*shapes, *constants]
             renamed.append(names)
         return tuple(numbers), tuple(renamed)
 
     def _unit_of(self, part: Part, degree: tuple[int, int, int]) -> Dimension:
-        found: Dimension = ()
+        product: Dimension = ()
         units = (part.first.unit, part.second.unit if part.second is not None else "1", "s")
         for text, power in zip(units, degree, strict=True):
             if power:
-                found = times(found, read_unit(text).dimension, power)
-        return found
+                product = times(product, read_unit(text).dimension, power)
+        return product
 
     def _dimension(self, part: Part, shape: Shape) -> Dimension:
         return {"": (), "time": read_unit("s").dimension, "s": self._unit_of(part, (1, 0, 1)),
@@ -211,10 +211,10 @@ class Formula:
             parts.append(replace(part, shapes=shapes, amplitudes=amplitudes))
         return replace(self, parts=tuple(parts))
 
-    def joined(self, other: Formula) -> Formula:
+    def joined(self, addend: Formula) -> Formula:
         """The sum of two formulas at one place; the motions are those of the other."""
-        return replace(self, parts=(*self.parts, *other.parts), fixed=(*self.fixed, *other.fixed),
-                       motions={**self.motions, **other.motions})
+        return replace(self, parts=(*self.parts, *addend.parts), fixed=(*self.fixed, *addend.fixed),
+                       motions={**self.motions, **addend.motions})
 
     @property
     def numbers(self) -> tuple[Number, ...]:
@@ -249,14 +249,14 @@ class Formula:
             return f"dissipates: {self.symbol}*{across}"
         if kinds == {"position"} and all(part.form.energies for part in self.parts) and not any(
                 part.first.formula.startswith("∫") for part in self.parts):
-            terms = [f"{names[str(k)]}*{_factor(self._shown(text, names))}"
+            terms = [f"{names[str(k)]}*{_factor(self._with_names(text, names))}"
                      for part, names in zip(self.parts, self._named[1], strict=True)
                      for k, text in enumerate(part.form.energies)]
             return f"stores: {' + '.join(terms)}"
         return CONTROLLED
 
     @staticmethod
-    def _shown(text: str, names: Mapping[str, str]) -> str:
+    def _with_names(text: str, names: Mapping[str, str]) -> str:
         return _NAME.sub(lambda match: names.get(match.group(), match.group()), text)
 
     @property
@@ -265,7 +265,7 @@ class Formula:
         terms = []
         for part, names in zip(self.parts, self._named[1], strict=True):
             for k, term in enumerate(part.form.terms):
-                text = self._shown(term.text, names)
+                text = self._with_names(term.text, names)
                 terms.append(names[str(k)] if text == "1" else f"{names[str(k)]}/{text[2:]}" if text.startswith("1/")
                              else f"{names[str(k)]}*{_factor(text)}")
         return " + ".join(terms)
@@ -273,7 +273,7 @@ class Formula:
     @property
     def memories(self) -> dict[str, str]:
         """The right side of the differential equation of each memory, by its state."""
-        return {names["s"]: self._shown(part.form.memory, names)
+        return {names["s"]: self._with_names(part.form.memory, names)
                 for part, names in zip(self.parts, self._named[1], strict=True) if part.form.memory}
 
     @property
@@ -288,15 +288,15 @@ class Formula:
         known = {number.name: number.value for number in self.numbers} | dict(numbers or {})
         total = np.zeros(len(time))
         for part, names in zip(self.parts, self._named[1], strict=True):
-            own: dict[str, Array | float] = {key: known[name] for key, name in names.items() if name in known}
+            part_numbers: dict[str, Array | float] = {key: known[name] for key, name in names.items() if name in known}
             courses = {"u": motion[part.first.formula]}
             if part.second is not None:
                 courses["w"] = motion[part.second.formula]
             if part.form.memory:
-                constants = {key: np.array([value]) for key, value in own.items() if not key.isdigit()}
-                own["s"] = remembered(part.form.memory, time, courses, constants)[:, 0]
+                constants = {key: np.array([value]) for key, value in part_numbers.items() if not key.isdigit()}
+                part_numbers["s"] = remembered(part.form.memory, time, courses, constants)[:, 0]
             for k, term in enumerate(part.form.terms):
-                total = total + float(np.asarray(own[str(k)])) * values(term.text, {**own, **courses})
+                total = total + float(np.asarray(part_numbers[str(k)])) * values(term.text, {**part_numbers, **courses})
         return np.asarray(total)
 
     # -- the component -----------------------------------------------------------------------------------------------------
@@ -321,24 +321,25 @@ class Formula:
             written = f"{value:.6g}" + ("" if unit == "1" else f" {unit}")
             parameters.append(f"  {number.name}: {{unit: {unit}, {least.get(number.name, '')}default: {written}, "
                               f"doc: {_quoted(doc)}}}")
-        own = {v.kind: (v, s) for v, s in self.variables.values() if self._is_own(v)}
-        needed = dict(own)
-        if "position" in own and own["position"][0].formula.startswith("∫") and "across" not in own:
+        place_variables = {v.kind: (v, s) for v, s in self.variables.values() if self._is_own(v)}
+        needed = dict(place_variables)
+        if "position" in place_variables and place_variables["position"][0].formula.startswith("∫") \
+                and "across" not in place_variables:
             rate = across if across not in (s for _, s in self.variables.values()) else f"{across}_ab"
-            needed["across"] = (own["position"][0], rate)
+            needed["across"] = (place_variables["position"][0], rate)
         for kind, (variable, s) in needed.items():
             unit = domain.members[across if kind == "across" else domain.position or ""].unit.text \
                 if kind == "across" or not variable.formula.startswith("∫") else _base_unit(variable.unit)
-            what = domain.members[across].noun if kind == "across" else "position"
+            noun_of_kind = domain.members[across].noun if kind == "across" else "position"
             between = (" of b relative to a" if self.node.mechanical else " drop") if pair else ""
-            variables.append(f"  {s}: {{unit: {unit}, doc: {what}{between}}}")
+            variables.append(f"  {s}: {{unit: {unit}, doc: {noun_of_kind}{between}}}")
             member = across if kind == "across" else domain.position or ""
             difference = f"a.{member}" if not pair else f"b.{member} - a.{member}" if self.node.mechanical else \
                 f"a.{member} - b.{member}"
             if kind == "position" and variable.formula.startswith("∫"):
-                lines.append((f"der({s}) = {needed['across'][1]}", what))
+                lines.append((f"der({s}) = {needed['across'][1]}", noun_of_kind))
             else:
-                lines.append((f"{s} = {difference}", what))
+                lines.append((f"{s} = {difference}", noun_of_kind))
         remembering = [part for part in self.parts if part.form.memory]
         units = {s: _unit(self._unit_of(part, part.form.terms[0].degree)).text
                  for s, part in zip(self.memories, remembering, strict=True)}
@@ -357,14 +358,14 @@ class Formula:
             parameters += fluid
             variables.append(ENTHALPY)
             lines += [(enthalpy_flow, "enthalpy from upstream"), ("a.H = H", "in at a"), ("b.H = -H", "out at b")]
-        width = max(len(left) for left, _ in lines)
-        states = [s for v, s in own.values() if v.formula.startswith("∫")] + list(self.memories)
+        width = max(len(equation) for equation, _ in lines)
+        states = [s for v, s in place_variables.values() if v.formula.startswith("∫")] + list(self.memories)
         text = [f"component: {name}", f"summary: {_quoted(f'Law {self.place.words} that was found from records.')}"]
         text += [f"restrictions: {_quoted(restrictions)}"] if restrictions else []
         text += ["source: formula found from records by heavebond", "ports:", *ports, "parameters:", *parameters]
         text += ["variables:", *variables]
         text += ["initial:", *(f"  {s}: 0" for s in states)] if states else []
-        text += ["equations: |", *(f"  {left.ljust(width)}   # {right}" for left, right in lines)]
+        text += ["equations: |", *(f"  {equation.ljust(width)}   # {comment}" for equation, comment in lines)]
         text.append(energy)
         if effect and not self.inputs:
             text += ["effect:", "  class: empirical law", f"  attaches: {'across' if pair else 'at'}",

@@ -133,23 +133,23 @@ class RecordAtPlace:
             """The terms at all samples of the motions, (len(shapes) * terms, ...)."""
             every = {n: motions[v].ravel() for n, v in names.items()}
             size = (len(shapes), *motions[part.first.formula].shape)
-            found = [np.broadcast_to(values(term.text, {**every, **known}), (len(shapes), every["u"].size)).reshape(size)
+            terms = [np.broadcast_to(values(term.text, {**every, **known}), (len(shapes), every["u"].size)).reshape(size)
                      for term in part.form.terms]
-            return np.stack(found, axis=1).reshape(-1, *size[1:])
+            return np.stack(terms, axis=1).reshape(-1, *size[1:])
 
         return self._through(of(self.samples).T, of(self.between).mean(axis=2).T)
 
     def _through(self, at: Array, mean: Array) -> Array:
         # a term without a finite value somewhere (an exponential of a large ratio) counts as none
         finite = (np.abs(at) < LARGEST).all(axis=0) & (np.abs(mean) < LARGEST).all(axis=0)
-        found = self.whitening.responses(np.where(finite, at, 0.0), self.gamma, self.d, np.where(finite, mean, 0.0))
-        return np.asarray(found[self.learn].reshape(-1, at.shape[1]))
+        responses = self.whitening.responses(np.where(finite, at, 0.0), self.gamma, self.d, np.where(finite, mean, 0.0))
+        return np.asarray(responses[self.learn].reshape(-1, at.shape[1]))
 
 
 @dataclass(frozen=True)
 class PlaceRegression:
     """The fitted records and the variables at a place. `target` (n,): the innovations after a fit of the free parameters
-    alone; `taken` (n, k): an orthonormal basis of the columns of the parameters; `weight` multiplies the prior of the
+    alone; `basis` (n, k): an orthonormal basis of the columns of the parameters; `weight` multiplies the prior of the
     parameters."""
 
     place: Place
@@ -169,7 +169,7 @@ class PlaceRegression:
         return np.concatenate([data[:, 1:], root * np.eye(k)]), np.concatenate([data[:, 0], -root * self.mean])
 
     @cached_property
-    def taken(self) -> Array:
+    def basis(self) -> Array:
         """See the class."""
         E = self._parameters[0]
         return np.asarray(np.linalg.qr(E)[0]) if E.shape[1] else np.zeros((len(E), 0))
@@ -178,7 +178,7 @@ class PlaceRegression:
     def target(self) -> Array:
         """See the class."""
         e = self._parameters[1]
-        return np.asarray(e - self.taken @ (self.taken.T @ e))
+        return np.asarray(e - self.basis @ (self.basis.T @ e))
 
     def fixed(self, part: Part) -> dict[str, float]:
         """The constants of a part that are not free: the reference value and the width of a sign."""
@@ -188,9 +188,9 @@ class PlaceRegression:
     def columns(self, part: Part, shapes: Sequence[Sequence[float]]) -> Array:
         """The responses to the terms of a part, without their projection on the parameters (n, len(shapes) * terms)."""
         fixed = self.fixed(part)
-        found = np.concatenate([record.responses(part, shapes, fixed) for record in self.records])
-        whole = np.concatenate([found, np.zeros((len(self.mean), found.shape[1]))])
-        return np.asarray(whole - self.taken @ (self.taken.T @ whole))
+        responses = np.concatenate([record.responses(part, shapes, fixed) for record in self.records])
+        whole = np.concatenate([responses, np.zeros((len(self.mean), responses.shape[1]))])
+        return np.asarray(whole - self.basis @ (self.basis.T @ whole))
 
     def motion(self, part: Part, shape: Shape) -> Motion:
         """The motion of the variable in whose unit a shape parameter is."""
@@ -204,11 +204,11 @@ class PlaceRegression:
         """The parts with the amplitudes that fit best."""
         C = np.concatenate([self.columns(part, [part.shapes]) for part in parts], axis=1)
         a = _amplitudes(C, self.target)
-        left = self.target + C @ a
+        residual = self.target + C @ a
         ends = np.cumsum([0, *(len(part.form.terms) for part in parts)])
-        found = tuple(replace(part, amplitudes=tuple(map(float, a[i:j])))
-                      for part, i, j in zip(parts, ends[:-1], ends[1:], strict=True))
-        return Composed(found, float(left @ left), self._q(found))
+        fitted = tuple(replace(part, amplitudes=tuple(map(float, a[i:j])))
+                       for part, i, j in zip(parts, ends[:-1], ends[1:], strict=True))
+        return Composed(fitted, float(residual @ residual), self._q(fitted))
 
     def _q(self, parts: Sequence[Part]) -> Array:
         """The free parameters with these parts."""
@@ -227,21 +227,21 @@ def rounded(value: float) -> float:
     return float(f"{value:.0e}")
 
 
-def at_place(search: Search, found: Estimate, place: Place, variables: Sequence[Variable]) -> PlaceRegression:
+def at_place(search: Search, estimate: Estimate, place: Place, variables: Sequence[Variable]) -> PlaceRegression:
     """The regression at a place; the values of the variables cover all records, one after another."""
     from scipy.interpolate import CubicSpline
 
     records, begin = [], 0
-    mean = -search.centre(found.systems)
+    mean = -search.centre(estimate.systems)
     for side in search.sides:
         end = begin + len(side.time)
         if side.record.use == "fit":
             count = min(len(side.time), SAMPLES)
-            system = found.systems[side.record.name]
+            system = estimate.systems[side.record.name]
             unknown = Unknown(system, list(side.nodes), [place], np.ones(1))
-            own = unknown.innovations(np.zeros((len(side.time), 0)))
-            wide = np.zeros((*own.shape[:2], 1 + search.width))
-            wide[:, :, [0, *(1 + search.columns(side.record.name))]] = own
+            innovations = unknown.innovations(np.zeros((len(side.time), 0)))
+            wide = np.zeros((*innovations.shape[:2], 1 + search.width))
+            wide[:, :, [0, *(1 + search.columns(side.record.name))]] = innovations
             time, learn = side.time[:count], np.asarray(side.learn[:count], bool)
             samples = {v.formula: v.values[begin:begin + count] for v in variables}
             middle = time[:-1, None] + np.diff(time)[:, None] * (np.arange(BETWEEN) + 0.5) / BETWEEN
@@ -318,16 +318,16 @@ class _Grid:
     def best(self, known: Sequence[int], number: int) -> list[tuple[int, float]]:
         """The groups (indices) that together with known groups have the smallest residuals, one of each form and
         variables, with their losses; groups that share a shape parameter and variables with a known group are left out."""
-        r, taken = self.problem.target, np.zeros((0, self.C.shape[1]))
+        r, projection = self.problem.target, np.zeros((0, self.C.shape[1]))
         towards, total = self.towards, float(r @ r)
         if known:
             Q = np.linalg.qr(np.concatenate([self.C[:, self.groups[k][1]] for k in known], axis=1))[0]
-            taken, along = Q.T @ self.C, Q.T @ r
-            towards, total = towards - taken.T @ along, total - float(along @ along)
+            projection, along = Q.T @ self.C, Q.T @ r
+            towards, total = towards - projection.T @ along, total - float(along @ along)
         alike = {family for k in known for family in self.groups[k][0].families}
         losses: dict[tuple[str, ...], tuple[float, int]] = {}
         for k, (part, where) in enumerate(self.groups):
-            G = self.grams[k] - taken[:, where].T @ taken[:, where]
+            G = self.grams[k] - projection[:, where].T @ projection[:, where]
             if np.any(np.diag(G) < INDEPENDENT) or alike & part.families:
                 continue
             gain = towards[where][0]**2 / G[0, 0] if len(G) == 1 else \
@@ -357,15 +357,15 @@ def _composed(problem: PlaceRegression) -> list[Composed]:
     refined: dict[frozenset[tuple[str, ...]], Composed] = {}
 
     def refine(parts: Sequence[Part]) -> Composed:
-        found = _refined(problem, parts)
-        if found.key not in refined or found.loss < refined[found.key].loss:
-            refined[found.key] = found
-        return found
+        fitted = _refined(problem, parts)
+        if fitted.key not in refined or fitted.loss < refined[fitted.key].loss:
+            refined[fitted.key] = fitted
+        return fitted
 
     alone = sorted((refine([grid.groups[k][0]]) for k, _ in grid.best((), REFINED_ALONE)), key=lambda f: f.loss)
     singles = [(grid.add(formula.parts[0]), formula.loss) for formula in alone[:SINGLES]]
-    pairs = sorted(((loss, (k, other)) for k, _ in singles for other, loss in grid.best((k,), 3)), key=lambda p: p[0])
-    triples = [(loss, (*pair, other)) for _, pair in pairs[:PAIRS] for other, loss in grid.best(pair, 2)]
+    pairs = sorted(((loss, (k, added)) for k, _ in singles for added, loss in grid.best((k,), 3)), key=lambda p: p[0])
+    triples = [(loss, (*pair, added)) for _, pair in pairs[:PAIRS] for added, loss in grid.best(pair, 2)]
     chosen = {frozenset(groups): loss for loss, groups in [*((loss, (k,)) for k, loss in singles), *pairs, *triples]}
     for groups in _leading({g: loss for g, loss in chosen.items() if len(g) > 1},
                            lambda groups: sum(grid.groups[k][0].form.numbers for k in groups), REFINED):
@@ -419,5 +419,5 @@ def _refined(problem: PlaceRegression, parts: Sequence[Part]) -> Composed:
 
     low, high = np.minimum(low / size, high / size), np.maximum(low / size, high / size)
     x0 = np.clip(start / size, low + 1e-9, high - 1e-9)
-    found = least_squares(residual, x0, bounds=(low, high), max_nfev=STEPS, diff_step=np.full(len(x0), 1e-5), x_scale=0.1)
-    return problem.solved(at(found.x))
+    solution = least_squares(residual, x0, bounds=(low, high), max_nfev=STEPS, diff_step=np.full(len(x0), 1e-5), x_scale=0.1)
+    return problem.solved(at(solution.x))

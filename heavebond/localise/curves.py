@@ -78,13 +78,13 @@ class Curve:
 
 @dataclass(frozen=True)
 class Regression:
-    """Sums of squared whitened innovations as quadratic forms of (1, q, a): `learn` and `other` (1+k+K, 1+k+K) over the
+    """Sums of squared whitened innovations as quadratic forms of (1, q, a): `learn` and `held_out` (1+k+K, 1+k+K) over the
     samples that are learnt from and the others, `samples` how many these are; `folds` are parts of the former and `tests`
     of the latter, by blocks of time; q (k,) are the parameters, normal with `mean` and variance 1, a (K,) the coefficients,
     with a `penalty` P (K, K) on them, a' P a."""
 
     learn: Array
-    other: Array
+    held_out: Array
     samples: tuple[int, int]
     mean: Array
     folds: tuple[Array, ...] = ()
@@ -111,7 +111,7 @@ class Regression:
         return replace(self._transformed(lambda form: whole.T @ form @ whole), penalty=penalty)
 
     def _transformed(self, change: Callable[[Array], Array]) -> Regression:
-        return replace(self, learn=change(self.learn), other=change(self.other), folds=tuple(map(change, self.folds)),
+        return replace(self, learn=change(self.learn), held_out=change(self.held_out), folds=tuple(map(change, self.folds)),
                        tests=tuple(map(change, self.tests)))
 
     def smooth(self, differences: Array) -> Regression:
@@ -150,13 +150,13 @@ class Regression:
 
     def tried(self) -> float:
         """The loss on the samples not learnt from."""
-        return self._loss(self.other, self._applied())
+        return self._loss(self.held_out, self._applied())
 
     def chance(self) -> float:
         """The p value that the law predicts the other samples no better than the parameters alone do."""
         from scipy.special import stdtr
 
-        alone, law = np.zeros(len(self.other) - 1), self._applied()
+        alone, law = np.zeros(len(self.held_out) - 1), self._applied()
         alone[:self.k] = self.of(np.zeros(0, np.int64))._applied()
         gains = np.array([self._loss(form, alone) - self._loss(form, law) for form in self.tests])
         error = float(gains.std(ddof=1)) / np.sqrt(len(gains)) if len(gains) > 1 else np.inf
@@ -168,9 +168,9 @@ class Regression:
         solution = np.concatenate([q, a])
         separate = np.flatnonzero(np.diag(self.learn)[1:1 + self.k] == 0)
         if len(separate):
-            normal = self.other[np.ix_(1 + separate, 1 + separate)] + np.eye(len(separate))
+            normal = self.held_out[np.ix_(1 + separate, 1 + separate)] + np.eye(len(separate))
             shared = np.delete(np.arange(len(solution)), separate)
-            slope = self.other[1 + separate, 0] + self.other[np.ix_(1 + separate, 1 + shared)] @ solution[shared]
+            slope = self.held_out[1 + separate, 0] + self.held_out[np.ix_(1 + separate, 1 + shared)] @ solution[shared]
             solution[separate] = np.linalg.solve(normal, self.mean[separate] - slope)
         return solution
 
@@ -188,7 +188,7 @@ class Regression:
         """The misfit above the noise with the parameters alone, fitted or at their known values, whichever is less: a change
         of parameters must not create a misfit to explain."""
         alone = self.of(np.zeros(0, np.int64))
-        return max(min(alone.tried(), self._loss(alone.other, self.mean)) - self.samples[1], 1e-300)
+        return max(min(alone.tried(), self._loss(alone.held_out, self.mean)) - self.samples[1], 1e-300)
 
     def r2(self, misfit: float) -> float:
         """The share of a `misfit` that the law removes."""

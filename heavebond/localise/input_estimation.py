@@ -209,7 +209,7 @@ class Search:
         for (group, grid), begin, end in zip(grids, ends[:-1], ends[1:], strict=True):
             best = int(total[begin:end].argmax())
             ranked.append(Ranked(group, float(total[begin + best]), float(grid[best])))
-        null = {s.record.name: self._own(s.record.name, q[0], systems, alone) for s in self.sides}
+        null = {s.record.name: self._parameters_of(s.record.name, q[0], systems, alone) for s in self.sides}
         return EstimationPass(tuple(sorted(ranked, key=lambda r: -r.likelihood)), float(total[0]), null)
 
     def _integrated(self, constant: Array, slope: Array, curvature: Array, mean: Array) -> tuple[Array, Array]:
@@ -220,7 +220,8 @@ class Search:
             + ((q - mean)**2).sum(axis=1)
         return np.asarray(-0.5 * (bottom + np.linalg.slogdet(precision)[1])), np.asarray(q)
 
-    def _own(self, record: str, q: Array, systems: Mapping[str, LtvModel], alone: Mapping[str, Likelihood]) -> Array:
+    def _parameters_of(self, record: str, q: Array, systems: Mapping[str, LtvModel], alone: Mapping[str, Likelihood]
+                       ) -> Array:
         """The q of one record about zero; for a record that is not fitted, its separate q are estimated from it alone."""
         deviation, separate = q[self.columns(record)], np.array([k.each for k in self.known], dtype=bool)
         if record not in self.fitted and separate.any():

@@ -87,7 +87,7 @@ class Unknown:
         p[:, -1, -1] = np.where(intensity > 0, INPUT_ESTIMATION.first_input**2, 0.0)
         squares, constant = np.zeros((len(x), 1 + self.k, 1 + self.k)), np.zeros(len(x))
         if compiled_kalman.serves(self.n):
-            compiled_kalman.run("filter", **self._given(intensity), x=x, p=p, constant=constant, squares=squares,
+            compiled_kalman.run("filter", **self._program_inputs(intensity), x=x, p=p, constant=constant, squares=squares,
                                 **(keep.arrays if keep is not None else {}))
             return _likelihood(constant, squares)
         step = np.broadcast_to(np.eye(n + 1), p.shape).copy()
@@ -122,7 +122,7 @@ class Unknown:
                 keep.state(i, x, p)
         return _likelihood(constant, squares)
 
-    def _given(self, intensity: Array) -> dict[str, Array]:
+    def _program_inputs(self, intensity: Array) -> dict[str, Array]:
         """The input of the compiled program."""
         arguments = {"phi": self.system.phi, "c": self.system.c, "gamma": self.gamma, "d": self.d, "moved": self.moved,
                      "error": self.error, "growth": intensity * np.diff(self.system.time)[:, None]}
@@ -135,7 +135,8 @@ class Unknown:
         self.filtered(intensity, filtered)
         states, variance = np.empty_like(filtered.x), np.empty(filtered.x.shape[:2])
         if compiled_kalman.serves(self.n):
-            compiled_kalman.run("smooth", **self._given(intensity), **filtered.arrays, states=states, variance=variance)
+            compiled_kalman.run("smooth", **self._program_inputs(intensity), **filtered.arrays, states=states,
+                                variance=variance)
         else:
             self._back(filtered, states, variance)
         w = states[:, :, -1]

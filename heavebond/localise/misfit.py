@@ -85,7 +85,7 @@ class PlaceEstimate:
                 "curve": curve_figures, "words": self.words}
 
 
-def _told(suspect: PlaceEstimate) -> str:
+def _place_text(suspect: PlaceEstimate) -> str:
     """A place and the quality with which its best variable predicts its input."""
     curve = suspect.curve
     curve_text = f" (R2 {max(curve.r2, 0.0):.2f} with {curve.variable.formula})" if curve is not None else ""
@@ -125,10 +125,11 @@ class Localization(facade.Displayed):
         sentences = [best.words]
         same = [s for s in self.suspects if s.place.name in best.alike]
         if same:
-            sentences.append("By its effect on these records it could as well act " + "; ".join(map(_told, same)) + ".")
+            places = "; ".join(map(_place_text, same))
+            sentences.append(f"By its effect on these records it could as well act {places}.")
         rivals = [s for s in self.suspects[1:] if s.behind < INPUT_ESTIMATION.distinct and s.place.name not in best.alike]
         if rivals:
-            sentences.append("As likely: " + "; ".join(map(_told, rivals)) + ".")
+            sentences.append("As likely: " + "; ".join(map(_place_text, rivals)) + ".")
         if not self.foreseen:
             sentences.append("The machine is far from linear in the input there: its size and shape are approximate.")
         return tuple(sentences)
@@ -192,7 +193,7 @@ def estimated_inputs(experiment: Experiment, folder: Path, values: Fit | Mapping
             "Join a PlanarShaft, a PlanarSlider or a PlanarStrut where one may act.")])
     p = sides[0].assembly.parameter_values
     search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)
-    return search, search.estimate({r.name: _given(values, r.name, sides[0].assembly) for r in records},
+    return search, search.estimate({r.name: _known_values(values, r.name, sides[0].assembly) for r in records},
                                    lambda ranked: _in_full(ranked, besides))
 
 
@@ -211,7 +212,7 @@ def beginning(experiment: Experiment, values: Fit | Mapping[str, float | str] | 
     return excerpt(experiment, values.after if isinstance(values, Fit) else compare(experiment, parameters=values))
 
 
-def _given(values: Fit | Mapping[str, float | str] | None, record: str, assembly: Assembly) -> dict[str, float]:
+def _known_values(values: Fit | Mapping[str, float | str] | None, record: str, assembly: Assembly) -> dict[str, float]:
     if isinstance(values, Fit):
         return {p.name: p.value for p in values.parameters if p.record in ("", record)}
     known = assembly.with_parameters(values or {}).parameter_values

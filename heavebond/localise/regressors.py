@@ -64,14 +64,14 @@ class Regressors:
                 variables.setdefault(variable.formula, variable)
         return list(variables.values())[:INPUT_ESTIMATION.max_regressors]
 
-    def _across(self, nodes: tuple[Node, ...], own: bool = True) -> list[Variable]:
+    def _across(self, nodes: tuple[Node, ...], of_place: bool = True) -> list[Variable]:
         node = nodes[0]
         name, domain = node.across, node.domain
         values, formula = self._between(nodes, name)
         word = domain.members[name].noun
         phrase = word if node.mechanical or len(nodes) == 1 else f"{word} drop"
         unit = domain.members[name].unit
-        kind = "across" if own else "speed" if node.mechanical else "pressure"
+        kind = "across" if of_place else "speed" if node.mechanical else "pressure"
         variables = [self._variable(kind, f"{phrase} {formula}", formula, unit.text, values)]
         if domain.position:
             # the position, or without one in the diagram the integral of the speed about its mean
@@ -84,9 +84,9 @@ class Regressors:
                     x = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t))])
                     parts.append(x - x.mean())
                 place, its = np.concatenate(parts), f"∫ {formula}"
-            variables.append(self._variable("position" if own else "place", f"position {its}", its,
+            variables.append(self._variable("position" if of_place else "place", f"position {its}", its,
                                             domain.members[domain.position].unit.text, place))
-        if own:
+        if of_place:
             rate = np.concatenate([smooth_rate(part, t) for part, t in zip(self._parts(values), self.times, strict=True)])
             per_second = "m/s**2" if unit.text == "m/s" else f"{unit.text}/s"
             rate_phrase = f"acceleration der({formula})" if node.mechanical else f"rate of the {phrase} {formula}"
@@ -127,10 +127,10 @@ class Regressors:
         variables: list[Variable] = []
         for nodes in other_nodes.values():
             if nodes[0].mechanical and len(nodes) == 2:
-                variables += self._across((nodes[0], nodes[1]), own=False)
+                variables += self._across((nodes[0], nodes[1]), of_place=False)
             else:
                 for node in nodes:
-                    variables += self._across((node,), own=False)
+                    variables += self._across((node,), of_place=False)
         leaf = self.flat.expanded.leaves.get(component)
         for name in (leaf.component.signals if leaf else {}):
             index = self.flat.names.get(f"{component}.{name}")
