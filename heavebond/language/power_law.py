@@ -92,7 +92,9 @@ class PowerReport:
 @single_threaded
 def check_power(component: Component, domains: Mapping[str, Domain], seed: int = 0) -> PowerReport:
     """Check law 3 of one component; a port of a generic domain (`$D`) is tried in each domain with an effort and a flow."""
-    exempt = _exempt(component)
+    exempt = "its power is the sum of its parts" if component.composite else \
+        "it carries signals only" if not component.ports and component.stores is None else \
+        f"declared `power: {component.power}`" if component.power else ""
     if exempt:
         return PowerReport(component.name, 0, exempt=exempt)
     try:
@@ -147,14 +149,6 @@ def wrong_rates(component: Component, domains: Mapping[str, Domain]) -> list[tup
         residual, size = (np.array(values).ravel() for values in sizes(jet, parameters, trial.instant))
         worst = np.maximum(worst, residual/size)
     return [(relation, key) for (relation, key, *_), error in zip(checks, worst, strict=True) if error > TOLERANCE]
-
-
-def _exempt(component: Component) -> str:
-    if component.composite:
-        return "its power is the sum of its parts"
-    if not component.ports and component.stores is None:
-        return "it carries signals only"
-    return f"declared `power: {component.power}`" if component.power else ""
 
 
 def _bindings(component: Component, domains: Mapping[str, Domain]) -> Iterator[dict[str, str]]:
@@ -221,8 +215,19 @@ class _Trial:
                         for port, name in bound.items() for role, member in (
                             ("effort", domains[name].effort), ("flow", domains[name].flow)) if member}
         self.made: Template = template(component, domains, bound, integers)
-        self.matrices = self._matrices()
-        self.ports = self._ports()
+        # the elements of each matrix among the parameters that must be positive by `requires:`, and whether also symmetric
+        wanted: dict[str, set[str]] = {}
+        for formula in self.component.requires:
+            if isinstance(formula.tree, Call) and isinstance(formula.tree.args[0], Name):
+                wanted.setdefault(formula.tree.args[0].text, set()).add(formula.tree.function)
+        self.matrices = [([k for k, n in enumerate(self.made.parameters) if n.startswith(f"{name}[")], "symmetric" in kinds)
+                         for name, kinds in wanted.items()]
+        # the domain of each port, with every element of an array (`p[2]`)
+        self.ports: dict[str, Domain] = {}
+        for slot in self.made.slots:
+            port, _, member = slot.rpartition(".")
+            if member and port:
+                self.ports[port] = self.domains[self.bound[port.partition("[")[0]]]
         self.size = np.array([self._size(slot) for slot in self.made.slots])
         self.low, self.high = np.array([self._slot_bounds(slot) for slot in self.made.slots]).T
         self.usual = {n: self._usual(p.unit) for n, p in component.parameters.items()}
@@ -240,25 +245,6 @@ class _Trial:
                          for n, p in component.parameters.items()}
 
     # -- the equations and the powers ------------------------------------------------------------------------------
-    def _ports(self) -> dict[str, Domain]:
-        """The domain of each port, with every element of an array (`p[2]`)."""
-        port_domains: dict[str, Domain] = {}
-        for slot in self.made.slots:
-            port, _, member = slot.rpartition(".")
-            if member and port:
-                port_domains[port] = self.domains[self.bound[port.partition("[")[0]]]
-        return port_domains
-
-    def _matrices(self) -> list[tuple[list[int], bool]]:
-        """The elements of each matrix among the parameters that must be positive by `requires:`, and whether also
-        symmetric.
-        """
-        wanted: dict[str, set[str]] = {}
-        for formula in self.component.requires:
-            if isinstance(formula.tree, Call) and isinstance(formula.tree.args[0], Name):
-                wanted.setdefault(formula.tree.args[0].text, set()).add(formula.tree.function)
-        return [([k for k, n in enumerate(self.made.parameters) if n.startswith(f"{name}[")], "symmetric" in kinds)
-                for name, kinds in wanted.items()]
 
     def _functions(self) -> tuple[ca.Function, ca.Function]:
         """Residuals (m,) with their Jacobian, and the powers, of a jet y = (slots, d slots, d2 slots)."""
@@ -286,7 +272,17 @@ class _Trial:
                 if forms:
                     residuals += split(forms[FrameForm.CLOSING].residuals(*arguments))
                     orders += [0, 0, 0]
-        rows = stack([*residuals, *self._derivatives(residuals, orders, levels, t)])
+        # the time derivatives of equations that the jet contains: two of an equation without derivatives, one of first
+        # order
+        low, high = stack(levels[:-1]), stack(levels[1:])
+        rate_residuals: list[ca.SX] = []
+        pending = list(zip(residuals, orders, strict=True))
+        while pending := [(r, k) for r, k in pending if k < LEVELS - 1]:
+            column = stack([r for r, _ in pending])
+            rates = split(ca.jtimes(column, low, high) + ca.jtimes(column, t, ca.SX(1)))
+            rate_residuals += rates
+            pending = [(r, k + 1) for r, (_, k) in zip(rates, pending, strict=True)]
+        rows = stack([*residuals, *rate_residuals])
         *energy, store = split(self.made.energy(*arguments))
         port_powers = [self._port_power(port, domain, levels[0], place) for port, domain in self.ports.items()]
         # energy exchange between the stores of one component may cancel, in a pendulum completely
@@ -295,20 +291,6 @@ class _Trial:
         return (ca.Function("system", [y, p, t], [ca.densify(rows), ca.densify(ca.jacobian(rows, y))]),
                 ca.Function("terms", [y, p, t],
                             [stack([*energy, apparent, exchanged, *(power for power, _ in port_powers)])]))
-
-    def _derivatives(self, residuals: list[ca.SX], orders: list[int], levels: list[ca.SX], t: ca.SX) -> list[ca.SX]:
-        """The time derivatives of equations that the jet contains: two of an equation without derivatives, one of first
-        order.
-        """
-        low, high = stack(levels[:-1]), stack(levels[1:])
-        rate_residuals: list[ca.SX] = []
-        rows = list(zip(residuals, orders, strict=True))
-        while rows := [(r, k) for r, k in rows if k < LEVELS - 1]:
-            column = stack([r for r, _ in rows])
-            rates = split(ca.jtimes(column, low, high) + ca.jtimes(column, t, ca.SX(1)))
-            rate_residuals += rates
-            rows = [(r, k + 1) for r, (_, k) in zip(rates, rows, strict=True)]
-        return rate_residuals
 
     def _port_power(self, port: str, domain: Domain, slots: ca.SX, place: Mapping[str, int]) -> tuple[ca.SX, ca.SX]:
         """Power into a port, and the product of the usual sizes of its effort and flow."""
@@ -383,7 +365,13 @@ class _Trial:
         for _ in range(30):
             p = np.array([self._parameter(n) for n in self.made.parameters])
             for elements, symmetric in self.matrices:
-                p[elements] = _positive(p[elements], symmetric)
+                # a random positive definite matrix of about the size of a random one (n*n,), row by row
+                rows = p[elements]
+                order = round(sqrt(len(rows)))
+                matrix = rows.reshape(order, order)
+                size = float(np.abs(matrix).max()) or 1.0
+                positive = matrix @ matrix.T / size + 1e-3 * size * np.eye(order)
+                p[elements] = np.ravel(positive if symmetric else positive + matrix - matrix.T)
             if not self.component.requires or np.all(np.array(self.made.requirements(p))):
                 held = [self.component.held[n] for n in self.made.held]
                 sizes = np.array([max(self._usual(v.unit), abs(v.held or 0.0)) for v in held])
@@ -405,13 +393,13 @@ class _Trial:
     def _assignments(self) -> list[tuple[int, int]]:
         """(equation, slot) if an equation gives a slot with coefficient 1, inner variables and through variables first."""
         across = {f"{port}.{member}" for port, domain in self.ports.items() for member in domain.across}
-        found: dict[int, int] = {}
+        slot_of_equation: dict[int, int] = {}
         for i, row in enumerate(self.made.entries):
             choices = [e.column for e in row if e.kind == UNIT and e.column < len(self.size)
-                       and e.column not in found.values() and self.made.slots[e.column] not in across]
+                       and e.column not in slot_of_equation.values() and self.made.slots[e.column] not in across]
             if choices:
-                found[i] = max(choices, key=lambda c: self.made.slots[c] in self.component.variables)
-        return list(found.items())
+                slot_of_equation[i] = max(choices, key=lambda c: self.made.slots[c] in self.component.variables)
+        return list(slot_of_equation.items())
 
     def _assigned(self, y: Array, p: Array, t: float) -> Array:
         """Carry out every assignment `F = ...` a few times on the guess: from an arbitrary guess Newton's method fails at
@@ -428,7 +416,8 @@ class _Trial:
         for _ in range(MOST_STEPS):
             scale = self.readiness * np.maximum(np.abs(y), SMALLEST * self.nominal)
             scaled = jacobian * scale
-            weights = _weights(scaled)
+            gradient = np.abs(scaled).max(axis=1, initial=0.0)
+            weights = np.asarray(1 / np.where(gradient > 0, gradient, 1.0))
             weighted = residual * weights
             norm = sqrt(weighted @ weighted)
             if not isfinite(norm):
@@ -473,22 +462,19 @@ class _Trial:
         tried, worst = 0, PowerReport(self.component.name, 0)
         for terms, p, y in self.motions():
             tried += 1
-            worst = self._worse(worst, terms, p, y)
+            power, stored, dissipated, unbalanced, apparent = terms[:5].tolist()
+            size = float(np.abs([*terms[5:], stored, dissipated, unbalanced]).max()) + APPARENT * apparent
+            imbalance = abs(power - stored - dissipated - unbalanced) / size if size else 0.0
+            negative = min(0.0, dissipated / size) if size else 0.0
+            if max(imbalance, -negative) < max(worst.imbalance, -worst.dissipation):
+                continue
+            values = [f"{n} = {v:.4g}" for n, v in zip((*self.made.given, *self.made.slots), (*p, *y), strict=False)]
+            notes = (f"power in {power:.4g} W, d(stores)/dt {stored:.4g} W, dissipates {dissipated:.4g} W, "
+                     f"unbalanced {unbalanced:.4g} W", "at " + ", ".join(values) + " (SI)")
+            worst = PowerReport(self.component.name, 0, max(imbalance, worst.imbalance), min(negative, worst.dissipation),
+                                notes=notes)
         tried = tried if tried >= ENOUGH * DRAWS else 0
         return PowerReport(self.component.name, tried, worst.imbalance, worst.dissipation, notes=worst.notes)
-
-    def _worse(self, worst: PowerReport, terms: Array, p: Array, y: Array) -> PowerReport:
-        power, stored, dissipated, unbalanced, apparent = terms[:5].tolist()
-        size = float(np.abs([*terms[5:], stored, dissipated, unbalanced]).max()) + APPARENT * apparent
-        imbalance = abs(power - stored - dissipated - unbalanced) / size if size else 0.0
-        negative = min(0.0, dissipated / size) if size else 0.0
-        if max(imbalance, -negative) < max(worst.imbalance, -worst.dissipation):
-            return worst
-        values = [f"{n} = {v:.4g}" for n, v in zip((*self.made.given, *self.made.slots), (*p, *y), strict=False)]
-        notes = (f"power in {power:.4g} W, d(stores)/dt {stored:.4g} W, dissipates {dissipated:.4g} W, "
-                 f"unbalanced {unbalanced:.4g} W", "at " + ", ".join(values) + " (SI)")
-        return PowerReport(self.component.name, 0, max(imbalance, worst.imbalance), min(negative, worst.dissipation),
-                           notes=notes)
 
 
 class _Evaluation:
@@ -522,20 +508,6 @@ def _least(matrix: Array, right: Array) -> Array:
     padded[:m, 0] = right
     work = min(m, n) + 3 * n + 1 + max(m, n) * 32
     return np.asarray(lapack.dgelsy(matrix, padded, np.zeros((n, 1), np.int32), 1e-12, work, overwrite_a=True)[1][:n, 0])
-
-
-def _weights(jacobian: Array) -> Array:
-    gradient = np.abs(jacobian).max(axis=1, initial=0.0)
-    return np.asarray(1 / np.where(gradient > 0, gradient, 1.0))
-
-
-def _positive(rows: Array, symmetric: bool) -> Array:
-    """A random positive definite matrix of about the size of a random one (n*n,), row by row."""
-    n = round(sqrt(len(rows)))
-    matrix = rows.reshape(n, n)
-    size = float(np.abs(matrix).max()) or 1.0
-    positive = matrix @ matrix.T / size + 1e-3 * size * np.eye(n)
-    return np.ravel(positive if symmetric else positive + matrix - matrix.T)
 
 
 def _whole(parameter: Parameter) -> int:
