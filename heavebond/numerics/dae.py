@@ -252,18 +252,15 @@ class Assembly:
         known = (t, x, z, u, rate, *(k.symbols for k in self.flat.driving))
         return {*self.flat.places, *(s.element_hash() for a in known for s in ca.symvar(a))}
 
-    def _derivative_name(self, symbol: ca.SX) -> str:
-        """`dddcrown.x` of the symbol of a derivative."""
-        flat, key = self.flat, symbol.element_hash()
-        return next(("d" * k + flat.unknowns[j].name for k, level in enumerate(flat.levels) for j, s in enumerate(level)
-                     if s.element_hash() == key), "a derivative")
-
     def _rate_of(self, symbol: ca.SX) -> ca.SX:
         """d/dt of an unknown whose derivative does not occur in the equations, by the chain rule."""
         first = {s.element_hash(): j for j, s in enumerate(self.flat.levels[1])}
         j = first.get(symbol.element_hash())
         if j is None:
-            raise ExpressionProblem("derivative-too-high", f"{self._derivative_name(symbol)} is not available here", 0)
+            flat, key = self.flat, symbol.element_hash()
+            name = next(("d" * k + flat.unknowns[j].name for k, level in enumerate(flat.levels)
+                         for j, s in enumerate(level) if s.element_hash() == key), "a derivative")  # `dddcrown.x`
+            raise ExpressionProblem("derivative-too-high", f"{name} is not available here", 0)
         value = self.reduced.express(self.flat.levels[0][j])
         t, x, z, _, _, rate = self.arguments
         if z.numel() and ca.which_depends(value, z, 1, False)[0]:

@@ -242,13 +242,6 @@ class EventIntegration:
             return inputs
         return np.vstack([inputs[:self.delays.offset], *self.delays.inputs(times), inputs[self.n_u:]])
 
-    def _call_inputs(self, begin: float, times: Array) -> Array:
-        """The same for the intervals of a call of the integrator."""
-        inputs = self.inputs((np.append(begin, times[:-1]) + times) / 2)
-        if self.delays is None:
-            return inputs
-        return np.vstack([inputs[:self.delays.offset], self.delays.call_inputs(begin, times), inputs[self.n_u:]])
-
     def _true(self, state: EventState) -> NDArray[np.bool_]:
         """The conditions that are true at a point. The condition of a breakaway counts as false: the event happens whenever
         it is met."""
@@ -400,7 +393,13 @@ class EventIntegration:
         """Record the points of a call with its number of steps. If points between the stops are kept and these points are
         far apart, the call is repeated with points between."""
         times, whole = looks.times[:reached], reached == len(looks.times)
-        parts = self._parts(looks, float(looks.times[-1] - state.t), steps) if self.dense and whole else 1
+        parts = 1  # of each interval of the call, a power of two
+        if self.dense and whole and not self.ahead.dense:  # else its points follow the steps
+            by_steps = (steps - EVENTS.steps_at_begin) / looks.even / EVENTS.steps_between_points
+            length = float(looks.times[-1] - state.t)
+            by_span = length / looks.even / self.span * EVENTS.min_checks * (1 - 1e-9)
+            wanted = min(max(by_steps, by_span), EVENTS.max_points / looks.even)
+            parts = 2 ** int(np.ceil(np.log2(wanted))) if wanted > 1 else 1
         if parts == 1:
             record.write(state, times, y, z)
             return
@@ -415,15 +414,6 @@ class EventIntegration:
             return
         check()
         record.keep(state, times, y[:, :reached], z[:, :reached])
-
-    def _parts(self, looks: Looks, length: float, steps: int) -> int:
-        """The number of parts of each interval of a call, a power of two."""
-        if self.ahead.dense:  # its points follow the steps
-            return 1
-        by_steps = (steps - EVENTS.steps_at_begin) / looks.even / EVENTS.steps_between_points
-        by_span = length / looks.even / self.span * EVENTS.min_checks * (1 - 1e-9)
-        wanted = min(max(by_steps, by_span), EVENTS.max_points / looks.even)
-        return 2 ** int(np.ceil(np.log2(wanted))) if wanted > 1 else 1
 
     def _mended(self, state: EventState, looks: Looks, halvings: int, error: RuntimeError, record: Record
                 ) -> tuple[EventState, int]:
@@ -544,8 +534,11 @@ class EventIntegration:
             integrators[key] = self._build(self.solver, state.frame.own_time(longest), looks)
         a, d = np.full(n, state.t - self.stops[0]), np.full(n, self.last.step)
         try:
-            results = integrators[key](x0=state.y, z0=state.z, p=state.given, u=np.vstack([self._call_inputs(state.t,
-                                                                                                             times), a, d]))
+            inputs = self.inputs((np.append(state.t, times[:-1]) + times) / 2)  # of the intervals of the call
+            if self.delays is not None:
+                inputs = np.vstack([inputs[:self.delays.offset], self.delays.call_inputs(state.t, times),
+                                    inputs[self.n_u:]])
+            results = integrators[key](x0=state.y, z0=state.z, p=state.given, u=np.vstack([inputs, a, d]))
         except RuntimeError as error:
             if looks.limited and _says(error, CRAWLS):
                 self.reached = float(integrators[key].stats()["tcur"])

@@ -360,7 +360,12 @@ class StartSearch:
                 if result.good:
                     break
             return result
-        return newton(system, first + self.nominal * self._shift(attempt - 5), self.frame)
+        # Newton's method from a deterministic shift of the guess, which grows with the number of the attempt
+        number, shift = attempt - 5, np.zeros(len(self.nominal))
+        if number > 0:
+            size = 10.0 ** (-3 + (number - 1) // 4)
+            shift = size * np.array([2 * uniform(number, k) - 1 for k in range(len(self.nominal))])
+        return newton(system, first + self.nominal * shift, self.frame)
 
     def _slowed(self, before: Array, step: float) -> System:
         """The equations of a steady start with (x - before)/step for each rate that is to vanish."""
@@ -372,13 +377,6 @@ class StartSearch:
             residual[steady] -= (y[: self.n_x] - before[: self.n_x]) / step
             return residual, added(jacobian, steady, states, -self.nominal[: self.n_x] / step)
         return at
-
-    def _shift(self, number: int) -> Array:
-        """Deterministic shifts of growing size, the first of none."""
-        if number <= 0:
-            return np.zeros(len(self.nominal))
-        size = 10.0 ** (-3 + (number - 1) // 4)
-        return size * np.array([2 * uniform(number, k) - 1 for k in range(len(self.nominal))])
 
     def _settle(self, y: Array) -> Array:
         """The algebraic unknowns again with the inputs moving (a steady start holds them still), x fixed."""
@@ -410,7 +408,11 @@ class StartSearch:
         """The start with its table asked / used / why; StartError if a coefficient is zero there."""
         assembly = self.assembly
         point = self._point(y, 1.0)
-        self._check(point)
+        if not self.equations.sound(point):
+            values = point.values()
+            pivots = np.array(assembly.pivots(*values)).ravel()
+            start_messages.check_pivots(assembly, list(zip(assembly.reduced.pivots, pivots, strict=True)), point)
+            start_messages.check_values(assembly, point)
         table = []
         conditions = {assembly.flat.names.get(c.name, -1): c for c in self.equations.initial.conditions.values()}
         component_unknowns = {assembly.flat.names[row.name] for row in self.equations.component_rows if self.of_components}
@@ -442,11 +444,3 @@ class StartSearch:
         values = self.assembly.values(*point.values()).full().ravel()
         return [StartLine(c.name, c.value.text, float(values[j]), flat.unknowns[j].unit.text,
                           "solved from a guess" if c.guess else "asked for") for j, c in remaining]
-
-    def _check(self, point: Point) -> None:
-        if self.equations.sound(point):
-            return
-        values, assembly = point.values(), self.assembly
-        pivots = np.array(assembly.pivots(*values)).ravel()
-        start_messages.check_pivots(assembly, list(zip(assembly.reduced.pivots, pivots, strict=True)), point)
-        start_messages.check_values(assembly, point)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from heavebond.equations.flatten import Energetics, Flat
+from heavebond.equations.flatten import Energetics
 from heavebond.language.symbols import stack
 from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.pointwise import evaluated
@@ -62,8 +62,11 @@ def balance(assembly: Assembly, columns: Sequence[Array], values: Array, more: S
              _size(held) / duration if duration else 0.0]
     imbalances = _missing(parts, through, (rate, dissipated, unbalanced), TOLERANCE * max(sizes), columns[0][0])
     if imbalances:  # in a machine that turns energy it holds into other energy it holds, these powers are the size of things
-        turned, resting = _turnover(assembly, parts, columns), RESTING * _apparent(flat, values)
-        limit = max(TOLERANCE * max(*sizes, turned), resting)
+        turned = _turnover(assembly, parts, columns)
+        # the largest sum of the efforts at all ports times the nominal sizes of their flows, W
+        pairs = [pair for bond in flat.bonds.values() for pair in zip(bond.efforts, bond.flows, strict=False)]
+        apparent = sum((np.abs(values[e])*flat.unknowns[f].nominal for e, f in pairs), np.zeros(values.shape[1]))
+        limit = max(TOLERANCE * max(*sizes, turned), RESTING * _size(apparent))
         imbalances = _missing(parts, through, (rate, dissipated, unbalanced), limit, columns[0][0])
     return imbalances, more_values
 
@@ -92,12 +95,6 @@ def _turnover(assembly: Assembly, parts: Sequence[Energetics], columns: Sequence
     terms = ca.sum2(ca.fabs(ca.mtimes(gradient, ca.diag(stack([rate, assembly.ode])))))
     function = ca.Function("turnover", list(assembly.arguments), [ca.densify(terms)])
     return _size(*evaluated(assembly, function, columns))
-
-
-def _apparent(flat: Flat, values: Array) -> float:
-    """The largest sum of the efforts at all ports times the nominal sizes of their flows, W."""
-    pairs = [pair for bond in flat.bonds.values() for pair in zip(bond.efforts, bond.flows, strict=False)]
-    return _size(sum((np.abs(values[e])*flat.unknowns[f].nominal for e, f in pairs), np.zeros(values.shape[1])))
 
 
 def _size(values: Array) -> float:

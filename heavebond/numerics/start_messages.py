@@ -297,7 +297,8 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
             followers = [name for name in involved if name not in solved]
             place = equations.assembly.model.initial.solve[open_[0]]
             steady = "" if equations.steady else "`start: steady`, or "
-            follower = _one_of(followers) if followers else "a variable that it brings about"
+            *more, last = followers[:MOST_NAMED] or ["a variable that it brings about"]
+            follower = " or ".join(filter(None, [", ".join(more), last]))
             raise StartError([Problem("solve-undetermined", f"no equation determines {listing(open_)} under `solve:`", place,
                                       "Each parameter that is solved for needs one condition more under `initial:`: "
                                       f"{steady}a value of {follower}.\nOr take it out of `solve:`.")])
@@ -313,11 +314,6 @@ def undetermined(equations: StartEquations, point: Point, sizes: Array) -> tuple
     directions = f"{number} directions stay" if number > 1 else f"{number} direction stays"
     raise StartError([Problem("start-undetermined", f"the steady state is not unique: {directions} undetermined", None, hint,
                               tuple(notes))])
-
-
-def _one_of(names: list[str]) -> str:
-    named = names[:MOST_NAMED]
-    return " or ".join(filter(None, [", ".join(named[:-1]), named[-1]]))
 
 
 def singular_loop(assembly: Assembly, point: Point, direction: Array) -> StartError:
