@@ -317,3 +317,57 @@ def test_a_command_runs_programs_with_permission_only(words: list[str], tmp_path
     allowed = CliRunner().invoke(main, [*words, "--allow-native"])
     assert "native-not-allowed" not in allowed.output
     assert allowed.exit_code == (2 if words[0] == "design" else 0), allowed.output
+
+
+@pytest.mark.parametrize(("old", "new", "form"), [
+    ("double hard_spring(double s", "int hard_spring(double s", "differences"),
+    ("double hard_spring(double s", "float hard_spring(double s", "differences"),
+    ("double hard_spring(double s", "double hard_spring(int s", "differences"),
+    ("double hard_spring(double s", "double hard_spring(float s", "differences"),
+    ("void hard_spring_slopes(double s", "void hard_spring_slopes(int s", "derivatives")])
+def test_a_c_function_of_other_types_is_refused(old: str, new: str, form: str, tmp_path: Path) -> None:
+    """C converts `int` to `double` and back without a word: the force would be cut off to whole newtons."""
+    path = folder(tmp_path, FORMS[form])
+    (path / "law.c").write_text(SOURCE.replace(old, new))
+    with pytest.raises(hb.ModelError, match="native-not-compiled") as error:
+        hb.simulate(hb.load(path / "rig.yaml", allow_native=True), "10 ms")
+    named = "must be `void hard_spring_slopes(double s, double c, double *d)`" in str(error.value)
+    assert named is (form == "derivatives")
+
+
+def test_derivatives_that_are_not_those_of_the_values_are_refused(tmp_path: Path) -> None:
+    """Wrong slopes give wrong modes, sensitivities and fits of a run that looks right. A nominal size beside `derivatives:`
+    is the point of the comparison."""
+    path = folder(tmp_path, FUNCTION.format(file="law.c\nderivatives: hard_spring_slopes", **SIZED))
+    model = hb.load(path / "rig.yaml", allow_native=True)
+    hb.simulate(model, "10 ms")
+    for old, new in (("3*HARDENING", "2*HARDENING*1000"), ("d[1] = s", "d[1] = 2*s"), ("d[0] = c", "d[0] = -c")):
+        (path / "law.c").write_text(SOURCE.replace(old, new))
+        with pytest.raises(hb.ModelError, match="native-derivatives") as error:
+            hb.simulate(hb.load(path / "rig.yaml", allow_native=True), "10 ms")
+        assert "by differences of `hard_spring`" in str(error.value)
+
+
+@pytest.mark.parametrize(("body", "said"), [
+    ("def hard_spring(s): return s", "takes 1 positional argument but 2 were given"),
+    ("def hard_spring(s, c): c*s", "it returns None; is `return` missing?"),
+    ("def hard_spring(s, c): return c*s, 1.0", "it returns 2 numbers in place of 1"),
+    ("def hard_spring(s, c): return c*s + 0j", "complex"),
+    ("def hard_spring(s, c): raise SystemExit", "SystemExit, law.py:1"),
+    ("def hard_spring(s, c):\n    return nothing", "NameError: name 'nothing' is not defined, law.py:2"),
+    ("raise SystemExit", "SystemExit")])
+def test_a_python_function_that_fails_is_named(body: str, said: str, tmp_path: Path) -> None:
+    path = folder(tmp_path, FORMS["python"])
+    (path / "law.py").write_text(body + "\n")
+    with pytest.raises(hb.ModelError, match=r"native-failed|native-not-loaded") as error:
+        hb.simulate(hb.load(path / "rig.yaml", allow_native=True), "10 ms")
+    assert said in str(error.value) and "law.py" in str(error.value)
+
+
+def test_an_exception_during_a_run_is_named_with_its_line(tmp_path: Path) -> None:
+    path = folder(tmp_path, FORMS["python"])
+    for kind in ("ValueError('too short')", "KeyError('too short')", "SystemExit('too short')"):
+        (path / "law.py").write_text(f"def hard_spring(s, c):\n    if 0.2 < s < 0.3:\n        raise {kind}\n"
+                                     "    return c*s\n")
+        with pytest.raises(hb.SimulationError, match=r"not a number for s = 0\.2\d* m.*too short'?, law.py:3\)"):
+            hb.simulate(hb.load(path / "rig.yaml", allow_native=True))

@@ -20,10 +20,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any, cast
@@ -33,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError, ModelError, Problem
+from heavebond.core.presentation import count
 from heavebond.text.shapes import Shape, elements
 from heavebond.text.syntax import Function
 
@@ -44,6 +46,7 @@ STEPS = (6e-6, 3e-4, 3e-3)
 # a program calls its own functions, not functions of the same name in a program that was loaded before
 OWN_NAMES = ("-Wl,-Bsymbolic",) if sys.platform.startswith("linux") else ()
 MOST_LOST = 2000  # recent results of a Python function that are not numbers, after which a run ends
+DERIVATIVES = 0.01  # relative difference of given derivatives from differences, above which they are refused
 LARGEST_DERIVATIVE = 20_000  # numbers of a third derivative, which is left out if it has more
 LIBRARIES = (".so", ".dll", ".dylib")
 FORMS = (".c", *LIBRARIES, ".py")
@@ -59,13 +62,15 @@ LINES = 12  # lines of the compiler that a message shows
 @dataclass(frozen=True)
 class ForeignFunction:
     """A function of CasADi that calls a program: the C text of its wrapper (empty for a Python function), the sizes of its
-    inputs, and the arguments of the first result that was not a number, after them the number of such results."""
+    inputs, and the arguments of the first result that was not a number, after them the number of such results. `errors` are
+    those of a Python function that had no result, by its text."""
 
     function: Function
     casadi: ca.Function
     text: str
     sizes: tuple[int, ...]
     record: Any  # ctypes array or list (n + 1,)
+    errors: list[str] = field(default_factory=list)
 
     def lost(self) -> str:
         """A sentence on the first result that was not a number; empty if there is none."""
@@ -78,7 +83,13 @@ class ForeignFunction:
             more = ", ..." if size > VALUES else ""
             texts.append(f"{quantity.name} = " + (f"[{', '.join(values)}{more}]" if quantity.sizes else values[0]) + unit)
             at += size
-        return f"{self.function.name} gave a result that is not a number for {', '.join(texts)}"
+        why = f" ({self.errors[0]})" if self.errors else ""
+        return f"{self.function.name} gave a result that is not a number for {', '.join(texts)}{why}"
+
+    def forget(self) -> None:
+        """Forget earlier results that were not numbers."""
+        self.record[len(self.record) - 1] = 0
+        self.errors.clear()
 
 
 _made: dict[tuple[object, ...], ForeignFunction] = {}
@@ -94,7 +105,7 @@ def naming_results() -> Iterator[None]:
         yield
         return
     for foreign in _made.values():
-        foreign.record[len(foreign.record) - 1] = 0
+        foreign.forget()
     token = _watched.set(True)
     try:
         yield
@@ -149,11 +160,44 @@ def _loaded(function: Function, shapes: Sequence[tuple[int, int]], outputs: dict
     key = (str(external.path), program, function.name, external.call, external.signature,
            external.derivatives, tuple(shapes), tuple(outputs.items()), tuple(nominal))
     if key not in _made:
-        count = sum(map(elements, outputs.values()))
+        number = sum(map(elements, outputs.values()))
         name = f"hb_{function.name}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
-        _made[key] = _of_python(function, name, shapes, outputs, count, nominal) if external.path.suffix == ".py" else \
-            _of_c(function, name, shapes, outputs, count, nominal)
+        make = _of_python if external.path.suffix == ".py" else _of_c
+        foreign = make(function, name, shapes, outputs, number, nominal)
+        if external.derivatives:
+            _check_derivatives(foreign, np.array(nominal))
+        foreign.forget()
+        _made[key] = foreign
     return _made[key]
+
+
+def _check_derivatives(foreign: ForeignFunction, nominal: Array) -> None:
+    """ModelError if the derivatives that a program gives differ from differences of its values at each of three points."""
+    function = foreign.function
+    assert function.external is not None
+    jacobian, found = foreign.casadi.jacobian(), ""
+    for factor in (1.0, 0.73, 1.31):
+        x = factor * nominal
+        steps = STEPS[0] * nominal
+        given = np.array(jacobian(x, 0))
+        with np.errstate(invalid="ignore"):
+            expected = np.column_stack([np.array(foreign.casadi(x + step) - foreign.casadi(x - step)).ravel() / (2 * h)
+                                        for h, step in zip(steps, np.diag(steps), strict=True)])
+        sizes = np.abs(expected * nominal).max(axis=1, initial=0.0)  # of each result
+        errors = np.abs((given - expected) * nominal)
+        if not np.isfinite(expected).all() or not np.isfinite(sizes).all():
+            continue
+        if (errors <= DERIVATIVES * np.maximum(sizes, 1e-300)[:, None]).all():
+            return
+        i, j = np.unravel_index(int(np.argmax(np.where(np.isfinite(errors), errors, np.inf))), errors.shape)
+        found = found or f"derivative of result {i + 1} by argument {j + 1} at x = {', '.join(f'{v:.6g}' for v in x)}: " \
+            f"{given[i, j]:.6g}; by differences of `{function.external.call}`: {expected[i, j]:.6g}"
+    if found:
+        raise ModelError([Problem("native-derivatives", f"`{function.external.derivatives}` of "
+                                  f"{function.external.path.name} does not give the derivatives of {function.name}",
+                                  function.place, "Give the matrix row by row, in SI: a row for each number of the results, "
+                                  "a column for each number of the arguments. Or leave out `derivatives:`.",
+                                  (found, *foreign.errors[:1]))])
 
 
 # -- C -----------------------------------------------------------------------------------------------------------------
@@ -164,7 +208,8 @@ def _of_c(function: Function, name: str, shapes: Sequence[tuple[int, int]], outp
     wrapper = _wrapper(function, name, shapes, outputs, count, nominal)
     library = external.path.suffix in LIBRARIES
     head = _pointers(function, name, outputs) if library else f'#include "{external.path}"\n'
-    path = _compiled(function, head + wrapper.replace("INT", "long long int"), name)
+    check = "" if library else _type_check(function, outputs)
+    path = _compiled(function, head + check + wrapper.replace("INT", "long long int"), name)
     # names in the global scope: compiled equations of a model call the function directly
     loaded = ctypes.CDLL(path, mode=ctypes.RTLD_GLOBAL | getattr(os, "RTLD_DEEPBIND", 0))
     if library:
@@ -260,10 +305,24 @@ def _expected(function: Function) -> str:
         form = f"int {external.call}(double *inarr, int inputs, double *outarr, int outputs, int major)"
         return f"`{external.call}` must be `{form}`."
     inputs = [f"const double *{n}, int {n}_n" if q.sizes else f"double {n}" for n, q in function.inputs.items()]
+    slopes = "" if not external.derivatives else \
+        f" `{external.derivatives}` must be `void {external.derivatives}({', '.join([*inputs, 'double *d'])})`."
     if len(function.outputs) == 1 and not next(iter(function.outputs.values())).sizes:
-        return f"`{external.call}` must be `double {external.call}({', '.join(inputs)})`."
+        return f"`{external.call}` must be `double {external.call}({', '.join(inputs)})`.{slopes}"
     results = [f"double *{n}" for n in function.outputs]
-    return f"`{external.call}` must be `void {external.call}({', '.join([*inputs, *results])})`."
+    return f"`{external.call}` must be `void {external.call}({', '.join([*inputs, *results])})`.{slopes}"
+
+
+def _type_check(function: Function, outputs: dict[str, Shape]) -> str:
+    """Text with which a compiler refuses a C function of other types. C would convert its arguments and its result: a
+    function that is declared `int` would cut off the decimals."""
+    external = function.external
+    assert external is not None
+    text = '#pragma GCC diagnostic error "-Wfloat-conversion"\n'
+    if external.signature == "values" and len(outputs) == 1 and next(iter(outputs.values())) is None:
+        zeros = ", ".join("(const double *)0, 0" if q.sizes else "0.0" for q in function.inputs.values())
+        text += f'_Static_assert(_Generic({external.call}({zeros}), double: 1, default: 0), "the result is not double");\n'
+    return text
 
 
 def _pointers(function: Function, name: str, outputs: dict[str, Shape]) -> str:
@@ -434,11 +493,11 @@ def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]],
         specification.loader.exec_module(module)
         value = getattr(module, external.call)
         slope = getattr(module, external.derivatives) if external.derivatives else None
-    except Exception as error:  # of the user's file: whatever it raises
+    except (Exception, SystemExit) as error:  # of the user's file: whatever it raises
         raise ModelError([Problem("native-not-loaded", f"{external.path.name} of {function.name} cannot be loaded",
                                   function.place, f"It must define a function `{external.call}`.",
                                   (f"{type(error).__name__}: {error}",))]) from error
-    record = [0.0] * (len(nominal) + 1)
+    record, errors = [0.0] * (len(nominal) + 1), list[str]()
     recent = 0.0  # results that are not numbers, less a fiftieth of the others
 
     def arguments(x: Array) -> list[Any]:
@@ -450,15 +509,30 @@ def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]],
             at += size
         return given
 
+    def results(x: Array) -> Array:
+        found = value(*arguments(x))
+        parts = found if len(outputs) > 1 else [found]
+        if None in [part if part is None else 0 for part in parts]:
+            raise TypeError("it returns None; is `return` missing?")
+        y = np.concatenate([np.ravel(np.asarray(part, float)) for part in parts])
+        if len(y) != m:
+            raise TypeError(f"it returns {count(len(y), 'number')} in place of {m}")
+        return y
+
+    def slopes(x: Array) -> Array:
+        try:
+            return np.asarray(slope(*arguments(x)), float).reshape(m, len(x))
+        except (Exception, SystemExit) as error:
+            errors.append(_why(error, external.path))
+            return np.full((m, len(x)), np.nan)
+
     def values(x: Array) -> Array:
         nonlocal recent
         try:
-            found = value(*arguments(x))
-            y = np.concatenate([np.ravel(np.asarray(part, float)) for part in (found if len(outputs) > 1 else [found])])
-        except (ArithmeticError, ValueError):
+            y = results(x)
+        except (Exception, SystemExit) as error:  # CasADi cannot pass it on: the record names it
+            errors.append(_why(error, external.path))
             y = np.full(m, np.nan)
-        if len(y) != m:
-            raise RuntimeError(f"{function.name} gives {len(y)} numbers in place of {m}")
         if not all(map(isfinite, y)):
             if not record[-1]:
                 record[:-1] = x.tolist()
@@ -481,13 +555,28 @@ def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]],
         return jacobian
 
     steps = list(STEPS)
-    jacobian = differences(values, steps.pop(0)) if slope is None else \
-        lambda x: np.asarray(slope(*arguments(x)), float).reshape(m, len(x))
+    jacobian = differences(values, steps.pop(0)) if slope is None else slopes
     second = differences(jacobian, steps.pop(0))
     n = len(nominal)
     orders = [values, jacobian, second, differences(second, steps.pop(0))]
     whole = _PythonFunction(name, orders, [ca.Sparsity.dense(n, 1)], [ca.Sparsity.dense(m, 1)])
-    return ForeignFunction(function, whole, "", _sizes(shapes), record)
+    try:
+        results(size)
+    except (ArithmeticError, ValueError):  # of these arguments; others may have a result
+        pass
+    except (Exception, SystemExit) as error:
+        inputs, plain = ", ".join(function.inputs), "a number" if m == 1 else f"{m} numbers"
+        raise ModelError([Problem("native-failed", f"`{external.call}` of {external.path.name} fails", function.place,
+                                  f"It must be `def {external.call}({inputs})` and return {plain}.",
+                                  (_why(error, external.path),))]) from error
+    return ForeignFunction(function, whole, "", _sizes(shapes), record, errors)
+
+
+def _why(error: BaseException, path: Path) -> str:
+    """An error of a Python function with its line: `ValueError: too high, pump.py:3`."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path]
+    text = f"{type(error).__name__}: {error}".rstrip(": ")
+    return f"{text}, {path.name}:{lines[-1]}" if lines else text
 
 
 class _PythonFunction(ca.Callback):

@@ -92,7 +92,7 @@ class _Parser:
                                   hint="The name of a function has small letters, digits and `_`, as in `oil_with_air`.")
         inputs, outputs, constants = (
             reading.declarations(root.items.get(key), key, partial(
-                self._quantity, valued=key == "constants",
+                self._quantity, valued=key == "constants", argument=external and key == "inputs",
                 sized=external and key == "inputs" and "derivatives" not in root.items), problems)
             for key in ("inputs", "outputs", "constants"))
         place = head.place if isinstance(head, Scalar) else root.place
@@ -136,13 +136,16 @@ class _Parser:
                          hint="Remove `signature:`.")
         return External((self.source.path.parent / file).absolute(), call, signature, slopes, self.allowed)
 
-    def _quantity(self, key: Scalar, entry: Mapping, valued: bool, sized: bool) -> Quantity:
+    def _quantity(self, key: Scalar, entry: Mapping, valued: bool, argument: bool, sized: bool) -> Quantity:
+        """A constant (`valued`), or an input or output; an `argument` of a program may have a nominal size, or needs it
+        (`sized`)."""
         number_key = "value" if valued else "nominal"
         needed = ("unit", number_key) if valued or sized else ("unit",)
-        reading.known_keys(entry, (*needed, "doc", *(() if valued else ("count",))), f"'{key.text}'", self.problems, needed)
+        optional = ("doc",) if valued else ("doc", "count", *(("nominal",) if argument and not sized else ()))
+        reading.known_keys(entry, (*needed, *optional), f"'{key.text}'", self.problems, needed)
         unit = reading.unit(entry.items.get("unit"), self.problems) or DIMENSIONLESS
         number_read = None
-        if number_key in entry.items and len(needed) > 1:
+        if number_key in entry.items and (valued or argument):
             value = reading.value(entry.items[number_key], f"{number_key} of {key.text}", self.problems)
             number_read = constant(value.expr) if value is not None else None
             if value is not None and number_read is None:
@@ -154,7 +157,7 @@ class _Parser:
                 except UnitProblem as problem:
                     self.problems.add(problem.code, f"{number_key} of {key.text}: {problem.message}", value.place,
                                       hint=problem.hint)
-            if sized and number_read is not None and not number_read > 0:
+            if argument and number_read is not None and not number_read > 0:
                 self.problems.add("value-out-of-range", f"the nominal size of {key.text} must be above zero",
                                   entry.items[number_key].place, hint="Write a usual size of it, as in `nominal: 100 bar`.")
         return Quantity(key.text, unit, key.place, reading.text(entry.items.get("doc"), "doc", self.problems), number_read,
