@@ -338,8 +338,10 @@ def confirm(state: State, task: Task) -> Iterator[State]:
     last_selected = bool(selection) and last.chosen is selection[-1].chosen
     short = last_selected and not last.partial and len(selection) < task.steps \
         and not selection[-1].is_noise and not near_the_noise(selection)
-    steps = [*(_answered(added.step, added) for added in (selection[:-1] if last_selected else selection)),
-             _answered(last, selection[-1]) if last_selected else replace(last, chosen=None, cluster=())]
+    # the rankings mark the alternatives as compared in the diagram with all other effects
+    before = selection[:-1] if last_selected else selection
+    steps = [*(replace(added.step, cluster=added.alternatives) for added in before),
+             replace(last, cluster=selection[-1].alternatives) if last_selected else replace(last, chosen=None, cluster=())]
     confirming = Confirming(task.budget, state.experiment, state.searched, state.base, state.comparing, task.say)
     models, added = confirming.all(selection, state.models)
     sure = min(len(selection) - len(state.doubts), len(added))
@@ -513,11 +515,6 @@ def _without_name(state: State, task: Task, seconds: float) -> Iterator[State]:
         return
     step = replace(state.steps[0], chosen=None, cluster=())
     yield replace(state, models=without, findings=(), doubtful=(), reviews=(), steps=(step,), shape=shape)
-
-
-def _answered(step: Stage, added: SelectedEffect) -> Stage:
-    """Step whose ranking marks the alternatives of its effect, as compared in the diagram with all other effects."""
-    return replace(step, cluster=added.alternatives)
 
 
 def _noticeable(selection: Selection, last: Stage) -> tuple[Selection, Stage]:

@@ -106,9 +106,6 @@ def _value(field: str | Expr, candidate: Candidate, component: Component, values
     def unit_of(name: Name) -> Dimension:
         return units.get(name.text, component.parameters[name.text].unit).dimension
 
-    def at(key: str, value: float | None) -> float | None:
-        return None if value is None else _evaluated(expr, {**parameter_values, key: value})
-
     if isinstance(field, str):
         unit = units.get(field, component.parameters[field].unit).text
     else:
@@ -119,7 +116,7 @@ def _value(field: str | Expr, candidate: Candidate, component: Component, values
     unreached = False
     if len(moving) == 1:
         p = fitted[f"{part}.{moving[0]}"]
-        low, high = (at(moving[0], end) for end in p.told)
+        low, high = (None if end is None else _evaluated(expr, {**parameter_values, moving[0]: end}) for end in p.told)
         lowest, highest = (_evaluated(expr, {**parameter_values, moving[0]: end}) for end in (p.low, p.high))
         rises = highest >= lowest
         ends, unreached = ((low, high) if rises else (high, low)), p.unreached is not None

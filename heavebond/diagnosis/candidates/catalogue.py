@@ -255,12 +255,29 @@ def site_of(experiment: Experiment) -> Site:
 
 
 def single_candidates(experiment: Experiment, site: Site | None = None) -> list[Candidate]:
-    """All effects of the catalogue at all single places of the diagram of an experiment, in the order of the library.
+    """All effects of the catalogue at all single places of the diagram of an experiment: dormant parameters of its parts,
+    then the effects in the order of the library.
 
     `site` is the diagram if it was created before. Raises ModelError for an invalid diagram or component.
     """
     site = site or site_of(experiment)
-    all_candidates = list(_dormant(site))
+    all_candidates, values = list[Candidate](), site.assembly.parameter_values
+    for leaf in site.expanded.leaves.values():
+        for parameter in leaf.component.parameters.values():
+            full = f"{leaf.path}.{parameter.name}"
+            # a parameter is dormant at its neutral value; one that is set by a formula or to another value is active
+            if parameter.neutral is None or values.get(full) != parameter.neutral:
+                continue
+            low, high = parameter.low, parameter.high
+            if parameter.sought is not None and parameter.sought.range is not None:
+                low, high = parameter.sought.range.low, parameter.sought.range.high
+            woken = [p for p in leaf.component.parameters.values() if p.name in parameter.wakes_with]
+            numbers = [EffectNumber(full, parameter.unit, low, high, None, True, parameter.neutral,
+                                    (parameter.low, parameter.high)),
+                       *(EffectNumber(f"{leaf.path}.{p.name}", p.unit, p.low, p.high, p.sought, False,
+                                      limits=(p.low, p.high)) for p in woken)]
+            kind = parameter.kind or parameter.doc or parameter.name
+            all_candidates.append(within(leaf, parameter, kind, numbers))
     for component in experiment.model.library.effects():
         for effect in component.effects:
             check_required(component, effect, experiment.model.library.files)
@@ -304,25 +321,6 @@ def _lacking(site: Site, component: Component, effect: Effect, candidate: Candid
         if present := [kind for kind in excluded if any(part.is_a(kind) for part in parts)]:
             return f"{listing(present)} is connected there"
     return ""
-
-
-def _dormant(site: Site) -> Iterator[Candidate]:
-    values = site.assembly.parameter_values
-    for leaf in site.expanded.leaves.values():
-        for parameter in leaf.component.parameters.values():
-            full = f"{leaf.path}.{parameter.name}"
-            # a parameter that is set by a formula or to another value is active
-            if parameter.neutral is None or values.get(full) != parameter.neutral:
-                continue
-            woken = [p for p in leaf.component.parameters.values() if p.name in parameter.wakes_with]
-            low, high = parameter.low, parameter.high
-            if parameter.sought is not None and parameter.sought.range is not None:
-                low, high = parameter.sought.range.low, parameter.sought.range.high
-            numbers = [EffectNumber(full, parameter.unit, low, high, None, True, parameter.neutral,
-                                    (parameter.low, parameter.high)),
-                       *(EffectNumber(f"{leaf.path}.{p.name}", p.unit, p.low, p.high, p.sought, False,
-                                      limits=(p.low, p.high)) for p in woken)]
-            yield within(leaf, parameter, parameter.kind or parameter.doc or parameter.name, numbers)
 
 
 def within(leaf: Leaf, parameter: Parameter, kind: str, numbers: Sequence[EffectNumber]) -> Candidate:

@@ -134,13 +134,9 @@ def named_apart(experiment: Experiment, labels: Container[str] = frozenset()) ->
 
 
 def _at_all_places(site: Site) -> list[Candidate]:
+    """The candidates at single places, and for each group of at least two that have one law at similar places, one
+    candidate with the law at all of them."""
     single = single_candidates(site.experiment, site)
-    return [*single, *at_like_places(site, single)]
-
-
-def at_like_places(site: Site, single: Sequence[Candidate]) -> list[Candidate]:
-    """Combine the candidates in `single` that have one law at similar places: one candidate for each group of at least
-    two."""
     connected: dict[str, set[str]] = {}  # components that are connected to each node
     for leaf in site.expanded.leaves.values():
         for port in leaf.component.ports.values():
@@ -152,7 +148,7 @@ def at_like_places(site: Site, single: Sequence[Candidate]) -> list[Candidate]:
         signature = _signature(site, candidate, kinds)
         if signature:
             groups.setdefault(signature, []).append(candidate)
-    return [_joined(site, group) for group in groups.values() if len(group) > 1]
+    return [*single, *(_joined(site, group) for group in groups.values() if len(group) > 1)]
 def _signature(site: Site, candidate: Candidate, kinds: Mapping[str, frozenset[str]]) -> Signature:
     """Key that is equal at similar places; empty for a candidate that cannot be combined, for example because it depends on
     a further node."""

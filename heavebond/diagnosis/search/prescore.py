@@ -159,8 +159,19 @@ def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescor
     """Compute the prescores of candidates that attach across two nodes, at the same choices of shape parameters as for an
     exact score. The second result lists the candidates without a prescore. HeavebondError if the base model cannot be
     linearised."""
+    # The vectors v (V, n) of the adjoint runs, in this order: the residual and `SKETCH` random vectors, both without the
+    # part that the free parameters explain; `RAW` random vectors without this projection; and, if the inputs have noise,
+    # `SKETCH` random residuals of a correct model, without the part that the free parameters explain.
+    draw, n = np.random.default_rng(0), len(base.r)
+    noise = draw.standard_normal((SKETCH, n))
+    vectors = [base.split(base.r)[0][None], np.array([base.split(v)[0] for v in noise]), draw.standard_normal((RAW, n))]
+    errors = np.hstack([run.input_errors for run in base.problem.runs])
+    if len(errors):
+        noise_share = np.sqrt(np.clip(1 - np.mean(errors**2, axis=0), 0.0, 1.0))
+        noisy = noise_share * noise + draw.standard_normal((SKETCH, len(errors))) @ errors / np.sqrt(len(errors))
+        vectors.append(np.array([base.split(v)[0] for v in noisy]))
     ends = np.cumsum([int(run.counts.sum()) for run in base.problem.runs])
-    parts = np.split(_vectors(base), ends[:-1], axis=1)
+    parts = np.split(np.concatenate(vectors), ends[:-1], axis=1)
     with tempfile.TemporaryDirectory() as folder:
         adjoints = [_adjoint(base, run, part, Path(folder)) for run, part in zip(base.problem.runs, parts, strict=True)]
     library, values = base.problem.experiment.model.library, base.problem.runs[0].assembly.parameter_values
@@ -176,22 +187,6 @@ def prescores(base: Base, candidates: Sequence[Candidate]) -> tuple[list[Prescor
         if not law_scores:
             without.append(candidate)
     return scores, without
-
-
-def _vectors(base: Base) -> Array:
-    """The vectors v (V, n) of the adjoint runs, in this order: the residual and `SKETCH` random vectors, both without the
-    part that the free parameters explain; `RAW` random vectors without this projection; and, if the inputs have noise,
-    `SKETCH` random residuals of a correct model, without the part that the free parameters explain."""
-    draw = np.random.default_rng(0)
-    n = len(base.r)
-    noise = draw.standard_normal((SKETCH, n))
-    parts = [base.split(base.r)[0][None], np.array([base.split(v)[0] for v in noise]), draw.standard_normal((RAW, n))]
-    errors = np.hstack([run.input_errors for run in base.problem.runs])
-    if len(errors):
-        noise_share = np.sqrt(np.clip(1 - np.mean(errors**2, axis=0), 0.0, 1.0))
-        noisy = noise_share * noise + draw.standard_normal((SKETCH, len(errors))) @ errors / np.sqrt(len(errors))
-        parts.append(np.array([base.split(v)[0] for v in noisy]))
-    return np.concatenate(parts)
 
 
 def _adjoint(base: Base, run: Run, vectors: Array, folder: Path) -> Adjoint:

@@ -207,7 +207,9 @@ def begun(base: Base, candidate: Candidate, guesses: Sequence[Score] = (), least
                               key=lambda e: e.cost)
             trial = refit.judged(descents[0].x)
         falls = any(d.unfinished and made_progress(d.history) for d in descents) or bool(refit.wider(descents[0].x))
-        return replace(trial, begun=tuple(descents) if refit.hopeful(descents[0]) else (), falls=falls)
+        # the first steps reduced a large misfit noticeably, or the misfit is small, and they did not take too long
+        hopeful = process_time() - refit.began <= SECONDS and 2 * descents[0].cost <= refit.nothing
+        return replace(trial, begun=tuple(descents) if hopeful else (), falls=falls)
     except HeavebondError:
         return None
 
@@ -441,7 +443,7 @@ class _RefitProblem:
         if not chosen or process_time() - self.began > SECONDS:
             return []
         # if another candidate explains most of the misfit, one whose first steps explain nothing is given up
-        nothing = self._nothing if least < DECISION.mainly * self.base.cost else np.inf
+        nothing = self.nothing if least < DECISION.mainly * self.base.cost else np.inf
         enough = stop_inferior_starts(self.problem.high - self.problem.low, least, nothing)
         descents = [self.descend(start, progress, FIRST, 1e-4, enough=enough) for start in chosen]
         if all(2 * e.cost > self.base.cost for e in descents) and (beside := self.starts.beside) is not None:
@@ -458,13 +460,8 @@ class _RefitProblem:
             best = min(best, self.descend(best.x, progress, LAST, 1e-5, "dogbox"), key=lambda e: e.cost)
         return self._out_of_the_way(self._further_out(best.x, lambda start: self.descend(start, progress, LAST, 1e-5).x))
 
-    def hopeful(self, first: Descent) -> bool:
-        """True if the first steps have reduced a large misfit noticeably, or the misfit is small, and they did not take
-        too long."""
-        return process_time() - self.began <= SECONDS and 2 * first.cost <= self._nothing
-
     @property
-    def _nothing(self) -> float:
+    def nothing(self) -> float:
         """The sum of squares above which a refit does not reduce a large misfit noticeably; infinite if the misfit is
         small."""
         r = self.base.r

@@ -103,7 +103,17 @@ class RefitStarts:
     def __init__(self, base: Base, candidate: Candidate, guesses: Sequence[Score], runs: Sequence[Run]):
         self.base, self.candidate, self.guesses = base, candidate, guesses
         motions = motion_ranges(candidate.numbers, runs, base)
-        self.ranges = {**ranges_within(candidate, motions, BEYOND), **self._amplitudes()}
+        self.ranges = ranges_within(candidate, motions, BEYOND)
+        # An amplitude without influence on the records (for example the turbulent part of a line in which the oil hardly
+        # moves) has no range and remains neutral.
+        for number in candidate.vanishing:
+            scales = [self._scale(g) for g in guesses if number.name in g.along]
+            if not scales and guesses and not number.neutral_of:
+                continue
+            widest = WIDE * max(scales, default=abs(number.neutral) or 1.0)
+            low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
+            high = number.neutral + widest
+            self.ranges[number.name] = (low, high if number.high is None else min(high, number.high))
         self.plans = self._plans()
 
     @property
@@ -119,20 +129,6 @@ class RefitStarts:
     def _scale(self, guess: Score) -> float:
         """The amplitude whose effect is as large as the whole misfit, by the tangent."""
         return float(np.linalg.norm(self.base.r)) / guess.size if guess.size > 0 else 1.0
-
-    def _amplitudes(self) -> dict[str, tuple[float, float]]:
-        """Search ranges of the amplitudes. An amplitude without influence on the records (for example the turbulent part
-        of a line in which the oil hardly moves) is not in the result and remains neutral."""
-        ranges = {}
-        for number in self.candidate.vanishing:
-            scales = [self._scale(g) for g in self.guesses if number.name in g.along]
-            if not scales and self.guesses and not number.neutral_of:
-                continue
-            widest = WIDE * max(scales, default=abs(number.neutral) or 1.0)
-            low = number.neutral - widest if number.low is None else max(number.low, number.neutral - widest)
-            high = number.neutral + widest
-            ranges[number.name] = (low, high if number.high is None else min(high, number.high))
-        return ranges
 
     @property
     def _neutral(self) -> dict[str, float]:

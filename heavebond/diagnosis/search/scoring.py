@@ -239,11 +239,6 @@ def _all_scores(base: Base, candidate: Candidate, prepared: Callable[[Candidate,
     return scores
 
 
-def _neutral(candidate: Candidate) -> dict[str, float]:
-    """The amplitudes with their neutral values, at which the effect is absent."""
-    return {n.name: n.neutral for n in candidate.vanishing}
-
-
 def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping[str, float], kink: bool,
               sizes: Mapping[str, float]) -> tuple[list[Run], dict[str, Array], dict[str, float]]:
     """Compute the derivatives dr/da (n,) at zero for each amplitude, with error control that is scaled to the amplitudes.
@@ -253,7 +248,7 @@ def _tangents(base: Base, candidate: Candidate, runs: list[Run], shapes: Mapping
     of 1 N of friction on a machine of 100 t is below the integration error, so that the tangent would be numerical noise.
     The effect of 1 m3/(s Pa) of leakage is so large that the runs would be unnecessarily accurate.
     """
-    point = {**_neutral(candidate), **shapes}
+    point = {**{n.name: n.neutral for n in candidate.vanishing}, **shapes}
     slopes = sensitivities(base, runs, point)
     zero = {n.name: n for n in candidate.vanishing if n.neutral == 0}
     sizes = {**dict.fromkeys(zero, 1.0), **sizes}
@@ -337,7 +332,8 @@ def _secant(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> Sco
 
 def _at(score: Score, step: float) -> dict[str, float]:
     """The values of the candidate's numbers with the amplitudes at their neutral values plus `step`."""
-    return {**_neutral(score.candidate), **score.shapes, **{n.name: n.neutral + step for n in _amplitudes_of(score)}}
+    neutral = {n.name: n.neutral for n in score.candidate.vanishing}
+    return {**neutral, **score.shapes, **{n.name: n.neutral + step for n in _amplitudes_of(score)}}
 
 
 def _beside(base: Base, at_zero: Score, runs: Sequence[Run], step: float) -> tuple[Score, Array]:

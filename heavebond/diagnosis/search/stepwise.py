@@ -93,6 +93,8 @@ def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
     """Estimate the strength of an effect as a function of its amplitude. `base` is the fitted model with the effect,
     `numbers` are the numbers of the effect. None if no amplitude of the effect has a neutral value, or if it has no
     influence."""
+    from scipy.special import fdtrc
+
     neutral = {n.name: n.neutral for n in numbers if n.amplitude and n.sought is None}
     response = np.zeros(len(base.r))  # influence of the effect on the residuals (n,) at its fitted strength, to first order
     for k, (column, inner) in enumerate(zip(base.problem.columns, base.inner, strict=True)):
@@ -123,17 +125,10 @@ def constancy(base: Base, numbers: Sequence[EffectNumber]) -> Constancy | None:
     inside = [k for k, column in enumerate(moving) if base.problem.columns[column].free.name in names]
     common = float(response @ (X[:, inside] @ step[inside])) / float(response @ response)
     strength = tuple(float(1 + common + b[0] * v + b[1] * v**2) for v in np.quantile(g, AT))
-    return Constancy(strength, _chance(b, spread, blocks))
-
-
-def _chance(b: Array, spread: Array, blocks: int) -> float:
-    """The p value of the hypothesis b = 0 by Hotelling's T**2. `spread` (2, 2) is the covariance of b, estimated from
-    `blocks` blocks of time."""
-    from scipy.special import fdtrc
-
+    # p value of the hypothesis b = 0 by Hotelling's T**2
     t = float(b @ np.linalg.pinv(spread) @ b)
     free = max(blocks - 1, 3)
-    return float(fdtrc(2, free - 1, t * (free - 1) / (2 * free)))
+    return Constancy(strength, float(fdtrc(2, free - 1, t * (free - 1) / (2 * free))))
 
 
 def _amplitudes(base: Base, response: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -325,7 +320,7 @@ def _beside_calibration(stage: Stage, selections: Sequence[Selection], calibrati
     law of a class and place is included if a calibration error explains a noticeable part of its residual. The second result
     lists pairs: each law with the calibration error that complements it best.
     """
-    ranked = {_label(selection): (_merit(selection), selection) for selection in selections}
+    ranked = {selection[-1].candidate.label: (_merit(selection), selection) for selection in selections}
     pairs = []
     for step in leaders(stage, WAYS, simplest=True):
         if remaining_time() <= 0:
@@ -334,7 +329,7 @@ def _beside_calibration(stage: Stage, selections: Sequence[Selection], calibrati
         beside = calibrating(following(step))
         pairs += [pair] if (pair := _completed(selection, beside)) else []
         if beside.chosen is not None and worth_it(beside):
-            ranked[_label(selection)] = merit(beside.chosen), selection
+            ranked[selection[-1].candidate.label] = merit(beside.chosen), selection
     return [selection for _, selection in sorted(ranked.values(), key=lambda pair: pair[0])], pairs
 
 
@@ -415,10 +410,6 @@ def _with_joint(selection: Selection, joint: tuple[Refit, ...]) -> Selection:
         members = {t.candidate.label for t in compared(pair, other_pairs, first.step.errors).members}
         alternatives = tuple(t for t in alternatives if t.candidate.label not in known or t.candidate.label in members)
     return replace(first, step=replace(first.step, joint=joint), alternatives=alternatives), *selection[1:]
-
-
-def _label(selection: Selection) -> str:
-    return selection[-1].candidate.label
 
 
 def _merit(selection: Selection) -> float:
