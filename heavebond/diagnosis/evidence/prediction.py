@@ -264,7 +264,7 @@ def binned(series: Sequence[Series]) -> PredictiveErrors:
     for s in series:
         sampled = np.flatnonzero(s.counts > 0)
         distances = np.diff(sampled)
-        breaks = np.flatnonzero(distances > GAPS * np.median(distances)) + 1 if len(distances) else []
+        breaks = np.flatnonzero(distances > GAPS * np.median(distances)) + 1 if len(distances) else np.zeros(0, np.int64)
         for part in np.split(sampled, breaks) if len(sampled) else []:
             edges = np.arange(0, len(part), width)
             sums.append(np.add.reduceat(s.sums[part], edges))
