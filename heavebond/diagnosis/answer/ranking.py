@@ -208,8 +208,6 @@ def conclusion(step: Stage) -> str:
 
 def as_dicts(ranked: Sequence[Entry]) -> list[dict[str, object]]:
     """Ranking for JSON: each candidate with all columns; None for a missing value."""
-    return [{**e.candidate.as_dict(), **{c.key: _plain(c.value(e)) for c in COLUMNS}} for e in ranked]
-
-
-def _plain(value: Cell) -> object:
-    return list(value) if isinstance(value, tuple) else value
+    cells = [{c.key: c.value(e) for c in COLUMNS} for e in ranked]
+    return [{**e.candidate.as_dict(), **{key: list(value) if isinstance(value, tuple) else value
+                                         for key, value in row.items()}} for e, row in zip(ranked, cells, strict=True)]

@@ -234,8 +234,16 @@ def answer_leaves(step: Stage, known: Evidence, localization: Localization | Non
     events = probabilities(known, constants)
     masses = {e.kind: e.probability for e in events if not e.labels}
     named = [e for e in events if e.labels]
-    effects = _laws(step, named, library, constants.temperature) if named else \
-        _scored(step, max(0.0, masses.get(OTHER, 0.0) - constants.lapse), library)
+    if named:
+        effects = _laws(step, named, library, constants.temperature)
+    else:
+        # Before the first refit the probabilities are proportional to the scores, the chi-square that the effects could
+        # remove. Candidates without a score keep their share.
+        mass = max(0.0, masses.get(OTHER, 0.0) - constants.lapse)
+        gains = {s.candidate.label: max(s.gain, 0.0) for s in step.scores}
+        total = sum(gains.values()) * max(1.0, step.planned / max(1, len(gains)))
+        scored = [s.candidate for s in step.scores] if total > 0 else []
+        effects = [Leaf(*levels(step, c, c.kind, library), mass * gains[c.label] / total, (c.label,)) for c in scored]
     outside = _outside(step, known, effects, localization, masses.get(OUTSIDE, 0.0), constants.temperature)
     return effects, outside, masses
 
@@ -257,18 +265,6 @@ def _laws(step: Stage, events: Sequence[Event], library: Library, temperature: f
             if shares.get(law.label, 0.0) > 0:
                 keys, names = levels(step, law, event.kind, library)
                 leaves.append(Leaf(keys, names, event.probability * float(shares[law.label]), (law.label,)))
-    return leaves
-
-
-def _scored(step: Stage, mass: float, library: Library) -> list[Leaf]:
-    """Effects before the first refit, with probabilities proportional to their scores, the chi-square that they could
-    remove. The total is `mass` times the share of the candidates with a score."""
-    gains = {s.candidate.label: max(s.gain, 0.0) for s in step.scores}
-    total = sum(gains.values()) * max(1.0, step.planned / max(1, len(gains)))
-    leaves = []
-    for score in step.scores if total > 0 else ():
-        c = score.candidate
-        leaves.append(Leaf(*levels(step, c, c.kind, library), mass * gains[c.label] / total, (c.label,)))
     return leaves
 
 

@@ -20,8 +20,19 @@ def variation_words(findings: Sequence[AddedEffect]) -> list[str]:
     lines = []
     for finding in findings:
         change = finding.candidate.change
-        lines += [_of_records(name, [p for p in finding.fit.parameters if p.name == name]) for name in change.each
-                  if finding.candidate.differs]
+        for name in change.each if finding.candidate.differs else ():
+            # the ratio of the largest to the smallest value over the fitted records, unless their intervals overlap (an
+            # unknown end of an interval is replaced by the value)
+            values = sorted((p for p in finding.fit.parameters if p.name == name and p.record), key=lambda p: abs(p.value))
+            if len(values) < 2 or values[0].value == 0:
+                continue
+            low, high = values[0], values[-1]
+            begins, ends = zip(*((p.value if p.told[0] is None else p.told[0], p.value if p.told[1] is None else p.told[1])
+                                 for p in (low, high)), strict=True)
+            if max(begins) > min(ends):
+                lines.append(f"{name} is {number(high.value / low.value, 3)} times as large in record {high.record} as in "
+                             f"record {low.record} ({readable(high.value, high.unit, 3)} and "
+                             f"{readable(low.value, low.unit, 3)}).")
         effect = finding.fit.experiment.model.library.component(finding.candidate.component).effect
         for name, factors in change.vary.items():
             if effect is not None and f"{finding.candidate.name}.{FACTOR}" in factors:
@@ -59,21 +70,6 @@ def onset_words(finding: AddedEffect) -> str:
              f"does not act in record {joined(absent)}" if absent else ""]
     subject = "change" if finding.candidate.attaches == "parameter" else "effect"
     return f"The {subject} {joined([part for part in parts if part])}." if any(parts) else ""
-
-
-def _of_records(name: str, values: Sequence[Fitted]) -> str:
-    """Sentence on the ratio of the largest to the smallest value of a parameter over the fitted records; empty if their
-    intervals overlap (an unknown end of an interval is replaced by the value)."""
-    by_size = sorted((p for p in values if p.record), key=lambda p: abs(p.value))
-    if len(by_size) < 2 or by_size[0].value == 0:
-        return ""
-    smallest, largest = by_size[0], by_size[-1]
-    lows, highs = zip(*((p.value if p.told[0] is None else p.told[0], p.value if p.told[1] is None else p.told[1])
-                        for p in (smallest, largest)), strict=True)
-    if max(lows) <= min(highs):
-        return ""
-    return f"{name} is {number(largest.value / smallest.value, 3)} times as large in record {largest.record} as in record " \
-        f"{smallest.record} ({readable(largest.value, largest.unit, 3)} and {readable(smallest.value, smallest.unit, 3)})."
 
 
 def _of_factor(name: str, finding: AddedEffect, effect: Effect) -> str:

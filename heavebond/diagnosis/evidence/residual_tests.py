@@ -122,20 +122,15 @@ def _largest(scores: Sequence[Score], errors: Array, prescored: Sequence[Prescor
     chance = _chance(correlation[np.ix_(near, near)], signed[near], observed) if near else 0.0
     if prescored:
         sketches = np.array([p.sketch / np.linalg.norm(p.sketch) for p in prescored])
-        apart = _distinct(sketches)  # opposite directions both count: a candidate may be allowed in one direction only
+        # The largest of thousands of projections is drawn with directions that differ by more than the cosine `DISTINCT`
+        # only. The projection of an omitted direction exceeds theirs by less than sqrt(1 - DISTINCT**2) standard deviations.
+        # Opposite directions both count: a candidate may be allowed in one direction only.
+        apart: list[int] = []
+        for k, sketch in enumerate(sketches):
+            if not apart or float(np.max(sketches[apart] @ sketch)) < DISTINCT:
+                apart.append(k)
         chance += _chance(sketches[apart] @ sketches[apart].T, np.array([prescored[k].signed for k in apart]), observed)
     return min(chance, 1.0), observed
-
-
-def _distinct(directions: Array) -> list[int]:
-    """Indices of directions (k, n) that differ by more than the cosine `DISTINCT`. The largest of thousands of projections
-    is drawn with these only. The projection of an omitted direction exceeds theirs by less than sqrt(1 - DISTINCT**2)
-    standard deviations."""
-    distinct: list[int] = []
-    for k, direction in enumerate(directions):
-        if not distinct or float(np.max(directions[distinct] @ direction)) < DISTINCT:
-            distinct.append(k)
-    return distinct
 
 
 def _chance(correlation: Array, signed: NDArray[np.bool_], observed: float) -> float:

@@ -540,19 +540,16 @@ def choosing(stage: Stage, trial: Refit) -> Stage:
     assert stage.errors is not None
     earned = _earned(stage)
     identity = compared(trial, [trial, *(t for t in earned if t is not trial)], stage.errors)
-    near = [t for t in earned if any(t is m for m in identity.members) or _as_good(t, trial)]
+    # If the same law at another place fits as well and its residual is also noise, its larger residual on other records is
+    # due to numbers that the fit does not determine (play on either side of a cylinder).
+    near = [t for t in earned if any(t is m for m in identity.members) or (
+        t.candidate.component == trial.candidate.component and t.experiment.noise_given
+        and t.cost - trial.cost < EARNED and is_noise(t.chi2_fit, t.chi2_held_out, t.samples_held_out))]
     laws = (trial, *near)
     laws = (*laws, *twins_of(laws, stage))
     close = [t for t in near if t is not trial and not refines(t, laws)]
     return replace(stage, chosen=trial, identity=identity,
                    cluster=(trial, *close, *twins_of([trial, *close], stage)))
-
-
-def _as_good(trial: Refit, best: Refit) -> bool:
-    """True if the same law at another place fits as well and its residual is also noise. Its larger residual on other
-    records is then due to numbers that the fit does not determine (play on either side of a cylinder)."""
-    return trial.candidate.component == best.candidate.component and trial.experiment.noise_given \
-        and trial.cost - best.cost < EARNED and is_noise(trial.chi2_fit, trial.chi2_held_out, trial.samples_held_out)
 
 
 def refines(trial: Refit, laws: Iterable[Refit]) -> bool:
