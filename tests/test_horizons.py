@@ -67,6 +67,9 @@ def test_an_error_that_is_constant_within_each_segment_is_no_evidence() -> None:
         inside = horizon.segment[place] == segment
         expected = r[:, inside] - r[:, inside].mean(axis=1, keepdims=True)
         assert found[:, inside] == pytest.approx(expected, abs=1e-12)
+    # a sum of constants leaves nothing, not even rounding, in whatever unit
+    constants = np.array([1e5 / 3, 1e-5 / 3])[:, None] * np.repeat([1.1, 0.9, 1.3], 4)[place]
+    assert np.all(without_carried(horizon.carried(np.zeros(11, int), horizon.time[place], np.full(11, 0.1)), constants) == 0)
 
 
 def test_the_level_of_a_closed_tank_is_compared_within_segments_of_about_a_period(tmp_path: Path) -> None:

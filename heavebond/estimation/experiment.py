@@ -35,6 +35,7 @@ EXAMPLES = {"records": "Write for example `records: {monday: {file: monday.csv, 
             "outputs": "Write for example `outputs: {crown.x: {column: crown_m, unit: m, noise: 1 mm}}`.",
             "time": f"Write {reading.TIME_EXAMPLE}."}
 FARTHEST = 6.0  # standard deviations below the mean at which the logarithm of a value that is not above zero is taken
+ROUNDING = 1e-9  # share of a residual or derivative below which the rest without the carried errors is rounding
 FIXED = "fixed"  # `free: {gas.c: fixed}` removes a parameter from the inherited list
 
 
@@ -163,11 +164,13 @@ class Horizon:
 
 def without_carried(parts: Sequence[tuple[NDArray[np.int64], NDArray[np.float64]]], rows: NDArray[np.float64]
                     ) -> NDArray[np.float64]:
-    """Residuals, or rows of their derivatives (..., n), without the errors that `Horizon.carried` gives."""
+    """Residuals, or rows of their derivatives (..., n), without the errors that `Horizon.carried` gives. A row that is such
+    an error except for rounding becomes zero: the offset of a sensor has no effect within segments."""
     cleaned = rows.copy()
     for samples, basis in parts:
         cleaned[..., samples] -= (cleaned[..., samples] @ basis) @ basis.T
-    return cleaned
+    rounded = np.linalg.norm(cleaned, axis=-1) <= ROUNDING * np.linalg.norm(rows, axis=-1)
+    return np.where(rounded[..., None], 0.0, cleaned)
 
 
 @dataclass(frozen=True)
