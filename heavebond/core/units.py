@@ -399,18 +399,12 @@ def _why_not(text: str) -> tuple[str, str, str]:
     spaced = re.fullmatch(rf"\s*({NUMBER})\s+(\S+(?:\s+\S+)+)", text)
     if spaced:
         joined = re.sub(r"\s+", "*", re.sub(r"\s*([*/])\s*", r"\1", spaced.group(2)))
-        if not _is_unit(joined):
+        try:
+            read_unit(joined)
+        except UnitProblem:
             return "not-a-quantity", f"'{text}' is not a number with a unit", AS_QUANTITY
         return "unit-space", f"'{text}' has a space inside its unit", f"Write '{spaced.group(1)} {joined}'."
     return "not-a-quantity", f"'{text}' is not a number with a unit", AS_QUANTITY
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        read_unit(text)
-    except UnitProblem:
-        return False
-    return True
 
 
 AS_QUANTITY = "Write for example `42 kN/m`."
@@ -562,9 +556,17 @@ def common_unit(text: str) -> tuple[float, Mapping[str, Fraction], str] | None:
 
     None if a factor is not among the common units, or is written in another form; the units library knows more.
     """
-    powers = _factors(text)
-    if powers is None:
-        return (0.01, {}, "") if text == "%" else None
+    if text == "%":
+        return 0.01, {}, ""
+    remainder = text[1:] if text.startswith("1/") else "*" + text
+    powers: dict[str, int] = {}  # of each unit in the product
+    while remainder:
+        factor_match = _FACTOR.match(remainder)
+        if factor_match is None or factor_match.group(2) not in _UNITS:
+            return None
+        sign = 1 if factor_match.group(1) == "*" else -1
+        powers[factor_match.group(2)] = powers.get(factor_match.group(2), 0) + sign * int(factor_match.group(3) or 1)
+        remainder = remainder[factor_match.end():]
     scale = Fraction(1)
     exponents = dict.fromkeys(_BASE, Fraction(0))
     counted = set()
@@ -576,17 +578,3 @@ def common_unit(text: str) -> tuple[float, Mapping[str, Fraction], str] | None:
             exponents[base] += exponent * power
     # sixteen digits, as requested from the units library
     return float(f"{float(scale):.16g}"), exponents, "cycles" if "cycles" in counted else max(counted)
-
-
-def _factors(text: str) -> dict[str, int] | None:
-    """The power of each unit in a product."""
-    remainder = text[1:] if text.startswith("1/") else "*" + text
-    powers: dict[str, int] = {}
-    while remainder:
-        factor_match = _FACTOR.match(remainder)
-        if factor_match is None or factor_match.group(2) not in _UNITS:
-            return None
-        sign = 1 if factor_match.group(1) == "*" else -1
-        powers[factor_match.group(2)] = powers.get(factor_match.group(2), 0) + sign * int(factor_match.group(3) or 1)
-        remainder = remainder[factor_match.end():]
-    return powers

@@ -213,13 +213,19 @@ def energy(model: ModelOrFile | Assembly, until: Time | None = None, *, every: T
     largest = max(float(np.abs(values).max(initial=0.0)) for values in (integrals, stored, energies))
     total = max(float(np.sum([np.abs(through[port]) for port in assembly.flat.bonds], axis=0).max(initial=0.0)),
                 largest / duration if duration else 0.0)
-    lines = (_line(e, integrals[QUADRATURES * k:QUADRATURES * (k + 1), -1], float(stored[k, -1]), float(jumps[k]))
-             for k, e in enumerate(parts))
-    return EnergyAudit(
-        tuple(replace(line, start=float(energies[k, 0]),
-                      delivered=float(np.trapezoid(np.maximum(-ports[k], 0.0), result.time)),
-                      activity=float(np.trapezoid(np.abs(ports[k]), result.time))) for k, line in enumerate(lines)),
-        largest, float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0, result, through)
+    lines = []
+    for k, part in enumerate(parts):
+        energy_in, dissipated, unbalanced = integrals[QUADRATURES * k:QUADRATURES * (k + 1), -1].tolist()
+        stored_at_end, events = float(stored[k, -1]), float(jumps[k])
+        remainder = energy_in + events - stored_at_end - dissipated - unbalanced
+        exempt = bool(part.kind)  # a source: it supplies what is missing
+        lines.append(EnergyLine(
+            part.owner, energy_in, stored_at_end, dissipated, unbalanced, -remainder if exempt else 0.0, events,
+            0.0 if exempt else remainder, part.kind, part.why, start=float(energies[k, 0]),
+            delivered=float(np.trapezoid(np.maximum(-ports[k], 0.0), result.time)),
+            activity=float(np.trapezoid(np.abs(ports[k]), result.time))))
+    return EnergyAudit(tuple(lines), largest, float(np.abs(ports.sum(axis=0)).max(initial=0.0) / total) if total else 0.0,
+                       result, through)
 
 
 @dataclass(frozen=True)
@@ -298,14 +304,6 @@ def _block_line(block: str, block_lines: list[EnergyLine], audit: EnergyAudit) -
                       float(np.trapezoid(np.maximum(-power, 0.0), time)), float(np.trapezoid(np.abs(power), time)))
 
 
-def _line(part: Energetics, integrals: Array, stored: float, jumps: float) -> EnergyLine:
-    energy_in, dissipated, unbalanced = integrals.tolist()
-    left = energy_in + jumps - stored - dissipated - unbalanced
-    exempt = bool(part.kind)
-    return EnergyLine(part.owner, energy_in, stored, dissipated, unbalanced, -left if exempt else 0.0, jumps,
-                      0.0 if exempt else left, part.kind, part.why)
-
-
 def _jumps(result: Result, energy: ca.SX) -> Array:
     """The sum of the jumps of each stored energy (m,) at all events after the start of a run."""
     total = np.zeros(energy.numel())
@@ -326,7 +324,9 @@ def table(audit: EnergyAudit) -> Table:
     from rich.table import Table
 
     sources_first = sorted(audit.ranking, key=lambda item: item[0].kind in ("", BLOCK))
-    busy = [item for item in sources_first if _has_energy(audit, item[0])]
+    busy = [(line, share) for line, share in sources_first if any(abs(value) > ROUNDING * audit.largest for value in (
+        line.supplied, line.energy_in, line.events, line.start, line.end, line.dissipated, line.delivered, line.unbalanced,
+        line.imbalance))]
     why = {line.component: line.why for line, _ in busy if line.why}
     unit = "J" if audit.largest < IN_KILOJOULES else "kJ"
     energies = Table("", title=f"energy over {audit.result.time[-1] - audit.result.time[0]:.6g} s in {unit}",
@@ -354,12 +354,6 @@ def table(audit: EnergyAudit) -> Table:
         sum(line.start for line in audit.lines), sum(line.end for line in audit.lines), audit.dissipated, 0.0,
         audit.unbalanced, sum(line.imbalance for line in audit.lines))
     return energies
-
-
-def _has_energy(audit: EnergyAudit, line: EnergyLine) -> bool:
-    return any(abs(value) > ROUNDING * audit.largest for value in (
-        line.supplied, line.energy_in, line.events, line.start, line.end, line.dissipated, line.delivered, line.unbalanced,
-        line.imbalance))
 
 
 def _rounded(value: float, largest: float, unit: str) -> str:

@@ -291,7 +291,8 @@ def judge(quantity: str, parameter: str, values: Array, computed: Array, tight: 
                        "the differences: tighten the tolerances")
     centrals = [d.central for d in known.values()]
     settled = min((_most(a - b) / scale for a, b in pairwise(centrals)), default=np.inf)
-    between = f"the differences change with the step ({_span(steps)})" if settled > 0.3 * best else \
+    between = f"the differences change with the step (off by {100 * min(steps.values()):.2g} .. " \
+        f"{100 * max(steps.values()):.2g} %)" if settled > 0.3 * best else \
         f"the differences from above and from below are {100 * apart:.2g} % apart"
     if any(p.kink.jumps for p in passings):
         return verdict("kink", _with([p for p in passings if p.kink.jumps], "a law jumps, which no sensitivity "
@@ -306,10 +307,6 @@ def judge(quantity: str, parameter: str, values: Array, computed: Array, tight: 
 
 def _most(values: Array) -> float:
     return float(np.abs(values).max(initial=0.0))
-
-
-def _span(steps: Mapping[float, float]) -> str:
-    return f"off by {100 * min(steps.values()):.2g} .. {100 * max(steps.values()):.2g} %"
 
 
 def _with(passings: Sequence[KinkCrossing], words: str) -> str:

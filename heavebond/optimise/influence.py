@@ -145,11 +145,20 @@ def rank(assembly: Assembly, signals: Sequence[str], parameters: Sequence[str] =
     values = np.array([assembly.parameter_values[name] for name in chosen])
     scaled = np.concatenate(courses) * values[:, None, None]
     units = {q.name: q.unit for q in assembly.flat.parameters}
-    rankings = tuple(
-        _ranking(name, run.unit(name), run.time, signal[j], [
-            (parameter, float(values[k]), units[parameter], scaled[k, j]) for k, parameter in enumerate(chosen)])
-        for j, name in enumerate(signals))
-    return Rankings(run.time, rankings, () if parameters else tuple(possible[most:]), filled, assembly.model.name,
+    rankings = []
+    for j, name in enumerate(signals):
+        size = _rms(signal[j] - signal[j].mean())
+        still = size <= STILL * max(_rms(signal[j]), 1e-300)
+        size = _rms(signal[j]) if still else size
+        influences = []
+        for k, parameter in enumerate(chosen):
+            course = scaled[k, j]
+            peak = int(np.argmax(np.abs(course)))
+            influences.append(Influence(parameter, float(values[k]), units[parameter],
+                                        _rms(course) / size if size > 0 else float("nan"), float(course[peak]),
+                                        float(run.time[peak]), course))
+        rankings.append(Ranking(name, run.unit(name), size, still, tuple(sorted(influences, key=lambda i: -_rms(i.course)))))
+    return Rankings(run.time, tuple(rankings), () if parameters else tuple(possible[most:]), filled, assembly.model.name,
                     len(chosen))
 
 
@@ -186,18 +195,6 @@ def in_chunks(names: Sequence[str], size: int = AT_ONCE) -> list[Sequence[str]]:
     """The names in groups of about equal length, each for one run with sensitivities."""
     groups = max(1, -(-len(names) // size))
     return [names[k * len(names) // groups:(k + 1) * len(names) // groups] for k in range(groups)]
-
-
-def _ranking(signal: str, unit: str, time: Array, values: Array, changes: list[tuple[str, float, Unit, Array]]) -> Ranking:
-    size = _rms(values - values.mean())
-    still = size <= STILL * max(_rms(values), 1e-300)
-    size = _rms(values) if still else size
-    influences = []
-    for parameter, value, influence_rms, course in changes:
-        at = int(np.argmax(np.abs(course)))
-        relative = _rms(course) / size if size > 0 else float("nan")
-        influences.append(Influence(parameter, value, influence_rms, relative, float(course[at]), float(time[at]), course))
-    return Ranking(signal, unit, size, still, tuple(sorted(influences, key=lambda i: -_rms(i.course))))
 
 
 def _rms(values: Array) -> float:

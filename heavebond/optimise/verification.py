@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from heavebond.core.errors import HeavebondError, Problem, SimulationError, listing
-from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.dae import Assembly, assemble
 from heavebond.numerics.result import Result
 from heavebond.numerics.simulator import Simulator, Tolerances
 
@@ -115,14 +115,13 @@ def _shares(result: Result, names: Sequence[str], assembly: Assembly, tolerances
     except HeavebondError as error:
         failures += [Problem(p.code, f"{how}: {p.message}", p.place, p.hint, p.notes) for p in error.problems]
         return [np.nan] * len(names)
-    before = result.signals(names)
-    return [_share(before[name], again[name]) for name in names]
-
-
-def _share(before: Array, after: Array) -> float:
-    size = max(float(np.ptp(before)), VERIFICATION.held_share * float(np.abs(before).max(initial=0.0)))
-    difference = float(np.sqrt(np.mean((after - before) ** 2)))
-    return difference / max(size, VERIFICATION.rounding)
+    shares, signals = [], result.signals(names)
+    for name in names:
+        before = signals[name]
+        size = max(float(np.ptp(before)), VERIFICATION.held_share * float(np.abs(before).max(initial=0.0)))
+        difference = float(np.sqrt(np.mean((again[name] - before) ** 2)))
+        shares.append(difference / max(size, VERIFICATION.rounding))
+    return shares
 
 
 def raise_if_moved(verification: Verification, figures: dict[str, object]) -> None:

@@ -110,7 +110,9 @@ class _Builder:
     def _element(self, path: str, leaf: Leaf) -> None:
         component = leaf.component
         ports = {end: self.network.group_of_port[end] for end in self._ends(path, component)}
-        silent = [p for p in ports if self._silent(path, component, p)]
+        # ports that take no power: their through variables are set to 0
+        silent = [p for p in ports if (domain := self._domain(path, p)) is not None and all(
+            _right_side(component, p.removeprefix(path + "."), member) == "0" for member in domain.through)]
         power = [p for p in ports if p not in silent]
         if not power:  # a sensor: it takes no power
             domain = self._domain(path, next(iter(ports)))
@@ -161,11 +163,6 @@ class _Builder:
 
     def _domain(self, path: str, port: str) -> Domain | None:
         return self._domains().get(self.network.domains[path].get(_array(port, path), ""))
-
-    def _silent(self, path: str, component: Component, port: str) -> bool:
-        """True if a port takes no power: its through variables are set to 0."""
-        domain, name = self._domain(path, port), port.removeprefix(path + ".")
-        return domain is not None and all(_right_side(component, name, member) == "0" for member in domain.through)
 
     def _through(self, path: str, port: str) -> str:
         domain = self._domain(path, port)

@@ -39,7 +39,13 @@ APART = 60.0  # px between components that no bond connects
 def draw_bond_graph(model: Model) -> str:
     """The bond graph of a diagram as the text of an SVG file; ModelError for a diagram that cannot be read."""
     graph = bond_graph(model)
-    shapes = {key: _shape(vertex) for key, vertex in graph.vertices.items()}
+    shapes = {}  # the box of a letter or a word about its centre
+    for key, vertex in graph.vertices.items():
+        if vertex.letter == WORD:
+            across, high = text_width(vertex.label, NAME) / 2 + 8, 12.0
+        else:  # a bond ends at the same distance from an I as from other letters, in every direction
+            across, high = max(text_width(vertex.letter, LETTER) / 2, 4.0), 7.0
+        shapes[key] = Box(-across, -high, across, high)
     busy = Counter(key for b in graph.bonds for key in (b.tail, b.head))
     # bonds are longer at a word and at vertices with many bonds
     extra = {key: max(0.0, (shape.right - 10) / 2) + MORE * max(0, busy[key] - 4) for key, shape in shapes.items()}
@@ -95,15 +101,6 @@ def _page(model: Model, graph: BondGraph, lines: list[str], box: Box) -> str:
 
 
 # -- vertices ----------------------------------------------------------------------------------------------------------
-def _shape(vertex: Vertex) -> Box:
-    """The box of a letter or a word about its centre."""
-    # a bond ends at the same distance from an I as from other letters, in every direction
-    letter = max(text_width(vertex.letter, LETTER) / 2, 4.0)
-    across = text_width(vertex.label, NAME) / 2 + 8 if vertex.letter == WORD else letter
-    high = 12.0 if vertex.letter == WORD else 7.0
-    return Box(-across, -high, across, high)
-
-
 def _vertex(vertex: Vertex, place: Point, box: Box) -> list[str]:
     colour = WARNING if vertex.derivative or vertex.broken else "#000000"
     if vertex.letter != WORD:

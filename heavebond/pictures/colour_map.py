@@ -112,20 +112,24 @@ def paint(model: Model, variable: str, *, at: Time | None = None, over: str = ME
             inwards = sum((np.maximum(p, 0.0) for p in single_ports), np.zeros_like(single_ports[0]))
             outwards = sum((np.maximum(-p, 0.0) for p in single_ports), np.zeros_like(single_ports[0]))
             parts[path] = np.asarray(np.maximum(inwards, outwards))
-        nets = {path: _halves([powers[e] for e in port_names]) for path, port_names in ends.items() if port_names}
+        nets = {path: np.sum([np.abs(powers[e]) for e in port_names], axis=0) / 2
+                for path, port_names in ends.items() if port_names}
         unit = "W"
     else:
         parts, nets, unit = _variables(result, expanded, variable)
-    numbers_by_path = ({k: _number(v, result.time, moment, over) for k, v in series.items()} for series in (parts, nets))
+    time = result.time
+    numbers_by_path: list[dict[str, float]] = []
+    for series in (parts, nets):
+        numbers_by_path.append({})
+        for path, course in series.items():
+            if moment is not None:
+                value = np.interp(moment, time, course)
+            elif over == PEAK:
+                value = course[np.argmax(np.abs(course))]
+            else:
+                value = np.trapezoid(course, time) / (time[-1] - time[0])
+            numbers_by_path[-1][path] = float(value)
     return _scaled(f"{variable}, {when}", unit, *numbers_by_path)
-
-
-def _number(course: Array, time: Array, moment: float | None, over: str) -> float:
-    if moment is not None:
-        return float(np.interp(moment, time, course))
-    if over == PEAK:
-        return float(course[np.argmax(np.abs(course))])
-    return float(np.trapezoid(course, time) / (time[-1] - time[0]))
 
 
 def _scaled(title: str, unit: str, parts: dict[str, float], nets: dict[str, float]) -> Paint:

@@ -173,40 +173,38 @@ def _page(model: Model, drawn: Drawn, look: Look) -> str:
     box = bounds([extent, words, legend[1]])
     left, top = round(box.left - EDGE), round(box.top - EDGE)
     whole_x, whole_y = round(box.right + EDGE) - left, round(box.bottom + EDGE) - top
+    outline, ports = [], []  # of a block that is drawn by itself; the names of its ports stand outside the outline
+    if drawn.sheet.ports:
+        frame = drawn.frame
+        outline = [f'<rect x="{frame.left:g}" y="{frame.top:g}" width="{frame.right - frame.left:g}" '
+                   f'height="{frame.bottom - frame.top:g}" rx="4" stroke="{QUIET}" stroke-width="1" '
+                   'stroke-dasharray="12 3 2 3"/>']
+        for anchor in drawn.anchors:
+            colour = domain_colour(drawn.sheet.ports[anchor.port])
+            ports.append(f'<circle cx="{anchor.x}" cy="{anchor.y}" r="3.5" fill="#ffffff" stroke="{colour}" '
+                         'stroke-width="1.6"/>')
+            ports += _lettered(_port_name(anchor, NAME), colour, "own-port")
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{whole_x}" height="{whole_y}" '
         f'viewBox="{left} {top} {whole_x} {whole_y}" font-family="{FONT}" fill="none" stroke-linejoin="round">',
         f"<title>{xml(model.name)}</title>",
         f'<rect x="{left}" y="{top}" width="{whole_x}" height="{whole_y}" fill="#ffffff"/>',
         *_lettered(heading.moved(0, extent.top - shift), "#000000", "heading"),
-        *(_frame(drawn) if drawn.sheet.ports else ()),
-        *_sheet(drawn, look), *(_own_ports(drawn) if drawn.sheet.ports else ()), *legend[0], "</svg>"]
+        *outline, *_sheet(drawn, look), *ports, *legend[0], "</svg>"]
     return "\n".join(lines) + "\n"
-
-
-def _frame(drawn: Drawn) -> list[str]:
-    """The outline of a block that is drawn by itself."""
-    frame = drawn.frame
-    return [f'<rect x="{frame.left:g}" y="{frame.top:g}" width="{frame.right - frame.left:g}" '
-            f'height="{frame.bottom - frame.top:g}" rx="4" stroke="{QUIET}" stroke-width="1" stroke-dasharray="12 3 2 3"/>']
-
-
-def _own_ports(drawn: Drawn) -> list[str]:
-    """The ports of a block that is drawn by itself, with their names outside its outline."""
-    lines = []
-    for anchor in drawn.anchors:
-        colour = domain_colour(drawn.sheet.ports[anchor.port])
-        lines.append(f'<circle cx="{anchor.x}" cy="{anchor.y}" r="3.5" fill="#ffffff" stroke="{colour}" '
-                     'stroke-width="1.6"/>')
-        lines += _lettered(_port_name(anchor, NAME), colour, "own-port")
-    return lines
 
 
 # -- one sheet ---------------------------------------------------------------------------------------------------------
 def _sheet(drawn: Drawn, look: Look) -> list[str]:
     lines: list[str] = []
     for item in drawn.items:
-        lines += _halo(item, look)
+        box = item.extent
+        if look.paint is not None and "" not in item.marks and item.inside is None and item.part.path in look.paint.parts:
+            lines.append(f'<rect x="{box.left - 3:g}" y="{box.top - 3:g}" width="{box.right - box.left + 6:g}" '
+                         f'height="{box.bottom - box.top + 6:g}" rx="4" fill="{look.part(item, "")}" fill-opacity="0.28"/>')
+        elif "" in item.marks:
+            lines.append(f'<rect x="{box.left - 6:g}" y="{box.top - 6:g}" width="{box.right - box.left + 12:g}" '
+                         f'height="{box.bottom - box.top + 12:g}" rx="8" fill="{HALO}"/>')
     for line in drawn.lines:
         stroke, marked = look.net(line), NODE + line.net.path in look.marks
         value = look.paint.nets.get(line.net.path) if look.paint else None
@@ -222,8 +220,15 @@ def _sheet(drawn: Drawn, look: Look) -> list[str]:
         lines += [f'<circle class="dot" cx="{x}" cy="{y}" r="3" fill="{stroke}"/>' for x, y in line.wire.dots]
         if line.free is not None:
             lines.append(f'<circle cx="{line.free[0]}" cy="{line.free[1]}" r="3" fill="#ffffff" stroke="{stroke}"/>')
+    # arrow heads where signals enter
+    items = {item.part.name: item for item in drawn.items}
     for line in drawn.lines:
-        lines += _heads(line, drawn, look)
+        ends = line.net.ends if line.net.domain == "signal" else ()
+        for end in [a for name, port in ends if name and port in items[name].part.inputs for a in items[name].anchors(port)]:
+            dx, dy = SIDES[end.side]
+            x, y = end.x + 8 * dx, end.y + 8 * dy
+            lines.append(f'<path d="M{end.x} {end.y} L{x + 3 * dy} {y + 3 * dx} L{x - 3 * dy} {y - 3 * dx} Z" '
+                         f'fill="{look.net(line)}"/>')
     reached = frozenset(point for line in drawn.lines for path in line.wire.lines for point in (path[0], path[-1]))
     for item in drawn.items:
         lines += _item(item, look, reached)
@@ -308,33 +313,6 @@ def _writing(mark: Mark, turn: tuple[int, int, int, int], colour: str) -> str:
             f'text-anchor="{attributes.get("text-anchor", "middle")}">{xml(mark.text)}</text>')
 
 
-def _halo(item: Item, look: Look) -> list[str]:
-    box = item.extent
-    if look.paint is not None and "" not in item.marks and item.inside is None and item.part.path in look.paint.parts:
-        return [f'<rect x="{box.left - 3:g}" y="{box.top - 3:g}" width="{box.right - box.left + 6:g}" '
-                f'height="{box.bottom - box.top + 6:g}" rx="4" fill="{look.part(item, "")}" fill-opacity="0.28"/>']
-    if "" not in item.marks:
-        return []
-    return [f'<rect x="{box.left - 6:g}" y="{box.top - 6:g}" width="{box.right - box.left + 12:g}" '
-            f'height="{box.bottom - box.top + 12:g}" rx="8" fill="{HALO}"/>']
-
-
-def _heads(line: Strand, drawn: Drawn, look: Look) -> list[str]:
-    """Arrow heads where a signal enters."""
-    if line.net.domain != "signal":
-        return []
-    colour = look.net(line)
-    items = {item.part.name: item for item in drawn.items}
-    ends = [a for name, port in line.net.ends if name and port in items[name].part.inputs
-            for a in items[name].anchors(port)]
-    lines = []
-    for end in ends:
-        dx, dy = SIDES[end.side]
-        x, y = end.x + 8 * dx, end.y + 8 * dy
-        lines.append(f'<path d="M{end.x} {end.y} L{x + 3 * dy} {y + 3 * dx} L{x - 3 * dy} {y - 3 * dx} Z" fill="{colour}"/>')
-    return lines
-
-
 # -- words -------------------------------------------------------------------------------------------------------------
 def _lettered(text: Lettering, colour: str, css_class: str) -> list[str]:
     """Lines of writing; the first is the name of a part or node and carries `css_class` as its class."""
@@ -352,14 +330,11 @@ def _lettered(text: Lettering, colour: str, css_class: str) -> list[str]:
         else:
             fill = QUIET if style.quiet else colour
             name = f' class="{css_class}"' if k == 0 else ""
-            lines.append(f'<text{name} x="{x:g}" y="{base:g}" font-size="{style.size}"{_face(style)} fill="{fill}" '
+            face = (' font-weight="bold"' if style.bold else "") + (' font-style="italic"' if style.italic else "")
+            lines.append(f'<text{name} x="{x:g}" y="{base:g}" font-size="{style.size}"{face} fill="{fill}" '
                          f'text-anchor="{text.align}">{xml(line.text)}</text>')
         y += line.height
     return lines
-
-
-def _face(style: Style) -> str:
-    return (' font-weight="bold"' if style.bold else "") + (' font-style="italic"' if style.italic else "")
 
 
 def domain_colour(name: str) -> str:

@@ -43,9 +43,15 @@ def save_film(motion: Motion, path: Path, speed: float) -> None:
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
     axes.set_axis_off()
-    patches = [(moving, outline, _polygon(moving, outline)) for moving in motion.shapes for outline in moving.outlines]
-    for _, _, patch in patches:
-        axes.add_patch(patch)
+    patches = []
+    for moving in motion.shapes:
+        edge, face, pale = COLOURS[moving.colour]
+        for outline in moving.outlines:
+            fill = {"full": face, "soft": pale, "white": "#ffffff"}.get(outline.fill, "none")
+            patch = Polygon(corners(moving, outline, 0), closed=False, edgecolor=edge, facecolor=fill,
+                            linewidth=1.2 if outline.edge else 0.0, linestyle="--" if outline.edge == "dashed" else "-")
+            patches.append((moving, outline, patch))
+            axes.add_patch(patch)
     letter = max((top - bottom) / LETTERS[0], (right - left) / LETTERS[1])
     size = 72 * inch * letter
     clock = axes.text(left + letter / 2, top - letter / 2, "", va="top", fontsize=size)
@@ -84,10 +90,3 @@ def writing(moving: Moving, k: int, right: float, letter: float) -> tuple[float,
         return (x + u) / 2, y - width / 2 if ground else (y + v) / 2, "center"
     steep = abs(v - y) > 0.5 * length
     return max(x, u) + (width / 2 if steep else 0.0) + letter / 2, (y + v) / 2, "left"
-
-
-def _polygon(moving: Moving, outline: Outline) -> Polygon:
-    edge, face, pale = COLOURS[moving.colour]
-    fill = {"full": face, "soft": pale, "white": "#ffffff"}.get(outline.fill, "none")
-    return Polygon(corners(moving, outline, 0), closed=False, edgecolor=edge, facecolor=fill,
-                   linewidth=1.2 if outline.edge else 0.0, linestyle="--" if outline.edge == "dashed" else "-")

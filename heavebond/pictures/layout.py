@@ -173,31 +173,24 @@ def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], option
         lines = (Line(part.name, NAME), *values, *tags)
     elif part.inside is not None:
         inside = lay_out(part.inside, {port: side for side, ports in sides.items() for port in ports}, options)
-        shape = _framed(inside)
+        # an open block as a picture: around the centre of its frame, in line with its first port at the side
+        frame = inside.frame
+        x = _on_grid((frame.left + frame.right) / 2)
+        y = next((a.y for a in inside.anchors if a.side in ("left", "right")), _on_grid((frame.top + frame.bottom) / 2))
+        corner_values = (frame.left - x, frame.top - y, frame.right - x, frame.bottom - y)
+        shape = Shape(*(round(v) for v in corner_values), tuple(replace(a, x=a.x - x, y=a.y - y) for a in inside.anchors))
         lines = tags
     else:
         shape = box(part.name, part.component.name, sides, part.component.states)
         lines = (*values, *tags)
-    anchors = [a for port in part.ports if (part.name, port) in joined for a in _used(shape, port, placement, part.name)]
+    anchors = []  # at which wires will probably end; all of a port if that is unknown
+    for port in part.ports:
+        if (part.name, port) in joined:
+            port_anchors = shape.of(port)
+            likely = [a for a in port_anchors if a.side in placement.leaving[part.name]]
+            anchors += likely if len(port_anchors) > 1 and likely else port_anchors
     return Item(part, shape, 0, 0, caption(lines, shape, anchors) if lines else None, marks, inside,
                 placement.turns[part.name])
-
-
-def _used(shape: Shape, port: str, placement: Placement, name: str) -> list[Anchor]:
-    """The anchors of a port at which wires will probably end; all of them if that is unknown."""
-    port_anchors = shape.of(port)
-    likely = [a for a in port_anchors if a.side in placement.leaving[name]]
-    return likely if len(port_anchors) > 1 and likely else list(port_anchors)
-
-
-def _framed(drawn: Drawn) -> Shape:
-    """An open block as a picture: around the centre of its frame, in line with its first port at the side."""
-    frame = drawn.frame
-    x = _on_grid((frame.left + frame.right) / 2)
-    y = next((a.y for a in drawn.anchors if a.side in ("left", "right")), _on_grid((frame.top + frame.bottom) / 2))
-    anchors = tuple(replace(a, x=a.x - x, y=a.y - y) for a in drawn.anchors)
-    left, top, right, bottom = (round(v) for v in (frame.left - x, frame.top - y, frame.right - x, frame.bottom - y))
-    return Shape(left, top, right, bottom, anchors)
 
 
 def _on_grid(value: float) -> int:
@@ -347,7 +340,10 @@ class _Drafter:
         reach = Box(self.frame.left, self.frame.top, self.frame.right, self.frame.bottom)
         avoided = [*solid, *(Box(b.left - CLEAR, b.top, b.right + CLEAR, b.bottom) for b in written)]
         fixed = {k: net.pieces for k, net in enumerate(self.sheet.nets) if net.pieces}
-        wires = route(nets, [*avoided, *_rim(reach)] if self.sheet.path else avoided, reach, fixed)
+        if self.sheet.path:  # the frame of an open block is an obstacle too
+            a, b, c, d = reach.left, reach.top, reach.right, reach.bottom
+            avoided += [Box(a, b, c, b), Box(a, d, c, d), Box(a, b, a, d), Box(c, b, c, d)]
+        wires = route(nets, avoided, reach, fixed)
         obstacles = [*solid, *written]
         lines, faults = [], sum(wire.faults for wire in wires)
         pieces = [Box(min(a[0], b[0]) - 2, min(a[1], b[1]) - 2, max(a[0], b[0]) + 2, max(a[1], b[1]) + 2)
@@ -398,12 +394,6 @@ def _at_place(item: Item, x: int, y: int) -> Item:
 def _whole(item: Item) -> Box:
     """The picture and its names."""
     return bounds([item.extent, *([item.caption.box] if item.caption else [])])
-
-
-def _rim(frame: Box) -> list[Box]:
-    """The frame of an open block as an obstacle."""
-    a, b, c, d = frame.left, frame.top, frame.right, frame.bottom
-    return [Box(a, b, c, b), Box(a, d, c, d), Box(a, b, a, d), Box(c, b, c, d)]
 
 
 def ray(anchor: Anchor) -> Box:

@@ -138,7 +138,10 @@ class _Search:
         """
         for piece in self.pieces.values():
             if piece.at is not None:
-                self._put(piece.name, self._free_near(piece.at), piece.turns[0])
+                cell = piece.at
+                while cell in self.taken:  # two parts may have the same given place
+                    cell = (cell[0], cell[1] + 1)
+                self._put(piece.name, cell, piece.turns[0])
         edge = max(3, math.isqrt(2 * len(self.pieces)) + 2)
         for side in SIDES:
             for k, piece in enumerate(p for p in self.pieces.values() if p.side == side):
@@ -224,12 +227,6 @@ class _Search:
 
     def _lift(self, name: str) -> None:
         self.taken.pop(self.cells.pop(name), None)
-
-    def _free_near(self, cell: Cell) -> Cell:
-        """The cell, or the next free one below: two parts may have the same given place."""
-        while cell in self.taken:
-            cell = (cell[0], cell[1] + 1)
-        return cell
 
     def _turn(self, name: str) -> None:
         """Rotate a piece to the lowest cost of its wires, the first rotation among equal ones."""

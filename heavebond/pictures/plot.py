@@ -86,7 +86,9 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
     for unit, group in groups.items():
         display_unit = readable_unit(unit, sizes[unit])
         panels.setdefault(display_unit, []).extend((name, converted(values[name], unit, display_unit)) for name in group)
-    figure, axes = stack_of_axes(len(panels), title or _heading(result))
+    model = result.assembly.model
+    heading = f"{model.name}: {model.summary}" if model.summary else model.name
+    figure, axes = stack_of_axes(len(panels), title or heading)
     for panel, (unit, lines) in zip(axes, panels.items(), strict=True):
         for k, (name, line) in enumerate(lines):
             panel.plot(result.time, line, color=COLOURS[k % len(COLOURS)], linewidth=1.3, label=name,
@@ -350,11 +352,6 @@ def figure_title(figure: Figure, title: str) -> None:
     """A title over the whole figure, to the left."""
     if title:
         figure.suptitle(textwrap.fill(title, TITLE_LINE), x=0.01, ha="left", fontsize=12)
-
-
-def _heading(result: Result) -> str:
-    model = result.assembly.model
-    return f"{model.name}: {model.summary}" if model.summary else model.name
 
 
 def _ends(time: Array) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import time as clock
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ from heavebond.language.definition import FileInput
 from heavebond.studies.axes import StudyCase
 from heavebond.studies.calibration import Calibrated, calibrate
 from heavebond.studies.run_case import Outcome, checked, worked
-from heavebond.studies.study import Procedure, Study, load_study
+from heavebond.studies.study import Study, load_study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -192,7 +192,8 @@ def _outcomes(study: Study, store: CaseStore | None, fresh: bool, executor: Exec
         return Outcome(case, procedure.name if procedure is not None else "", problem=DIED)
 
     if executor is None:
-        done_now = _in_this_process(study, remaining, told_so_far)
+        done_now: Iterator[tuple[int, Outcome]] = (
+            (k, worked(study, case, procedure, told_so_far.inside(study, case))) for k, (case, procedure) in remaining)
     else:
         packed = study.packed()
         tasks = ((k, (packed(case), case, procedure)) for k, (case, procedure) in remaining)
@@ -203,13 +204,6 @@ def _outcomes(study: Study, store: CaseStore | None, fresh: bool, executor: Exec
             store.write(names[k], outcome.as_dict())
         told_so_far.one_more()
         yield k, outcome
-
-
-def _in_this_process(study: Study, remaining: Iterable[tuple[int, tuple[int, Procedure | None]]],
-                     study_progress: _StudyProgress
-                     ) -> Iterator[tuple[int, Outcome]]:
-    for k, (case, procedure) in remaining:
-        yield k, worked(study, case, procedure, study_progress.inside(study, case))
 
 
 class _StudyProgress:

@@ -114,7 +114,12 @@ def read_sampling(entry: Entries, name: str, problems: Problems) -> Sampling | N
                          hint="Write `over: {spring.c: 20 .. 60 kN/m}`.")
         return None
     if isinstance(sample_node, Scalar):
-        if sample_node.text == SEEDS and not _are_seeds(over):
+        # seeds: ranges with whole ends that contain equally many numbers
+        ends = [(wanted.low, wanted.high) for wanted in over.values()]
+        if sample_node.text == SEEDS and not (
+                all(low == round(low) and high == round(high) and 0 <= low <= high for low, high in ends)
+                and len({high - low for low, high in ends}) == 1
+                and all(wanted.nominal is None for wanted in over.values())):
             problems.add("seeds-wrong", "seeds are whole numbers, equally many for each parameter", sample_node.place,
                          hint="Write for example `over: {wave.seed: 1 .. 12}`.")
             return None

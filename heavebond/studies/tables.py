@@ -206,22 +206,23 @@ def mean_rows(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
     for combination, outcomes in groups(result):
         one = next(iter(outcomes.values()))
         row_start = [_level(result, one, k) for k in at] + ([one.procedure] if len(result.study.procedures) > 1 else [])
-        rows.append(row_start + [_with_interval(spread_of.get(combination, {}).get(name)) for name in names])
+        for name in names:
+            spread = spread_of.get(combination, {}).get(name)
+            half = spread.mean - spread.interval[0] if spread is not None else math.nan
+            if spread is None:
+                row_start.append("")
+            elif not half > 0:     # one point, or the same number everywhere
+                row_start.append(number(spread.mean, 4))
+            else:
+                # the half width with one significant digit, with two where the first is 1 or 2; the mean to the same
+                # decimal place
+                power = math.floor(math.log10(half))
+                places = max(0, (half < 3*10**power) - power)
+                row_start.append(f"{spread.mean:.{places}f} ± {half:.{places}f}")
+        rows.append(row_start)
     head = [_axis_head(result, k) for k in at] + (["procedure"] if len(result.study.procedures) > 1 else [])
     words = next((n for n, k in enumerate(at) if result.study.axes[k].unit is not None), len(at))
     return [*head, *(_column_head(result, name) for name in names)], rows, words
-
-
-def _with_interval(spread: Spread | None) -> str:
-    if spread is None:
-        return ""
-    half = spread.mean - spread.interval[0]
-    if not half > 0:     # one point, or the same number everywhere
-        return number(spread.mean, 4)
-    # the half width with one significant digit, with two where the first is 1 or 2; the mean to the same decimal place
-    power = math.floor(math.log10(half))
-    places = max(0, (half < 3*10**power) - power)
-    return f"{spread.mean:.{places}f} ± {half:.{places}f}"
 
 
 def occurrence_rows(result: StudyResult) -> tuple[list[str], list[list[str]]]:

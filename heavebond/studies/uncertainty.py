@@ -233,18 +233,13 @@ def swings(result: StudyResult, quantity: str) -> list[tuple[str, list[TornadoBa
     sampling = _sampling(result, "one_at_a_time")
     tornado_rows = []
     for level_text, outcomes in groups(result) if sampling is not None else ():
-        assert sampling is not None
-        values = {result.case_of(o).levels[_at(result)].name: result.value(o, quantity) for o in outcomes.values()}
+        assert sampling is not None and result.study.sample is not None
+        place = result.study.axes.index(result.study.sample)
+        values = {result.case_of(o).levels[place].name: result.value(o, quantity) for o in outcomes.values()}
         rows = [TornadoBar(name, values.get(AS_GIVEN, math.nan), values.get(f"{name} low", math.nan),
                            values.get(f"{name} high", math.nan)) for name in sampling.over]
         tornado_rows.append((level_text, sorted(rows, key=lambda row: -np.nan_to_num(abs(row.high - row.low)))))
     return tornado_rows
-
-
-def _at(result: StudyResult) -> int:
-    axis = result.study.sample
-    assert axis is not None
-    return result.study.axes.index(axis)
 
 
 # -- scatter diagrams --------------------------------------------------------------------------------------------------

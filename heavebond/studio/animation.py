@@ -99,13 +99,12 @@ def modes(assembly: Assembly, settings: Mapping[str, float | str]) -> Entry:
     point = at_start.point(first)
     shares = energy_shares(assembly, point, modes_at_start)
     held = [h.name for h in at_start.constant(first) if h.acts]
-    return {"modes": [{"frequency": mode.frequency, "damping": mode.damping if mode.value else None, "swings": mode.swings,
-                       "held": held, "energy": _with_blocks(assembly.flat, share.energy)}
-                      for mode, share in zip(modes_at_start, shares, strict=True)]}
-
-
-def _with_blocks(flat: Flat, shares: Mapping[str, float]) -> dict[str, float]:
-    """The shares, with sums over the parts of each block."""
-    sums = {path: sum(share for owner, share in shares.items() if owner == path or owner.startswith(f"{path}."))
-            for path in flat.expanded.leaves}
-    return {path: share for path, share in sums.items() if share > 0}
+    entries = []
+    for mode, share in zip(modes_at_start, shares, strict=True):
+        # the share of a block is the sum over its parts
+        sums = {path: sum(energy for owner, energy in share.energy.items() if owner == path or owner.startswith(f"{path}."))
+                for path in assembly.flat.expanded.leaves}
+        entries.append({"frequency": mode.frequency, "damping": mode.damping if mode.value else None,
+                        "swings": mode.swings, "held": held,
+                        "energy": {path: energy for path, energy in sums.items() if energy > 0}})
+    return {"modes": entries}

@@ -33,8 +33,18 @@ SHORTEST, LONGEST = 1, 500  # characters of a value
 def forms(command_line: str) -> Entry:
     """The commands with their options, by the kind of document."""
     group = _group(command_line)
-    return {kind: [_form(name, group.commands[name]) for name in names if name in group.commands]
-            for kind, names in COMMANDS.items()}
+    command_forms: Entry = {}
+    for kind, names in COMMANDS.items():
+        command_forms[kind] = []
+        for name in [name for name in names if name in group.commands]:
+            command = group.commands[name]
+            options = [{"name": str(p.name), "flag": p.opts[-1], "help": p.help or "", "metavar": p.metavar or "",
+                        "kind": "flag" if p.is_flag else "choice" if isinstance(p.type, click.Choice) else "text",
+                        "choices": list(p.type.choices) if isinstance(p.type, click.Choice) else [],
+                        "several": p.multiple, "required": p.required} for p in _options(command)]
+            command_forms[kind].append({"name": name, "summary": command.get_short_help_str(100), "options": options,
+                                        "picture": _draws(command), "formats": list(FORMS.get(name, ()))})
+    return command_forms
 
 
 def _group(command_line: str) -> click.Group:
@@ -43,15 +53,6 @@ def _group(command_line: str) -> click.Group:
     group = getattr(import_module(module), name)
     assert isinstance(group, click.Group)
     return group
-
-
-def _form(name: str, command: click.Command) -> Entry:
-    options = [{"name": str(p.name), "flag": p.opts[-1], "help": p.help or "", "metavar": p.metavar or "",
-                "kind": "flag" if p.is_flag else "choice" if isinstance(p.type, click.Choice) else "text",
-                "choices": list(p.type.choices) if isinstance(p.type, click.Choice) else [], "several": p.multiple,
-                "required": p.required} for p in _options(command)]
-    return {"name": name, "summary": command.get_short_help_str(100), "options": options,
-            "picture": _draws(command), "formats": list(FORMS.get(name, ()))}
 
 
 def _options(command: click.Command) -> Iterator[click.Option]:

@@ -209,8 +209,11 @@ class Folder:
                 if before is not None and version(before) != base:
                     raise UsageError([Problem("file-changed", f"{name} has been changed on disk since it was read", None,
                                               "Compare the two, then keep one.")])
+                # with the byte order mark and the line ends of the former file
+                if before is not None and _with_cr(before):
+                    data = data.replace(b"\n", b"\r\n")
                 with new_file(path) as fresh:
-                    fresh.write_bytes(_encoded(data, before or b""))
+                    fresh.write_bytes(BOM + data if before is not None and before.startswith(BOM) else data)
         except OSError as error:
             raise UsageError([Problem("file-unwritable", f"{name} cannot be saved: {error.strerror or error}")]) from None
         return self.read(name)
@@ -342,12 +345,6 @@ def _wait(until: float, path: Path) -> None:
 
 def _outside(name: str, kind: str) -> UsageError:
     return UsageError([Problem("file-outside", f"'{name[:100]}' is not a {kind} in the opened folder")])
-
-
-def _encoded(data: bytes, before: bytes) -> bytes:
-    """Encode a text with the byte order mark and the line ends of the former file."""
-    data = data.replace(b"\n", b"\r\n") if _with_cr(before) else data
-    return BOM + data if before.startswith(BOM) else data
 
 
 def _with_cr(raw: bytes) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 from heavebond.core.errors import Problem, UsageError, listing
 from heavebond.studio.diagram_edits import Diagram, Entry, free_name, renamed_mentions, with_entry, without_node
@@ -88,7 +87,9 @@ def why_not(diagram: Diagram, one: str, two: str) -> str:
         part, _, name = port.partition(".")
         leaf = diagram.expanded.leaves.get(part)
         if leaf is not None and name in leaf.inputs:
-            return f"'{port}' has a value in place, `{name}: {_value_text(leaf.inputs[name].value)}`; remove that first"
+            value = leaf.inputs[name].value
+            value_text = getattr(value, "text", "") or getattr(value, "file", "")
+            return f"'{port}' has a value in place, `{name}: {value_text}`; remove that first"
     # reason about a second output on a node that has one
     outputs = []
     for port in (one, two):
@@ -96,10 +97,6 @@ def why_not(diagram: Diagram, one: str, two: str) -> str:
         on = [end.path for end in wire.ends] if wire else [port]
         outputs += [p for p in dict.fromkeys([*on, port]) if _port_facts(diagram, p)[1]]
     return f"the signal would have two outputs, {listing(outputs)}; add them with a Sum" if len(outputs) > 1 else ""
-
-
-def _value_text(value: Any) -> str:
-    return str(getattr(value, "text", "") or getattr(value, "file", ""))
 
 
 def _a(domain: str) -> str:
