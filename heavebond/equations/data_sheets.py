@@ -50,9 +50,13 @@ def data_sheets(instance: Instance, body: Body, known: Mapping[str, Component], 
     for name, place in instance.data:
         sheet = known.get(name)
         if name == instance.name or name not in body.instances:
+            names = [part for part in body.instances if part != instance.name]
+            hint = (suggest(name, names) if name != instance.name else "") or f"Parts: {listing(names)}."
+            if name != instance.name and name in model.library.files:
+                part_name = name[0].lower() + name[1:]
+                hint = f"Add it to the parts, `{part_name}: {{is: {name}}}`, and write `data: {part_name}`."
             problems.add("data-unknown", f"'{name}' is the part itself" if name == instance.name else
-                         f"there is no part '{name}' at the level of '{instance.name}'", place,
-                         hint=_correction(name, instance, body, model))
+                         f"there is no part '{name}' at the level of '{instance.name}'", place, hint=hint)
         elif sheet is not None:
             shared = [p for p in component.parameters if p in sheet.parameters]
             # what is given at the part itself is taken from none
@@ -72,14 +76,6 @@ def data_sheets(instance: Instance, body: Body, known: Mapping[str, Component], 
             else:
                 sheets.append(DataSheet(prefix + name, body.instances[name], sheet, model))
     return tuple(sheets)
-
-
-def _correction(name: str, instance: Instance, body: Body, model: Model) -> str:
-    if name != instance.name and name in model.library.files:
-        return f"Add it to the parts, `{name[0].lower() + name[1:]}: {{is: {name}}}`, and write " \
-            f"`data: {name[0].lower() + name[1:]}`."
-    names = [part for part in body.instances if part != instance.name]
-    return (suggest(name, names) if name != instance.name else "") or f"Parts: {listing(names)}."
 
 
 def value_by_sheet(sheets: tuple[DataSheet, ...], name: str, path: str, place: Place) -> Value | None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from heavebond.equations.connect import Group, Network, connect, signal_unit
+from heavebond.equations.connect import connect, signal_unit
 from heavebond.equations.expand import expand
-from heavebond.equations.expanded import Expanded
 from heavebond.equations.medium import with_media
 from heavebond.equations.parameters import formula_order
 from heavebond.language.model import Model
@@ -51,7 +50,18 @@ def diagram_graph(model: Model, open_blocks: bool = True) -> nx.Graph[tuple[str,
         ends = [port for port in group.ports if (PART, port.rpartition(".")[0]) in graph]
         joined = group.name not in group.ports  # a port without a connection is on no node
         if ends and joined:
-            graph.add_node((NODE, group.name), **_node_attributes(expanded, group, network))
+            domain = expanded.model.library.domains.get(group.domain)
+            if domain is None:
+                unit = signal_unit(expanded, group.ports[0], network.units)
+                variables: dict[str, object] = {"across": (), "through": (), "effort": "", "flow": "",
+                                                "units": {group.name: unit.text}}
+            else:
+                units = {name: member.unit.text for name, member in domain.members.items()}
+                variables = {"across": domain.across, "through": domain.through, "effort": domain.effort or "",
+                             "flow": domain.flow or "", "units": units}
+            aliases = tuple(a for a in group.aliases if a not in group.ports and a != group.name)
+            graph.add_node((NODE, group.name), kind=NODE, domain=group.domain, file=group.place.file, line=group.place.line,
+                           aliases=aliases, **variables)
         for port in ends:
             part = port.rpartition(".")[0]
             place = connections.get(port, expanded.leaves[part].place)
@@ -74,13 +84,3 @@ def _add_edge(graph: nx.Graph[tuple[str, str]], inner: tuple[str, str], outer: t
         source, target = (inner, outer) if direction == "out" else (outer, inner)
         graph.add_edge(inner, outer, domain=domain, source=source, target=target)
 
-
-def _node_attributes(expanded: Expanded, group: Group, network: Network) -> dict[str, object]:
-    domain = expanded.model.library.domains.get(group.domain)
-    aliases = tuple(a for a in group.aliases if a not in group.ports and a != group.name)
-    place = {"kind": NODE, "domain": group.domain, "file": group.place.file, "line": group.place.line, "aliases": aliases}
-    if domain is None:
-        unit = signal_unit(expanded, group.ports[0], network.units)
-        return {**place, "across": (), "through": (), "effort": "", "flow": "", "units": {group.name: unit.text}}
-    return {**place, "across": domain.across, "through": domain.through, "effort": domain.effort or "",
-            "flow": domain.flow or "", "units": {name: member.unit.text for name, member in domain.members.items()}}

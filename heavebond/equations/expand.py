@@ -203,7 +203,13 @@ class _Opener:
                                   bound.place, hint="Give it a quantity; records are for inputs.")
             else:
                 parameters[name] = bound
-                self._check_literal(f"{path}.{name}", parameter, bound.value)
+                literal, before = bound.value, len(self.problems.found)
+                # a plain quantity has the right unit and lies within its bounds; formulas are checked when all are known
+                if isinstance(literal.expr, Number) and not literal.si and not parameter.integer \
+                        and not is_generic(parameter.unit.dimension):
+                    check_dimension(f"{path}.{name}", literal, None, parameter.unit, self.problems)
+                    if len(self.problems.found) == before:
+                        check_bounds(f"{path}.{name}", parameter, literal.expr.value, literal, self.problems)
         if not self._unknown_settings(instance, component, missing):
             self._missing(instance.place, path, component, missing)
         inputs = {name: bound for name, port in component.signals.items() if port.direction == "in"
@@ -273,15 +279,6 @@ class _Opener:
         self.unused.pop(f"{path}.{base}", None)
         return Bound(shared(value, base, name), "" if setting is not None else self.scopes.get(path, prefix),
                      value.place)
-
-    def _check_literal(self, name: str, parameter: Parameter, value: Value) -> None:
-        """A plain quantity has the right unit and lies within its bounds; formulas are checked when all are known."""
-        if isinstance(value.expr, Number) and not value.si and not parameter.integer \
-                and not is_generic(parameter.unit.dimension):
-            before = len(self.problems.found)
-            check_dimension(name, value, None, parameter.unit, self.problems)
-            if len(self.problems.found) == before:
-                check_bounds(name, parameter, value.expr.value, value, self.problems)
 
     def _missing(self, place: Place, path: str, component: Component, names: list[str]) -> None:
         for name in names:
@@ -392,7 +389,14 @@ def repeated(body: Body, numbers: Mapping[str, int], opened: Callable[[Instance]
         if instance.repeat is None or not _in_line(instance, instance.repeat, opened(instance), problems):
             instances[instance.name] = instance
             continue
-        count = _count(instance.repeat, numbers, problems)
+        count, repeat = whole_number(instance.repeat.expr, numbers), instance.repeat
+        if count is None or count < 1:
+            problems.add("not-an-integer", f"repeat must be a whole number above 0, '{repeat.text}' is none", repeat.place,
+                         hint="Write for example `repeat: 10`, or a parameter: `repeat: =n`.")
+            count = 1
+        elif count > OF_A_KIND:
+            problems.add("not-an-integer", f"repeat: {count} is too many", repeat.place, hint=f"The most is {OF_A_KIND}.")
+            count = 1
         for k in range(1, count + 1):
             part = replace(instance, name=f"{instance.name}_{k}", repeat=None)
             _check_free(part.name, instance, body.instances, instances, problems)
@@ -434,15 +438,3 @@ def _in_line(instance: Instance, repeat: Value, component: Component | None, pro
                      "two single ports called a and b", repeat.place, hint="Write each of them by itself.")
     return len(single) == 2
 
-
-def _count(repeat: Value, numbers: Mapping[str, int], problems: Problems) -> int:
-    """The number of repetitions; 1, and a problem, if it is invalid."""
-    count = whole_number(repeat.expr, numbers)
-    if count is None or count < 1:
-        problems.add("not-an-integer", f"repeat must be a whole number above 0, '{repeat.text}' is none", repeat.place,
-                     hint="Write for example `repeat: 10`, or a parameter: `repeat: =n`.")
-        return 1
-    if count > OF_A_KIND:
-        problems.add("not-an-integer", f"repeat: {count} is too many", repeat.place, hint=f"The most is {OF_A_KIND}.")
-        return 1
-    return count

@@ -46,7 +46,15 @@ def _with_medium(expanded: Expanded, domain: Domain, medium: str) -> Expanded:
         return expanded
     problems = Problems()
     circuits = _circuits(expanded, domain)
-    sources = _sources(expanded, medium, circuits, problems)
+    sources: dict[int, str] = {}  # the part that sets the medium of each circuit
+    for path, leaf in expanded.leaves.items():
+        if leaf.component.is_a(medium):
+            circuit = circuits.get(Terminal("port", f"{path}.{next(iter(leaf.component.ports))}"), -1)
+            earlier = sources.setdefault(circuit, path)
+            if earlier != path:
+                problems.add("media-mixed", f"{either([earlier, path])} fill the same circuit; parts and wires join it all",
+                             leaf.place, hint=f"Remove one {medium}: it counts for all that is joined, through valves and "
+                             "past pistons too. A single part may have separate values.")
     problems.raise_as(ModelError)
     if not open_in:
         return expanded
@@ -126,21 +134,6 @@ def _circuits(expanded: Expanded, domain: Domain) -> dict[Terminal, int]:
         members[largest] += joined
         number.update(dict.fromkeys(joined, largest))
     return number
-
-
-def _sources(expanded: Expanded, kind: str, circuits: dict[Terminal, int], problems: Problems) -> dict[int, str]:
-    """The part that sets the medium of each circuit."""
-    sources: dict[int, str] = {}
-    for path, leaf in expanded.leaves.items():
-        if not leaf.component.is_a(kind):
-            continue
-        circuit = circuits.get(Terminal("port", f"{path}.{next(iter(leaf.component.ports))}"), -1)
-        earlier = sources.setdefault(circuit, path)
-        if earlier != path:
-            problems.add("media-mixed", f"{either([earlier, path])} fill the same circuit; parts and wires join it all",
-                         leaf.place, hint=f"Remove one {kind}: it counts for all that is joined, through valves and past "
-                         "pistons too. A single part may have separate values.")
-    return sources
 
 
 @dataclass(frozen=True, eq=False)

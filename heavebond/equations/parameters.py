@@ -18,7 +18,7 @@ from heavebond.core.units import ONE, Dimension, Range, Unit, dimension_text, is
 from heavebond.equations.buffered import Buffered
 from heavebond.equations.connect import Network
 from heavebond.equations.expanded import Bound, Expanded, Leaf
-from heavebond.language.definition import Domain, Formula, Parameter, Value
+from heavebond.language.definition import Domain, Parameter, Value
 from heavebond.language.incidence import Interval
 from heavebond.language.symbols import Context, evaluate, places, stack
 from heavebond.language.template import Template
@@ -375,8 +375,21 @@ def check_values(expanded: Expanded, parameters: Parameters, templates: Mapping[
     for path, template in restricted:
         leaf = expanded.leaves[path]
         for formula, truth in zip(leaf.component.requires, truths_of_part[path], strict=True):
-            if not truth:
-                _violated(leaf, formula, template, parameters, new, problems)
+            if truth:
+                continue
+            used = list(dict.fromkeys(n.text for n in names(formula.tree) if n.text in template.parameters))
+            notes = []
+            for name, number in zip(used, parameters.values([f"{path}.{n}" for n in used]), strict=True):
+                setting = new.get(f"{path}.{name}", leaf.parameters[name].value)
+                declaration = leaf.component.parameters[name]
+                text = setting.text.lstrip("= ") if isinstance(setting, Value) else ""
+                if not (isinstance(setting, Value) and isinstance(setting.expr, Number) and not setting.si):
+                    text = f"{number:g} {parameters.units[f'{path}.{name}'].text}"
+                notes.append(f"{name} = {text}" + (f"   ({declaration.doc})" if declaration.doc else ""))
+            lists = {n.partition("[")[0]: declared.doc for n, declared in leaf.component.parameters.items() if "[" in n}
+            notes += [f"{n}: {doc}" for n, doc in lists.items() if doc and re.search(rf"\b{n}\[", formula.text)]
+            problems.add("requirement", f"'{path}' ({leaf.component.name}) requires {formula.text}", leaf.place,
+                         notes=notes, hint="Change one of these values.")
     problems.raise_as(ModelError)
 
 
@@ -429,23 +442,6 @@ class Limits:
                 place = Place(f"value of {q.name}", 1, 1, text)
                 new[q.name] = Value(Number(q.value, q.unit, 0), text, place)
         check_values(self.expanded, replace(self.parameters, independent=independent), self.templates, new)
-
-
-def _violated(leaf: Leaf, formula: Formula, template: Template, parameters: Parameters, changed: Mapping[str, Value],
-              problems: Problems) -> None:
-    used = list(dict.fromkeys(n.text for n in names(formula.tree) if n.text in template.parameters))
-    notes = []
-    for name, number in zip(used, parameters.values([f"{leaf.path}.{n}" for n in used]), strict=True):
-        value, declaration = leaf.parameters[name].value, leaf.component.parameters[name]
-        value = changed.get(f"{leaf.path}.{name}", value)
-        text = value.text.lstrip("= ") if isinstance(value, Value) else ""
-        if not (isinstance(value, Value) and isinstance(value.expr, Number) and not value.si):
-            text = f"{number:g} {parameters.units[f'{leaf.path}.{name}'].text}"
-        notes.append(f"{name} = {text}" + (f"   ({declaration.doc})" if declaration.doc else ""))
-    lists = {name.partition("[")[0]: declared.doc for name, declared in leaf.component.parameters.items() if "[" in name}
-    notes += [f"{name}: {doc}" for name, doc in lists.items() if doc and re.search(rf"\b{name}\[", formula.text)]
-    problems.add("requirement", f"'{leaf.path}' ({leaf.component.name}) requires {formula.text}", leaf.place,
-                 notes=notes, hint="Change one of these values.")
 
 
 def check_range(name: str, wanted: Range, limits: Limits, origin: Origin, place: Place | None = None) -> None:

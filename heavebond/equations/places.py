@@ -119,16 +119,14 @@ def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
         index = flat.names[f"{path}.{domain.across[0]}"]
         # inner nodes of a block that are joined to an outer one are that one
         if flat.unknowns[index].name == f"{path}.{domain.across[0]}":
-            ports = tuple(a for a in aliases[index] if _is_port(a, flat))
-            nodes[path] = Node(path, domain, ports)
+            ports = []  # (inside of a block a node is called as a port: `cmc.platform`)
+            for alias in aliases[index]:
+                owner, _, name = alias.rpartition(".")
+                leaf = flat.expanded.leaves.get(owner)
+                if leaf is not None and name.partition("[")[0] in leaf.component.ports:
+                    ports.append(alias)
+            nodes[path] = Node(path, domain, tuple(ports))
     return nodes
-
-
-def _is_port(path: str, flat: Flat) -> bool:
-    """True if a name refers to a port. (Inside of a block a node is called as one: `cmc.platform`.)"""
-    owner, _, port = path.rpartition(".")
-    leaves = flat.expanded.leaves
-    return owner in leaves and port.partition("[")[0] in leaves[owner].component.ports
 
 
 def places_of(flat: Flat, nodes: Mapping[str, Node]) -> list[Place]:

@@ -119,7 +119,23 @@ def reduce(flat: Flat) -> Reduced:
     for j, order in known_columns:
         highest[j] = max(highest[j], order)
     chain = Chain(known_columns, highest)
-    system = _system(flat, chain, result, derived)
+    # the equations with the derivatives of those that need it, all of one order in one sweep
+    levels = [*flat.columns, *(ca.SX.sym("d" * k + "v", n) for k in range(len(flat.columns), max(highest) + 2))]
+    low, high = ca.vertcat(*levels[:-1]), ca.vertcat(*levels[1:])
+    for known in flat.driving:
+        low, high = stack([low, known.symbols[:-1]]), stack([high, known.symbols[1:]])
+    numbers = list(range(len(flat.equations)))
+    every: list[Row] = [(i, 0) for i in numbers]
+    residuals, last = [flat.residual_column], flat.residual_column
+    k = 1
+    while wanted := [place for place, i in enumerate(numbers) if result.order[i] >= k]:
+        stacked, numbers = last[wanted], [numbers[place] for place in wanted]
+        last = derivative_along(stacked, low, high) + derivative_along(stacked, flat.time, flat.rate)
+        residuals.append(last)
+        every += [(i, k) for i in numbers]
+        k += 1
+    system = System(flat, chain, result.order, levels, tuple(every), ca.vertcat(*residuals),
+                    constraints(flat, result.order, highest), derived)
     return system.solve(select_states(system.constraints, system.p_values))
 
 
@@ -323,27 +339,6 @@ class System:
             for r, row in zip(derived, classified, strict=True):
                 entries[r] = [(e.column, e.kind) for e in row]
         return entries
-
-
-def _system(flat: Flat, chain: Chain, result: Pantelides, derived: frozenset[int]) -> System:
-    """The equations with the derivatives of those that need it, all of one order in one sweep."""
-    top, n = max(chain.highest, default=0), len(flat.unknowns)
-    columns = [*flat.columns, *(ca.SX.sym("d" * k + "v", n) for k in range(len(flat.columns), top + 2))]
-    low, high = ca.vertcat(*columns[:-1]), ca.vertcat(*columns[1:])
-    for known in flat.driving:
-        low, high = stack([low, known.symbols[:-1]]), stack([high, known.symbols[1:]])
-    rows = list(range(len(flat.equations)))
-    every: list[Row] = [(i, 0) for i in rows]
-    residuals, last = [flat.residual_column], flat.residual_column
-    k = 1
-    while wanted := [place for place, i in enumerate(rows) if result.order[i] >= k]:
-        stacked, rows = last[wanted], [rows[place] for place in wanted]
-        last = derivative_along(stacked, low, high) + derivative_along(stacked, flat.time, flat.rate)
-        residuals.append(last)
-        every += [(i, k) for i in rows]
-        k += 1
-    return System(flat, chain, result.order, columns, tuple(every), ca.vertcat(*residuals),
-                  constraints(flat, result.order, chain.highest), derived)
 
 
 def collapse_rows(flat: Flat) -> list[list[int]]:

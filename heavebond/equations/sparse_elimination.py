@@ -117,7 +117,18 @@ class _System:
             share = factor.expression/divisor.expression
             values = factor.values/divisor.values
             for k, entry in entries.items():
-                self._subtract(target, k, share*entry.expression, values*entry.values)
+                old = self.rows[target].get(k)
+                if old is None:
+                    self.rows[target][k] = Coefficient(-(share*entry.expression), -(values*entry.values))
+                    self.rows_of[k][target] = None
+                    continue
+                subtracted = values*entry.values
+                new = old.values - subtracted
+                if np.all(np.abs(new) <= CANCELLED*(np.abs(old.values) + np.abs(subtracted))):
+                    del self.rows[target][k]
+                    del self.rows_of[k][target]
+                else:
+                    self.rows[target][k] = Coefficient(old.expression - share*entry.expression, new)
             self.constants[target] = self.constants[target] - share*constant
         return Solution(row, column, divisor.expression, -total/divisor.expression), changed
 
@@ -169,20 +180,6 @@ class _System:
                 self.rows_of[column].pop(row, None)
             for column in self.rows[row]:
                 self.rows_of[column][row] = None
-
-    def _subtract(self, row: int, column: int, expression: ca.SX, values: Array) -> None:
-        old = self.rows[row].get(column)
-        if old is None:
-            self.rows[row][column] = Coefficient(-expression, -values)
-            self.rows_of[column][row] = None
-            return
-        new = old.values - values
-        if np.all(np.abs(new) <= CANCELLED*(np.abs(old.values) + np.abs(values))):
-            del self.rows[row][column]
-            del self.rows_of[column][row]
-        else:
-            self.rows[row][column] = Coefficient(old.expression - expression, new)
-
 
 def random_states(low: Sequence[float], high: Sequence[float], nominal: Sequence[float], angles: Sequence[bool]) -> Array:
     """Random values (n, SAMPLES) of unknowns within their bounds: angles over a turn and others of their nominal sizes, then

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 from heavebond.core.errors import ModelError, Place, Problem, SimulationError, either, listing
 from heavebond.equations.flatten import EquationRole, Flat, FlatEquation
@@ -130,7 +129,14 @@ def lost(flat: Flat, rank_losses: Sequence[RankLoss], when: str = "") -> list[Pr
         joined.setdefault(equations, []).append(loss)
     if len(joined) > 1 and () in joined:  # what only the assembler's own equations say belongs to the others
         joined[next(equations for equations in joined if equations)] += joined.pop(())
-    return [_Lost(flat, _together(same)).problem(when) for same in joined.values()]
+    problems = []
+    for same in joined.values():  # losses of the same equations as one
+        rows, columns, parameters, variables = (
+            tuple(dict.fromkeys(item for loss in same for item in getattr(loss, member)))
+            for member in ("rows", "columns", "parameters", "variables"))
+        loss = RankLoss(rows, columns, parameters, variables, any(loss.zero for loss in same))
+        problems.append(_Lost(flat, loss).problem(when))
+    return problems
 
 
 def undecided(flat: Flat, rank_losses: Sequence[RankLoss], names: Sequence[str], when: str) -> SimulationError:
@@ -139,15 +145,6 @@ def undecided(flat: Flat, rank_losses: Sequence[RankLoss], names: Sequence[str],
     return SimulationError(lost(flat, rank_losses, when) or [Problem(
         "loop-singular", f"no equation determines {listing(names, 4)} {when}", None,
         "A closed valve, a dead centre or an open contact does this. Add what decides it there.")])
-
-
-def _together(same: Sequence[RankLoss]) -> RankLoss:
-    """Losses of the same equations as one."""
-    def union(member: str) -> tuple[Any, ...]:
-        return tuple(dict.fromkeys(item for loss in same for item in getattr(loss, member)))
-
-    return RankLoss(union("rows"), union("columns"), union("parameters"), union("variables"),
-                    any(loss.zero for loss in same))
 
 
 class _Lost:

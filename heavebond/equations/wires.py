@@ -10,7 +10,7 @@ from heavebond.core.errors import Place, Problems, listing, nearest, suggest
 from heavebond.core.units import is_generic
 from heavebond.equations.arrays import array_text, part_of
 from heavebond.equations.expanded import Junction, Leaf, PortEnd
-from heavebond.language.definition import Body, Component, End, Instance, Port, SignalPort
+from heavebond.language.definition import Body, Component, End, Port, SignalPort
 from heavebond.language.sections import Setting
 from heavebond.text.shapes import whole_number
 
@@ -85,8 +85,21 @@ class Wires:
             else:
                 path = prefix + wire.name
                 self.junctions[path] = Junction(path, (*ends, *self.extra.pop(path, [])), wire.place)
+        joined_ports = {*on, *self.meant, *self.outside}
         for name, component in known.items():
-            self._unconnected(prefix, body.instances[name], component, on)
+            instance, path = body.instances[name], prefix + name
+            for port in component.ports.values():
+                self.ports[f"{path}.{port.name}"] = port
+                if port.count is None and f"{path}.{port.name}" not in joined_ports:
+                    self.problems.add("port-unconnected", f"port '{name}.{port.name}' is on no node", instance.place,
+                                      hint=f"Add `{name}.{port.name}` to a node; a free end is a separate node: "
+                                      f"`{name}_{port.name}: [{name}.{port.name}]`.")
+            for signal_name, signal in component.signals.items():
+                if signal.count is None:  # the elements of a vector are known later
+                    full = f"{path}.{signal_name}"
+                    self.signals[full] = signal
+                    has_value = signal_name in instance.settings or full in self.unused
+                    self._input(name, signal, instance.place, has_value or full in joined_ports)
 
     def _end(self, end: End, prefix: str, owner: Component | None, known: dict[str, Component],
              body: Body) -> PortEnd | None:
@@ -128,23 +141,6 @@ class Wires:
                               hint=suggest(port, choices) or f"Its ports: {listing(choices)}.")
             return None
         return PortEnd(prefix + head, port, 1, end.place)
-
-    def _unconnected(self, prefix: str, instance: Instance, component: Component,
-                     on: dict[str, tuple[str, Place]]) -> None:
-        path = prefix + instance.name
-        for port in component.ports.values():
-            self.ports[f"{path}.{port.name}"] = port
-            joined = f"{path}.{port.name}" in {*on, *self.meant, *self.outside}
-            if port.count is None and not joined:
-                self.problems.add("port-unconnected", f"port '{instance.name}.{port.name}' is on no node",
-                                  instance.place, hint=f"Add `{instance.name}.{port.name}` to a node; a free end is "
-                                  f"a separate node: `{instance.name}_{port.name}: [{instance.name}.{port.name}]`.")
-        for name, signal in component.signals.items():
-            if signal.count is None:  # the elements of a vector are known later
-                self.signals[f"{path}.{name}"] = signal
-                has_value = name in instance.settings or f"{path}.{name}" in self.unused
-                self._input(instance.name, signal, instance.place, has_value or f"{path}.{name}" in on
-                            or f"{path}.{name}" in {*self.meant, *self.outside})
 
     def _input(self, part: str, signal: SignalPort, place: Place, driven: bool) -> None:
         """Check that an input has a value or is on a node."""

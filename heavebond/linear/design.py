@@ -142,9 +142,9 @@ def _single(state_spaces: StateSpaces, names: Sequence[str], name: str, size: fl
     except UsageError as error:
         if error.problems[0].code != "loop-none" or len(names) == 1:
             raise
-        others = listing([other for other in names if other != name])
-        raise UsageError([Problem("loop-none", f"with {name} alone, and {others} = 0, the loop is open: a signal added at "
-                                  "the cut does not return", error.problems[0].place, "Free gains that are added to each "
+        zero_gains = listing([gain for gain in names if gain != name])
+        raise UsageError([Problem("loop-none", f"with {name} alone, and {zero_gains} = 0, the loop is open: a signal added "
+                                  "at the cut does not return", error.problems[0].place, "Free gains that are added to each "
                                   "other, such as control.K_p and control.K_i of one controller in this loop; not gains in "
                                   "series.", error.problems[0].notes)]) from None
 
@@ -412,14 +412,14 @@ def design_lqg(model: ModelOrFile, block: str, weigh: Mapping[str, float | str],
         (a, b[:, :m], c[:k]), (length * weighed.T @ weighed, length * np.diag(1 / np.asarray(effort) ** 2)),
         (entry @ entry.T / (1.0 if system.period is None else length), np.diag(np.asarray(noise) ** 2) / length),
         period=system.period, states=states)
-    for poles, matrix, what, option in ((controller.poles[0], a - b[:, :m] @ controller.gain, "regulator", "--weigh"),
+    for poles, matrix, role, option in ((controller.poles[0], a - b[:, :m] @ controller.gain, "regulator", "--weigh"),
                                         (controller.poles[1], (a - controller.observer @ c[:k]).T, "observer",
                                          "--disturbance")):
         rates = -poles.real if system.period is None else 1 - np.abs(poles)
         if not rates.min(initial=np.inf) > DESIGN.decay * np.abs(poles).max(initial=0.0):
             vector = np.abs(np.linalg.eig(matrix)[1][:, int(np.argmin(rates))])
             slow = [name for name, share in zip(states, vector, strict=True) if share > 0.1 * vector.max()]
-            raise UsageError([Problem("design-not-decaying", f"the {what} has a pole that does not decay, with "
+            raise UsageError([Problem("design-not-decaying", f"the {role} has a pole that does not decay, with "
                                       f"{listing(slow)}", None, f"Add {option} for a signal that " + (
                                           "contains it: what is not weighed is not controlled." if option == "--weigh" else
                                           "acts on it: without a disturbance the filter does not correct it."))])
