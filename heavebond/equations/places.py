@@ -119,7 +119,7 @@ def nodes_of(flat: Flat, several_efforts: bool = False) -> dict[str, Node]:
         index = flat.names[f"{path}.{domain.across[0]}"]
         # inner nodes of a block that are joined to an outer one are that one
         if flat.unknowns[index].name == f"{path}.{domain.across[0]}":
-            ports = []  # (inside of a block a node is called as a port: `cmc.platform`)
+            ports = []  # inside of a block a node is called as a port, such as `cmc.platform`, but is none
             for alias in aliases[index]:
                 owner, _, name = alias.rpartition(".")
                 leaf = flat.expanded.leaves.get(owner)
