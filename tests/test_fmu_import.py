@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -164,6 +165,23 @@ def test_nothing_is_run_unless_the_user_says_so(rig: Path, monkeypatch: pytest.M
         hb.simulate(hb.load("rig.yaml"))
     with pytest.raises(hb.UsageError, match="no derivatives through"):
         hb.simulate(hb.load("rig.yaml"), allow_fmu=True, sensitivities=["cart.m"])
+
+
+@compiled
+def test_an_fmu_does_not_run_outside_a_simulation(rig: Path) -> None:
+    """The linear system of a diagram with samples evaluates the events at the start, without a run."""
+    for words in (["modes", "rig.yaml"], ["modes", "rig.yaml", "--steady"]):
+        answer = CliRunner().invoke(main, words)
+        assert answer.exit_code == 2, answer.output
+        assert re.search(r"\[fmu-not-(run|allowed)\]", answer.stderr) and "NoneType" not in answer.stderr
+
+
+@compiled
+def test_a_step_beyond_the_end_of_the_run_is_stated(rig: Path) -> None:
+    text = Path("rig.yaml").read_text(encoding="utf-8")
+    Path("rig.yaml").write_text(re.sub(r"step: [^,}]*", "step: 1000 s", text), encoding="utf-8")
+    answer = CliRunner().invoke(main, ["run", "rig.yaml", "--allow-fmu"])
+    assert "1 communication point: its outputs kept their start values" in answer.stdout, answer.output
 
 
 @compiled

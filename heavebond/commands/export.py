@@ -63,6 +63,7 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
         raise UsageError([Problem("option-missing", "no diagram is named" if model is None else "no file is named", None,
                                   "Give a diagram and a file, e.g. heavebond export cmc_ahc -o cmc_ahc.fmu.")])
     from heavebond.commands import terminal
+    from heavebond.core.presentation import count
     from heavebond.exchange.export import export as export_to
     from heavebond.exchange.portable import Portable
     from heavebond.language.model import load
@@ -78,7 +79,8 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
               "parameters": tunable}
     console.print(terminal.table(exported.name, ("", "name", "unit", "start"), [
         (title, q.name, q.unit.text, f"{q.start:.6g}") for title in ("inputs", "outputs") for q in groups[title]], text=3))
-    console.print(", ".join(f"{len(members)} {name}" for name, members in groups.items() if members), soft_wrap=True)
+    console.print(", ".join(count(len(members), name.removesuffix("s")) for name, members in groups.items() if members),
+                  soft_wrap=True)
     if isinstance(exported, Portable):
         for note in _notes(exported, output.suffix.lower() == ".fmu"):
             console.print(note, soft_wrap=True)

@@ -286,7 +286,8 @@ def dimension_text(dimension: Dimension) -> str:
     for name in ("1", "m", "m/s", "m/s**2", "kg", "s", "N", "N/m", "N*s/m", "N*m", "Pa", "Pa/s", "m**2", "m**3",
                  "m**3/s", "m**3/(s*Pa)", "W", "J", "kg/s", "kg/m**3", "K", "1/s", "A", "V", "1/m", "s/m",
                  "N/s", "N*s", "N/m**2", "m/s**3", "kg*m**2", "kg*m", "Pa*s", "Pa*s/m**3", "Pa/m", "W/K", "J/kg",
-                 "J/(kg*K)", "ohm", "V*s", "V/s", "V*s/m", "V/m", "A/V", "A/s", "1/V", "1/(V*s)", "m/V", "m/(V*s)"):
+                 "J/(kg*K)", "ohm", "H", "F", "N*m*s", "V*s", "V/s", "V*s/m", "V/m", "A/V", "A/s", "1/V", "1/(V*s)",
+                 "m/V", "m/(V*s)"):
         if _common(name) == dimension:
             return name
     over = [_power(b, e) for b, e in dimension if e > 0]

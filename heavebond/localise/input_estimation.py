@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from heavebond.core.errors import ModelError, SimulationError, StartError
+from heavebond.core.presentation import count
 from heavebond.equations.places import Place
 from heavebond.localise.constants import INPUT_ESTIMATION
 from heavebond.localise.kalman_smoother import Likelihood, Smoothed, Unknown
@@ -136,7 +137,7 @@ class Search:
         systems = self.about(values, {})
         groups, unseen = self.groups(systems)
         grids = [(group, INTENSITIES) for group in groups]
-        self.say(f"estimating the inputs at {len(groups)} places")
+        self.say(f"estimating the inputs at {count(len(groups), 'place')}")
         estimation = self.round(systems, grids)
         known = Estimate(estimation.ranked, (), estimation.likelihood, 0.0, 0, systems, systems, {}, values, True)
         systems, values, estimation = self._parameters_alone(systems, values, grids, estimation)

@@ -92,6 +92,8 @@ class Partners:
         for part in self.parts.values():
             steps = np.diff(part.times)
             every = f" every {steps.mean():.6g} s" if len(steps) else ""
+            if len(part.times) == 1:
+                every = ": its outputs kept their start values, because its step is not shorter than the run"
             end = f"; it ended the run at t = {part.times[-1]:.6g} s" if part.ended else ""
             sentences.append(f"{part.path} ({part.foreign.path.name}, FMI {part.version}): "
                              f"{count(len(part.times), 'communication point')}{every}{end}")
@@ -125,6 +127,7 @@ class Partners:
         point."""
         outputs: dict[int, float] = {}
         for part in (self.parts[event] for event in fired if event in self.parts):
+            _check_running(part)
             with _failing(part, point.t):
                 # advance to the communication point with the inputs of the previous one; an FMU that asks for the end of
                 # the run keeps its last outputs if it does not give others
@@ -157,6 +160,7 @@ class Partners:
     def give_inputs(self, point: Point, fired: Sequence[int]) -> None:
         """Set the inputs, for their next steps, of the FMUs whose events have happened, at the point after these."""
         for part in (self.parts[event] for event in fired if event in self.parts):
+            _check_running(part)
             with _failing(part, point.t):
                 inputs = np.array(part.inputs_and_parameters(*point.values())[0]).ravel()
                 for variable, value in zip(part.foreign.inputs, inputs, strict=True):
@@ -213,6 +217,14 @@ def _instance(part: _Partner, folder: str, description: Any) -> Any:
     instance = fmi3.FMU3Slave(**arguments)
     instance.instantiate(logMessage=heard3)
     return instance
+
+
+def _check_running(part: _Partner) -> None:
+    """UsageError if the events of a diagram are evaluated outside a run, as by a linear analysis."""
+    if part.instance is None:
+        raise UsageError([Problem("fmu-not-run", f"{part.path} is the program in {part.foreign.path.name}, which runs in "
+                                  "simulations only", None, "Use `heavebond run MODEL --allow-fmu`. For modes and linear "
+                                  "analysis put a component with the same law in its place.")])
 
 
 @contextmanager
