@@ -306,7 +306,11 @@ def compare_record(experiment: Experiment, record: Record,
     slips = {} if measured.time_suspect else {
         c.name: _slips(c, measured.channels[c.name].output, measured.declared.get(c.name)) for c in fitted.values()}
     steady = result.assembly.model.initial.mode == "steady"
-    states = [fitted[name] for name in _states(result.assembly, experiment) if not slips.get(name)]
+    # outputs that are states of the model, or formulas of states alone
+    t, x, z, p, u, _ = result.assembly.arguments
+    formulas = {name: result.assembly.expression(output.shown.expr) for name, output in experiment.outputs.items()}
+    states = [fitted[name] for name, formula in formulas.items() if ca.depends_on(formula, x)
+              and not ca.depends_on(formula, ca.veccat(t, z, p, u)) and not slips.get(name)]
     # the channels whose value at the first instant of the record differs from the model
     elsewhere = [c for c in states
                  if not measured.time_suspect and c.time[0] <= measured.grid[0] and c.name not in measured.declared
@@ -326,14 +330,6 @@ def compare_record(experiment: Experiment, record: Record,
     doubtful = frozenset(fitted) - {name for name, remarks in slips.items() if not remarks and name not in measured.declared}
     return RecordComparison(record.name, record.use, record.file, fitted, result, held_out, notes, doubtful, starts,
                             closed, tuple(c.name for c in elsewhere), slipped)
-
-
-def _states(assembly: Assembly, experiment: Experiment) -> list[str]:
-    """The outputs that are states of the model, or formulas of states alone."""
-    t, x, z, p, u, _ = assembly.arguments
-    expressions = {name: assembly.expression(output.shown.expr) for name, output in experiment.outputs.items()}
-    return [name for name, formula in expressions.items()
-            if ca.depends_on(formula, x) and not ca.depends_on(formula, ca.veccat(t, z, p, u))]
 
 
 def _start_note(channel: Channel, output: Output, steady: bool, result: Result) -> str:
@@ -389,7 +385,13 @@ def _notes(measured: Measured, channels: Mapping[str, Channel], slips: Mapping[s
     notes = [f"{c.name}: {count(int(c.astray.sum()), 'more sample')} far from the model where those around are not, at "
              f"{moments(c.time[c.astray])}; `heavebond fit --robust` reduces their weight"
              for c in channels.values() if c.astray.any()]
-    notes += [_late_note(c, measured.channels[c.name].output.shift) for c in sure.values()]
+    for c in sure.values():
+        assert c.late is not None
+        declared = measured.channels[c.name].output.shift
+        instead = f" instead of `shift: {readable_time(declared)[0]}`" if declared else ""
+        notes.append(f"{c.name} looks {_late_by(c)} ({number(abs(c.late.seconds) / c.late.interval, 2)} of its sample "
+                     "intervals), and little else is wrong with it; unless the model lacks something that acts like a "
+                     f"delay, write `shift: {readable_time(declared + c.late.seconds)[0]}`{instead} at this output")
     # if several errors are present, a delay is only one possible explanation
     others_text = ", ".join(f"{c.name} {_late_by(c)}" for c in late if c.name not in sure)
     if others_text:
@@ -418,16 +420,6 @@ def _turned_inputs(inputs: Mapping[str, FileInput], channels: Mapping[str, Chann
     subject = f"{next(iter(channels))} moves" if len(turned) == 1 else "all channels move"
     cause = "if an input has" if len(inputs) > 1 else f"if the input {next(iter(inputs))} has"
     return [f"{subject} against the model: {cause} the opposite sign, write {entries} instead"]
-
-
-def _late_note(channel: Channel, declared: float) -> str:
-    late = channel.late
-    assert late is not None
-    total = readable_time(declared + late.seconds)[0]
-    instead = f" instead of `shift: {readable_time(declared)[0]}`" if declared else ""
-    intervals = number(abs(late.seconds) / late.interval, 2)
-    return (f"{channel.name} looks {_late_by(channel)} ({intervals} of its sample intervals), and little else is wrong with "
-            f"it; unless the model lacks something that acts like a delay, write `shift: {total}`{instead} at this output")
 
 
 def _late_by(channel: Channel) -> str:

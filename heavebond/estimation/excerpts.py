@@ -55,7 +55,12 @@ def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = 
     `long`, and with a misfit that is `clear` a sample counts by its evaluations. `compared` is the comparison with its
     model, which shows the times of the misfit."""
     fitted = [r for r in compared.records.values() if r.use == "fit"]
-    cost = 1 if samples or min(r.chi2 for r in fitted) < EXCERPTS.clear else max(map(_cost, fitted))
+    cost = 1
+    if not samples and not min(r.chi2 for r in fitted) < EXCERPTS.clear:
+        for r in fitted:  # weight of a sample by the number of evaluations of a run between two samples
+            taken = r.result.statistics.get("nfevals")
+            between = float(taken) / len(r.result.time) if isinstance(taken, (int, float)) else 0.0
+            cost = max(cost, round(between / EXCERPTS.evaluations))
     points = cost * sum(len(r.result.time) for r in fitted)
     if points <= (samples or EXCERPTS.long):
         return experiment
@@ -66,13 +71,6 @@ def excerpt(experiment: Experiment, compared: Comparison, samples: int | None = 
         if end is not None:
             records[record_comparison.name] = replace(records[record_comparison.name], end=end)
     return replace(experiment, records=records) if records != experiment.records else experiment
-
-
-def _cost(record: RecordComparison) -> int:
-    """Weight of a sample of a record, by the number of evaluations of a run between two samples; see `evaluations`."""
-    evaluations_taken = record.result.statistics.get("nfevals")
-    between = float(evaluations_taken) / len(record.result.time) if isinstance(evaluations_taken, (int, float)) else 0.0
-    return max(1, round(between / EXCERPTS.evaluations))
 
 
 def as_long_as(reference: Experiment, experiment: Experiment) -> Experiment:

@@ -300,16 +300,9 @@ def _fitted(column: Column, inner: float, deviation: float) -> Fitted:
     # a range may span many decades of a parameter that is sought linearly: a value well above its end is not at its end
     near = min(AT_END * (high - low), half)
     at = "low" if inner - low <= near else "high" if high - inner <= near else ""
-    ends = [_within(column, inner + sign * half) for sign in (-1, 1)]
+    ends = [column.outer(float(np.clip(inner + sign * half, low, high))) for sign in (-1, 1)]  # inside the range
     return Fitted(column.free.name, column.unit, column.before, value, bounds.low, bounds.high,
                   (ends[0], ends[1]), at, column.record)
-
-
-def _within(column: Column, inner: float) -> float:
-    """The value, limited to its range: values beyond it were not permitted."""
-    bounds = column.free.range
-    low, high = column.inner(bounds.low), column.inner(bounds.high)
-    return column.outer(float(np.clip(inner, low, high)))
 
 
 def _compared(problem: Residuals, inner: Array) -> tuple[Comparison, dict[str, OwnValues]]:

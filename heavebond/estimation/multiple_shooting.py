@@ -59,29 +59,22 @@ class Shooting:
         self.offsets = self.n + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
 
     def start(self, inner: Array, states: Array | None = None) -> Array:
-        """First values: the parameters, and at each joint the state of the run, while it is finite."""
-        y = [inner]
-        for segment, run in zip(self.segments, self._chained(inner), strict=True):
-            if not segment.first:
-                y.append(run / segment.run.assembly.x_nominal)
-        return np.concatenate(y)
+        """First values: the parameters, and at each joint the state of the run, while it is finite.
 
-    def _chained(self, inner: Array) -> list[Array]:
-        """The state at the begin of each segment, each run from the end of the one before; if one breaks down, the
-        diagram's start is used."""
-        states: list[Array] = []
-        last = np.zeros(0)
+        Each segment is run from the end of the one before; if one breaks down, the diagram's start is used.
+        """
+        y, last = [inner], np.zeros(0)
         for segment in self.segments:
-            values = self.problem.values_of(inner, segment.run.record.name)
+            values, nominal = self.problem.values_of(inner, segment.run.record.name), segment.run.assembly.x_nominal
             try:
                 simulator = segment.simulator
                 result = simulator.run(values) if segment.first else simulator.run_from(last, values)
-                states.append(result.x[:, 0])
-                last = result.x[:, -1]
+                begin, last = result.x[:, 0], result.x[:, -1]
             except (ModelError, SimulationError, StartError):
-                states.append(last if last.size else np.zeros(len(segment.run.assembly.x_nominal)))
-                last = states[-1]
-        return states
+                begin = last = last if last.size else np.zeros(len(nominal))
+            if not segment.first:
+                y.append(begin / nominal)
+        return np.concatenate(y)
 
     def residuals(self, y: Array, tightness: float) -> tuple[Array, Array]:
         """Data residuals, then gaps divided by `tightness`, and their Jacobian in y."""
@@ -113,9 +106,11 @@ class Shooting:
         sensitivities = run.probe.sensitivities(result)[:, :, :count] / run.noise[None, :, samples]
         assert result.along is not None
         ends = result.along.x[:, :, -1] / nominal
-        for column, position in self._columns(run, inner):
-            slopes[:, column] = sensitivities[position[0]][counts] * position[1]
-            gap_slopes[:, column] = (ends[position[0]] * position[1])[:n_gap]
+        for k_inner, column in enumerate(self.problem.columns):
+            if column.record in ("", run.record.name):
+                position, slope = run.names.index(column.free.name), column.slope(inner[k_inner])
+                slopes[:, k_inner] = sensitivities[position][counts] * slope
+                gap_slopes[:, k_inner] = (ends[position] * slope)[:n_gap]
         m = len(run.names)
         if not segment.first:
             slopes[:, own_states] = (sensitivities[m:][:, counts] * nominal[:, None]).T
@@ -126,11 +121,6 @@ class Shooting:
             gap = result.x[:, -1] / nominal - y[following]
             gap_slopes[:, following] = -np.eye(n_gap)
         return wrong[counts], gap, slopes, gap_slopes
-
-    def _columns(self, run: Run, inner: Array) -> list[tuple[int, tuple[int, float]]]:
-        """(column in y, (position among the run's parameters, slope of the inner unknown))."""
-        return [(k, (run.names.index(c.free.name), c.slope(inner[k]))) for k, c in enumerate(self.problem.columns)
-                if c.record in ("", run.record.name)]
 
     def solve(self, inner: Array, progress: Progress) -> Array:
         """Parameters (inner unknowns) with closed gaps: the start of an ordinary fit."""

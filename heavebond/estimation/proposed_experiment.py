@@ -30,7 +30,7 @@ from heavebond.equations.parameters import declared
 from heavebond.language.definition import Value
 from heavebond.language.edits import block, extended_from, quoted
 from heavebond.language.model import Model
-from heavebond.numerics.dae import Array, Assembly, assemble
+from heavebond.numerics.dae import Assembly, assemble
 from heavebond.records.measurements import BRIDGED, Table, check_time, gaps, increases, read_table, timed
 from heavebond.records.time_axis import FIXED_RATE, TimeAxis
 from heavebond.text.expression import Number
@@ -135,32 +135,26 @@ def propose(table: Table, assembly: Assembly, open_inputs: Sequence[str] = (), e
 
 
 def _column(table: Table, name: str, unit: tuple[str, Unit, bool] | None, role: str, target: _Target | None) -> Column:
+    """The proposal for a column, with some points of its time series: the least and the largest value of each interval."""
     values = table.columns[name]
     finite = values[np.isfinite(values)]
     usual = "s" if role == "time" else target.unit.text if target is not None else "1"
-    between = "" if target is None or role != "input" else "hold" if _in_steps(finite) else \
-        "spline" if dimension_text(target.unit.dimension) in SMOOTH else "linear"
+    between = ""
+    if target is not None and role == "input":
+        # a held command stays at values and steps from one to the next: most samples repeat the one before, and a typical
+        # step is larger than a rounding of a slow signal
+        steps = np.abs(np.diff(finite))
+        jumps = steps[steps > 0]
+        held = 0 < len(jumps) < STEPPING * len(steps) and float(np.median(jumps)) > STEP * float(np.ptp(finite))
+        between = "hold" if held else "spline" if dimension_text(target.unit.dimension) in SMOOTH else "linear"
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (np.nan, np.nan)
     text = usual if unit is None else unit[1].text if target is None else as_meant(unit[1], target.unit).text
-    return Column(name, text, unit is not None, role,
-                  target.name if target is not None else "", between, low, high, len(finite), _sketch(values))
-
-
-def _in_steps(values: Array) -> bool:
-    """True if a signal stays at values and steps from one to the next, as a held command: most samples repeat the one
-    before, and a typical step is larger than a rounding of a slow signal."""
-    steps = np.abs(np.diff(values))
-    jumps = steps[steps > 0]
-    return len(jumps) > 0 and len(jumps) < STEPPING * len(steps) and float(np.median(jumps)) > STEP * float(np.ptp(values))
-
-
-def _sketch(values: Array) -> tuple[float, ...]:
-    """Some points of a time series, with the least and the largest value of each interval."""
-    finite = values[np.isfinite(values)]
-    if len(finite) <= SKETCHED:
-        return tuple(finite.tolist())
-    ends = np.linspace(0, len(finite), SKETCHED // 2 + 1).astype(int)
-    return tuple(v for a, b in pairwise(ends) for v in (float(finite[a:b].min()), float(finite[a:b].max())))
+    sketch = tuple(finite.tolist())
+    if len(finite) > SKETCHED:
+        ends = np.linspace(0, len(finite), SKETCHED // 2 + 1).astype(int)
+        sketch = tuple(v for a, b in pairwise(ends) for v in (float(finite[a:b].min()), float(finite[a:b].max())))
+    return Column(name, text, unit is not None, role, target.name if target is not None else "", between, low, high,
+                  len(finite), sketch)
 
 
 # -- roles of columns -------------------------------------------------------------------------------------------------

@@ -176,18 +176,14 @@ def _with_input_noise(experiment: Experiment, record: Record, k: int, channel: S
         return replace(channel, own_noise=channel.noise, deviation=channel_noise,
                        input_errors=np.zeros((0, len(channel_noise))))
     errors = known.at(k, channel.time - channel.output.shift)
-    deviation = np.sqrt(channel_noise**2 + _smooth(np.mean(errors**2, axis=0)))
+    # the variance (n,) is drawn from a few realisations: it is averaged over the neighbours at each time
+    variance = np.mean(errors**2, axis=0)
+    width = min(SMOOTHED, len(variance) // 10)
+    total, index = np.cumsum(np.concatenate([np.zeros(1), variance])), np.arange(len(variance))
+    low, high = np.maximum(index - width, 0), np.minimum(index + width + 1, len(variance))
+    deviation = np.sqrt(channel_noise**2 + (total[high] - total[low]) / (high - low))
     return replace(channel, own_noise=channel.noise, deviation=deviation, input_errors=errors,
                    noise=float(np.sqrt(np.mean(deviation**2))))
-
-
-def _smooth(variance: Array) -> Array:
-    """A variance (n,) drawn from a few realisations, averaged over the neighbours at each time."""
-    width = min(SMOOTHED, len(variance) // 10)
-    total = np.cumsum(np.concatenate([np.zeros(1), variance]))
-    k = np.arange(len(variance))
-    low, high = np.maximum(k - width, 0), np.minimum(k + width + 1, len(variance))
-    return np.asarray((total[high] - total[low]) / (high - low))
 
 
 class _Files:
@@ -260,8 +256,7 @@ def _driven(experiment: Experiment, record: Record, files: _Files) -> list[str]:
         values = values[np.isfinite(values)]
         if not np.ptp(values):
             remarks.append(f"the input {path} reads {number(float(values[0]))} {file_input.unit} throughout: is it the "
-                        "right "
-                           "column, and was the sensor connected?")
+                           "right column, and was the sensor connected?")
         same = [name for name, origin in origins.items()
                 if (origin[0], experiment.outputs[name].column) == (file_input.file, file_input.column)]
         remarks += [f"the output {name} and the input {path} are the same column '{file_input.column}'" for name in same]
@@ -305,19 +300,13 @@ def _window(experiment: Experiment, record: Record, files: _Files, problems: Pro
             continue
         time = time[(time >= first - 1e-6 * usual) & (time <= last + 1e-6 * usual)]
     for (file, axis), columns in unbridged.items():
-        _check_input_gaps(files, file, axis, columns, (begin, end), problems)
+        table = files.table(file, axis, next(iter(columns.values())).place)
+        try:  # each gap is reported once
+            check_gaps(table, axis.column, {name: samples(table, axis.column, name) for name in columns},
+                       begin=begin / axis.scale, end=end / axis.scale)
+        except HeavebondError as error:
+            problems.extend(error)
     return time, inputs
-
-
-def _check_input_gaps(files: _Files, file: Path, axis: TimeAxis, columns: Mapping[str, FileInput],
-                      ends: tuple[float, float], problems: Problems) -> None:
-    """Gaps in inputs of one file and time axis, each reported once."""
-    table, time = files.table(file, axis, next(iter(columns.values())).place), axis.column
-    try:
-        check_gaps(table, time, {name: samples(table, time, name) for name in columns}, begin=ends[0] / axis.scale,
-                   end=ends[1] / axis.scale)
-    except HeavebondError as error:
-        problems.extend(error)
 
 
 def _cut(experiment: Experiment, record: Record, table: Table) -> Table:

@@ -261,7 +261,9 @@ def find_laws(experiment: ExperimentOrFile, *, at: Sequence[str] = (), separatio
             formulas += _formulas(search, estimate, place)
         say("fitting the free parameters")
         components = {_kind(k): formula.component(_kind(k), effect=False) for k, (formula, _) in enumerate(formulas)}
-        component_folder = _kept_folder()
+        # the components of formulas remain until the program ends: a library reads them when a diagram is assembled
+        component_folder = Path(tempfile.mkdtemp(prefix="heavebond_laws_"))
+        atexit.register(shutil.rmtree, component_folder, ignore_errors=True)
         base = fitted_base(_with_components(searched, components, component_folder))
         known = [refit for place in places for refit in _of_catalogue(base, place.place, say)]
         laws = _refitted(base, search, formulas, say)
@@ -342,13 +344,6 @@ def _temperatures(sought: _Sought) -> list[Variable]:
             variables.append(Variable("pressure", f"{member.noun} {name}", name, member.unit.text, values,
                                       np.gradient(values) > 0))
     return variables
-
-
-def _kept_folder() -> Path:
-    """A folder for the components of formulas until the program ends: a library reads them when a diagram is assembled."""
-    folder = Path(tempfile.mkdtemp(prefix="heavebond_laws_"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
 
 
 def _kind(k: int) -> str:
@@ -472,7 +467,13 @@ def _answer(experiment: Experiment, base: Base, laws: Sequence[tuple[Formula, Re
     odds = np.array([w * blocks**(-0.5 * (counts[id(t)] - counts[id(best)])) for t, w in zip(trials, weights, strict=True)])
     _, _, outside, among = map(float, parts(CALIBRATION, 0.0, 0.0, max(1.0, loss(best))))
     shares = odds / odds.sum() * among / (among + outside)
-    fitted_laws = [_law(formula, refit, float(shares[trials.index(refit)])) for formula, refit in laws if refit in trials]
+    fitted_laws = []
+    for formula, refit in laws:
+        if refit in trials:
+            prefix = f"{refit.candidate.name}."
+            numbers = {name.removeprefix(prefix): value for name, value in refit.values.items() if name.startswith(prefix)}
+            numbers |= {n.name: n.value for n in formula.numbers if not n.fitted}
+            fitted_laws.append(FoundLaw(formula, refit, numbers, float(shares[trials.index(refit)])))
     members = [law for law in fitted_laws if law.refit in alike]
     probable = PROBABLE * max(law.probability for law in members)
     simplest = min((law for law in members if law.probability >= probable), key=lambda law: (law.formula.count, law.loss))
@@ -506,12 +507,6 @@ def _separation(machine: Experiment, alternatives: Sequence[Alternative], say: P
         return separate(alternatives, machine=machine, progress=say)
     except HeavebondError:
         return None
-
-
-def _law(formula: Formula, refit: Refit, probability: float) -> FoundLaw:
-    prefix = f"{refit.candidate.name}."
-    values = {name.removeprefix(prefix): value for name, value in refit.values.items() if name.startswith(prefix)}
-    return FoundLaw(formula, refit, values | {n.name: n.value for n in formula.numbers if not n.fitted}, probability)
 
 
 def _confirmed(original: Experiment, law: FoundLaw, folder: Path, say: Progress) -> FoundLaw:

@@ -155,7 +155,8 @@ class Formula:
             for shape, value in zip(part.form.shapes, part.shapes, strict=True):
                 letter = {"u_0": f"{u}_0", "w_0": f"{names.get('w', 'w')}_0", "p": "pitch"}.get(shape.name, shape.name)
                 names[shape.name] = fresh(letter)
-                unit = _unit(self._dimension(part, shape))
+                unit = _unit({"": (), "time": read_unit("s").dimension, "s": self._unit_of(part, (1, 0, 1)),
+                              "u": self._unit_of(part, (1, 0, 0)), "w": self._unit_of(part, (0, 1, 0))}[shape.unit])
                 shapes.append(Number(names[shape.name], value, unit, shape.doc, Range(
                     *self._ends(part, shape, value), unit)))
             constants, text = list[Number](), " ".join([part.form.memory, *(term.text for term in part.form.terms)])
@@ -182,10 +183,6 @@ class Formula:
             if power:
                 product = times(product, read_unit(text).dimension, power)
         return product
-
-    def _dimension(self, part: Part, shape: Shape) -> Dimension:
-        return {"": (), "time": read_unit("s").dimension, "s": self._unit_of(part, (1, 0, 1)),
-                "u": self._unit_of(part, (1, 0, 0)), "w": self._unit_of(part, (0, 1, 0))}[shape.unit]
 
     def _ends(self, part: Part, shape: Shape, value: float) -> tuple[float, float]:
         """The range in which a shape parameter is refitted: on its side of the motion, and near a pitch."""

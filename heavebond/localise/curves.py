@@ -278,8 +278,12 @@ def best_curve(design: Design, regression: Regression, learn: Mask) -> Curve | N
     losses = [min(part.tried(), line.tried()) for part, line in zip(free, lines, strict=True)]
     r2 = [regression.share(loss, misfit) for loss in losses]
     scores = {v.formula: score for v, score in zip(design.variables, r2, strict=True)}
-    best = next(i for i, loss in enumerate(losses) if loss <= min(losses) + _as_good(min(losses), regression.samples[1],
-                                                                                     misfit))
+    # A variable counts as equal to the best one at noise level by its likelihood, otherwise by its share of the misfit, as
+    # no law is exact then.
+    least, samples = min(losses), regression.samples[1]
+    margin = CURVES.strong + CURVES.inexact * samples if least <= samples + 3 * np.sqrt(2 * samples) else \
+        CURVES.exact * misfit
+    best = next(i for i, loss in enumerate(losses) if loss <= least + margin)
     q, a = free[best].solved()
     variable, units = design.variables[best], {v.formula: v.unit for v in design.variables}
     curve = Curve(variable, r2[best], "curve", r2[best], design.inner[best], a, q, scores, units=units)
@@ -297,13 +301,6 @@ def best_curve(design: Design, regression: Regression, learn: Mask) -> Curve | N
         knots = next(k for v, k in zip(design.variables, design.knots, strict=True) if v is curve.variable)
         curve = _named(curve, learn, knots, part, misfit, functions)
     return replace(curve, scores=scores, units=units)
-
-
-def _as_good(least: float, samples: int, misfit: float) -> float:
-    """The loss up to which a variable counts as equal to the best one, with loss `least`: at noise level by its likelihood,
-    otherwise by its share of the misfit, as no law is exact then."""
-    noise = least <= samples + 3 * np.sqrt(2 * samples)
-    return CURVES.strong + CURVES.inexact * samples if noise else CURVES.exact * misfit
 
 
 def _tested(curve: Curve, law: Regression, design: Design, learn: Mask) -> Curve:

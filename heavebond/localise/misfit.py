@@ -193,16 +193,13 @@ def estimated_inputs(experiment: Experiment, folder: Path, values: Fit | Mapping
             "Join a PlanarShaft, a PlanarSlider or a PlanarStrut where one may act.")])
     p = sides[0].assembly.parameter_values
     search = Search(sides, [known_of(free, p[free.name]) for free in experiment.free.values()], say)
-    return search, search.estimate({r.name: _known_values(values, r.name, sides[0].assembly) for r in records},
-                                   lambda ranked: _in_full(ranked, besides))
+    def in_full(ranked: Sequence[Ranked]) -> Sequence[Ranked]:
+        first = ranked[:INPUT_ESTIMATION.max_places]
+        return first if besides is None else [
+            group for group in first if first[0].likelihood - group.likelihood < INPUT_ESTIMATION.distinct
+            or any({node.name for node in place.nodes} in besides for place in group.group.places)]
 
-
-def _in_full(ranked: Sequence[Ranked], besides: Collection[Set[str]] | None) -> Sequence[Ranked]:
-    """The groups of places that are estimated in full (see `localize`)."""
-    first = ranked[:INPUT_ESTIMATION.max_places]
-    return first if besides is None else [
-        group for group in first if first[0].likelihood - group.likelihood < INPUT_ESTIMATION.distinct
-        or any({node.name for node in place.nodes} in besides for place in group.group.places)]
+    return search, search.estimate({r.name: _known_values(values, r.name, sides[0].assembly) for r in records}, in_full)
 
 
 def beginning(experiment: Experiment, values: Fit | Mapping[str, float | str] | None) -> Experiment:
