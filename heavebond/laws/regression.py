@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -298,7 +298,11 @@ class _Grid:
                     self.groups.append((replace(part, shapes=chosen), slice(begin + k * each, begin + (k + 1) * each)))
             blocks.append(block)
             begin += block.shape[1]
-        self.C = np.concatenate(blocks, axis=1)
+        # columns are added behind those of the grid
+        self._store = np.empty((len(problem.target), begin + SINGLES * max(len(p.form.terms) for p, _ in self.groups)),
+                               order="F")
+        self.C = self._store[:, :begin]
+        np.concatenate(blocks, axis=1, out=self.C)
         size = np.linalg.norm(self.C, axis=0)
         self.C /= np.where((size > 0) & np.isfinite(size), size, 1.0)
         self.towards = self.C.T @ problem.target
@@ -309,7 +313,8 @@ class _Grid:
         block = self.problem.columns(part, [part.shapes])
         block /= np.maximum(np.linalg.norm(block, axis=0), 1e-300)
         begin = self.C.shape[1]
-        self.C = np.concatenate([self.C, block], axis=1)
+        self.C = self._store[:, :begin + block.shape[1]]
+        self.C[:, begin:] = block
         self.towards = np.concatenate([self.towards, block.T @ self.problem.target])
         self.grams.append(block.T @ block)
         self.groups.append((part, slice(begin, self.C.shape[1])))
@@ -405,6 +410,10 @@ def _refined(problem: PlaceRegression, parts: Sequence[Part]) -> Composed:
     low, high = np.array([b[0] for b in bounds]), np.array([b[1] for b in bounds])
     size = np.abs(start)
 
+    @lru_cache(maxsize=4 * len(parts))  # most steps move the shapes of one part
+    def columns(i: int, shapes: tuple[float, ...]) -> Array:
+        return problem.columns(parts[i], [shapes])
+
     def at(z: Array) -> list[Part]:
         shaped = [list(part.shapes) for part in parts]
         for (i, j), value in zip(where, z * size, strict=True):
@@ -412,7 +421,7 @@ def _refined(problem: PlaceRegression, parts: Sequence[Part]) -> Composed:
         return [replace(part, shapes=tuple(s)) for part, s in zip(parts, shaped, strict=True)]
 
     def residual(z: Array) -> Array:
-        C = np.concatenate([problem.columns(part, [part.shapes]) for part in at(z)], axis=1)
+        C = np.concatenate([columns(i, part.shapes) for i, part in enumerate(at(z))], axis=1)
         if not np.all(np.isfinite(C)):
             return np.full(len(problem.target), 1e6)
         return np.asarray(problem.target + C @ _amplitudes(C, problem.target))
