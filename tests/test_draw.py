@@ -466,3 +466,9 @@ def test_a_node_named_after_a_port_is_not_named_across_something_else(tmp_path: 
     named = [line.caption.box for line in drawn.lines if line.caption is not None]
     solid = [item.extent for item in drawn.items]
     assert not [box for box in named if any(box.meets(other) for other in solid)]
+
+
+def test_a_rotation_that_is_not_possible_is_named_with_those_that_are() -> None:
+    text = "model: one\ncomponents:\n  wall: {is: Fixed}\nnodes: {wall: [wall.a]}\nlayout: {parts: {wall: [0, 0, 45]}}\n"
+    with pytest.raises(hb.ModelError, match=r"the rotation \(0, 90, 180, 270\) and `mirrored`"):
+        hb.loads(text)

@@ -59,8 +59,8 @@ def _part(name: str, node: Node, problems: Problems) -> PartPlace | None:
             or further[1:] not in ([], [MIRRORED]):
         problems.add("layout-bad", f"the place of '{name}' in `layout:` cannot be read", node.place,
                      hint=f"Write two whole numbers from -{FARTHEST} to {FARTHEST}, steps of the grid to the right and "
-                     f"down, and if needed the rotation and a reflection: `{name}: [12, 4]`, `{name}: [12, 4, 90]`, "
-                     f"`{name}: [12, 4, 0, {MIRRORED}]`.")
+                     f"down, and if needed the rotation ({', '.join(map(str, reading.TURNS))}) and `{MIRRORED}`: "
+                     f"`{name}: [12, 4]`, `{name}: [12, 4, 90]`, `{name}: [12, 4, 0, {MIRRORED}]`.")
         return None
     return PartPlace(numbers[0], numbers[1], int(further[0]) if further else None, further[1:] == [MIRRORED])
 
