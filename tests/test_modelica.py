@@ -238,3 +238,9 @@ def test_a_part_that_a_when_clause_cannot_express_is_named(name: str, part: str)
     with pytest.raises(hb.ModelError, match=part) as caught:
         modelica(hb.load(bundled("models") / f"{name}.yaml"))
     assert caught.value.problems[0].code == "export-modelica"
+
+
+def test_a_run_without_inputs_has_columns_at_some_of_its_times() -> None:
+    """The empty matrix of its inputs has as many columns as the others, otherwise no function takes them."""
+    run = hb.simulate(hb.loads(RIG), "20 ms")
+    assert {np.shape(column)[1] for column in columns(run, np.array([0, 2]))} == {2}

@@ -520,7 +520,7 @@ def columns(result: Result, at: NDArray[np.intp] | None = None) -> tuple[Array, 
     """The arguments of an assembly's functions along a run, one column per time, or at some of its times."""
     if at is not None:
         held = result.held[:, at] if result.assembly.flat.held else result.held
-        u = result.u[:, at] if len(result.u) else result.u
+        u = result.u[:, at] if result.u.shape[-1] == len(result.time) else result.u
         result = replace(result, time=result.time[at], x=result.x[:, at], z=result.z[:, at], u=u, held=held)
     n = len(result.time)
     return (result.time[None, :], result.x, result.z, with_held(result, result.p, result.held), result.u, np.ones((1, n)))
