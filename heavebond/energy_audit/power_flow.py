@@ -69,9 +69,9 @@ def energy_flow(audit: EnergyAudit) -> EnergyFlow:
         # the node and the domain of a port
         domains = sorted(flat.expanded.model.library.domains.values(), key=lambda d: -len(d.across))
         domain = next(d for d in domains if all(f"{port}.{m}" in flat.names for m in (*d.across, *d.through)))
-        node, domain = flat.unknowns[flat.names[f"{port}.{domain.across[0]}"]].name.rpartition(".")[0], domain.name
+        node = flat.unknowns[flat.names[f"{port}.{domain.across[0]}"]].name.rpartition(".")[0]
         ends = (BoxKey(node, node=True), BoxKey(bonds[port].owner))
-        links.append(Link(*(ends if energy > 0 else ends[::-1]), abs(energy), domain))
+        links.append(Link(*(ends if energy > 0 else ends[::-1]), abs(energy), domain.name))
     largest = max((link.energy for link in links), default=0.0)
     small = [link.energy for link in links if link.energy < LEAST * largest]
     links_kept = _contracted([link for link in links if link.energy >= LEAST * largest and link.energy > 0])

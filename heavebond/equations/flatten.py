@@ -26,7 +26,7 @@ from heavebond.core.units import (
 from heavebond.equations.connect import Network, connect, drivers
 from heavebond.equations.events import FlatEvent, Held, held_bounds, leaf_events, with_held
 from heavebond.equations.expand import expand
-from heavebond.equations.expanded import Expanded
+from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.flat_unknowns import Unknowns
 from heavebond.equations.frames import frame_tree, with_roots
 from heavebond.equations.medium import with_media
@@ -47,7 +47,7 @@ from heavebond.equations.resolver import Bond, Resolver, Unknown
 from heavebond.equations.temperature_origins import TemperatureOrigins, with_intervals
 from heavebond.equations.time_conditions import check_steps, timed
 from heavebond.equations.variation import Factor, factors, incidence
-from heavebond.language.definition import Domain, FileInput, Value
+from heavebond.language.definition import Delayed, Domain, FileInput, Value
 from heavebond.language.incidence import EVERYTHING, INDEFINITE, Entry, Interval, classify
 from heavebond.language.model import Model
 from heavebond.language.sections import Clock
@@ -579,8 +579,8 @@ class _Builder:
                     columns = sorted({column, *named})
                     occurring = ca.vertcat(*(level[columns] for level in self.columns))
                     row = classify(residual, occurring, parameters, {})[0]
-                    kink = nonsmooth(value.expr, lambda text, scope=bound.scope:
-                                     text == "pi" or scope + text in self.constants)
+                    scope = bound.scope
+                    kink = nonsmooth(value.expr, lambda text: text == "pi" or scope + text in self.constants)  # noqa: B023
                     entries = [(e.column // len(columns) * self.n + columns[e.column % len(columns)], e.kind) for e in row]
                     self._add(FlatEquation(path.rpartition(".")[0], f"{path} as given",
                                            f"{path} = {value.text.lstrip('= ')}", value.place, kink,
@@ -625,8 +625,11 @@ class _Builder:
             return
         index = {q.name: k for k, q in enumerate(self.parameters.independent)}
 
-        lengths = [evaluate(d.by.tree, Context(lambda text, _, part=path: self._given(f"{part}.{text}"), lambda e: ca.SX(0),
-                                               leaf.integers)) for path, leaf, _, d in delayed]
+        def delay_of(path: str, leaf: Leaf, delay: Delayed) -> ca.SX:
+            return evaluate(delay.by.tree, Context(lambda text, _: self._given(f"{path}.{text}"), lambda e: ca.SX(0),
+                                                   leaf.integers))
+
+        lengths = [delay_of(path, leaf, d) for path, leaf, _, d in delayed]
         values = np.array(ca.Function("delays", [self.parameters.p], [stack(lengths)])(self.parameters.numbers)).ravel()
         for (path, _, name, d), length, value in zip(delayed, lengths, values.tolist(), strict=True):
             full, column, source = f"{path}.{name}", self.names[f"{path}.{name}"], self.names[f"{path}.{d.of}"]

@@ -62,9 +62,9 @@ def check_asked(model: Model, resolver: Resolver, parameters: Iterable[str], hel
     known = [p for p in parameters if not p.startswith(("initial.", "scale.", "history."))]
     for name, place in model.initial.solve.items():
         if name not in known:
-            problem = f"'{name}' is a variable; only a parameter can be solved for" if name in resolver.names else \
+            message = f"'{name}' is a variable; only a parameter can be solved for" if name in resolver.names else \
                 f"there is no parameter '{name}' to solve for"
-            problems.add("solve-unknown", problem, place, hint=suggest(name, known) or f"Parameters: {listing(known)}.")
+            problems.add("solve-unknown", message, place, hint=suggest(name, known) or f"Parameters: {listing(known)}.")
 
 
 def with_nominal_sizes(model: Model, unknowns: Sequence[Unknown], names: Mapping[str, int], problems: Problems

@@ -520,8 +520,9 @@ def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]],
         return y
 
     def slopes(x: Array) -> Array:
+        assert slope is not None
         try:
-            return np.asarray(slope(*arguments(x)), float).reshape(m, len(x))
+            return np.asarray(np.asarray(slope(*arguments(x)), float).reshape(m, len(x)))
         except (Exception, SystemExit) as error:
             errors.append(_why(error, external.path))
             return np.full((m, len(x)), np.nan)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache, partial
 from math import inf
+from operator import methodcaller
 from typing import TypeVar
 
 import casadi as ca
@@ -252,8 +253,7 @@ class _Builder:
             constant = self._constants({*known, equation.each[0]} if equation.each else known)
             for index in self._indices(equation.each, equation.place):
                 self.context = self._context(index)
-                shape = self._shaped(lambda lengths, tree=equation.tree: lengths.equation(tree), equation.place) \
-                    if self.vectors else None
+                shape = self._shaped(methodcaller("equation", equation.tree), equation.place) if self.vectors else None
                 left = self._evaluated(equation.tree.left, equation.place)
                 right = self._evaluated(equation.tree.right, equation.place)
                 kink = nonsmooth(equation.tree.left, constant) or nonsmooth(equation.tree.right, constant)

@@ -177,13 +177,13 @@ def _item(part: Part, placement: Placement, joined: set[tuple[str, str]], option
         frame = inside.frame
         x = _on_grid((frame.left + frame.right) / 2)
         y = next((a.y for a in inside.anchors if a.side in ("left", "right")), _on_grid((frame.top + frame.bottom) / 2))
-        corner_values = (frame.left - x, frame.top - y, frame.right - x, frame.bottom - y)
-        shape = Shape(*(round(v) for v in corner_values), tuple(replace(a, x=a.x - x, y=a.y - y) for a in inside.anchors))
+        left, top, right, bottom = (round(v) for v in (frame.left - x, frame.top - y, frame.right - x, frame.bottom - y))
+        shape = Shape(left, top, right, bottom, tuple(replace(a, x=a.x - x, y=a.y - y) for a in inside.anchors))
         lines = tags
     else:
         shape = box(part.name, part.component.name, sides, part.component.states)
         lines = (*values, *tags)
-    anchors = []  # at which wires will probably end; all of a port if that is unknown
+    anchors: list[Anchor] = []  # at which wires will probably end; all of a port if that is unknown
     for port in part.ports:
         if (part.name, port) in joined:
             port_anchors = shape.of(port)

@@ -207,18 +207,18 @@ def mean_rows(result: StudyResult) -> tuple[list[str], list[list[str]], int]:
         one = next(iter(outcomes.values()))
         row_start = [_level(result, one, k) for k in at] + ([one.procedure] if len(result.study.procedures) > 1 else [])
         for name in names:
-            spread = spread_of.get(combination, {}).get(name)
-            half = spread.mean - spread.interval[0] if spread is not None else math.nan
-            if spread is None:
+            mean_spread = spread_of.get(combination, {}).get(name)
+            half = mean_spread.mean - mean_spread.interval[0] if mean_spread is not None else math.nan
+            if mean_spread is None:
                 row_start.append("")
             elif not half > 0:     # one point, or the same number everywhere
-                row_start.append(number(spread.mean, 4))
+                row_start.append(number(mean_spread.mean, 4))
             else:
                 # the half width with one significant digit, with two where the first is 1 or 2; the mean to the same
                 # decimal place
                 power = math.floor(math.log10(half))
                 places = max(0, (half < 3*10**power) - power)
-                row_start.append(f"{spread.mean:.{places}f} ± {half:.{places}f}")
+                row_start.append(f"{mean_spread.mean:.{places}f} ± {half:.{places}f}")
         rows.append(row_start)
     head = [_axis_head(result, k) for k in at] + (["procedure"] if len(result.study.procedures) > 1 else [])
     words = next((n for n, k in enumerate(at) if result.study.axes[k].unit is not None), len(at))

@@ -33,7 +33,7 @@ SHORTEST, LONGEST = 1, 500  # characters of a value
 def forms(command_line: str) -> Entry:
     """The commands with their options, by the kind of document."""
     group = _group(command_line)
-    command_forms: Entry = {}
+    command_forms: dict[str, list[Entry]] = {}
     for kind, names in COMMANDS.items():
         command_forms[kind] = []
         for name in [name for name in names if name in group.commands]:
@@ -44,7 +44,7 @@ def forms(command_line: str) -> Entry:
                         "several": p.multiple, "required": p.required} for p in _options(command)]
             command_forms[kind].append({"name": name, "summary": command.get_short_help_str(100), "options": options,
                                         "picture": _draws(command), "formats": list(FORMS.get(name, ()))})
-    return command_forms
+    return dict(command_forms)
 
 
 def _group(command_line: str) -> click.Group:
