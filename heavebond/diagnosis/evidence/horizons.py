@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from heavebond.core.errors import HeavebondError
 from heavebond.core.presentation import number
@@ -93,14 +94,9 @@ def _along(experiment: Experiment, record: Record, values: Mapping[str, float]) 
         start = {**sourced.assembly.parameter_values, **at}
         model = sourced.about(at, [known_of(free, start[name]) for name, free in experiment.free.items()])
     n = model.phi.shape[1]
-    x, response = np.eye(n), np.empty((*model.c.shape[:2], n))
+    response = np.clip(np.nan_to_num(_responses(model, np.eye(n), np.zeros(len(model.time), np.int64))), -LARGE, LARGE)
     if not n:  # a machine without states
-        return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, x)
-    with np.errstate(over="ignore", invalid="ignore"):  # an unstable machine
-        for i in range(len(model.time)):
-            response[i] = model.c[i, :, :n] @ x
-            x = model.phi[i, :, :n] @ x if i < len(model.phi) else x
-    response = np.clip(np.nan_to_num(response), -LARGE, LARGE)
+        return _Along(record, model, sourced.noise, sourced.measured / sourced.noise, response, np.eye(0))
     flat = response.reshape(-1, n)
     size = np.sqrt(np.maximum((flat**2).sum(axis=0), 1 / LARGE))
     basis, sizes, directions = np.linalg.svd(flat / size, full_matrices=False)
@@ -136,16 +132,22 @@ def _horizon(along: _Along, length: float) -> Horizon | None:
     span = float(model.time[-1] - model.time[0])
     count = max(1, int(span / length))
     segment = np.minimum(((model.time - model.time[0]) * count / span).astype(np.int64), count - 1)
-    n = model.phi.shape[1]
-    responses, directions = np.empty((*model.c.shape[:2], d)), along.carried
-    x = directions
+    responses = _responses(model, along.carried, segment)
+    return Horizon(model.time, segment, np.ascontiguousarray((responses * along.noise[:, None]).transpose(1, 0, 2)))
+
+
+def _responses(model: LtvModel, directions: Array, segment: NDArray[np.int64]) -> Array:
+    """The responses (N, m, d) of the channels to directions (n, d) of the initial state, which become orthonormal at the
+    beginning of each segment. Those of an unstable machine may be infinite."""
+    n = len(directions)
+    responses = np.empty((*model.c.shape[:2], directions.shape[1]))
     with np.errstate(over="ignore", invalid="ignore"):
         for i in range(len(model.time)):
             if i and segment[i] != segment[i - 1]:
-                x = np.linalg.qr(x)[0]
-            responses[i] = model.c[i, :, :n] @ x
-            x = model.phi[i, :, :n] @ x if i < len(model.phi) else x
-    return Horizon(model.time, segment, np.ascontiguousarray((responses * along.noise[:, None]).transpose(1, 0, 2)))
+                directions = np.linalg.qr(directions)[0]
+            responses[i] = model.c[i, :, :n] @ directions
+            directions = model.phi[i, :, :n] @ directions if i < len(model.phi) else directions
+    return responses
 
 
 def _energies(along: _Along, horizon: Horizon) -> tuple[float, float]:
