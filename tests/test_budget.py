@@ -12,6 +12,8 @@ from click.testing import CliRunner
 from benchmarks.diagnosis import ended
 from benchmarks.diagnosis.ended import Looks, counted_looks
 from heavebond.cli import main
+from heavebond.core.errors import FaultWarning
+from heavebond.diagnosis import diagnose as driver
 from heavebond.diagnosis import phases
 from heavebond.diagnosis.answer.sentences import CURVES, VALUES
 from heavebond.diagnosis.candidates.fixed_values import VALUE
@@ -118,3 +120,23 @@ def test_the_answer_has_the_same_form_in_whatever_phase_the_time_ends() -> None:
     assert [result for result in results if result.faults] == []
     # once a candidate is refitted there is a conclusion
     assert all(result.answer and result.answer.verdict == "effect" for result in results if result.phase == "confirm")
+
+
+@pytest.mark.parametrize("position", ["before", "after"])
+def test_a_fault_in_a_phase_loses_nothing_that_was_known(
+        position: str, rig: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search ends by an exception before its first state, or after its last."""
+    def broken(state: phases.State, task: phases.Task) -> Iterator[phases.State]:
+        if position == "after":
+            yield from phases.search(state, task)
+        raise ValueError("no numbers\nat all")
+
+    broken.__name__ = "search"
+    monkeypatch.setattr(driver, "PHASES", tuple(broken if phase is phases.search else phase for phase in phases.PHASES))
+    with pytest.warns(FaultWarning, match=r"`search` ended by a fault of heavebond, ValueError in test_budget.py, line \d"):
+        diagnosis = diagnose(rig, number=1, classes=CLASSES)
+    assert diagnosis.words[0].startswith("The phase `search` ended by a fault") and diagnosis.partial
+    assert diagnosis.ladder[-1].chi2_fit > 1
+    assert [f.candidate.kind for f in diagnosis.findings] == (["dry friction"] if position == "after" else [])
+    with pytest.raises(FaultWarning):  # in the tests of the program it is an error
+        diagnose(rig, number=1, classes=CLASSES)

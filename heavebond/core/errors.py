@@ -133,6 +133,10 @@ class RunWarning(UserWarning):
     """A run left the range in which its results are valid; the message is its verdict."""
 
 
+class FaultWarning(RuntimeWarning):
+    """A part of a long computation ended by a fault of heavebond; its result holds what was known before."""
+
+
 @dataclass
 class Problems:
     """Collects the problems of one stage, so that a user sees all of them at once."""

@@ -8,14 +8,18 @@ all are named.
 
 from __future__ import annotations
 
+import traceback
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
+from pathlib import Path
 
 from heavebond.core import facade
-from heavebond.core.cancellation import Budget, clear_signal, time_limit
+from heavebond.core.cancellation import Budget, clear_signal, is_interrupt, time_limit
 from heavebond.core.cluster import Cluster
+from heavebond.core.errors import DataError, FaultWarning, ModelError, UsageError
 from heavebond.core.presentation import brief
 from heavebond.core.progress import Progress
 from heavebond.core.quantities import si_value
@@ -214,7 +218,8 @@ def _run_phases(state: State, task: Task) -> State:
     """Run all phases and return the last state.
 
     If a phase is ended early, by Ctrl-C or the time limit, its last state is kept and only the closing phases follow. Time
-    for the closing phases is reserved.
+    for the closing phases is reserved. The same holds for a phase after the first fit that ends by an exception, a fault of
+    this program: the answer states it, with a FaultWarning.
     """
     for phase in PHASES:
         if phase not in CLOSING and (state.partial or not (state.models or phase in FIRST)):
@@ -226,9 +231,19 @@ def _run_phases(state: State, task: Task) -> State:
             with time_limit(limit):
                 for latest in phase(state, task):
                     state = latest
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, Exception) as error:
+            interrupted = is_interrupt(error)
+            if not interrupted and (phase in FIRST or isinstance(error, ModelError | DataError | UsageError)):
+                raise
             clear_signal()
             state = replace(state, ended=(*state.ended, phase.__name__))
+            if not interrupted:
+                last = traceback.extract_tb(error.__traceback__)[-1]
+                fault = f"The phase `{phase.__name__}` ended by a fault of heavebond, {type(error).__name__} in " \
+                    f"{Path(last.filename).name}, line {last.lineno}: {str(error).partition(chr(10))[0]}. The answer " \
+                    "holds what was known before. Report it to who maintains heavebond for you."
+                warnings.warn(fault, FaultWarning, stacklevel=2)
+                state = replace(state, faults=(*state.faults, fault))
         if phase in FIRST[1:]:
             state = replace(state, kept=kept_time(state, task))
     return state
@@ -241,8 +256,9 @@ def _answer(state: State, task: Task) -> Diagnosis:
              for c in record.channels.values()}
     budget = task.budget
     if not state.steps or state.searched is None:
-        return Diagnosis(state.given, "undetermined", before_search(state.models, state.base), state.models, (), (), (),
-                         None, state.base, noise, budget.spent, None, state.given, None, (EFFECTS, VALUES, CURVES))
+        words = (*state.faults, *before_search(state.models, state.base))
+        return Diagnosis(state.given, "undetermined", words, state.models, (), (), (), None, state.base, noise,
+                         budget.spent, None, state.given, None, (EFFECTS, VALUES, CURVES))
     verdict, steps, findings, models = state.verdict, state.steps, state.findings, state.table
     first = models[0].comparison
     words = (*sentences(verdict, models, findings, steps, state.shape, state.adequacy), *variation_words(findings),
@@ -258,6 +274,7 @@ def _answer(state: State, task: Task) -> Diagnosis:
              *left_out_words(steps), *search_limits(task.classes, cut(state.searched, state.experiment),
                             state.confirming is not None and state.confirming.shorter),
              *horizon_words(state.experiment), *state.differences)
+    words = (*state.faults, *words)
     answer = Diagnosis(state.given, verdict, words, models, findings, state.doubtful, steps, state.shape, state.base, noise,
                        budget.spent, state.separation, state.searched, state.adequacy, state.untried, state.remainder,
                        evidence(steps, state.value_step, sheet_p_value(state.base), state.adequacy,

@@ -116,6 +116,7 @@ class State:
     * verdict, separation: see `Diagnosis`.
     * untried: parts of the search that were not completed.
     * ended: phases that were ended early.
+    * faults: sentences on phases that ended by a fault of the program.
     """
 
     given: Experiment
@@ -144,6 +145,7 @@ class State:
     separation: Separation | None = None
     untried: tuple[str, ...] = ()
     ended: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
 
     @property
     def partial(self) -> bool:
