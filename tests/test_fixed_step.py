@@ -104,6 +104,25 @@ def test_a_step_beyond_the_limit_of_stability_is_named() -> None:
     assert "Make the step shorter than 0.1 s" in caught.value.problems[0].hint
 
 
+@pytest.mark.parametrize(("solver", "limit"), [("euler", 2.0), ("rk4", 2.785)])
+def test_a_run_beyond_the_limit_of_stability_states_it(solver: str, limit: float) -> None:
+    """v' = -v: |R(-h)| = 1 at h = 2 for Euler and at 2.785 for Runge-Kutta of order 4 (E. Hairer, G. Wanner, II, IV.2). In
+    100 steps |R| = 2**(1/100) doubles a motion, which is 0.4 % of the step away."""
+    with pytest.warns(hb.RunWarning, match="has no error control: its step is .* s, beyond its limit of stability at"):
+        beyond = hb.simulate(hb.loads(DECAY), 100 * limit, every=limit * 1.03, solver=solver, step=limit * 1.03)
+    assert abs(beyond["load.v"][-1]) > 1 and beyond.statistics["stable_step"] == pytest.approx(limit, rel=0.005)
+    inside = run(solver=solver, step=limit * 0.97, every=limit * 0.97, until=100 * limit)
+    assert "stable_step" not in inside.statistics and abs(inside["load.v"][-1]) < 1
+
+
+def test_an_undamped_oscillation_grows_in_every_step_of_euler() -> None:
+    """|1 + i w h|^(T/h) = 2 at h = 2 ln(2)/(w² T) for small steps."""
+    text = DECAY.replace("brake: {is: Damper, d: 1 N*s/m}", "brake: {is: Spring, c: 1 N/m}")
+    found = run(text, solver="euler", step=0.1, until=100)
+    assert found.statistics["stable_step"] == pytest.approx(2 * np.log(2) / 100, rel=0.01)
+    assert "stable_step" not in run(text, solver="rk4", step=0.1, until=100).statistics
+
+
 def test_the_command_takes_a_step(tmp_path: Path) -> None:
     path = tmp_path / "decay.yaml"
     path.write_text(DECAY, encoding="utf-8")

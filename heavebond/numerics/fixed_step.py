@@ -4,6 +4,10 @@ They reproduce the results of programs that use these methods, where a model dep
 multiples of the step from the start of the run. Values at output times between two steps are interpolated: linearly, for
 Runge-Kutta by the cubic polynomial with the values and rates at both ends. E. Hairer, S. P. Nørsett and G. Wanner, Solving
 Ordinary Differential Equations I, 1993, II.1 and II.6; E. Hairer and G. Wanner, II, 1996, IV.3.
+
+A step h of an explicit method multiplies a motion exp(lambda t) by R(h lambda), with the stability function R (1 + z for
+Euler's method). If Re lambda <= 0 and |R(h lambda)| > 1, a motion that decays grows instead. The eigenvalues lambda of the
+Jacobian matrix at some points of the run therefore give the limit of stability of the step.
 """
 
 from __future__ import annotations
@@ -24,6 +28,9 @@ SAME = 1e-6
 # it converges quadratically, so that the error is then of rounding.
 CONVERGED = 1e-10
 MOST_ITERATIONS = 50
+# Points of a run whose eigenvalues are computed, states above which they are not, and the growth of a motion during the run
+# beyond which the step is unstable: less is an error among others.
+POINTS, LARGE, GROWTH = 8, 300, 2.0
 
 
 class FixedStep:
@@ -53,14 +60,16 @@ class FixedStep:
             third = rates(t + h / 2, x + h / 2 * second, z, p, u)
             slope = (first + 2 * second + 2 * third + rates(t + h, x + h * third, z, p, u)) / 6
         self._next = Buffered(ca.Function("step", [t, x, z, p, u], [ca.densify(x + h * slope)]))
+        if x.numel() <= LARGE:
+            self._jacobian = Buffered(ca.Function("jacobian", [t, x, z, p, u], [ca.densify(ca.jacobian(dae["ode"], x))]))
 
     def size1_in(self, name: str) -> int:
         """The number of numbers in an input."""
         return self._sizes[name]
 
     def stats(self) -> dict[str, Any]:
-        """The number of steps of the last call."""
-        return {"nsteps": self._steps}
+        """The number of steps of the last call, and the limit of stability (s) if its step is beyond it."""
+        return {"nsteps": self._steps, **({"stable_step": self._limit} if self._limit is not None else {})}
 
     def __call__(self, **arguments: Any) -> dict[str, Array]:
         """The states and algebraic unknowns (n, N) at the stops after the first."""
@@ -68,13 +77,16 @@ class FixedStep:
         stops, h = self._stops - self._stops[0], self._step
         u = np.asarray(arguments["u"], float).reshape(self._sizes["u"], len(stops) - 1)
         xf, zf = np.empty((len(x), len(stops) - 1)), np.empty((len(z), len(stops) - 1))
-        j, k = 1, 0
+        j, k, jacobians = 1, 0, list[Array]()
+        every = max(1, int(stops[-1] / h) // POINTS)
         while j < len(stops):
             begin, x_before, z_before = self._stops[0] + k * h, x, z
             end = self._stops[0] + (k + 1) * h
             # the piece of the measured inputs at the instant that the method reads first
             piece = int(np.searchsorted(stops, (k + 1 - SAME if self._implicit else k + SAME) * h, side="right")) - 1
             pieces = u[:, min(piece, u.shape[1] - 1)]
+            if self._jacobian is not None and k % every == 0:
+                jacobians.append(self._jacobian(begin, x, z, p, pieces)["o0"].copy())
             if self._implicit:
                 x, z = self._solved(end, x, z, p, pieces)
             else:
@@ -94,10 +106,33 @@ class FixedStep:
                                   for t, at in ((begin, x_before), (end, x))]
                         xf[:, j - 1] += share * (1 - share) * ((1 - share) * slopes[0] - share * slopes[1])
                 j += 1
-        self._steps = k
+        self._steps, self._limit = k, self._limit_of_stability(np.array(jacobians), k) if jacobians else None
         return {"xf": xf, "zf": zf}
 
     _steps = 0
+    _limit: float | None = None
+    _jacobian: Buffered | None = None
+
+    def _limit_of_stability(self, jacobians: Array, steps: int) -> float | None:
+        """The largest step (s) with which no motion that decays or stays grows to `GROWTH` times its size during the run, if
+        the step is longer."""
+        if not np.all(np.isfinite(jacobians)):
+            return None
+        eigenvalues = np.linalg.eigvals(jacobians).ravel()
+        eigenvalues = eigenvalues[eigenvalues.real <= 1e-9 * np.abs(eigenvalues)]
+
+        def grows(h: float) -> bool:
+            z = h * eigenvalues
+            factor = np.abs(1 + z + (z**2 / 2 + z**3 / 6 + z**4 / 24 if self._cubic else 0))
+            return bool(np.any(np.log(np.maximum(factor, 1.0)) * (steps * self._step / h) > np.log(GROWTH)))
+
+        if not grows(self._step):
+            return None
+        low, high = 0.0, self._step
+        for _ in range(30):
+            middle = (low + high) / 2
+            low, high = (low, middle) if grows(middle) else (middle, high)
+        return low
 
     def _solved(self, t: float, before: Array, z: Array, p: Array, u: Array) -> tuple[Array, Array]:
         """The states and algebraic unknowns at the end of a step of backward Euler, by Newton's method from those at its

@@ -164,8 +164,11 @@ class Result(facade.Displayed):
                              f"{leaf.component.placeholder.partition(';')[0]}. Write its law, or take it out")
                      for path, leaf in flat.expanded.leaves.items() if leaf.component.placeholder]
         if isinstance(step := self.statistics.get("step"), float):
-            findings.append(Finding("fixed-step", str(self.statistics["solver"]), "", time, step, None, "s",
-                                    "Repeat the run with half the step, or by `--solver auto`, to see its error"))
+            stable = self.statistics.get("stable_step")
+            findings.append(Finding("fixed-step", str(self.statistics["solver"]), "", time, step,
+                                    stable if isinstance(stable, float) else None, "s",
+                                    "Repeat the run with half the step, or by `--solver auto`, to see its error"
+                                    if stable is None else "Decaying motions of the machine grow in the run. Take a shorter step"))
         # parts with two ports, both on one node
         joined = {path: node for path in flat.expanded.leaves if (node := joined_ports(flat, path)) is not None}
         return [*findings, *(Finding("joined", path, node, time, 0.0, None, "", "it does nothing there. Put one port on "

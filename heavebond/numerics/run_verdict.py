@@ -87,7 +87,8 @@ class Finding:
         if self.kind == "placeholder":
             return f"{self.name} has no law: it is a placeholder"
         if self.kind == "fixed-step":
-            return f"{self.name} has no error control: its step is {value}"
+            beyond = "" if self.limit is None else f", beyond its limit of stability at {readable(self.limit, 's')}"
+            return f"{self.name} has no error control: its step is {value}{beyond}"
         if self.kind == "joined":
             return f"{self.name} has both ports on the same node, '{self.part}'"
         if self.kind == "filled":

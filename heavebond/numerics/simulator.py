@@ -69,7 +69,7 @@ from heavebond.numerics.time_search import rounding
 from heavebond.numerics.trace import Frame, Points, Trace
 
 ASIDE = 1e-3  # of each state's nominal size: how far from the start its stiffness is felt
-COUNTED = ("nsteps", "nfevals", "netfails", "equations")  # of an integration, in the statistics of a run
+COUNTED = ("nsteps", "nfevals", "netfails", "equations", "stable_step")  # of an integration, in the statistics of a run
 MANY_POINTS = 10_000  # output points from which on a single run may be long enough to be compiled
 LOOKED_AT = 0.02  # share of a single run that is integrated beforehand, to find out how long it will take
 
