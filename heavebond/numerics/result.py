@@ -168,7 +168,7 @@ class Result(facade.Displayed):
             findings.append(Finding("fixed-step", str(self.statistics["solver"]), "", time, step,
                                     stable if isinstance(stable, float) else None, "s",
                                     "Repeat the run with half the step, or by `--solver auto`, to see its error"
-                                    if stable is None else "Decaying motions of the machine grow in the run. Take a shorter step"))
+                                    if stable is None else "Decaying motions of the machine grow. Take a shorter step"))
         # parts with two ports, both on one node
         joined = {path: node for path in flat.expanded.leaves if (node := joined_ports(flat, path)) is not None}
         return [*findings, *(Finding("joined", path, node, time, 0.0, None, "", "it does nothing there. Put one port on "
