@@ -33,44 +33,48 @@ Row = Mapping[str, Any]
 HIDDEN = {"clutter": "nothing but clutter", "value": "a wrong fixed value", "inside": "an effect of the catalogue",
           "other law": "another law of a class", "outside": "a class that is struck"}
 DRAW = """\
-Cluttered machines drawn at random over bundled diagrams of all domains (`python -m benchmarks.diagnosis.calibration run`,
-which takes one case of each machine in turn and continues where it was interrupted). This draw is also the prior for which
-the [probabilities](diagnosis_method.md#probabilities) hold:
+The cases are cluttered machines, drawn at random from bundled diagrams of all domains by `python -m
+benchmarks.diagnosis.calibration run`. The command runs one case of each machine in turn and can be interrupted and
+continued. The distribution of the cases is also the prior of the [probabilities](diagnosis_method.md#probabilities):
 
-* a dominant effect makes 50 to 95 % of the misfit, two to four minor differences the rest; the misfit is 3 to 400 noise
-  variances per sample, log-uniform;
-* the dominant effect is a law of the catalogue (45 % of the cases), one whose own law is struck from the catalogue while
-  another law of its class is there (13 %), one whose whole class is struck (22 %), or a wrong value that the diagram holds
-  fixed (8 %); in the other cases (12 %) there is none, and the clutter is 0.02 to 0.5 noise variances per sample;
-* minor differences are laws of the catalogue, laws that are struck from it, values of the data sheet that are wrong, also by
-  more than their tolerance, and parameters that drift, that oscillate, or that differ between records;
-* inputs are recorded with noise, channels are up to one and a half samples late, and quantised;
-* the class is drawn uniformly from those that fit in the machine, then law and place; one to three records of 240 to 300
-  samples; the noise is 0.3 to 1.5 % of the motion of a channel, and given in 60 % of the cases;
-* each diagnosis has 60 s of processor time; the answer at the limit counts.
+* a dominant effect causes 50 to 95 % of the misfit, two to four minor differences cause the rest; the misfit is 3 to 400
+  noise variances per sample, log-uniform;
+* the dominant effect is a law of the catalogue (45 % of the cases), an effect whose law is removed from the catalogue, which
+  retains another law of the class (13 %), an effect whose whole class is removed (22 %), or a wrong fixed value of the
+  diagram (8 %); the other cases (12 %) have no dominant effect, and the minor differences cause 0.02 to 0.5 noise variances
+  per sample;
+* minor differences are laws of the catalogue, laws that are removed from it, data-sheet values that are wrong, also by more
+  than their tolerance, and parameters that drift, oscillate, or differ between records;
+* inputs are recorded with noise; channels are up to one and a half samples late, and quantised;
+* the class is drawn uniformly from the classes that are possible in the machine, then law and place; there are one to three
+  records of 240 to 300 samples; the noise is 0.3 to 1.5 % of the motion of a channel, and is specified in 60 % of the cases;
+* each diagnosis has 60 s of processor time; the answer at this limit counts.
 
-The tables count the deepest level that each tree of the answer states, and whether it is that of a hidden difference."""
+The tables count the deepest level that each tree of the answer states, and whether a hidden difference agrees with it."""
 CALIBRATED = """\
-The constants of the [probabilities](diagnosis_method.md#probabilities) are fitted to these cases, those of a machine to all
-others (`python -m benchmarks.diagnosis.calibration report`).
+The constants of the [probabilities](diagnosis_method.md#probabilities) are fitted to these cases; for each machine, they are
+fitted to all other machines (`python -m benchmarks.diagnosis.calibration report`).
 
-*Expected calibration error*: the distance of the mean stated probability from the true frequency, in bins, weighted. With
-so few cases it is not zero for exact probabilities either: in brackets its 95 % quantile for them. The constants have prior
-distributions that keep them within a factor of some e of the values that were assumed before any case was seen."""
+The *expected calibration error* is the difference between the mean stated probability and the true frequency, computed in
+bins and averaged with weights. With so few cases, the error is not zero even for exact probabilities: the brackets contain
+the 95 % quantile of the error that exact probabilities would have by chance. The constants have prior distributions, which
+keep them within a factor of about e of the values that were assumed before any case was evaluated."""
 MEASURED = """\
-Public records of real machines. The diagrams lack the effects that are known from the authors of the records, from the
-literature or from the records themselves (`python -m benchmarks.diagnosis.measured FOLDER --processor --seconds 180`, in one
-process). The answer is the first two sentences of the tree, and before them the summary if there are several effects. *So
-far* means that the time limit ended the search. The error is the root mean square on the record that is kept for the test,
-or otherwise on the last validation record, and in brackets its share of the root mean square of the measured signal: with
-the free parameters fitted, and after each effect. Published figures were obtained by other means, some on other parts of the
-records; *verified* ones were read in the source.
+The records are public records of real machines. The diagrams lack the effects that are known from the authors of the
+records, from the literature or from the records themselves (`python -m benchmarks.diagnosis.measured FOLDER --processor
+--seconds 180`, in one process). The column *answer* contains the first two sentences of the tree; if there are several
+effects, a summary precedes them. *So far* means that the time limit ended the search. The error is the root mean square on
+the test record or, without a test record, on the last validation record. The brackets contain its share of the root mean
+square of the measured signal. The first error is the error with fitted free parameters, the others are the errors after each
+effect. Published figures were obtained with other methods, some with other parts of the records; *verified* figures were
+read in the source.
 
-In nine of ten sets the first effect of the answer has the right place and class. The exception are the tanks, with linear
-outlets in the diagram: a dead band of the pump explains more than square-root outlets alone (0.56 V on the test record;
-0.67 V with both outlets replaced, by an independent fit), and the overflow is the second effect. The controller of the
-pendulum is not known: it is driven by the measured torque, and the effects in this torque are missing as well. The end stops
-of the damper and of the pendulum describe these records and are no proof that the machines have any."""
+In nine of ten sets the first effect of the answer has the right place and class. The exception is the set of the tanks,
+whose diagram has linear outlets: a dead band of the pump explains more of the misfit than square-root outlets alone (0.56 V
+on the test record; 0.67 V with both outlets replaced, in an independent fit), and the overflow is the second effect. The
+controller of the pendulum is not known, so the model is driven by the measured torque, and the effects in this torque are
+missing as well. The end stops of the damper and of the pendulum describe these records, but do not prove that the machines
+have end stops."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -166,7 +170,8 @@ def sizes(rows: Sequence[Row], checks: Sequence[Row]) -> str:
     return "\n\n".join([
         table(["rig", "effect", "detected from", "misfit", "distinguished from", "misfit",
                "nearest of another class or place", "cosine"], lines),
-        "Check by simulation at half and at twice the amplitude from which the effect should be distinguished:",
+        "The prediction was checked by simulation at half and at twice the amplitude from which the effect should be "
+        "distinguished:",
         table(["rig", "effect", "at half", "at twice"], told)])
 
 
@@ -196,10 +201,11 @@ def machine(rows: Sequence[Row]) -> str:
                       f"{row['refitted']} of {row['scored']}", f"{row['processor']:.0f}", f"{row['megabytes']:.0f}"))
         values.append((row["key"], ", ".join(effects) or "-", f"{100 * max(off, default=0):.1f} %"))
     return "\n\n".join([
-        "Effects hidden in [the compensator](compensator.md#results-of-a-diagnosis), diagnosed with the whole catalogue in "
-        "one process. Of the candidates that can be simulated, those that can reduce the error are refitted.",
+        "The effects were hidden in [the compensator](compensator.md#results-of-a-diagnosis). The diagnosis used the whole "
+        "catalogue in one process. Of the candidates that can be simulated, only the candidates that can reduce the error "
+        "are refitted.",
         table(["hidden effect", "outcome", "result", "chi-square, held out", "refitted", "processor time, s", "MB"], lines),
-        "Estimated values, and the largest deviation of the free parameters from the true values:",
+        "The table lists the estimated values, and the largest deviation of the free parameters from their true values:",
         table(["hidden effect", "estimated values of the effect", "largest deviation"], values)])
 
 
@@ -238,8 +244,8 @@ def calibration(rows: Sequence[Row]) -> str:
         f"{len({r['machine'] for r in rows})} machines. A branch is true if it belongs to one of the hidden differences.",
         table(["constants", "level", "trees", "stated, most probable branch", "true", "calibration error (95 % by chance)",
                "of all branches above 1 %"], lines),
-        "The mean probability of the class of the dominant effect, in the tree in which it is most probable, if the class "
-        f"is in the catalogue: {figure(float(np.mean(known)), 2)}.",
+        "If the catalogue contains the class of the dominant effect, the mean probability of this class, in the tree in "
+        f"which it is most probable, is {figure(float(np.mean(known)), 2)}.",
         "![Stated probabilities against true frequencies](pictures/reliability.png)"])
 
 
