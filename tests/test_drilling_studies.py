@@ -80,7 +80,7 @@ def test_sentences_on_the_tables() -> None:
     assert (closing[:, :5] > 2.9 * passive).all() and (closing[:, :5] < 4.3 * passive).all()     # within 1 s
     assert (closing[:, 6:] < passive).all()                                                     # 5 s or more
     at_speed, at_turn = closing[:, 5]
-    assert f"{at_speed:.0f} kN where the valve begins to close at the greatest speed, {at_turn:.0f} kN at the" in \
+    assert f"{at_speed:.0f} kN if the valve begins to close at the greatest speed, {at_turn:.0f} kN at the" in \
         " ".join(PAGE.read_text(encoding="utf-8").split())
     gas = rows("accumulator")[:, 0].reshape(2, 2, 5)
     assert np.ptp(gas[0]) < 0.02

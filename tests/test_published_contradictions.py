@@ -96,7 +96,7 @@ def test_sentences_on_gains() -> None:
                  if structure.law == "natural frequency" and structure.oil != "rigid" and not structure.euler
                  and not structure.cascade]
     most = max(stated[structure.name][1] for structure in compliant)
-    assert f"the boundary is at most {most:.2f} 1/m, {100 * (1 - most / 6.15):.0f} % below it" in text
+    assert f"the boundary is at most {most:.2f} 1/m, {100 * (1 - most / 6.15):.0f} % below" in text
     assert f"at most {most:.2f} 1/m is stable" in PAGE_OF_THE_MODEL
     reached = {name for name, (_, narrow, _) in stated.items() if narrow > 0.9 * 6.15}
     assert {name for name in reached if not BY_NAME[name].euler and not BY_NAME[name].cascade} == {
