@@ -225,7 +225,8 @@ class Table:
     def losses(self, constants: Calibration) -> Array:
         """The negative logarithms (n,) of the probabilities of the true branches, the mean over the levels."""
         at = GRID.index(constants.temperature)
-        nothing, parameters, outside, among = parts(constants, **self.known, flexible=self.flexible[:, at])
+        nothing, parameters, outside, among = parts(
+            constants, self.known["missing"], self.known["sheet"], self.known["left"], self.flexible[:, at])
         none = nothing + parameters + among * self.values[:, at]
         rest = np.maximum(1 - none - among * self.all[0, :, at] - outside * self.all[1, :, at], 0.0)
         found = []

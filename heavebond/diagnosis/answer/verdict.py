@@ -78,16 +78,9 @@ def unexplained(ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], 
 def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[AddedEffect], steps: Sequence[Stage],
             shape: AddedEffect | None, adequacy: Adequacy | None = None, complete: bool = True) -> str:
     """Derive one of the seven verdicts; `complete` is True if fixed values and identified curves were tried."""
-    from scipy.special import chdtrc
-
     if findings and _astray([without_effects(ladder, findings)]) and all(f.candidate.differs for f in findings):
         return "effect"  # a parameter of a held-out record differs
-    # a score was significant, but no refit is justified and chi-square is at the noise level; the p value of the score must
-    # exceed the p value that justifies an effect
-    first = steps[0]
-    refuted = first.left.by_score_alone and first.left.score > float(chdtrc(1, EARNED)) and not steps[-1].partial \
-        and is_noise(first.chi2_fit, first.chi2_held_out, first.samples_held_out)
-    if not first.left.significant or (complete and shape is None and not findings and refuted):
+    if not steps[0].left.significant or (complete and shape is None and not findings and _refuted(steps)):
         if is_still(ladder[0]) or steps[0].partial or _astray(ladder):
             return "undetermined"
         return "parameters" if sheet_p_value(base) < CHANCE else "nothing"
@@ -102,6 +95,16 @@ def verdict(base: Fit | None, ladder: Sequence[LadderEntry], findings: Sequence[
     if steps[-1].partial or not (complete or shape is not None):
         return "undetermined"
     return "shape" if shape is not None or findings else "undetermined"
+
+
+def _refuted(steps: Sequence[Stage]) -> bool:
+    """True if a score was significant, but no refit is justified and chi-square is at the noise level. The p value of the
+    score must exceed the p value that justifies an effect."""
+    from scipy.special import chdtrc
+
+    first = steps[0]
+    return first.left.by_score_alone and first.left.score > float(chdtrc(1, EARNED)) and not steps[-1].partial \
+        and is_noise(first.chi2_fit, first.chi2_held_out, first.samples_held_out)
 
 
 def is_still(rung: LadderEntry) -> bool:
