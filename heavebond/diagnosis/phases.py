@@ -261,14 +261,17 @@ def search(state: State, task: Task) -> Iterator[State]:
     misfit_of_whole = _misfit_within(cut, whole) if chosen is not None else inf
 
     def supports_whole(within: State) -> bool:
-        return misfit_of_whole < SUPPORTED * _misfit_within(cut, within)
+        return misfit_of_whole < inf and misfit_of_whole < SUPPORTED * _misfit_within(cut, within)
 
     within = replace(state, experiment=cut, base=base, models=tuple(models))
+    supported = supports_whole(within)
     for improved in _search(within, task, state.kept):
+        if improved.selection is not within.selection:
+            supported = supports_whole(improved)
         within = improved
-        if within.selection and not supports_whole(within):  # before, the result on the whole records is the better one
+        if within.selection and not supported:  # before, the result on the whole records is the better one
             yield within
-    yield whole if supports_whole(within) else within
+    yield whole if supported else within
 
 
 def _misfit_within(cut: Experiment, state: State) -> float:

@@ -291,7 +291,7 @@ def remainder(experiment: Experiment, say: Progress) -> Remainder | None:
     """Compute the remainder of an experiment whose diagram contains all selected effects at their fitted values. None if the
     records cannot be simulated with this diagram."""
     try:
-        localization = localize(experiment, progress=lambda text: say(f"what is left: {text}"), besides=())
+        localization = localize(experiment, progress=lambda text: say(f"residual: {text}"), besides=())
     except HeavebondError:
         return None
     likely = [s for s in localization.suspects if s.behind < INPUT_ESTIMATION.distinct and s.curve is not None]
