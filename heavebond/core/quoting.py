@@ -22,12 +22,12 @@ def visible(text: str) -> str:
     ends and tabs stay."""
     if text.isascii() and text.isprintable():
         return text
-    characters = []
-    for c in text:
-        number = ord(c)
-        code = f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
-        characters.append(c if c in "\n\t" or unicodedata.category(c) not in _INVISIBLE else code)
-    return "".join(characters)
+    return "".join(c if c in "\n\t" or unicodedata.category(c) not in _INVISIBLE else _code(c) for c in text)
+
+
+def _code(character: str) -> str:
+    number = ord(character)
+    return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
 
 
 def c_comment(text: str) -> str:

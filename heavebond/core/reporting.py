@@ -16,6 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from heavebond.core.cancellation import is_interrupt, listening
 from heavebond.core.progress import Progress
+from heavebond.core.threads import single
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -68,11 +69,9 @@ def reported(title: str, progress: Progress | None = None) -> Iterator[Progress 
     if _running.get():
         yield progress
         return
-    from threadpoolctl import threadpool_limits
-
     token, bar = _running.set(True), make_bar(title) if progress is None else None
     try:
-        with threadpool_limits(1, "blas"), listening((signal.SIGINT,)):
+        with single(), listening((signal.SIGINT,)):
             try:
                 yield bar or progress
             except Exception as error:  # CasADi may convert Ctrl-C to another error

@@ -7,6 +7,7 @@ on synchronisation than on computation: with several processes in parallel, a th
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
@@ -14,11 +15,12 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def single() -> None:
-    """Restrict this process to one thread from now on."""
+def single() -> AbstractContextManager[object]:
+    """Restrict this process to one thread from now on, or, as a context, until its end."""
     from threadpoolctl import threadpool_limits
 
-    threadpool_limits(1, "blas")
+    limits: AbstractContextManager[object] = threadpool_limits(1, "blas")
+    return limits
 
 
 def single_threaded(function: Callable[P, T]) -> Callable[P, T]:
@@ -26,9 +28,7 @@ def single_threaded(function: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(function)
     def limited(*args: P.args, **named: P.kwargs) -> T:
-        from threadpoolctl import threadpool_limits
-
-        with threadpool_limits(1, "blas"):
+        with single():
             return function(*args, **named)
 
     return limited
