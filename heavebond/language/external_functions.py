@@ -62,8 +62,8 @@ LINES = 12  # lines of the compiler that a message shows
 @dataclass(frozen=True)
 class ForeignFunction:
     """A function of CasADi that calls a program: the C text of its wrapper (empty for a Python function), the sizes of its
-    inputs, and the arguments of the first result that was not a number, after them the number of such results. `errors` are
-    those of a Python function that had no result, by its text."""
+    inputs, and the arguments of the first result that was not a number, after them the number of such results. `errors`
+    holds the first error of a Python function that had no result."""
 
     function: Function
     casadi: ca.Function
@@ -338,14 +338,13 @@ def _pointers(function: Function, name: str, outputs: dict[str, Shape]) -> str:
         value = f"double (*{{}})({', '.join(inputs)});" if plain else \
             f"void (*{{}})({', '.join([*inputs, *['double *'] * len(outputs)])});"
         kinds = [value, f"void (*{{}})({', '.join([*inputs, 'double *'])});"]
-    names = [external.call, *([external.derivatives] if external.derivatives else [])]
     return "".join(f"{kind.format(f'{name}_{k}')}\n#define {called_name} {name}_{k}\n"
-                   for k, (kind, called_name) in enumerate(zip(kinds, names, strict=False)))
+                   for k, (kind, called_name) in enumerate(zip(kinds, external.entries, strict=False)))
 
 
 def _connect(function: Function, name: str, loaded: ctypes.CDLL) -> None:
-    """Give the functions of a library to its wrapper. The library is loaded from a copy under a name of its own, or, if
-    it needs files beside it, from its place. ModelError if it cannot be loaded or lacks a function."""
+    """Give the functions of a library to its wrapper. The library is loaded from a copy with a unique name, or, if it
+    needs files beside it, from its place. ModelError if it cannot be loaded or lacks a function."""
     external = function.external
     assert external is not None
     try:
@@ -354,8 +353,7 @@ def _connect(function: Function, name: str, loaded: ctypes.CDLL) -> None:
             library = ctypes.CDLL(str(copy))
         except OSError:
             library = ctypes.CDLL(str(external.path))
-        names = [external.call, *([external.derivatives] if external.derivatives else [])]
-        for k, called_name in enumerate(names):
+        for k, called_name in enumerate(external.entries):
             entry = ctypes.cast(getattr(library, called_name), ctypes.c_void_p)
             ctypes.c_void_p.in_dll(loaded, f"{name}_{k}").value = entry.value
     except (OSError, AttributeError) as error:
@@ -519,12 +517,16 @@ def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]],
             raise TypeError(f"it returns {count(len(y), 'number')} in place of {m}")
         return y
 
+    def note(error: BaseException) -> None:
+        if not errors:  # a run may call the function thousands of times
+            errors.append(_why(error, external.path))
+
     def slopes(x: Array) -> Array:
         assert slope is not None
         try:
             return np.asarray(np.asarray(slope(*arguments(x)), float).reshape(m, len(x)))
         except (Exception, SystemExit) as error:
-            errors.append(_why(error, external.path))
+            note(error)
             return np.full((m, len(x)), np.nan)
 
     def values(x: Array) -> Array:
@@ -532,7 +534,7 @@ def _of_python(function: Function, name: str, shapes: Sequence[tuple[int, int]],
         try:
             y = results(x)
         except (Exception, SystemExit) as error:  # CasADi cannot pass it on: the record names it
-            errors.append(_why(error, external.path))
+            note(error)
             y = np.full(m, np.nan)
         if not all(map(isfinite, y)):
             if not record[-1]:

@@ -296,6 +296,7 @@ def filter_coefficients(kind: str, order: int, cut_off: Sequence[float], band: s
         types = {"butterworth": "butter", "chebyshev 1": "cheby1", "chebyshev 2": "cheby2"}
         options |= {"rp": ripple, "rs": attenuation, "ftype": types[kind]}
     function: Callable[..., tuple[Any, ...]] = bessel if kind == "bessel" else iirfilter
+
     def coefficients(degree: int) -> tuple[Array, Array, float]:
         """Numerator, denominator, and the largest difference of their response from the response by poles and zeros."""
         b, a = function(degree, edge if needed == 2 else float(edge[0]), **options)

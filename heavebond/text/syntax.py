@@ -196,6 +196,11 @@ class External:
     derivatives: str = ""
     allowed: bool = False
 
+    @property
+    def entries(self) -> tuple[str, ...]:
+        """The names of its functions in the file: of the values, and of the derivatives if it gives them."""
+        return (self.call, self.derivatives) if self.derivatives else (self.call,)
+
 
 @dataclass(frozen=True, eq=False)
 class Function:
