@@ -145,7 +145,7 @@ def test_records_without_drift_are_compared_whole(tmp_path: Path) -> None:
 
 def test_records_of_a_machine_without_states_are_compared_whole(tmp_path: Path) -> None:
     """A damper between two measured motions has no state that carries an error."""
-    (tmp_path / "damper.yaml").write_text("""
+    (tmp_path / "vessel.yaml").write_text("""
 model: damper
 components:
   drive: {is: VelocitySource, u: 0 m/s}
@@ -153,18 +153,13 @@ components:
   damper: {is: Damper, d: 100 N*s/m}
 nodes: {rod: [drive.a, damper.b], frame: [frame.a, damper.a]}
 """)
-    (tmp_path / "damper_records.yaml").write_text("""
-experiment: damper
-model: damper.yaml
-records: {one: {file: one.csv, use: fit}, two: {file: two.csv, use: validate}}
-time: {column: t, unit: s}
-inputs: {drive.u: {column: v, unit: m/s, interpolation: spline}}
-outputs: {force: {is: damper.F, column: F, unit: N, noise: 0.1 N}}
-""")
+    (tmp_path / "vessel_records.yaml").write_text(EXPERIMENT.replace(
+        "pump.u: {column: q, unit: L/min", "drive.u: {column: v, unit: m/s").replace(
+        "level: {is: tank.h, column: h, unit: m, noise: 1 mm}", "force: {is: damper.F, column: F, unit: N, noise: 0.1 N}"))
     t = np.arange(401) / 100
     for name, amplitude in (("one", 0.3), ("two", 0.2)):
         v = amplitude * np.sin(2 * np.pi * t)
         F = 100 * v + 5 * np.tanh(v / 1e-2)
         np.savetxt(tmp_path / f"{name}.csv", np.column_stack([t, v, F]), delimiter=",", header="t,v,F", comments="")
-    plain = with_noise(hb.load_experiment(tmp_path / "damper_records.yaml"))
+    plain = with_noise(hb.load_experiment(tmp_path / "vessel_records.yaml"))
     assert with_horizons(plain, {}) is plain
