@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -276,16 +277,20 @@ def main() -> None:
              (confusion.STUDY, false_alarms.STUDY, detectability.STUDY, detectability.CHECKS, compensator.STUDY,
               measured.STUDY)}
     rows, drawn = found[confusion.STUDY], reliability.known_rows()
-    parts = ["## False alarms", alarms(found[false_alarms.STUDY]), "## Confusion", outcomes(rows), matrix(rows),
-             "### Every case", cases(rows), "## Detectability",
-             sizes(found[detectability.STUDY], found[detectability.CHECKS]),
-             *(["## Cluttered machines", DRAW, answers(drawn), "## Probabilities", CALIBRATED, calibration(drawn)]
-               if drawn else []),
-             "## A machine of real size", machine(found[compensator.STUDY]),
-             "## Measured machines", MEASURED, public_records(found[measured.STUDY])]
-    text = PAGE.read_text(encoding="utf-8")
-    head, _, rest = text.partition(BEGIN)
-    PAGE.write_text("\n\n".join([head.rstrip(), BEGIN, *parts, END]) + rest.partition(END)[2], encoding="utf-8")
+    made = {"False alarms": [alarms(found[false_alarms.STUDY])],
+            "Confusion": [outcomes(rows), matrix(rows), "### Every case", cases(rows)],
+            "Detectability": [sizes(found[detectability.STUDY], found[detectability.CHECKS])],
+            "A machine of real size": [machine(found[compensator.STUDY])],
+            "Measured machines": [MEASURED, public_records(found[measured.STUDY])]}
+    if drawn:
+        made |= {"Cases drawn at random": [DRAW, answers(drawn)], "Probabilities": [CALIBRATED, calibration(drawn)]}
+    head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    present, _, rest = rest.partition(END)
+    parts = [BEGIN]
+    for section in re.split(r"^## ", present, flags=re.MULTILINE)[1:]:  # without results on disk, a section remains as it is
+        title, _, body = section.partition("\n")
+        parts += [f"## {title}", *made.get(title, [body.strip()])]
+    PAGE.write_text("\n\n".join([head.rstrip(), *parts, END]) + rest, encoding="utf-8")
     summary = {study: Counter(r["outcome"] for r in rows if "outcome" in r) for study, rows in found.items()
                if study != measured.STUDY}
     (keeping.RESULTS / "summary.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
