@@ -118,14 +118,24 @@ def test_the_window_of_a_change_begins_at_the_estimated_state_with_the_parameter
 def test_processes_give_the_same_table(fleet: Path) -> None:
     alone, two = (hb.monitor(fleet / "rig.yaml", fleet / "records", processes=n).to_pandas() for n in (1, 2))
     assert alone.equals(two)
+    softer, sound = (fleet / "records" / f"{name}.csv" for name in ("softer", "sound_1"))
+    one, listed = (hb.monitor(fleet / "rig.yaml", records, processes=1)
+                   for records in (str(softer), [softer, sound, softer]))
+    assert one.to_pandas().equals(alone[alone.name == "softer"].reset_index(drop=True))
+    assert [r.name for r in listed.records] == ["softer", "sound_1"]  # the order of the list, a file named twice once
+    assert listed["sound_1"] == next(r for r in hb.monitor(fleet / "rig.yaml", sound, processes=1).records)
 
 
 def test_wrong_arguments_are_refused(fleet: Path) -> None:
     (fleet / "none").mkdir()
-    for folder, rate, message in ((fleet / "none", 0.01, "has no records"), (fleet / "nowhere", 0.01, "is not a folder"),
-                                  (fleet / "rig.yaml", 0.01, "is not a folder"), (fleet / "records", 0, "between 0 and 1")):
+    for records, rate, message in (
+            (fleet / "none", 0.01, "has no records"), (fleet / "nowhere", 0.01, "neither a file nor a folder"),
+            (fleet / "rig.yaml", 0.01, "is not a record"), (fleet / "records", 0, "between 0 and 1"),
+            ([], 0.01, "the list of records is empty"), (3, 0.01, "neither a path nor a list"),
+            ([fleet / "records", 3], 0.01, "neither a path nor a list"),
+            ([fleet / "records", fleet / "later.csv"], 0.01, "later.csv' is neither a file nor a folder")):
         with pytest.raises(UsageError, match=message):
-            hb.monitor(fleet / "rig.yaml", folder, rate=rate)
+            hb.monitor(fleet / "rig.yaml", records, rate=rate)
     shutil.copy(fleet / "records" / "sound_0.csv", fleet / "records" / "sound_0.txt")
     with pytest.raises(UsageError, match="several records have one name"):
         hb.monitor(fleet / "rig.yaml", fleet / "records")

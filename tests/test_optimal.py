@@ -97,6 +97,16 @@ def test_mistakes_are_named(free: dict[str, str], options: dict[str, object], sa
         hb.optimal(cart(), hb.optimal_task(free, **{"cost": "rms(cart.x)", **options}))
 
 
+@pytest.mark.parametrize(("free", "suggested"), [
+    ("push.u=8", "`0 .. 8 N`"), ("push.u=-8", "`-8 .. 0 N`"), ("push.u=8 N", "`8 N +- 20 %`"),
+    ("push.u=-8 .. 9", "`-8 .. 9 N`"),
+    ("push.u=-8 .. 9 m", "`-8 .. 9 N`")])
+def test_a_range_without_a_unit_is_suggested_with_the_unit(free: str, suggested: str, tmp_path: Path) -> None:
+    (tmp_path / "cart.yaml").write_text(CART, encoding="utf-8")
+    run = CliRunner().invoke(main, ["optimal", str(tmp_path / "cart.yaml"), "--free", free, "--cost", "rms(cart.x)"])
+    assert run.exit_code == 2 and suggested in run.output
+
+
 def test_a_motion_beyond_the_force_is_refused() -> None:
     with pytest.raises(hb.SimulationError, match="optimal-infeasible"):
         hb.optimal(cart(), hb.optimal_task({"push.u": "-1 .. 1 N"}, "rms(push.u)", at_end=REST, intervals=10))

@@ -1,4 +1,4 @@
-"""`heavebond monitor`: filter the records of a folder and report those that leave the model."""
+"""`heavebond monitor`: filter records and report those that leave the model."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from heavebond.monitoring.monitor import Monitoring
 
 
-@click.command(short_help="Report the records of a folder that leave the model.")
+@click.command(short_help="Report the records that leave the model.")
 @click.argument("experiment")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("records", metavar="RECORDS...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--walk", "walks", metavar="NAME=VALUE", multiple=True,
               help="Process noise of a state, or random walk of a free parameter: its standard deviation after one second, "
               "e.g. --walk load.v='1 mm/s'. A parameter with 0 is estimated as a constant. May be repeated.")
@@ -37,15 +37,16 @@ if TYPE_CHECKING:
 @scheduler_option
 @native_option
 @json_option
-def monitor(experiment: str, folder: Path, walks: tuple[str, ...], rate: str, record: str | None, start_deviation: str,
-            number: int, seconds: float, estimates: bool, processes: int | None, output: Path | None,
+def monitor(experiment: str, records: tuple[Path, ...], walks: tuple[str, ...], rate: str, record: str | None,
+            start_deviation: str, number: int, seconds: float, estimates: bool, processes: int | None, output: Path | None,
             scheduler: str | None) -> dict[str, object]:
-    """Filter each record of FOLDER by the model of EXPERIMENT, and report the records that leave the model, with the time.
+    """Filter RECORDS by the model of EXPERIMENT, and report those that leave the model, with the time.
 
-    The records have the columns that EXPERIMENT names. Writes monitor.parquet, monitor.html and a picture of each record
-    that leaves the model (NAME.png); the time after the change is diagnosed (NAME_report.html). Records that cannot be used
-    are listed with the reason. Exit code 0: all records agree with the model; 1: a record leaves the model or cannot be
-    used; 2: wrong usage. Ctrl-C writes the records finished so far.
+    RECORDS are files and folders; of a folder all files in a format of records are read. The records have the columns
+    that EXPERIMENT names. Writes monitor.parquet, monitor.html and a picture of each record that leaves the model
+    (NAME.png); the time after the change is diagnosed (NAME_report.html). Records that cannot be used are listed with the
+    reason. Exit code 0: all records agree with the model; 1: a record leaves the model or cannot be used; 2: wrong usage.
+    Ctrl-C writes the records finished so far.
     """
     from heavebond.commands import terminal
     from heavebond.core.cluster import connected
@@ -58,12 +59,12 @@ def monitor(experiment: str, folder: Path, walks: tuple[str, ...], rate: str, re
 
     loaded = load_experiment(experiment)
     target = output or Path(f"{loaded.path.stem}_monitor")
-    if target.resolve() == folder.resolve():
+    if target.resolve() in {path.resolve() for path in records}:
         raise UsageError([Problem("folder-same", f"the output folder '{target}' is the folder of the records", None,
                                   "Give another folder with --output.")])
     make_folder(target)
     with connected(scheduler) as cluster, terminal.working("monitoring") as progress:
-        monitoring = monitored(loaded, folder, walks=settings_of("--walk", walks, "load.v='1 mm/s'"), rate=rate,
+        monitoring = monitored(loaded, records, walks=settings_of("--walk", walks, "load.v='1 mm/s'"), rate=rate,
                                record=record, start_deviation=start_deviation, estimates=estimates, processes=processes,
                                executor=cluster, progress=progress)
     terminal.show(monitoring_items(monitoring))

@@ -91,14 +91,16 @@ def optimal(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[s
         if loaded is not None and loaded.optimal is None:
             raise UsageError([Problem("study-not-optimal", f"the study '{loaded.name}' has no `optimal:`", None,
                                       "Add `optimal: {free: {SIGNAL: RANGE}, cost: FORMULA}`.")])
-        task = _task(loaded.optimal if loaded is not None else None, free, cost, limits, ends, duration)
+        models = [(case.name if loaded.axes else "", case.model) for case in loaded.cases] if loaded is not None else \
+            [("", load(study))]
+        assemblies = [assemble(with_settings(model, settings)) for _, model in models]
+        flat = assemblies[0].flat
+        units = {name: flat.unknowns[k].unit.text for name, k in flat.names.items()}
+        task = _task(loaded.optimal if loaded is not None else None, free, cost, limits, ends, duration, units)
         begin, end = (task.begin, task.end) if evaluate is None else horizon(evaluate)
         task = replace(task, begin=begin, end=end, start="periodic" if periodic else task.start,
                        intervals=intervals or task.intervals, interpolation="hold" if hold else task.interpolation)
-        models = [(case.name if loaded.axes else "", case.model) for case in loaded.cases] if loaded is not None else \
-            [("", load(study))]
-        for k, (name, model) in enumerate(models, 1):
-            assembly = assemble(with_settings(model, settings))
+        for k, ((name, _), assembly) in enumerate(zip(models, assemblies, strict=True), 1):
             say = (lambda text, k=k: progress(f"case {k} of {len(models)}: {text}")) if len(models) > 1 else progress
             results[name] = assembly, best(assembly, task, progress=say)
     title = loaded.name if loaded is not None else models[0][1].name
@@ -109,13 +111,16 @@ def optimal(study: str, free: tuple[str, ...], cost: str | None, limits: tuple[s
 
 
 def _task(written: OptimalProblem | None, free: Sequence[str], cost: str | None, limits: Sequence[str], ends: Sequence[str],
-          duration: str | None) -> OptimalProblem:
-    """The problem of a study with options in place of its entries; of a diagram the options only."""
+          duration: str | None, units: Mapping[str, str]) -> OptimalProblem:
+    """The problem of a study with options in place of its entries; of a diagram the options only. `units` are those of the
+    signals by name."""
+    from heavebond.core.quantities import ranges
     from heavebond.optimise.optimal import optimal_task
 
     if written is None and cost is None:
         raise UsageError([Problem("cost-missing", "no cost is given", None, "Add for example --cost 'rms(load.x)'.")])
-    from_options = optimal_task(settings_of("--free", free, "motor.u='-24 .. 24 V'"), cost or "", limits=limits,
+    free_ranges = ranges(settings_of("--free", free, "motor.u='-24 .. 24 V'"), units)
+    from_options = optimal_task(free_ranges, cost or "", limits=limits,
                                 at_end=settings_of("--at-end", ends, "load.x='0.3 m'"), duration=duration)
     if written is None:
         return from_options

@@ -46,16 +46,18 @@ def number_or_text(value: object, unit: str, subject: str) -> float | str:
     return number if text is None else f"{number!r} {text}"
 
 
-def ranges(texts: Mapping[str, Range | str]) -> dict[str, Range]:
-    """Ranges by name: `{"controller.K_p": "0 .. 10 1/m"}`; UsageError that names a malformed one."""
-    return {name: si_range(one, name) for name, one in texts.items()}
+def ranges(texts: Mapping[str, Range | str], units: Mapping[str, str] | None = None) -> dict[str, Range]:
+    """Ranges by name: `{"controller.K_p": "0 .. 10 1/m"}`; UsageError that names a malformed one and suggests its unit, if
+    `units` has it."""
+    return {name: si_range(one, name, (units or {}).get(name)) for name, one in texts.items()}
 
 
-def si_range(text: Range | str, subject: str) -> Range:
-    """A range (`"30 .. 70 kN/m"`, `"42 kN/m +- 20 %"`); UsageError that begins with `subject` for another text."""
+def si_range(text: Range | str, subject: str, wanted: str | None = None) -> Range:
+    """A range (`"30 .. 70 kN/m"`, `"42 kN/m +- 20 %"`); UsageError that begins with `subject` for another text, and suggests
+    the unit `wanted`."""
     if isinstance(text, Range):
         return text
     try:
-        return parse_range(text)
+        return parse_range(text, wanted)
     except UnitProblem as problem:
         raise UsageError([Problem(problem.code, f"{subject}: {problem.message}", None, problem.hint)]) from None

@@ -411,8 +411,9 @@ def _why_not(text: str) -> tuple[str, str, str]:
 AS_QUANTITY = "Write for example `42 kN/m`."
 
 
-def parse_range(text: str) -> Range:
-    """`30 .. 70 kN*s/m` or `42 kN/m +- 20 %` or `42 +- 3 kN/m`; raises UnitProblem."""
+def parse_range(text: str, wanted: str | None = None) -> Range:
+    """`30 .. 70 kN*s/m` or `42 kN/m +- 20 %` or `42 +- 3 kN/m`; raises UnitProblem, which suggests the unit `wanted` for a
+    plain number."""
     range_match = _RANGE.match(text) if len(text) <= QUANTITY else None
     if range_match:
         low, low_unit, high, high_unit = range_match.groups()
@@ -429,7 +430,7 @@ def parse_range(text: str) -> Range:
         return Range(*bounds, last)
     range_match = _BAND.match(text) if len(text) <= QUANTITY else None
     if not range_match:
-        raise UnitProblem("not-a-range", f"'{text}' is not a range", _range_hint(text))
+        raise UnitProblem("not-a-range", f"'{text}' is not a range", _range_hint(text, wanted))
     number, number_unit, width, width_unit = range_match.groups()
     range_unit = read_unit(number_unit or ("1" if width_unit in (None, "%") else width_unit))
     value = range_unit.to_si(_number(number, text))
@@ -445,8 +446,13 @@ def parse_range(text: str) -> Range:
     return Range(value - half, value + half, range_unit, value)
 
 
-def _range_hint(text: str) -> str:
-    """Suggestion for a malformed range: a tolerance with another sign, or a quantity without one."""
+def _range_hint(text: str, wanted: str | None) -> str:
+    """Suggestion for a malformed range: a tolerance with another sign, or a quantity without one, in the unit `wanted`."""
+    if wanted not in (None, "1") and re.fullmatch(rf"\s*{NUMBER}\s*", text) and len(text) <= QUANTITY:
+        number = text.strip()
+        spans = {True: f"0 .. {number}", False: f"{number} .. 0"}
+        span = spans[float(number) > 0] if float(number) else "-1 .. 1"
+        return f"Write the lowest and the highest value with their unit, for example `{span} {wanted}`."
     signed = re.sub(r"\s*(\+/-|±|\+ -)\s*", " +- ", text)
     for candidate in (signed, f"{text.strip()} +- 20 %"):
         if _BAND.match(candidate) and len(candidate) <= QUANTITY:

@@ -1,5 +1,4 @@
-"""Monitoring of machines in service: every record of a folder is filtered, and the records that leave the model are
-reported.
+"""Monitoring of machines in service: every record is filtered, and the records that leave the model are reported.
 
 Each record runs through the Kalman filter of its machine. Sums of the normalised innovations decide if the record leaves the
 model and when (see `change_detection`). `Monitoring.window` is the experiment on the time before and after a change, for
@@ -206,25 +205,26 @@ class _Task:
 
 
 @reporting
-def monitor(experiment: ExperimentOrFile, folder: str | Path, *, walks: Mapping[str, float | str] | None = None,
-            rate: float | str = FALSE_ALARMS, record: str | None = None,
+def monitor(experiment: ExperimentOrFile, records: str | Path | Sequence[str | Path], *,
+            walks: Mapping[str, float | str] | None = None, rate: float | str = FALSE_ALARMS, record: str | None = None,
             start_deviation: float | str = INPUT_ESTIMATION.start_deviation, estimates: bool = False,
             processes: int | None = None, executor: Executor | None = None, progress: Progress | None = None) -> Monitoring:
-    """Filter every record of a folder by the model of an experiment, and report the records that leave it.
+    """Filter records by the model of an experiment, and report those that leave it.
 
-    The files of the folder have the columns that the experiment names. `walks` and `start_deviation` are as in `Estimator`;
+    `records` is a folder, a file, or a list of files and folders; of a folder all files in a format of records are read. The
+    files have the columns that the experiment names. `walks` and `start_deviation` are as in `Estimator`;
     `record` is the record of the experiment with the settings of the monitored machine (by default the first). `rate` is the
     probability of a false alarm in a record of a sound machine (0.01, or "1 %"). With `estimates` the estimated states of
     all records are kept in `Monitoring.estimates`. `processes` work in parallel, or the workers of an `executor` (a
     `Cluster`). `progress` is called with the number of finished records. Ctrl-C returns these. Raises UsageError for a
-    folder without records; a record that cannot be used is reported in the table.
+    file that does not exist and a folder without records; a record that cannot be used is reported in the table.
     """
     experiment = with_noise(load_experiment(experiment))
     alarm_rate = si_value(rate, "1", "rate")
     if not 0 < alarm_rate < 1:
         raise UsageError([Problem("rate-wrong", f"the rate of false alarms is {alarm_rate:g}: it must be between 0 and 1",
                                   None, "Give the probability of a false alarm in a record, for example 0.01.")])
-    files = _files(Path(folder))
+    files = _files(records)
     share = si_value(start_deviation, "1", "start_deviation")
     # raises for mistakes in the experiment and in the options, which concern all records
     estimator = Estimator(experiment, walks=walks, record=record, start_deviation=share)
@@ -260,20 +260,38 @@ def monitor(experiment: ExperimentOrFile, folder: str | Path, *, walks: Mapping[
                       {r.name: e for r, e in finished if e is not None}, task.walks, share, partial)
 
 
-def _files(folder: Path) -> list[Path]:
-    """The records of a folder by name; UsageError if there are none, or several with one name."""
-    if not folder.is_dir():
-        hint = f"Give the folder of the file: {folder.parent}." if folder.is_file() else \
-            "Give an existing folder with the records (files of one experiment each)."
-        raise UsageError([Problem("folder-missing", f"'{folder}' is not a folder", None, hint)])
-    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in RECORD_SUFFIXES and f.is_file())
+def _files(records: str | Path | Sequence[str | Path]) -> list[Path]:
+    """The files of the records: those of a folder by name, and further ones in their order. UsageError if there are none,
+    or several with one name."""
+    files: list[Path] = []
+    try:
+        paths = [Path(records)] if isinstance(records, (str, Path)) else [Path(path) for path in records]
+    except TypeError:
+        raise UsageError([Problem("records-missing", "records are neither a path nor a list of paths", None,
+                                  'Write for example "records" or ["monday.csv", "tuesday.csv"].')]) from None
+    for path in paths:
+        if path.is_dir():
+            of_folder = sorted(f for f in path.iterdir() if f.suffix.lower() in RECORD_SUFFIXES and f.is_file())
+            if not of_folder:
+                raise UsageError([Problem("folder-empty", f"the folder '{path}' has no records", None,
+                                          f"Records are files that end in {', '.join(RECORD_SUFFIXES)}.")])
+            files += of_folder
+        elif not path.is_file():
+            raise UsageError([Problem("records-missing", f"'{path}' is neither a file nor a folder", None,
+                                      "Give files of records, or a folder with them.")])
+        elif path.suffix.lower() not in RECORD_SUFFIXES:
+            raise UsageError([Problem("record-suffix", f"'{path}' is not a record", None,
+                                      f"Records are files that end in {', '.join(RECORD_SUFFIXES)}.")])
+        else:
+            files.append(path)
     if not files:
-        raise UsageError([Problem("folder-empty", f"the folder '{folder}' has no records", None,
-                                  f"Records are files that end in {', '.join(RECORD_SUFFIXES)}.")])
+        raise UsageError([Problem("records-missing", "the list of records is empty", None,
+                                  "Give files of records, or a folder with them.")])
+    files = list({file.resolve(): file for file in files}.values())
     stems = [f.stem for f in files]
-    if twice := [f.name for f in files if stems.count(f.stem) > 1]:
+    if twice := [str(f) for f in files if stems.count(f.stem) > 1]:
         raise UsageError([Problem("records-same", f"several records have one name: {listing(twice)}", None,
-                                  "Give them different names, apart from the suffix.")])
+                                  "Give them different names, apart from folder and suffix.")])
     return files
 
 

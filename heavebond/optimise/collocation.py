@@ -42,7 +42,8 @@ class CollocationConstants:
     most: intervals, as a multiple of the first number, at most. Origin: time and memory. Doubled: both.
     small: share of its nominal size below which the motion of a state in the guess does not scale it. Origin: states at rest
         in the guess may move in the result. Doubled: nothing.
-    iterations: of IPOPT for one grid, at most. Origin: usual programmes need 10 to 100. Doubled: time until it gives up.
+    iterations: of IPOPT for one grid, at most. Origin: usual programmes need 10 to 100, the valve command of the compensator
+        265. Doubled: time until it gives up.
     tolerance: of the optimality conditions of the scaled programme. Origin: the cost has six digits. Doubled: nothing.
     """
 
@@ -51,7 +52,7 @@ class CollocationConstants:
     rounds: int = 3
     most: int = 4
     small: float = 1e-3
-    iterations: int = 150
+    iterations: int = 500
     tolerance: float = 1e-7
 
 

@@ -257,9 +257,10 @@ def free_assembly(diagram_assembly: Assembly, task: OptimalProblem, *, events: b
                                     "controller."))
         elif unknown is not None and diagram_assembly.flat.unknowns[unknown].unit.dimension != span.unit.dimension:
             needed = diagram_assembly.flat.unknowns[unknown].unit.text
-            of_range = "has no unit" if span.unit.text == "1" else f"is in {span.unit.text}"
-            problems.append(Problem("unit-wrong", f"{name} is in {needed}; its range {of_range}", None,
-                                    f"Give a range in {needed}."))
+            of_signal, of_range = ("has no unit" if text == "1" else f"is in {text}" for text in (needed, span.unit.text))
+            low, high = (f"{span.unit.from_si(bound):.6g}" for bound in (span.low, span.high))
+            problems.append(Problem("unit-wrong", f"{name} {of_signal}; its range {of_range}", None,
+                                    f"Write for example `{low} .. {high} {needed}".removesuffix(" 1") + "`."))
         elif not span.low < span.high:
             problems.append(Problem("range-empty", f"the range of {name} is empty", None,
                                     "Write the lower limit first, for example `-1 .. 1`."))

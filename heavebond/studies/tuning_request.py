@@ -66,7 +66,7 @@ def with_free(assembly: Assembly, task: TuningProblem, texts: Sequence[str]) -> 
     for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
         name, sign, text = (piece.strip() for piece in part.partition("="))
         if sign:
-            free_ranges |= ranges({name: text})
+            free_ranges |= ranges({name: text}, {n: u.text for n, u in units.items()})
             continue
         assembly.parameter_indices([name])  # UsageError for a name that cannot be set
         value = assembly.parameter_values[name]
