@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from heavebond.estimation.fitting import Fit, fit
     from heavebond.estimation.starter_folder import new
     from heavebond.exchange.export import export
-    from heavebond.import_20sim.importer import ImportedModel, import_model
+    from heavebond.imports.models import ImportedModel, import_model
     from heavebond.language.diagram import Diagram
     from heavebond.language.model import Model, load, loads
     from heavebond.laws.find import FoundLaw, Laws, find_laws
@@ -123,7 +123,7 @@ _EXPORTS = {
     "reports.text_page": ("TextPage",),
     "studies.sweep": ("sweep",),
     "exchange.export": ("export",),
-    "import_20sim.importer": ("import_model", "ImportedModel"),
+    "imports.models": ("import_model", "ImportedModel"),
     "estimation.starter_folder": ("new",),
     "studies.campaign": ("study", "StudyResult"),
     "energy_audit.audit": ("energy", "EnergyAudit"),

@@ -1,4 +1,4 @@
-"""`heavebond import`: a 20-sim model as a diagram with its components."""
+"""`heavebond import`: a 20-sim model or a robot as a diagram with its components."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 from heavebond.commands.arguments import json_option, settings_of
 
 
-@click.command("import", short_help="Translate a 20-sim model (.emx) into a diagram with its components.")
+@click.command("import", short_help="Translate a 20-sim model (.emx) or a robot (.urdf) into a diagram.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("-o", "--output", metavar="FOLDER", type=click.Path(path_type=Path),
               help="Output folder; by default named after the model.")
@@ -21,21 +21,22 @@ from heavebond.commands.arguments import json_option, settings_of
 @json_option
 def import_model(file: Path, output: Path | None, functions: tuple[str, ...], global_files: tuple[Path, ...], strict: bool
                  ) -> dict[str, object]:
-    """Translate the 20-sim model FILE (.emx) into a folder with a diagram and component files.
+    """Translate the 20-sim model (.emx) or the robot (.urdf) FILE into a folder with a diagram and component files.
 
     Elements that cannot be translated are listed with submodel and line; a submodel with such elements becomes a placeholder
     without a law, and the exit code is 3. Nothing in the file is executed.
     """
     from heavebond.commands import terminal
     from heavebond.core.quoting import visible
-    from heavebond.import_20sim import importer
+    from heavebond.imports import models
 
     with terminal.working("translating"):
-        imported = importer.import_model(file, output or "", functions=settings_of("--function", functions),
-                                         global_files=global_files, strict=strict)
+        imported = models.import_model(file, output or "", functions=settings_of("--function", functions),
+                                       global_files=global_files, strict=strict)
     written = imported.files
     console = terminal.output()
-    console.print(f"wrote {written[0]} and {len(written) - 1} components", soft_wrap=True, markup=False)
+    components = f" and {len(written) - 1} components" if file.suffix.lower() == ".emx" else ""
+    console.print(f"wrote {written[0]}{components}", soft_wrap=True, markup=False)
     for item in imported.untranslated:
         console.print(visible(f"not translated: {file.name}:{item.line}: {item.submodel}: {item.reason}"), soft_wrap=True,
                       markup=False)

@@ -19,7 +19,6 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from heavebond.core.errors import ModelError, Place, Problem, UsageError, listing
-from heavebond.core.presentation import brief, count
 from heavebond.core.quoting import file_stem
 from heavebond.core.writable import write_text
 from heavebond.import_20sim import formula_text as f
@@ -76,44 +75,15 @@ class Imported:
 
     def write(self, folder: Path) -> list[Path]:
         """Write all files below a folder, which is created if it does not exist."""
-        (folder / "components").mkdir(parents=True, exist_ok=True)
         for name, text in self.files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             write_text(folder / name, text)
         return [folder / name for name in self.files]
 
 
-@dataclass(frozen=True)
-class ImportedModel:
-    """The written files of an import, the diagram `path` first, and the constructs that are not translated; `left_over` are
-    components of an earlier import that are no longer part of the model, `placeholders` the files of components without a
-    law."""
-
-    path: Path
-    files: tuple[Path, ...]
-    untranslated: tuple[Untranslated, ...]
-    left_over: tuple[Path, ...] = ()
-    placeholders: tuple[str, ...] = ()
-
-    def __repr__(self) -> str:
-        return brief(self, str(self.path), f"{count(len(self.files) - 1, 'component')}",
-                     *(f"not translated: {u.submodel}, line {u.line}: {u.reason}" for u in self.untranslated[:8]))
-
-
-def import_model(file: str | Path, folder: str | Path = "", *, functions: Mapping[str, str | Path] | None = None,
-                 global_files: Iterable[str | Path] = (), strict: bool = False) -> ImportedModel:
-    """Translate a 20-sim model (.emx) into a diagram with component files, in a `folder`, by default named after the model.
-
-    `file` is the path of the model; nothing in it is executed. `functions` are C sources that replace functions of compiled
-    libraries, by the name of the function; `global_files` other .emx files whose global parameters the model uses. With
-    `strict`, a submodel without a law is an error and nothing is written. `hb.load(imported.path)` reads the
-    diagram. Raises UsageError for another kind of file, ModelError for one that cannot be read.
-    """
-    file = Path(file)
-    if file.suffix.lower() != ".emx":
-        raise UsageError([Problem("emx-suffix", f"'{file}' is not a 20-sim model", None, "Name a file that ends in .emx.")])
-    if not file.is_file():
-        raise UsageError([Problem("file", f"cannot find the file '{file}'")])
-    sources = {name.lower(): Path(source) for name, source in (functions or {}).items()}
+def import_20sim(file: Path, functions: Mapping[str, str | Path], global_files: Iterable[str | Path]) -> Imported:
+    """Translate a file with C sources of functions; raises UsageError for wrong sources, ModelError for a wrong file."""
+    sources = {name.lower(): Path(source) for name, source in functions.items()}
     for name, source in sources.items():
         if source.suffix != ".c" or not source.is_file():
             raise UsageError([Problem("import-function", f"'{source}' of the function {name} is not a C source", None,
@@ -125,13 +95,7 @@ def import_model(file: str | Path, folder: str | Path = "", *, functions: Mappin
         calls = [function for function, *_ in programs.called.values()] + [*programs.without]
         raise UsageError([Problem("import-function", f"the model does not call a function '{unused[0]}' of a library", None,
                                   f"It calls {listing(calls)}." if calls else "It calls none.")])
-    placeholders = tuple(name for name, text in imported.files.items() if re.search("^placeholder:", text, re.MULTILINE))
-    if strict and placeholders:
-        raise ModelError([Problem("import-incomplete", f"{u.submodel}: {u.reason}", Place(file.name, u.line),
-                                  "Without --strict the rest of the model is translated.") for u in imported.untranslated])
-    target = Path(folder) if str(folder) else Path(imported.name)
-    left_over, written = imported.left_over(target), imported.write(target)
-    return ImportedModel(written[0], tuple(written), tuple(imported.untranslated), tuple(left_over), placeholders)
+    return imported
 
 
 def import_emx(path: Path, library: frozenset[str] = frozenset(), programs: Programs | None = None,

@@ -1,0 +1,67 @@
+"""Import of a model of another program, by the suffix of its file: a folder with a diagram and its components."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from heavebond.core.errors import ModelError, Place, Problem, UsageError
+from heavebond.core.presentation import brief, count
+from heavebond.import_20sim.importer import Untranslated, import_20sim
+from heavebond.imports.urdf import import_urdf
+
+WANTED = "Name a 20-sim model, .emx, or the description of a robot, .urdf."
+CONVERT = {".xacro": "Expand the template first: xacro {0} -o {1}.urdf", ".sdf": "Export the robot as URDF first.",
+           ".mjcf": "Export the robot as URDF first.", ".xml": "If its root element is <robot>, rename it to {1}.urdf.",
+           ".slx": "Simulink models are not read. An FMU exported by Simulink can be a part of a diagram.",
+           ".fmu": "An FMU needs no import: write `is: {0}` in a diagram.",
+           ".mo": "Modelica models are not read. An FMU exported from it can be a part of a diagram."}
+
+
+@dataclass(frozen=True)
+class ImportedModel:
+    """The written files of an import, the diagram `path` first, and the constructs that are not translated; `left_over` are
+    components of an earlier import that are no longer part of the model, `placeholders` the files of components without a
+    law."""
+
+    path: Path
+    files: tuple[Path, ...]
+    untranslated: tuple[Untranslated, ...]
+    left_over: tuple[Path, ...] = ()
+    placeholders: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return brief(self, str(self.path), f"{count(len(self.files) - 1, 'component')}",
+                     *(f"not translated: {u.submodel}, line {u.line}: {u.reason}" for u in self.untranslated[:8]))
+
+
+def import_model(file: str | Path, folder: str | Path = "", *, functions: Mapping[str, str | Path] | None = None,
+                 global_files: Iterable[str | Path] = (), strict: bool = False) -> ImportedModel:
+    """Translate a 20-sim model (.emx) or a robot (.urdf) into a diagram with component files, in a `folder`, by default
+    named after the model.
+
+    `file` is the path of the model; nothing in it is executed. `functions` are C sources that replace functions of compiled
+    libraries, by the name of the function; `global_files` other .emx files whose global parameters the model uses; both are
+    for 20-sim models. With `strict`, a submodel without a law is an error and nothing is written. `hb.load(imported.path)`
+    reads the diagram. Raises UsageError for another kind of file, ModelError for one that cannot be read.
+    """
+    file, global_files = Path(file), list(global_files)
+    suffix = file.suffix.lower()
+    if suffix not in (".emx", ".urdf"):
+        raise UsageError([Problem("import-suffix", f"'{file}' is not a model that can be imported", None,
+                                  CONVERT.get(suffix, WANTED).format(file.name, file.name.partition(".")[0]))])
+    if not file.is_file():
+        raise UsageError([Problem("file", f"cannot find the file '{file}'")])
+    if suffix == ".urdf" and (functions or global_files):
+        raise UsageError([Problem("import-option", "C sources and global parameters belong to 20-sim models", None,
+                                  "Leave out --function and --globals for a .urdf file.")])
+    imported = import_urdf(file) if suffix == ".urdf" else import_20sim(file, functions or {}, global_files)
+    placeholders = tuple(name for name, text in imported.files.items() if re.search("^placeholder:", text, re.MULTILINE))
+    if strict and placeholders:
+        raise ModelError([Problem("import-incomplete", f"{u.submodel}: {u.reason}", Place(file.name, u.line),
+                                  "Without --strict the rest of the model is translated.") for u in imported.untranslated])
+    target = Path(folder) if str(folder) else Path(imported.name)
+    left_over, written = imported.left_over(target), imported.write(target)
+    return ImportedModel(written[0], tuple(written), tuple(imported.untranslated), tuple(left_over), placeholders)
