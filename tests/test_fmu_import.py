@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from test_physical_limits import DRAINED
 
 import heavebond as hb
 from heavebond.cli import main
@@ -254,7 +255,7 @@ def test_an_fmu_for_another_machine(rig: Path) -> None:
 
 @pytest.mark.parametrize(("text", "said"), [
     ("nonsense", "not an FMU"), (FMI1, "written in FMI 1.0"),
-    (FMI2.replace("CoSimulation", "ModelExchange"), "model exchange only"),
+    (FMI3.replace("CoSimulation", "ScheduledExecution"), "scheduled execution only"),
     (FMI2.replace('causality="output"', 'causality="local"').replace(' initial="calculated"', ""), "no outputs"),
 ])
 def test_fmus_that_cannot_be_used(text: str, said: str, tmp_path: Path) -> None:
@@ -316,12 +317,6 @@ def test_events_of_the_diagram_between_communications(rig: Path) -> None:
     assert run["controller.count"][-1] == 50
 
 
-def test_an_fmu_for_model_exchange_only_is_refused_with_a_reason(tmp_path: Path) -> None:
-    make_fmu(tmp_path / "controller.fmu", FMI2.replace("<CoSimulation", "<ModelExchange"))
-    with pytest.raises(hb.ModelError, match="model exchange only"):
-        hb.assemble(hb.loads(RIG, tmp_path))
-
-
 OWN = """
 model: pair
 components:
@@ -350,3 +345,93 @@ simulate: {until: 1 s, every: 10 ms}
     found = hb.simulate(hb.loads(OWN, tmp_path), allow_fmu=True).si["place"]
     # an output of an FMU holds from one communication to the next
     assert np.abs(found - hb.simulate(alone).si["place"]).max() < 1e-6
+
+
+# for model exchange ---------------------------------------------------------------------------------------------------
+BALL = """
+model: ball
+components:
+  floor: {is: Fixed}
+  stop:  {is: RigidStop, e: 0.5}
+  ball:  {is: Mass, m: 2 kg}
+  weight: {is: ForceSource, u: -20 N}
+nodes:
+  floor: [floor.a, stop.a]
+  ball:  [stop.b, ball.a, weight.a]
+initial: {ball.x: 0.8 m, ball.v: 0 m/s}
+show: {height: {is: ball.x, unit: m}, speed: {is: ball.v, unit: m/s}}
+simulate: {until: 2 s, every: 20 ms}
+"""
+STAGE = """
+model: stage
+components:
+  wall:   {is: Fixed}
+  spring: {is: SpringDamper, c: 80 N/m, d: 3 N*s/m}
+  load:   {is: Mass, m: 2 kg}
+  push:   {is: ForceSource, u: 0 N}
+  wave:   {is: SquareWave, T: 0.3 s, high: 1, low: 0}
+  taken:  {is: SampleHold, T_s: 70 ms}
+nodes: {wall: [wall.a, spring.a], load: [spring.b, load.a, push.a], wave: [wave.y, taken.u]}
+initial: {load.x: 50 mm}
+show: {place: {is: load.x, unit: mm}, wave: {is: wave.y, unit: 1}, taken: {is: taken.y, unit: 1}}
+simulate: {until: 1 s, every: 10 ms}
+"""
+
+
+def model_exchange_only(model: hb.Model, path: Path, version: int, inputs: tuple[str, ...] = ()) -> Path:
+    """An exported FMU without the description of its co-simulation."""
+    export_fmu(model, path, inputs, version)
+    with zipfile.ZipFile(path) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    files["modelDescription.xml"], removed = re.subn(
+        b"<CoSimulation[^>]*/>|<CoSimulation[^>]*[^/]>.*?</CoSimulation>", b"", files["modelDescription.xml"],
+        flags=re.DOTALL)
+    assert removed == 1
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return path
+
+
+def whole(step: str = "20 ms", until: str = "2 s") -> str:
+    return f"model: w\ncomponents:\n  part: {{is: part.fmu, step: {step}}}\nsimulate: {{until: {until}, every: {step}}}\n"
+
+
+@compiled
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_fmu_for_model_exchange_is_integrated_between_the_communications(version: int, tmp_path: Path) -> None:
+    """State events and jumps of states: the rebounds of a ball."""
+    model = hb.loads(BALL)
+    model_exchange_only(model, tmp_path / "part.fmu", version)
+    run, alone = hb.simulate(hb.loads(whole(), tmp_path), allow_fmu=True), hb.simulate(model, rtol=1e-10)
+    assert np.abs(run["part.height"] - alone.si["height"]).max() < 1e-7
+    assert np.abs(run["part.speed"] - alone.si["speed"])[run.time < 1.5].max() < 1e-6
+    assert f"part (part.fmu, FMI {version}.0, model exchange): 101 communication points every 0.02 s; " in \
+        run.statistics["fmus"][0]
+
+
+@compiled
+@pytest.mark.parametrize("version", [2, 3])
+def test_time_events_and_inputs_of_an_fmu_for_model_exchange(version: int, tmp_path: Path) -> None:
+    """Time events between the communications, and an input that jumps at them."""
+    text = STAGE.replace("push:   {is: ForceSource, u: 0 N}", "push:   {is: ForceSource}\n"
+                         "  held: {is: SampleHold, T_s: 10 ms}\n  sine: {is: Sine, a: 10 N, T: 0.4 s}").replace(
+        "wave: [wave", "force: [held.y, push.u], sine: [sine.y, held.u], wave: [wave")
+    model_exchange_only(hb.loads(STAGE), tmp_path / "part.fmu", version, ("push.u",))
+    driven = whole("10 ms", "1 s").replace("simulate", "  sine: {is: Sine, a: 10 N, T: 0.4 s}\n"
+                                           "nodes: {force: [sine.y, part.push_u]}\nsimulate")
+    run = hb.simulate(hb.loads(driven, tmp_path), allow_fmu=True)
+    like = hb.simulate(hb.loads(text), rtol=1e-10)
+    assert np.array_equal(run["part.wave"], like.si["wave"])
+    assert np.array_equal(run["part.taken"], like.si["taken"])
+    assert np.ptp(like.si["place"]) > 0.05
+    assert np.abs(run["part.place"] - like.si["place"]).max() < 1e-8
+
+
+@compiled
+def test_an_fmu_for_model_exchange_that_fails_is_shown_with_its_log(tmp_path: Path) -> None:
+    model_exchange_only(hb.loads(DRAINED), tmp_path / "part.fmu", 3)
+    with pytest.raises(hb.SimulationError, match="fmu-failed") as caught:
+        hb.simulate(hb.loads(whole("8 s", "150 s"), tmp_path), allow_fmu=True)
+    assert "failed at t = 104 s" in str(caught.value)  # in the first step beyond the level of 0 at 100 s
+    assert "tank.h falls below 0 m" in str(caught.value)

@@ -534,13 +534,14 @@ class ForeignVariable:
 
 @dataclass(frozen=True)
 class Foreign:
-    """The FMU behind a component: its file, inputs and outputs."""
+    """The FMU behind a component: its file, inputs and outputs. `has_solver` is false for an FMU for model exchange."""
 
     path: Path
     identifier: str
     inputs: tuple[ForeignVariable, ...]
     outputs: tuple[ForeignVariable, ...]
     parameters: tuple[ForeignVariable, ...]
+    has_solver: bool = True
 
 
 _FIRST_WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")  # of a name in a formula

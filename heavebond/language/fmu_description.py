@@ -1,4 +1,6 @@
-"""Import of an FMU for co-simulation: its description is converted to a component file. None of its code is run.
+"""Import of an FMU: its description is converted to a component file. None of its code is run.
+
+An FMU for co-simulation has a solver; one for model exchange only is integrated between two communication points.
 
 The component of an FMU has its inputs and outputs as signals and its parameters with their start values. Its outputs are
 held variables that are set once in each `step`. Modelica Association, Functional Mock-up Interface Specification 2.0.4
@@ -34,8 +36,9 @@ def described(path: Path) -> tuple[str, Foreign]:
     description = _read(path)
     if description.fmiVersion[:1] not in "23":
         raise _unusable(path, f"is written in FMI {description.fmiVersion}", "FMI 2.0 and 3.0 are read.")
-    if description.coSimulation is None:
-        raise _unusable(path, "is for model exchange only", "Export it for co-simulation: it then brings its solver.")
+    interface = description.coSimulation or description.modelExchange
+    if interface is None:
+        raise _unusable(path, "is for scheduled execution only", "Export it for co-simulation or model exchange.")
     variables = [v for v in description.modelVariables
                  if v.causality in ("input", "output", "parameter") and v.type in NUMBERS]
     if len(variables) > FMU_VARIABLES:
@@ -47,8 +50,9 @@ def described(path: Path) -> tuple[str, Foreign]:
     names, three = _Names(), description.fmiVersion.startswith("3")
     known = {kind: [_variable(v, names, reader, three) for v in variables if v.causality == kind and not v.dimensions]
              for kind in ("input", "output", "parameter")}
-    foreign = Foreign(path, description.coSimulation.modelIdentifier,
-                      *(tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter")))
+    foreign = Foreign(path, interface.modelIdentifier,
+                      *(tuple(v for v, _, _ in known[kind]) for kind in ("input", "output", "parameter")),
+                      has_solver=description.coSimulation is not None)
     if not foreign.outputs:
         raise _unusable(path, "has no outputs that are numbers", "It has no effect in a diagram.")
     return _text(path, description, known, kept_names), foreign

@@ -1,15 +1,18 @@
-"""Co-simulation of the FMUs of a diagram. This is the only module that executes code from a file, with the user's
+"""Exchange of signals with the FMUs of a diagram. This is the only module that executes code from a file, with the user's
 permission.
 
 An FMU advances from t_{k-1} to t_k with the inputs of t_{k-1}. At t_k its outputs are read, and it receives its inputs at
-t_k, as they were before the instant. At the start it is initialised, and its first outputs are read.
+t_k, as they were before the instant. At the start it is initialised, and its first outputs are read. An FMU for
+co-simulation has a solver; `ModelExchange` integrates the others.
 """
 
 from __future__ import annotations
 
+import ctypes
 import tempfile
+from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,10 +24,12 @@ from heavebond.core.presentation import count
 from heavebond.equations.flatten import Flat
 from heavebond.language.definition import Foreign, ForeignVariable
 from heavebond.language.symbols import stack
-from heavebond.numerics.dae import Assembly
+from heavebond.numerics.dae import Array, Assembly
+from heavebond.numerics.model_exchange import ModelExchange
 from heavebond.numerics.start_equations import Point
 
 REALS = ("Real", "Float64", "Float32")
+LOG_LINES = 5  # of the log of an FMU in a message
 DISCARD, TERMINATED = 2, 3  # fmi2Discard, and the kind of status fmi2Terminated
 
 
@@ -62,9 +67,11 @@ class _Partner:
     version: str = ""
     reached: float = np.nan  # until it is initialised
     callbacks: Any = None  # kept for as long as its program may call them
-    messages: list[str] = field(default_factory=list)
+    messages: deque[str] = field(default_factory=deque)  # the last lines of its log
+    integrated: ModelExchange | None = None  # for model exchange
     times: list[float] = field(default_factory=list)  # of the communications
     outputs: list[float] = field(default_factory=list)  # at the last of them
+    inputs: Array | None = None  # from the last of them
     ended: bool = False  # it asked for the end of the run
 
 
@@ -95,8 +102,11 @@ class Partners:
             if len(part.times) == 1:
                 every = ": its outputs kept their start values, because its step is not shorter than the run"
             end = f"; it ended the run at t = {part.times[-1]:.6g} s" if part.ended else ""
-            sentences.append(f"{part.path} ({part.foreign.path.name}, FMI {part.version}): "
-                             f"{count(len(part.times), 'communication point')}{every}{end}")
+            end += f" ({part.messages[-1]})" if part.ended and part.messages else ""
+            use = "" if part.integrated is None else ", model exchange"
+            events = "" if part.integrated is None else f"; {count(part.integrated.events, 'event')} between them"
+            sentences.append(f"{part.path} ({part.foreign.path.name}, FMI {part.version}{use}): "
+                             f"{count(len(part.times), 'communication point')}{every}{events}{end}")
         return sentences
 
     @contextmanager
@@ -145,6 +155,9 @@ class Partners:
                     for variable, value in zip(part.foreign.inputs, inputs, strict=True):
                         _set(instance, variable, value)
                     instance.exitInitializationMode()
+                    if part.integrated is not None:
+                        part.integrated.begin(point.t)
+                        part.ended = part.integrated.ended
                 else:
                     _advance(part, point.t)
                 part.reached = point.t
@@ -163,8 +176,17 @@ class Partners:
             _check_running(part)
             with _failing(part, point.t):
                 inputs = np.array(part.inputs_and_parameters(*point.values())[0]).ravel()
-                for variable, value in zip(part.foreign.inputs, inputs, strict=True):
-                    _set(part.instance, variable, value)
+
+                def set_inputs(part: _Partner = part, inputs: Array = inputs) -> None:
+                    for variable, value in zip(part.foreign.inputs, inputs, strict=True):
+                        _set(part.instance, variable, value)
+
+                if part.integrated is None:
+                    set_inputs()
+                elif len(inputs) and not np.array_equal(inputs, part.inputs):
+                    part.integrated.change_inputs(set_inputs)
+                    part.ended = part.integrated.ended
+                part.inputs = inputs
 
 
 def _inputs_and_parameters(assembly: Assembly, path: str, foreign: Foreign) -> ca.Function:
@@ -184,9 +206,11 @@ def _open(part: _Partner, folder: str) -> None:
     try:
         fmpy.extract(str(part.foreign.path), folder)
         description = fmpy.read_model_description(folder, validate=False)
-        part.version, part.messages, part.reached = description.fmiVersion, [], np.nan
-        part.times, part.outputs, part.ended = [], [], False
+        part.version, part.messages, part.reached = description.fmiVersion, deque(maxlen=LOG_LINES), np.nan
+        part.times, part.outputs, part.inputs, part.ended = [], [], None, False
         part.instance = _instance(part, folder, description)
+        part.integrated = None if part.foreign.has_solver else ModelExchange(
+            part.instance, part.version, description.numberOfContinuousStates or 0, description.numberOfEventIndicators or 0)
     except Exception as error:  # wrong platform, missing libraries, refused instance: all are the FMU's own
         first_line = (str(error).splitlines() or [""])[0]
         raise SimulationError([Problem("fmu-not-loaded", f"{name} cannot be loaded on this machine", None,
@@ -198,23 +222,27 @@ def _instance(part: _Partner, folder: str, description: Any) -> Any:
     from fmpy import fmi2, fmi3
 
     arguments = {"guid": description.guid, "unzipDirectory": folder, "modelIdentifier": part.foreign.identifier,
-                         "instanceName": part.path}
+                 "instanceName": part.path}
     if part.version.startswith("2"):
         def heard2(_: object, __: object, status: int, ___: object, message: bytes) -> None:
             part.messages.append(message.decode(errors="replace"))
 
-        instance = fmi2.FMU2Slave(**arguments)
+        instance = (fmi2.FMU2Slave if part.foreign.has_solver else fmi2.FMU2Model)(**arguments)
         part.callbacks = callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(heard2)
         callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
         callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
+        with suppress(Exception):  # a library of FMPy, for some platforms, that inserts the arguments into the messages
+            from fmpy.logging import addLoggerProxy
+
+            addLoggerProxy(ctypes.byref(callbacks))
         instance.instantiate(callbacks=callbacks)
         return instance
 
     def heard3(_: object, status: int, __: object, message: bytes) -> None:
         part.messages.append(message.decode(errors="replace"))
 
-    instance = fmi3.FMU3Slave(**arguments)
+    instance = (fmi3.FMU3Slave if part.foreign.has_solver else fmi3.FMU3Model)(**arguments)
     instance.instantiate(logMessage=heard3)
     return instance
 
@@ -235,12 +263,16 @@ def _failing(part: _Partner, time: float) -> Iterator[None]:
     except Exception as error:
         message = (str(error).splitlines() or [""])[0]
         raise SimulationError([Problem("fmu-failed", f"{part.path} ({part.foreign.path.name}) failed at t = {time:.6g} s",
-                                       None, "", (*part.messages[-5:], message))]) from error
+                                       None, "", (*part.messages, message))]) from error
 
 
 def _advance(part: _Partner, time: float) -> None:
     from fmpy.fmi1 import FMICallException
 
+    if part.integrated is not None:
+        part.integrated.advance(time)
+        part.ended = part.integrated.ended
+        return
     step = {"currentCommunicationPoint": part.reached, "communicationStepSize": time - part.reached}
     if not part.version.startswith("2"):
         part.ended = bool(part.instance.doStep(**step)[1])

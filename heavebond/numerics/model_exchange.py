@@ -1,0 +1,188 @@
+"""Integration of an FMU for model exchange between two communication points.
+
+The FMU gives x' = f(t, x) for the inputs and discrete states that it has, and event indicators z(t, x). LSODA integrates x
+with an error control (A. C. Hindmarsh, ODEPACK, 1983; L. Petzold, doi:10.1137/0904010): it changes between Adams methods
+and, for stiff equations, BDF. After a restart it may fail to recognise stiff equations; if it takes very many steps, another
+BDF method continues (L. F. Shampine, M. W. Reichelt, doi:10.1137/S1064827594276424).
+
+An event occurs if the sign of an indicator (z > 0) changes within a step, at an instant that the FMU has stated before, or
+if the FMU requests it at the end of a step. A sign change is located by bisection of the interpolated step. At an event the
+FMU updates its discrete states until it needs no further update; it may set x, and the nominal sizes of x. Modelica
+Association, Functional Mock-up Interface Specification 2.0.4, 3.2, and 3.0.1, 3.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+RTOL = 1e-9  # relative, and absolute in nominal sizes of the states
+SAME = 1e-12  # share of the time within which two instants are one
+MOST_UPDATES = 1000  # of the discrete states at one instant
+MOST_STEPS = 5000  # of LSODA between two events; a later step and all further ones are by BDF
+MOST_EVENTS = 10_000  # between two communication points
+SHORTER, MOST_REFUSED = 10.0, 8  # a step where the FMU has no derivatives is repeated with shorter steps
+DISCARD = 2  # the status of a call that the FMU refuses at this point
+
+
+class _Refused(Exception):
+    """The FMU has no derivatives at a trial point of the integrator."""
+
+
+class ModelExchange:
+    """An initialised instance of an FMU for model exchange (FMI 2.0 and 3.0) with its states; RuntimeError or the exception
+    of FMPy if it fails. `states` and `indicators` are the numbers of states and event indicators in FMI 2.0."""
+
+    def __init__(self, instance: Any, version: str, states: int, indicators: int):
+        self.instance, self._three = instance, version.startswith("3")
+        self.events = 0  # after the initialisation
+        self.ended = False  # the FMU requests the end of the run
+        self._n, self._stiff = (states, indicators), False
+
+    def begin(self, time: float) -> None:
+        """Enter continuous-time mode for the first time, after the initialisation."""
+        if self._three:  # the numbers may depend on parameters
+            self._n = self.instance.getNumberOfContinuousStates(), self.instance.getNumberOfEventIndicators()
+        n, m = self._n
+        self._x, self._dx = (ctypes.c_double * n)(), (ctypes.c_double * n)()
+        self._nominal, self._z = (ctypes.c_double * n)(), (ctypes.c_double * m)()
+        self._derivatives = self.instance.getContinuousStateDerivatives if self._three else self.instance.getDerivatives
+        self._update = self.instance.updateDiscreteStates if self._three else self.instance.newDiscreteStates
+        self.time, self._next = time, np.inf
+        self._state, self._scale = np.zeros(n), np.ones(n)
+        self._update_discrete_states(first=True)
+
+    def change_inputs(self, set_inputs: Callable[[], None]) -> None:
+        """Event at which the inputs change."""
+        if not self.ended:
+            self.instance.enterEventMode()
+            set_inputs()
+            self._update_discrete_states()
+
+    def advance(self, end: float) -> None:
+        """Integrate to a communication point; stop earlier if the FMU requests the end of the run."""
+        events = 0
+        while not self.ended:
+            same = SAME * max(abs(end), end - self.time)
+            stop = self._next if self._next <= end + same else end
+            happened = self._integrate(stop) if stop > self.time else False
+            if self.ended:
+                return
+            if happened or (self.time >= stop and stop == self._next):
+                self.instance.enterEventMode()
+                self._update_discrete_states()
+                events, self.events = events + 1, self.events + 1
+                if events > MOST_EVENTS:
+                    raise RuntimeError(f"it has more than {MOST_EVENTS} events before t = {self.time:.9g} s: they may "
+                                       "follow each other at ever shorter intervals")
+            elif self.time >= stop:
+                return
+
+    def _update_discrete_states(self, first: bool = False) -> None:
+        """Event iteration at the present instant, in event mode; then enter continuous-time mode."""
+        changed_states, changed_nominals = first, first
+        for _ in range(MOST_UPDATES):
+            again, ends, nominals, values, defined, time = self._update()
+            changed_states, changed_nominals = changed_states or values, changed_nominals or nominals
+            if ends:
+                self.ended = True
+                return
+            if not again:
+                break
+        else:
+            raise RuntimeError(f"its event iteration does not end at t = {self.time:.9g} s")
+        self._next = time if defined else np.inf
+        self.instance.enterContinuousTimeMode()
+        n = len(self._x)
+        if n and changed_states:
+            self.instance.getContinuousStates(self._x, n)
+            self._state = np.array(self._x)
+        if n and changed_nominals:
+            self.instance.getNominalsOfContinuousStates(self._nominal, n)
+            sizes = np.abs(np.array(self._nominal))
+            self._scale = np.where((sizes > 0) & np.isfinite(sizes), sizes, 1.0)
+        self._signs = self._indicators() > 0
+
+    def _place(self, time: float, x: Array) -> None:
+        self.instance.setTime(time)
+        if len(x):
+            self._x[:] = x.tolist()
+            self.instance.setContinuousStates(self._x, len(x))
+
+    def _rates(self, time: float, x: Array) -> Array:
+        from fmpy.fmi1 import FMICallException
+
+        try:
+            self._place(time, x)
+            self._derivatives(self._dx, len(x))
+        except FMICallException as error:
+            if error.status != DISCARD:
+                raise
+            raise _Refused(str(error)) from error
+        rates = np.array(self._dx)
+        if not np.isfinite(rates).all():
+            number = int(np.flatnonzero(~np.isfinite(rates))[0]) + 1
+            raise _Refused(f"the derivative of its state {number} of {len(x)} is not a number at t = {time:.9g} s")
+        return rates
+
+    def _indicators(self) -> Array:
+        if len(self._z):
+            self.instance.getEventIndicators(self._z, len(self._z))
+        return np.array(self._z)
+
+    def _integrate(self, stop: float) -> bool:
+        """Integrate to `stop`, to the first event before it or to the end of the run; True for an event."""
+        longest, refused = np.inf, 0
+        while True:
+            try:
+                return self._integrated(stop, longest)
+            except _Refused as error:
+                refused += 1
+                if refused > MOST_REFUSED:
+                    raise RuntimeError(str(error)) from error
+                longest = min(longest, stop - self.time) / SHORTER
+
+    def _integrated(self, stop: float, longest: float) -> bool:
+        from scipy.integrate import BDF, LSODA
+
+        if not len(self._state) or stop - self.time <= SAME * abs(stop):
+            return self._accepted(stop, self._state, lambda: lambda _: self._state)
+        solver, steps = None, 0
+        while self.time < stop and not self.ended:
+            if steps == MOST_STEPS and not self._stiff:
+                self._stiff, solver = True, None
+            if solver is None:
+                solver = (BDF if self._stiff else LSODA)(self._rates, self.time, self._state, stop, rtol=RTOL,
+                                                         atol=RTOL * self._scale, max_step=longest)
+            message, steps = solver.step(), steps + 1
+            if solver.status == "failed":
+                raise RuntimeError(f"the integrator failed at t = {self.time:.9g} s ({message})")
+            if self._accepted(float(solver.t), np.array(solver.y), solver.dense_output):
+                return True
+        return False
+
+    def _accepted(self, end: float, state: Array, interpolated: Callable[[], Callable[[float], Array]]) -> bool:
+        """Go to the end of a step, or to the first change of sign within it; True for an event."""
+        begin = self.time
+        self._place(end, state)
+        happened = self._changed()
+        if happened:
+            motion, low, high = interpolated(), begin, end
+            while high - low > SAME * max(abs(high), end - begin) and low < (middle := (low + high) / 2) < high:
+                self._place(middle, motion(middle))
+                low, high = (low, middle) if self._changed() else (middle, high)
+            if high < end:
+                end, state = high, motion(high)
+            self._place(end, state)
+        self.time, self._state = end, state
+        requested, self.ended = self.instance.completedIntegratorStep()
+        return happened or bool(requested)
+
+    def _changed(self) -> bool:
+        """Whether the sign of an indicator differs from its sign after the last event."""
+        return bool(np.any((self._indicators() > 0) != self._signs))
