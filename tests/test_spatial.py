@@ -327,17 +327,6 @@ def test_a_closed_loop_keeps_its_lengths_and_its_energy() -> None:
     assert run["energy"] == pytest.approx(run["energy"][0], abs=1e-6)
 
 
-def test_a_loop_of_parallel_hinges_is_named() -> None:
-    hinge = "{is: SpatialRevoluteJoint, n: [0, -1, 0]}"
-    text = FOUR_BAR.replace("{is: SphericalJoint}", hinge)
-    text = text.replace("{is: UniversalJoint, n_a: [0, -1, 0], n_b: [1, 0, 0]}", hinge)
-    text = text.replace("  e_3:     [pin_3.e]\n", "  d_2:     [pin_2.d]\n")
-    with pytest.raises(ModelError) as caught:
-        hb.simulate(hb.loads(text))
-    message = str(caught.value)
-    assert all(part in message for part in ("pin_1", "pin_4"))
-
-
 def test_a_machine_at_rest_is_clean() -> None:
     """Speeds of 1e-17 m/s times forces are no missing power."""
     text = DOUBLE.replace("initial: {upper.phi: 0.3 rad, lower.phi: 1 rad, upper.w: 0 rad/s, lower.w: 0 rad/s}",

@@ -28,7 +28,7 @@ from heavebond.equations.events import FlatEvent, Held, held_bounds, leaf_events
 from heavebond.equations.expand import expand
 from heavebond.equations.expanded import Expanded, Leaf
 from heavebond.equations.flat_unknowns import Unknowns
-from heavebond.equations.frames import frame_tree, with_roots
+from heavebond.equations.frames import FrameTree, Key, RedundantLoop, frame_tree, with_roots
 from heavebond.equations.medium import with_media
 from heavebond.equations.output_checks import check_asked, with_nominal_sizes
 from heavebond.equations.ownership import Names, check_outputs, claim_clocks, claim_names
@@ -156,6 +156,10 @@ class Flat:
     # `also`, `widths` and `zeros`, with which the same is made of the diagram; None if other equations were put in since
     options: tuple[tuple[str, ...], float, tuple[str, ...]] | None = None
     zeros: tuple[str, ...] = ()  # the parameters that were left out of the equations, see `without_zeros`
+    # the relations of frames, and the equations of the rotation and of the translation of each
+    frames: FrameTree | None = None
+    frame_rows: Mapping[tuple[Key, str], range] = field(default_factory=dict, repr=False)
+    redundancies: tuple[RedundantLoop, ...] = ()  # the loops whose redundant constraints were left out of the equations
 
     @cached_property
     def levels(self) -> tuple[tuple[ca.SX, ...], ...]:
@@ -320,6 +324,7 @@ class _Builder:
         self.events: list[FlatEvent] = []
         self.templates: dict[str, Template] = {}
         self.factors: dict[str, Factor] = {}  # of parameters that vary
+        self.frame_rows: dict[tuple[Key, str], range] = {}
 
     def build(self, also: tuple[str, ...]) -> Flat:
         for path, leaf in self.expanded.leaves.items():
@@ -371,7 +376,8 @@ class _Builder:
                     self.parameters.units, tuple(self.energies), bounds, self.held, tuple(self.events), self.bonds,
                     self.block_bonds, {path: self.domains[group.domain] for group in self.network.groups
                                        if group.domain in self.domains for path in group.aliases},
-                    tuple(self.delays), tuple(self.passed_through), self.templates)
+                    tuple(self.delays), tuple(self.passed_through), self.templates, frames=self.tree,
+                    frame_rows=self.frame_rows)
         model = self.expanded.model
         outputs = with_intervals(flat)
         return flat if outputs is model.show else replace(flat, expanded=replace(
@@ -465,13 +471,14 @@ class _Builder:
 
     def _frame_equations(self) -> None:
         """The relations of frames, explicit along a tree and three equations for each loop (see `frames`)."""
-        users: dict[FrameEquations, tuple[Template, list[tuple[str, int]]]] = {}
+        users: dict[FrameEquations, tuple[Template, str, list[tuple[str, int]]]] = {}
         for (path, number), forms in self.tree.forms.items():
             frame = self.templates[path].frames[number]
-            for form, equations in ((forms.rotation, frame.rotation), (forms.translation, frame.translation)):
+            for quantity, form, equations in (("rotation", forms.rotation, frame.rotation),
+                                              ("translation", forms.translation, frame.translation)):
                 if form is not None:
-                    users.setdefault(equations[form], (self.templates[path], []))[1].append((path, number))
-        for law, (template_of_part, parts) in users.items():
+                    users.setdefault(equations[form], (self.templates[path], quantity, []))[2].append((path, number))
+        for law, (template_of_part, quantity, parts) in users.items():
             size = len(template_of_part.slots)
             slots = [self.names[f"{path}.{slot}"] for path, _ in parts for slot in template_of_part.slots]
             parameters = [self._given(f"{path}.{name}") for path, _ in parts for name in template_of_part.given]
@@ -480,6 +487,8 @@ class _Builder:
             numbers = iter(self._kept(law.residuals(*inputs)))
             for k, (path, number) in enumerate(parts):
                 unknowns, place = slots[k*size:(k + 1)*size], template_of_part.frames[number].place
+                begin = len(self.equations)
+                self.frame_rows[((path, number), quantity)] = range(begin, begin + len(law.labels))
                 for label, row in zip(law.labels, law.entries, strict=True):
                     self._add(FlatEquation(path, label, law.text, place), next(numbers), self._mapped(row, unknowns))
 

@@ -19,6 +19,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import casadi as ca
+
+from heavebond.core.errors import listing
 from heavebond.equations.connect import Network
 from heavebond.equations.expand import default
 from heavebond.equations.expanded import Expanded, Junction, Leaf, PortEnd
@@ -49,12 +52,38 @@ class FrameForms(NamedTuple):
 class FrameTree:
     """The forms of each relation; the groups of nodes whose orientations are related to each other but not to the fixed
     frame (`unrooted`); the nodes whose positions and velocities follow from those of others (`carried`), and the others
-    (`roots`)."""
+    (`roots`). The relations of each spanning tree from its root on are in `rotations` and `translations`; `loops` gives the
+    parts of the loop that a relation closes, in their order along it."""
 
     forms: Mapping[Key, FrameForms]
     unrooted: tuple[tuple[int, ...], ...]
     carried: frozenset[int]
     roots: frozenset[int]
+    rotations: tuple[Key, ...]
+    translations: tuple[Key, ...]
+    loops: Mapping[Key, tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class RedundantLoop:
+    """A loop whose redundant constraints were left out: its `parts`, that which closes it, at whose port the `reactions`
+    (`M_x`, in the axes of the port) are taken as zero, the values (n,) of these constraints in raw symbols, in rad and in
+    sizes of the loop, and the values of unknowns in a configuration in which the loop is closed."""
+
+    parts: tuple[str, ...]
+    closing: str
+    port: str
+    reactions: tuple[str, ...]
+    residuals: ca.SX
+    configuration: Mapping[int, float]
+
+    @property
+    def text(self) -> str:
+        """The redundancy and the choice of reactions, in a sentence."""
+        n = len(self.reactions)
+        return f"the loop {listing(self.parts, 12)} constrains {n} motion{'s' * (n > 1)} more than once; " \
+            f"the reaction{'s' * (n > 1)} {listing(self.reactions)} at {self.port} (in its axes) " \
+            f"{'are' if n > 1 else 'is'} taken as zero"
 
 
 def frame_tree(expanded: Expanded, network: Network) -> FrameTree:
@@ -70,23 +99,29 @@ def frame_tree(expanded: Expanded, network: Network) -> FrameTree:
                 rotations.append(Relation((path, number), first, second))
             if frame.shift is not None:
                 translations.append(Relation((path, number), first, second))
-    rotation_forms, orientation_trees = _spanning_trees(vertices, rotations)
-    translation_forms, position_trees = _spanning_trees(vertices, translations)
+    rotation_forms, orientation_trees, rotation_loops = _spanning_trees(vertices, rotations)
+    translation_forms, position_trees, translation_loops = _spanning_trees(vertices, translations)
     forms = {key: FrameForms(rotation_forms.get(key), translation_forms.get(key))
              for key in dict.fromkeys((*rotation_forms, *translation_forms))}
     roots = frozenset(tree[0] for tree in position_trees)
-    return FrameTree(forms, tuple(tuple(tree) for tree in orientation_trees), frozenset(vertices) - roots, roots)
+    return FrameTree(forms, tuple(tuple(tree) for tree in orientation_trees), frozenset(vertices) - roots, roots,
+                     tuple(key for key, form in rotation_forms.items() if form is not FrameForm.CLOSING),
+                     tuple(key for key, form in translation_forms.items() if form is not FrameForm.CLOSING),
+                     {**translation_loops, **rotation_loops})
 
 
 def _spanning_trees(vertices: Iterable[int], relations: Iterable[Relation]
-                    ) -> tuple[dict[Key, FrameForm], list[list[int]]]:
+                    ) -> tuple[dict[Key, FrameForm], list[list[int]], dict[Key, tuple[str, ...]]]:
     """The form of each relation by breadth-first search, from the fixed frame and then from the first vertex that is not
-    reached, in the order of declaration; and the vertices of each tree without the fixed frame, its root first."""
+    reached, in the order of declaration; the vertices of each tree without the fixed frame, its root first; and the parts of
+    the loop that each of the other relations closes."""
     edges: dict[int, list[Relation]] = {}
     for relation in relations:
         for vertex in dict.fromkeys((relation.first, relation.second)):
             edges.setdefault(vertex, []).append(relation)
     forms: dict[Key, FrameForm] = {}
+    above: dict[int, tuple[int, Key]] = {}  # the vertex from which each one was reached, and by which relation
+    closing: list[Relation] = []
     reached: set[int] = set()
     trees: list[list[int]] = []
     for root in (FIXED, *vertices):
@@ -103,14 +138,27 @@ def _spanning_trees(vertices: Iterable[int], relations: Iterable[Relation]
                 neighbour = relation.second if ahead else relation.first
                 if neighbour in reached:
                     forms[relation.key] = FrameForm.CLOSING
+                    closing.append(relation)
                     continue
                 forms[relation.key] = FrameForm.FORWARD if ahead else FrameForm.INVERSE
                 reached.add(neighbour)
+                above[neighbour] = vertex, relation.key
                 tree.append(neighbour)
                 waiting.append(neighbour)
         if root != FIXED:
             trees.append(tree)
-    return forms, trees
+    loops: dict[Key, tuple[str, ...]] = {}
+    for relation in closing:
+        branches = list[list[Key]]()
+        for vertex in (relation.first, relation.second):
+            branch = list[Key]()
+            while vertex in above:
+                vertex, key = above[vertex]
+                branch.append(key)
+            branches.append(branch)
+        before, after = ([key for key in branches[k] if key not in branches[1 - k]] for k in (0, 1))
+        loops[relation.key] = tuple(dict.fromkeys(part for part, _ in (*before[::-1], relation.key, *after)))
+    return forms, trees, loops
 
 
 def with_roots(expanded: Expanded, network: Network) -> Expanded:

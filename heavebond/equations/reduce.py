@@ -26,6 +26,7 @@ from heavebond.equations.flatten import Flat, FlatEquation
 from heavebond.equations.index_reduction import Pantelides, collapse, pantelides
 from heavebond.equations.lost_rank import Row, Simultaneous, losses
 from heavebond.equations.matching import block_lower_triangular, maximum_matching
+from heavebond.equations.redundant_loops import without_redundancies
 from heavebond.equations.state_selection import Column, Constraints, InitialGuess, constraints, select_states
 from heavebond.language.external_functions import derivative_along, jacobian, substituted_in_turn
 from heavebond.language.incidence import INDEFINITE, classify
@@ -89,7 +90,7 @@ class Reduced:
 
 def reduce(flat: Flat) -> Reduced:
     """The index-1 model; ModelError with the smallest contradictory part where the structure is singular."""
-    flat = _with_identities(flat)
+    flat = without_redundancies(_with_identities(flat))
     # columns for unknowns and for the derivatives that occur (with the ones between), and the rows in them
     n = len(flat.unknowns)
     columns: list[Column] = [(j, 0) for j in range(n)]

@@ -281,16 +281,19 @@ def _weight(flat: Flat, column: Column, preferred: frozenset[int]) -> float:
 
 
 class InitialGuess:
-    """Initial guess of all unknowns: the condition or guess of the diagram, else the declared start, else 0."""
+    """Initial guess of all unknowns: the condition or guess of the diagram, else the declared start, else 0. In a loop with
+    redundant constraints, a position in which it is closed replaces guesses."""
 
     def __init__(self, flat: Flat):
         self._declared = np.array([0.0 if u.start is None else u.start for u in flat.unknowns])
+        closed = {j: value for loop in flat.redundancies for j, value in loop.configuration.items()}
+        self._declared[list(closed)] = list(closed.values())
         resolver = Resolver(flat.names, flat.constants, flat.units, flat.unknowns, flat.columns, flat.time, flat.rate)
         known = {*flat.places, flat.time.element_hash()}
         self._asked: list[int] = []
         values = []
         for name, condition in flat.expanded.model.initial.conditions.items():
-            if name in flat.names:
+            if name in flat.names and not (condition.guess and flat.names[name] in closed):
                 constant = flat.constants.get(f"initial.{name}")
                 value = resolver.evaluate(condition.value.expr) if constant is None else constant
                 # a condition that depends on variables is dealt with when the start is solved

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 
 FORMULA_LENGTH = 80  # of a function of time in a finding
+LOOP_CLOSED = 1e-5  # largest gap of a closed loop in its size; its dimensions may be rounded to six digits
 
 
 _PRESSURE = re.compile(r"\b[A-Za-z_]\w*\.\w+\b")
@@ -209,12 +210,20 @@ class Result(facade.Displayed):
         return findings
 
     def _findings_of_the_motion(self) -> list[Finding]:
-        """Findings on an unstable equilibrium, functions of time, jumps of laws, and sampling rates."""
+        """Findings on an unstable equilibrium, open loops, functions of time, jumps of laws, and sampling rates."""
         time = float(self.time[0])
         # a steady start at an unstable equilibrium
         u = columns(self, np.array([0]))[4]
         unstable = unstable_start(self.assembly, self.start, np.asarray(u).ravel(), float(self.time[-1] - self.time[0]))
         findings = [unstable] if unstable is not None else []
+        for loop in self.assembly.flat.redundancies:  # the constraints that the equations leave out
+            error = np.abs(self.evaluate(loop.residuals)).max(axis=0)
+            if error.max() > LOOP_CLOSED:
+                k = int(np.argmax(error > LOOP_CLOSED))
+                at, worst = float(self.time[k]), float(error.max())
+                findings.append(Finding("loop", loop.closing, listing(loop.parts, 12), at, worst, LOOP_CLOSED, "",
+                                        "Its lengths and axes must agree, and its guesses be near the "
+                                        "position meant; or replace a joint by a SphericalJoint or a CylindricalJoint"))
         # functions of time for which neither the instants of short motions nor a longest step were found; jumps of laws at
         # conditions of states, in a run with sensitivities
         texts, jumps = self.statistics.get("unknown_forcing", ()), self.statistics.get("jumps", ())

@@ -61,6 +61,9 @@ class Finding:
         if self.kind == "energy":
             return f"the power of {self.part} does not balance: {readable(abs(self.value), self.unit)} " \
                 f"{'appear' if self.value < 0 else 'disappear'}, from {t} on"
+        if self.kind == "loop":
+            return f"the loop {self.part} is open at {self.name} from {t} on, by up to {number(self.value, 3)} of its " \
+                "size: its constraints contradict each other"
         if self.kind == "growth":
             return f"{self.name} grows exponentially, to {value} at the end"
         if self.kind == "true-at-start":
@@ -112,10 +115,11 @@ class Finding:
 
 
 # whether a run with such a finding is worthless
-KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "range": False, "larger": False, "growth":
-         False, "scale": False, "rounding": False, "undetermined": False, "true-at-start": False, "unstable-start": False,
-         "placeholder": False, "fixed-step": False, "joined": False, "reversed": False, "filled": False, "front": False,
-         "time-formula": False, "narrow": False, "dense-events": False, "rates": False, "jump": False}
+KINDS = {"physical": True, "not-finite": True, "runaway": True, "energy": True, "loop": True, "range": False,
+         "larger": False, "growth": False, "scale": False, "rounding": False, "undetermined": False, "true-at-start": False,
+         "unstable-start": False, "placeholder": False, "fixed-step": False, "joined": False, "reversed": False,
+         "filled": False, "front": False, "time-formula": False, "narrow": False, "dense-events": False, "rates": False,
+         "jump": False}
 FAILURES = tuple(kind for kind, failed in KINDS.items() if failed)
 
 

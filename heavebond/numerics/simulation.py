@@ -182,8 +182,9 @@ def _provisional(simulator: Simulator, parameters: Mapping[str, float | str] | N
 
 
 def changes_of(result: Result, states: bool = True) -> list[str]:
-    """Sentences on the changes during a run: its tolerances, solver and `states`; filled nodes are part of its verdict."""
-    sentences = []
+    """Sentences on the redundant constraints of loops and on the changes during a run: its tolerances, solver and `states`;
+    filled nodes are part of its verdict."""
+    sentences = [loop.text for loop in result.assembly.flat.redundancies]
     sizes = result.statistics.get("sizes")
     if isinstance(sizes, dict):
         units = {u.name: u.unit.text for u in result.assembly.flat.unknowns}

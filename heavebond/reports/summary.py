@@ -91,6 +91,7 @@ class Summary:
     sampled: tuple[str, ...] = ()
     machines: tuple[str, ...] = ()
     transitions: tuple[str, ...] = ()
+    redundancies: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """The summary as a dictionary for JSON; values in SI."""
@@ -146,7 +147,8 @@ class Summary:
             remaining += f": {listing(self.algebraic, SHOWN_NAMES)}"
         rows = [("assembled", f"{count(self.equations, 'equation')} in {count(self.unknowns, 'unknown')}"),
                 ("index", f"{self.index}; {count(len(self.differentiated), 'equation')} differentiated"),
-                ("left", remaining), ("loops", count(len(self.loops), "algebraic loop"))]
+                ("left", remaining), ("loops", count(len(self.loops), "algebraic loop")),
+                *(("redundant", words) for words in self.redundancies)]
         lines = ["Equations", *columns(rows, width)]
         if self.loops:
             loops = []
@@ -219,7 +221,7 @@ def summary(assembly: Assembly, start: Start | None) -> Summary:
         placeholders=tuple(f"{path}: {leaf.component.placeholder}" for path, leaf in expanded.leaves.items()
                            if leaf.component.placeholder), sampled=_sampled(assembly),
         transitions=tuple(t.text for t in assembly.update_order.transitions(assembly.p)),
-        machines=tuple(machines))
+        machines=tuple(machines), redundancies=tuple(loop.text for loop in flat.redundancies))
 
 
 def _sampled(assembly: Assembly) -> tuple[str, ...]:
