@@ -237,7 +237,8 @@ NOT_A_GENERALISATION = {
         "SpringDamperWithPlay < *Damper; *WithPlay < Contact; *WithPlay < ShockAbsorber; SlackWire < *; WormGear < *; "
         "PowerScrew < *; Conduction < *; NaturalConvection < HeatRadiation; TransmissionLine < *; Lookup < MonotoneLookup; "
         "MonotoneLookup < Lookup; StepLookup < Lookup; StepLookup < MonotoneLookup; ScrewJoint < SpatialRevoluteJoint; "
-        "SpatialBody < SpatialPointMass; ElasticGap < *; ElasticBacklash < *; "
+        "SpatialBody < SpatialPointMass; RollingDisc < RollingSphere; SpherePlaneContact < RollingSphere; ElasticGap < *; "
+        "ElasticBacklash < *; "
         "*SpringDamper* < Elastic*",
     "it sticks by events: the same law in the limit of its transition, with the same parameters":
         "~DryFriction < *; LockingClutch < Clutch; LockingOneWayClutch < Clutch; LockingBrake < PressedFriction; "

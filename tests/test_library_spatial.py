@@ -24,6 +24,8 @@ def paid_out(t: Array) -> Array:
     return 200*(G - 2) + 200*2*np.cos(np.sqrt(50e3/200)*t)
 
 
+# a disc in steady motion with the angular velocity -3 rad/s about the vertical, inclined by 0.4 rad: its rate about its axis
+SPIN = (9*np.cos(0.4)*1.25e-3 - 0.5*0.1*G)*np.tan(0.4)/(-3*(2.5e-3 + 0.5*0.1**2))
 GATE = np.sqrt(12*G/(4 + 12))
 CASES = [
     Case("spatial_fixed", "wall.a.M_y", lambda t: 40*G*1.5 + 0*t, LAW),
@@ -61,6 +63,25 @@ CASES = [
     Case("spatial_free", "axis", np.sin, RUN),
     Case("spatial_minimal", "axis", lambda t: np.sin(0.1*t), RUN),
     Case("spatial_idle", "height", lambda t: 4*t - G/2*t**2, RUN),
+    # the angular momentum about a point of the lane is conserved: 5/7 of the speed remain
+    Case("sphere_plane_contact", "body.v_x", lambda t: 5 + 0*t, RUN, begin=1.8),
+    Case("sphere_contact", "second", lambda t: 2 + 0*t, RUN, begin=0.03),
+    Case("rolling_sphere", "x", lambda t: 0.2*np.cos(t), SWING, 2e-5),
+    Case("rolling_sphere", "y", lambda t: 0.2*np.sin(t), SWING, 2e-5),
+    Case("rolling_disc", "x", lambda t: -SPIN*0.1/3*np.sin(-3*t), SWING, 2e-5),
+    Case("rolling_disc", "coin.i[3]", lambda t: np.sin(0.4) + 0*t, SWING, 2e-5),
+    Case("floating_hull", "heave", lambda t: 0.1*np.cos(np.sqrt(1025*G*160/328e3)*t), SWING, 2e-5),
+    # the metacentric height is I_x/V + z_B, as the centre of mass is at port a
+    Case("floating_hull", "angle.roll", lambda t: 1e-3*np.cos(np.sqrt(1025*G*(853.3333 - 320)/2.5e6)*t), SWING, 2e-5),
+    Case("added_mass", "heave", lambda t: 0.2*np.cos(np.sqrt(1025*G*3/(2050 + 1500))*t), SWING, 2e-5),
+    Case("hull_damping", "speed", lambda t: 1.5*(1 - np.exp(-t/2)), RUN),
+    # J dw/dt = -d w - k w**2
+    Case("hull_damping", "turn", lambda t: 2*np.exp(-2*t)/(1 + 2*2/10*(1 - np.exp(-2*t))), RUN, 2e-6),
+    Case("spatial_bushing", "engine.z", lambda t: 2e-3*np.cos(np.sqrt(500e3/150)*t), SWING, 2e-5),
+    Case("spatial_bushing", "angle.yaw", lambda t: 2e-3*np.cos(np.sqrt(2e3/8)*t), SWING, 2e-5),
+    # a pendulum of 4 kg with a moment of inertia of 0.1 + 4 kg*m**2
+    Case("plane_in_space", "z", lambda t: -np.cos(swing(t, np.pi/3, np.sqrt(4*G/4.1))), SWING, 2e-5),
+    Case("plane_in_space", "y", lambda t: 2 + np.sin(swing(t, np.pi/3, np.sqrt(4*G/4.1)))/2, SWING, 2e-5),
 ]
 
 
@@ -416,3 +437,156 @@ def test_a_held_orientation() -> None:
     found = part("SpatialIdle")({})
     agree([found[f"a.q_{k}"] for k in range(4)], [1, 0, 0, 0])
     agree([found[f"a.F_{axis}"] for axis in "xyz"], [0, 0, 0])
+
+
+# -- contact and rolling -----------------------------------------------------------------------------------------------
+w_B = _random.normal(size=(N, 3))
+NORMAL = TURN.apply([0, 0, 1])
+TURN_B = Rotation.random(N, random_state=8)
+
+
+def free(port: str, turn: Rotation, spin: Array) -> dict[str, Array]:
+    """Orientation and angular velocity of a port whose node turns freely."""
+    x, y, z, w = turn.as_quat().T
+    return {f"{port}_rotation.s_0": w, f"{port}_rotation.s_1": x, f"{port}_rotation.s_2": y, f"{port}_rotation.s_3": z,
+            **elements(f"{port}_rotation.w", spin)}
+
+
+TOUCHING = {**frame_a(), **members("b", "v", v_B), **free("b", TURN_B, w_B)}
+
+
+def touches(found: Found, normal: Array, arm_b: Array, place: Array, spring: Array, mu: float) -> None:
+    """Normal force and friction of a contact: `arm_b` from the centre of b to the point of contact, `place` its position."""
+    slip = v_B + np.cross(w_B, arm_b) - v_A - np.cross(w_A, place - r_A)
+    inwards = -np.sum(slip*normal, axis=1)
+    slip = slip + inwards[:, None]*normal
+    press = np.maximum(spring*(1 + 0.05*inwards), 0)
+    assert np.any(press > 0)
+    force = press[:, None]*(normal - mu*slip/np.sqrt(np.sum(slip**2, axis=1) + 0.02**2)[:, None])  # on b
+    agree(vector(found, "b", "F"), -force, 1e-9, 1)
+    agree(vector(found, "b", "M"), -np.cross(arm_b, force), 1e-9, 1)
+    agree(vector(found, "a", "F"), force, 1e-9, 1)
+    agree(vector(found, "a", "M"), np.cross(place - r_A, force), 1e-9, 1)
+
+
+@checks("SpherePlaneContact")
+def test_a_sphere_on_a_plane() -> None:
+    place = r_A + TURN.apply(np.stack([PHI, RATE, 0.2 + 0.01*np.arange(N)], 1))
+    law = part("SpherePlaneContact", r="0.23 m", c="9 kN/m", p="1.5", e_0="5 mm", chi="0.05 s/m", mu="0.3", v_t="0.02 m/s")
+    found = law({**TOUCHING, **members("b", "", place)})
+    depth = np.maximum(0.03 - 0.01*np.arange(N), 0)
+    touches(found, NORMAL, -0.23*NORMAL, place - 0.23*NORMAL, 9e3*5e-3*(depth/5e-3)**1.5, 0.3)
+
+
+@checks("SphereContact")
+def test_two_spheres() -> None:
+    found = part("SphereContact", r_a="0.5 m", r_b="3 m", c="9 kN/m", p="1.5", e_0="5 mm", chi="0.05 s/m", mu="0.3",
+                 v_t="0.02 m/s")({**TOUCHING, **members("b", "", r_B)})
+    depth = np.maximum(3.5 - LENGTH, 0)
+    touches(found, LINE, -(LENGTH - 0.5)[:, None]*LINE, r_A + 0.5*LINE, 9e3*5e-3*(depth/5e-3)**1.5, 0.3)
+
+
+@checks("RollingSphere")
+def test_the_forces_of_a_rolling_sphere() -> None:
+    """The reaction acts at the point of contact; that it does not slip is shown by the examples."""
+    place = r_A + TURN.apply(np.stack([PHI, RATE, 0.3 + 0*PHI], 1))
+    found = part("RollingSphere", r="0.3 m")({**TOUCHING, **members("b", "", place), "N": PHI, **elements("T", F_B[:, :2])})
+    _reacts(found, -0.3*NORMAL, place)
+
+
+@checks("RollingDisc")
+def test_the_forces_of_a_rolling_disc() -> None:
+    axle = TURN_B.apply(AXIS)
+    cosine = np.sqrt(1 - np.sum(axle*NORMAL, axis=1)**2)
+    arm = -0.3/cosine[:, None]*(NORMAL - np.sum(axle*NORMAL, axis=1)[:, None]*axle)
+    place = r_A + TURN.apply(np.stack([PHI, RATE, 0.3*cosine], 1))
+    found = part("RollingDisc", r="0.3 m", n=n)({**TOUCHING, **members("b", "", place), "N": PHI,
+                                                 **elements("T", F_B[:, :2])})
+    _reacts(found, arm, place)
+
+
+def _reacts(found: Found, arm: Array, place: Array) -> None:
+    force = PHI[:, None]*NORMAL + TURN.apply(np.stack([F_B[:, 0], F_B[:, 1], 0*PHI], 1))  # on b
+    agree(vector(found, "b", "F"), -force, 1e-9, 1)
+    agree(vector(found, "b", "M"), -np.cross(arm, force), 1e-9, 1)
+    agree(vector(found, "a", "F"), force, 1e-9, 1)
+    agree(vector(found, "a", "M"), np.cross(place + arm - r_A, force), 1e-9, 1)
+    slip = v_B + np.cross(w_B, arm) - v_A - np.cross(w_A, place + arm - r_A)
+    agree(np.stack([found[f"u[{k}]"] for k in (1, 2, 3)], -1), slip, 1e-9, 1)
+
+
+# -- water, elastic bearings, planes -----------------------------------------------------------------------------------
+@checks("FloatingHull")
+def test_buoyancy_and_stiffness_of_a_hull() -> None:
+    """The moment is the negative gradient of the energy, by a difference of rotations about the fixed axes."""
+    found = part("FloatingHull", V="3 m**3", A_w="2 m**2", I_x="0.7 m**4", I_y="2.5 m**4", z_B="-0.4 m", z_w="0.3 m")(
+        frame_a())
+    weight = 1025*G
+    agree(vector(found, "a", "F")[:, 2], -weight*(3 - 2*(r_A[:, 2] - 0.3)))
+
+    def energy(turn: Rotation) -> Array:
+        up = turn.inv().apply([0, 0, 1])
+        return weight*((0.7 - 1.2)*up[:, 1]**2 + (2.5 - 1.2)*up[:, 0]**2)/2
+
+    slope = np.stack([(energy(Rotation.from_rotvec(h)*TURN) - energy(Rotation.from_rotvec(-h)*TURN))/2e-6
+                      for h in 1e-6*np.eye(3)], 1)
+    agree(vector(found, "a", "M"), slope, 1e-4, 1)
+
+
+@checks("AddedMass")
+def test_kirchhoffs_equations() -> None:
+    M = np.array([[5, 1, 0], [1, 6, 2], [0, 2, 7]])
+    J = np.array([[3, 0.5, 0], [0.5, 4, 0.2], [0, 0.2, 5]])
+    C = np.array([[0.1, 0.2, 0.3], [-0.4, 0.5, 0], [0.6, 0, -0.7]])
+    written = {name: "[" + ", ".join("[" + ", ".join(f"{float(x)!r} {unit}" for x in row) + "]" for row in matrix) + "]"
+               for name, matrix, unit in (("A", M, "kg"), ("A_r", J, "kg*m**2"), ("A_c", C, "kg*m"))}
+    rates = {f"der({name})": value for name, value in {**members("a", "v", ACCEL), **members("a", "w", ALPHA)}.items()}
+    found = part("AddedMass", **written)({**frame_a(), **rates})
+    back = TURN.inv()
+    v, w, c = back.apply(v_A), back.apply(w_A), back.apply(ALPHA)
+    b = back.apply(ACCEL) - np.cross(w, v)
+    p, L = v @ M.T + w @ C.T, v @ C + w @ J.T
+    agree(vector(found, "a", "F"), TURN.apply(b @ M.T + c @ C.T + np.cross(w, p)), 1e-9, 1)
+    agree(vector(found, "a", "M"), TURN.apply(b @ C + c @ J.T + np.cross(w, L) + np.cross(v, p)), 1e-9, 1)
+
+
+@checks("HullDamping")
+def test_resistance_of_water() -> None:
+    units = {"d": "N*s/m", "d_r": "N*m*s/rad", "k": "N*s**2/m**2", "k_r": "N*m*s**2/rad**2"}
+    found = part("HullDamping", **{name: f"[2 {unit}, 3 {unit}, 4 {unit}]" for name, unit in units.items()})(
+        {**frame_a(), **elements("u", F_B)})
+    d, v, w = np.array([2.0, 3, 4]), TURN.inv().apply(v_A - F_B), TURN.inv().apply(w_A)
+    agree(vector(found, "a", "F"), TURN.apply(d*(v + np.abs(v)*v)), 1e-9, 1)
+    agree(vector(found, "a", "M"), TURN.apply(d*(w + np.abs(w)*w)), 1e-9, 1)
+
+
+@checks("SpatialBushing")
+def test_an_elastic_bearing() -> None:
+    lists = {"c": ("N/m", 100), "c_r": ("N*m/rad", 10), "d": ("N*s/m", 5), "d_r": ("N*m*s/rad", 1)}
+    given = {name: f"[{size} {unit}, {2*size} {unit}, {3*size} {unit}]" for name, (unit, size) in lists.items()}
+    found = part("SpatialBushing", **given)({**TOUCHING, **members("b", "", r_B)})
+    back, ratio = TURN.inv(), np.array([1.0, 2, 3])
+    s = back.apply(r_B - r_A)
+    u = back.apply(v_B - v_A - np.cross(w_A, r_B - r_A))
+    quaternion_ = (back*TURN_B).as_quat()
+    half, vector_part = quaternion_[:, 3:], quaternion_[:, :3]
+    moment = 2*(half*10*ratio*vector_part + np.cross(vector_part, 10*ratio*vector_part)) + ratio*back.apply(w_B - w_A)
+    agree(vector(found, "b", "F"), TURN.apply(ratio*(100*s + 5*u)), 1e-9, 1)
+    agree(vector(found, "b", "M"), TURN.apply(moment), 1e-9, 1)
+    balances(found)
+
+
+@checks("PlaneInSpace")
+def test_a_plane_in_space() -> None:
+    found = part("PlaneInSpace", x_0="1 m", y_0="2 m", z_0="3 m", yaw="0.4 rad")(
+        {"a.x": PHI, "a.y": RATE, "a.phi": 2*PHI, "a.v_x": RATE, "a.v_y": PHI, "a.w": RATE, **LOAD})
+    along_, across = np.array([np.cos(0.4), np.sin(0.4), 0]), np.array([-np.sin(0.4), np.cos(0.4), 0])
+    agree(vector(found, "b", ""), np.array([1, 2, 3]) + np.outer(PHI, along_) + np.outer(RATE, [0, 0, 1]))
+    agree(vector(found, "b", "v"), np.outer(RATE, along_) + np.outer(PHI, [0, 0, 1]), 1e-9, 1)
+    agree(vector(found, "b", "w"), np.outer(-RATE, across), 1e-9, 1)
+    turn = Rotation.from_rotvec(np.outer(2*PHI, -across))*Rotation.from_euler("Z", 0.4)
+    agree((quaternion(found, "b")*turn.inv()).magnitude(), 0*PHI, 1e-7, 1)
+    agree(found["a.F_x"], -F_B @ along_)
+    agree(found["a.F_y"], -F_B[:, 2])
+    agree(found["a.M"], M_B @ across)
+    agree(found["Q"], F_B @ across)
