@@ -241,6 +241,8 @@ def test_python_is_not_exported(tmp_path: Path) -> None:
     with pytest.raises(hb.ModelError, match="native-not-exported") as error:
         hb.export(hb.load(path / "rig.yaml", allow_native=True), path / "machine.c")
     assert "law.c" in str(error.value)
+    with pytest.raises(hb.UsageError, match=r"function hard_spring \(law\.py\) cannot be written in Modelica"):
+        hb.export(hb.load(path / "rig.yaml", allow_native=True), path / "machine.mo")
 
 
 @pytest.mark.parametrize(("old", "new", "code"), [

@@ -15,7 +15,8 @@ from math import isfinite
 
 import casadi as ca
 
-from heavebond.core.errors import Problem, UsageError
+from heavebond.core.errors import Problem, UsageError, listing
+from heavebond.language.external_functions import functions_called
 from heavebond.language.symbols import stack
 
 # precedence of an operation, weakest first
@@ -90,8 +91,12 @@ def written(expressions: Iterable[ca.SX], names: Mapping[int, Term], fresh: Call
     for k in range(function.n_instructions()):
         op, inputs, outputs = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_CALL:
-            raise UsageError([Problem("export-function", "an external function cannot be written in Modelica", None,
-                                      "Export the diagram as an FMU or as C, which contain its source.")])
+            called = functions_called(function)
+            texts = listing([f"{f.name} ({f.external.path.name})" for f in called if f.external is not None])
+            raise UsageError([Problem(
+                "export-function", f"the external function {texts} cannot be written in Modelica" if len(called) == 1 else
+                f"the external functions {texts} cannot be written in Modelica", called[0].place if called else None,
+                "Export the diagram as an FMU or as C, which contain its source.")])
         read = [] if op in (ca.OP_INPUT, ca.OP_CONST) else [register[i] for i in inputs]
         reads.append(read)
         for source in read:

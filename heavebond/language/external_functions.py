@@ -234,6 +234,13 @@ def exported_text(code: str) -> str:
     return "\n".join([*sources, *(foreign.text for foreign in called_ones)])
 
 
+def functions_called(function: ca.Function) -> list[Function]:
+    """The external functions that a function of CasADi calls, itself or by their derivatives."""
+    names = [one.name() for one in function.find_functions()]
+    functions = {foreign.casadi.name(): foreign.function for foreign in _made.values()}
+    return list({called.name: called for key, called in functions.items() if any(key in name for name in names)}.values())
+
+
 def not_exported(function: Function) -> Problem:
     """The problem of a function that cannot be part of C code."""
     external = function.external
