@@ -23,7 +23,7 @@ from heavebond.commands.arguments import (
     set_option,
     with_settings,
 )
-from heavebond.core.errors import Problem, UsageError
+from heavebond.core.errors import Problem, UsageError, listing
 
 if TYPE_CHECKING:
     from heavebond.numerics.result import Result
@@ -65,6 +65,7 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
     from heavebond.commands import terminal
     from heavebond.commands.steady_start import warn_where_it_stands
     from heavebond.language.model import load
+    from heavebond.numerics.placeholders import lawless_parts
     from heavebond.numerics.run_verdict import report_verdict
     from heavebond.numerics.simulation import changes_of, simulate
     from heavebond.text.expression import names as names_in
@@ -92,11 +93,17 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
     if not result.verdict.failed and any(not math.isfinite(float(f["rms"])) for f in figures.values()):
         report_verdict(f"{assembly.model.name}, outputs", result.without_value(names))
     console = terminal.output()
+    without_law = result.without_law(names)
     console.print(terminal.table(
         f"{assembly.model.name}, {result.time[0]:.10g} to {result.time[-1]:{'.10g' if result.time[0] else 'g'}} s",
         ("output", "unit", "min", "max", "rms", "final"),
-        [(name, str(figures[name]["unit"]), *(_shown(figures[name][k]) for k in ("min", "max", "rms", "final")))
+        [(f"{name} *" if name in without_law else name, str(figures[name]["unit"]),
+          *(_shown(figures[name][k]) for k in ("min", "max", "rms", "final")))
          for name in names], text=2))
+    if without_law:
+        parts = lawless_parts(assembly)
+        console.print(f"* depends on {listing(parts, 6)}, which {'have' if len(parts) > 1 else 'has'} no law",
+                      soft_wrap=True, markup=False)
     files = _files(result, plotted or listed, output, saved)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)
@@ -109,7 +116,8 @@ def run(model: str, settings: tuple[str, ...], begin: str | None, until: str | N
     statistics = {k: v for k, v in result.statistics.items() if k != "quadratures"}
     run_figures: dict[str, object] = {"model": assembly.model.name, "until": float(result.time[-1]),
                                       "points": len(result.time),
-            "outputs": figures, "events": [{"time": time, "name": name} for time, name in result.events],
+            "outputs": figures, "without_law": list(without_law),
+            "events": [{"time": time, "name": name} for time, name in result.events],
             "files": list(map(str, files)), "statistics": statistics, "growing": growing}
     if verified:
         from heavebond.numerics.simulator import Tolerances

@@ -24,6 +24,7 @@ from heavebond.numerics.dae import Array, Assembly
 from heavebond.numerics.event_constants import EVENTS
 from heavebond.numerics.extremes import SignalFigures, signal_figures
 from heavebond.numerics.initialise import Start
+from heavebond.numerics.placeholders import depends_on_placeholder, lawless_parts
 from heavebond.numerics.pointwise import undetermined
 from heavebond.numerics.run_verdict import DENSE, JUMP, NOT_BECOME, Finding, Verdict
 from heavebond.numerics.start_stability import unstable_start
@@ -139,6 +140,14 @@ class Result(facade.Displayed):
         `dense` and do not depend on the output points."""
         dense = self.dense
         return {name: signal_figures(dense.time, values) for name, values in dense.signals(names).items()}
+
+    def without_law(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Those of some signals that depend on a part without a law (`placeholder:`), which gives constants."""
+        if not lawless_parts(self.assembly):
+            return ()
+        chosen = list(names)
+        depends = depends_on_placeholder(self.assembly, [signal_expression(self.assembly, name) for name in chosen])
+        return tuple(name for name, yes in zip(chosen, depends, strict=True) if yes)
 
     def without_value(self, names: Iterable[str]) -> Verdict:
         """The verdict on signals: that each has a value at the output times. The verdict of the run names its unknowns."""
@@ -417,7 +426,8 @@ class Result(facade.Displayed):
             [*self.assembly.model.show, *(u.name for u in self.assembly.flat.unknowns),
              *(h.name for h in self.assembly.flat.held)]))
         return SavedRun(self.assembly.model.name, self.time, self.signals(chosen), {n: self.unit(n) for n in chosen},
-                        f"{self.statistics['solver']} ({self.statistics['why']})" if self.statistics else "")
+                        f"{self.statistics['solver']} ({self.statistics['why']})" if self.statistics else "",
+                        self.without_law(chosen))
 
     def to_pandas(self, names: Iterable[str] | None = None) -> pd.DataFrame:
         """A table with time as index; by default the named outputs and all unknowns, columns `name [unit]`."""

@@ -20,6 +20,7 @@ from heavebond.core.errors import Problem, UsageError, listing, suggest
 from heavebond.core.presentation import converted, difference_unit, number, quantity, readable_unit, unit_label, written
 from heavebond.core.units import read_unit
 from heavebond.core.writable import new_file
+from heavebond.records.saved_runs import MARK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,9 +90,11 @@ def plot_signals(result: Result, names: Iterable[str], *, title: str = "") -> Fi
     model = result.assembly.model
     heading = f"{model.name}: {model.summary}" if model.summary else model.name
     figure, axes = stack_of_axes(len(panels), title or heading)
+    without_law = result.without_law(chosen)
     for panel, (unit, lines) in zip(axes, panels.items(), strict=True):
         for k, (name, line) in enumerate(lines):
-            panel.plot(result.time, line, color=COLOURS[k % len(COLOURS)], linewidth=1.3, label=name,
+            panel.plot(result.time, line, color=COLOURS[k % len(COLOURS)], linewidth=1.3,
+                       label=f"{name}{MARK}" if name in without_law else name,
                        linestyle=DASHES[(k // len(COLOURS)) % len(DASHES)])
         _finish(panel, quantity(unit), unit, [line for _, line in lines])
         # A legend above the axes in as many columns as fit

@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-_HEAD = re.compile(r"(?P<name>.+) \[(?P<unit>[^\[\]]*)\]")
+MARK = " (placeholder)"  # behind the name or unit of a signal that depends on a part without a law
+_HEAD = re.compile(r"(?P<name>.+) \[(?P<unit>[^\[\]]*)\](?P<mark> \(placeholder\))?")
 LONGEST_NAME = 63  # largest length of the name of a MATLAB variable
 NEEDED = ("time", "model", "signals", "variables", "units")  # names of the description in a MAT file
-TAKEN = (*NEEDED, "solver")
+TAKEN = (*NEEDED, "solver", "placeholders")
 
 
 @dataclass(frozen=True, repr=False)
@@ -67,7 +68,8 @@ class SavedRun(facade.Displayed):
     """A run without its diagram: `time` (N,) in s and `values`, signals (N,) by name in `units[name]`.
 
     `run[name]` is a Signal with its unit; `run.si[name]` are its numbers in SI, `run.display[name]` those in
-    `run.unit(name)`. `solver` is the integrator and the reason for it (not stored in CSV).
+    `run.unit(name)`. `solver` is the integrator and the reason for it (not stored in CSV). `without_law` are the signals
+    that depend on a part without a law (`placeholder:`).
     """
 
     model: str
@@ -75,6 +77,7 @@ class SavedRun(facade.Displayed):
     values: dict[str, Array] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     solver: str = ""
+    without_law: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return brief(self, self.model, count(len(self.time), "point"), f"signals {listing(list(self.values), 8)}")
@@ -130,10 +133,11 @@ class SavedRun(facade.Displayed):
         return self.values[name]
 
     def to_pandas(self) -> pd.DataFrame:
-        """A table with time as index, columns `name [unit]`; `table.attrs["units"]` maps columns to units."""
+        """A table with time as index, columns `name [unit]`, with ` (placeholder)` behind signals that depend on a part
+        without a law; `table.attrs["units"]` maps columns to units."""
         import pandas as pd
 
-        heads = {name: f"{name} [{self.units[name]}]" for name in self.values}
+        heads = {name: f"{name} [{self.units[name]}]{MARK if name in self.without_law else ''}" for name in self.values}
         table = pd.DataFrame({heads[name]: values for name, values in self.values.items()},
                              index=pd.Index(self.time, name="time [s]"))
         table.attrs["units"] = {heads[name]: self.units[name] for name in self.values}
@@ -142,7 +146,8 @@ class SavedRun(facade.Displayed):
     def to_xarray(self) -> xr.Dataset:
         """A dataset over `time`, each variable with its unit as `attrs["units"]`; UsageError if xarray is missing."""
         dataset: xr.Dataset = xarray_module().Dataset(
-            {name: ("time", values, {"units": self.units[name]}) for name, values in self.values.items()},
+            {name: ("time", values, {"units": self.units[name], **({"placeholder": 1} if name in self.without_law else {})})
+             for name, values in self.values.items()},
             {"time": ("time", self.time, {"units": "s"})}, {"model": self.model, "solver": self.solver})
         return dataset
 
@@ -203,7 +208,8 @@ def _from_table(table: pd.DataFrame, path: Path, model: str, solver: str = "") -
         raise _not_a_run(path, f"column '{wordy[0]}' holds something that is not a number")
     known = [(head["name"], head["unit"], table.iloc[:, k].to_numpy(float)) for k, head in enumerate(heads) if head]
     return SavedRun(model, known[0][2], {name: values for name, _, values in known[1:]},
-                    {name: unit for name, unit, _ in known[1:]}, solver)
+                    {name: unit for name, unit, _ in known[1:]}, solver,
+                    tuple(head["name"] for head in heads if head and head["mark"]))
 
 
 def _write_csv(run: SavedRun, path: Path) -> None:
@@ -272,7 +278,8 @@ def _write_mat(run: SavedRun, path: Path) -> None:
 
     columns = {variable: run.values[name][:, None] for variable, name in zip(variables, names, strict=True)}
     # required data are last, so that a truncated file lacks them
-    savemat(str(path), {"time": run.time[:, None], **columns, "solver": run.solver, "model": run.model,
+    marks = {"placeholders": cells(list(run.without_law))} if run.without_law else {}
+    savemat(str(path), {"time": run.time[:, None], **columns, **marks, "solver": run.solver, "model": run.model,
                         "variables": cells(variables), "units": cells([run.units[name] for name in names]),
                         "signals": cells(names)}, appendmat=False)
 
@@ -291,7 +298,8 @@ def _read_mat(path: Path) -> SavedRun:
     names, variables = texts("signals"), texts("variables")
     values = {name: np.asarray(raw[variable], float).ravel() for name, variable in zip(names, variables, strict=True)}
     return SavedRun("".join(raw["model"].ravel()), np.asarray(raw["time"], float).ravel(), values,
-                    dict(zip(names, texts("units"), strict=True)), "".join(raw.get("solver", np.array([])).ravel()))
+                    dict(zip(names, texts("units"), strict=True)), "".join(raw.get("solver", np.array([])).ravel()),
+                    tuple(texts("placeholders")) if "placeholders" in raw else ())
 
 
 def _write_netcdf(run: SavedRun, path: Path) -> None:
@@ -306,6 +314,8 @@ def _write_netcdf(run: SavedRun, path: Path) -> None:
             variable = file.createVariable(name.replace("/", "|"), "f8", ("time",))
             variable[:] = values
             variable.units, variable.long_name = unit.encode(), name.encode()
+            if name in run.without_law:
+                variable.placeholder = 1
 
 
 def _read_netcdf(path: Path) -> SavedRun:
@@ -319,7 +329,8 @@ def _read_netcdf(path: Path) -> SavedRun:
         time = np.array(variables.pop("time")[:], float)
         named = {v.long_name.decode(): (v.units.decode(), np.array(v[:], float)) for v in variables.values()}
         return SavedRun(file.title.decode(), time, {n: values for n, (_, values) in named.items()},
-                        {n: unit for n, (unit, _) in named.items()}, getattr(file, "solver", b"").decode())
+                        {n: unit for n, (unit, _) in named.items()}, getattr(file, "solver", b"").decode(),
+                        tuple(v.long_name.decode() for v in variables.values() if hasattr(v, "placeholder")))
 
 
 _FORMS: dict[str, tuple[Callable[[SavedRun, Path], None], Callable[[Path], SavedRun]]] = {
