@@ -53,7 +53,7 @@ static double MODEL_left(const double *residual, const double *weight) {
 static int MODEL_loops(double t, const double *x, double *z, const double *p, const double *u) {
   double g[MODEL_n_z + 1], j[MODEL_n_z * MODEL_n_z + 1], weight[MODEL_n_z + 1], next[MODEL_n_z + 1];
   int turn, halving, i, k;
-  for (turn = 0; turn < 50; ++turn) {
+  for (turn = 0; turn < MODEL_turns; ++turn) {
     double size, step = 0, length = 1;
     if (MODEL_call(t, x, z, p, u, 0, 0, g, j)) return 0;
     for (i = 0; i < MODEL_n_z; ++i) {
@@ -65,7 +65,7 @@ static int MODEL_loops(double t, const double *x, double *z, const double *p, co
     if (!isfinite(size)) return 0;
     if (size == 0) return 1;
     if (!MODEL_solve(MODEL_n_z, j, g)) return 0;
-    for (halving = 0; halving < 30; ++halving, length /= 2) {
+    for (halving = 0; halving < MODEL_halvings; ++halving, length /= 2) {
       double residual[MODEL_n_z + 1];
       for (i = 0; i < MODEL_n_z; ++i) next[i] = z[i] - length * g[i];
       if (MODEL_call(t, x, next, p, u, 0, 0, residual, 0)) return 0;
@@ -74,7 +74,7 @@ static int MODEL_loops(double t, const double *x, double *z, const double *p, co
     for (i = 0; i < MODEL_n_z; ++i)
       step = fmax(step, fabs(g[i]) / (MODEL_z_nominal[i] + fabs(z[i])));
     /* at the end only rounding is left, which does not fall any more */
-    if (halving == 30) return step < 1e-8;
+    if (halving == MODEL_halvings) return step < 1e-8;
     for (i = 0; i < MODEL_n_z; ++i) z[i] = next[i];
     if (step * length < 1e-13) return 1;
   }

@@ -111,22 +111,3 @@ static int linearise(double t, const double *y, const double *p, const double *u
   double *res[] = {here->jacobian, here->slope};
   return model_jacobian(arg, res, 0, 0, 0);
 }
-
-/* One step from y at t towards `end` that is accurate enough: `next` there, and the length *h of the step after it. Returns
-   the time reached, or t where no step is short enough. */
-static double accepted_step(double t, double end, const double *y, const double *p, const double *u, const Linear *here,
-                            double tolerance, double *h, double *next) {
-  for (;;) {
-    double length = fmin(*h, end - t);
-    int last = length >= (end - t) * (1 - 1e-12);
-    double error = one_step(t, y, p, u, length, here->jacobian, here->slope, tolerance, next);
-    if (error <= 1) {
-      double growth = fmin(6, 0.9 * pow(fmax(error, 1e-12), -0.2));
-      /* a step that the end has cut short says nothing about the length of the others, unless it asks for shorter ones */
-      if (length >= *h || growth < 1) *h = length * fmax(0.2, growth);
-      return last ? end : t + length;
-    }
-    *h = length * (isfinite(error) ? fmax(0.2, 0.9 * pow(error, -0.2)) : 0.1);
-    if (!(*h > 1e-14 * fmax(fabs(t), end - t))) return t;
-  }
-}

@@ -39,14 +39,19 @@ SCHEMA = "heavebond.schema.json"
 @click.option("--cross", is_flag=True,
               help="Put binaries for Windows, macOS and Linux (x86-64 and arm64) into the FMU; needs `pip install "
                    "'heavebond[cross]'`.")
+@click.option("--step", metavar="TIME",
+              help="Write model.c as a program with this fixed step for real time, e.g. --step '1 ms', with its header and a "
+                   "runner.")
+@click.option("--solver", metavar="NAME",
+              help="With --step: euler, rk4, backward-euler (one iteration) or rosenbrock (the default).")
 @click.option("--input", "inputs", metavar="SIGNAL", multiple=True,
               help="Make a signal input of the diagram an input of the exported model, e.g. --input deck.u. May be "
                    "repeated.")
 @set_option
 @native_option
 @json_option
-def export(model: str | None, output: Path | None, for_editor: bool, version: str, cross: bool,
-           inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
+def export(model: str | None, output: Path | None, for_editor: bool, version: str, cross: bool, step: str | None,
+           solver: str | None, inputs: tuple[str, ...], settings: tuple[str, ...]) -> dict[str, object]:
     """Write the diagram MODEL as an FMU, as C or as a flat Modelica model.
 
     The file has its states, parameters, inputs, and the outputs under `show:`.
@@ -63,6 +68,7 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
         raise UsageError([Problem("option-missing", "no diagram is named" if model is None else "no file is named", None,
                                   "Give a diagram and a file, e.g. heavebond export cmc_ahc -o cmc_ahc.fmu.")])
     from heavebond.commands import terminal
+    from heavebond.core.errors import listing
     from heavebond.core.presentation import count
     from heavebond.exchange.export import export as export_to
     from heavebond.exchange.portable import Portable
@@ -71,7 +77,7 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
     check_writable(output, SUFFIXES)
     with blamed_on_settings(settings), terminal.working("writing"):
         exported = export_to(with_settings(load(model), settings), output, inputs=inputs, fmi=int(version),
-                             cross=cross)
+                             cross=cross, solver=solver, step=step)
     console = terminal.output()
     tunable = [q for q, is_tunable in zip(exported.parameters, exported.tunable, strict=True) if is_tunable]
     groups = {"inputs": exported.inputs, "outputs": exported.outputs, "states": exported.states,
@@ -84,8 +90,18 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
     if isinstance(exported, Portable):
         for note in _notes(exported, output.suffix.lower() == ".fmu"):
             console.print(note, soft_wrap=True)
-    console.print(f"wrote {output}", soft_wrap=True)
-    return {"model": exported.name, "file": str(output),
+    files = [output]
+    if isinstance(exported, Portable) and (step is not None or solver is not None):
+        from heavebond.exchange.real_time import companions, split_periods
+        from heavebond.numerics.output_times import step_of
+
+        files += companions(output)
+        if parts := split_periods(exported, step_of(exported.assembly.model, step)):
+            console.print(f"{listing(parts, 3)}: the period is not a multiple of the step, so that its instants divide steps",
+                          soft_wrap=True)
+    for path in files:
+        console.print(f"wrote {path}", soft_wrap=True)
+    return {"model": exported.name, "file": str(output), "files": [str(path) for path in files],
             **{name.replace(" ", "_"): _listed(g) for name, g in groups.items()}}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import casadi as ca
@@ -23,6 +24,9 @@ from heavebond.numerics.validity import physical_grace
 
 SPARE = 40  # characters of a message in addition to its text: the time
 LONGEST_NAME = 60  # length of the prefix of all names; C99 distinguishes at least 63 characters
+METHODS = ("euler", "rk4", "backward-euler", "rosenbrock")  # of real-time programs
+# Iterations of Newton's method for the algebraic unknowns, and halvings of each, at most.
+NEWTON, NEWTON_IN_REAL_TIME = (50, 30), (10, 8)
 SOURCES = Path(__file__).parents[1] / "c"
 KEYWORDS = frozenset(re.findall(
     r"\w+", "auto break case char const continue default do double else enum extern float for goto if inline int long main "
@@ -44,11 +48,20 @@ def c_name(text: str) -> str:
     return f"m_{plain}" if not plain[:1].isalpha() or plain in KEYWORDS else plain
 
 
-def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
-    """The text of the file; `whole` is for an FMU, with directional derivatives and events but without their integrator.
-    Its functions must have been built with `prefix`_."""
+@dataclass(frozen=True)
+class FixedStepProgram:
+    """A program with a fixed step (s): its method, one of `METHODS`, and the nodes in the ring of its delays."""
+
+    method: str
+    step: float
+    ring: int
+
+
+def c_text(exported: Portable, prefix: str, *, whole: bool = False, fixed: FixedStepProgram | None = None) -> str:
+    """The text of the file; `whole` is for an FMU, with directional derivatives and events but without their integrator,
+    `fixed` for a real-time program. Its functions must have been built with `prefix`_."""
     generator = ca.CodeGenerator(prefix, {"with_header": False, "casadi_int": "int"})
-    steps, stops, parts = not whole and exported.integrated, 0, [_source("evaluate.c")]
+    steps, stops, parts = bool(fixed) or (not whole and exported.integrated), 0, [_source("evaluate.c")]
     functions = [exported.equations]
     if whole or steps:
         functions += [exported.directions, exported.jacobian, exported.happenings, exported.updates, exported.instants,
@@ -61,7 +74,8 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
         functions.append(exported.limits)
         parts.append(_source("limits.c"))
     if steps:
-        parts += [_source("run.c").replace("model_", f"{prefix}_"), _source("c_run.c").replace("model_", f"{prefix}_")]
+        names = ("run.c", "c_run.c") if fixed is None else ("real_time.c",)
+        parts += [_source(name).replace("model_", f"{prefix}_") for name in names]
     try:
         for function in functions:
             generator.add(function)
@@ -95,11 +109,33 @@ def c_text(exported: Portable, prefix: str, *, whole: bool = False) -> str:
     arrays = [*lines,
               *(f"const double {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0.0]))}}};"
                 for name, numbers in values.items())]
-    return "\n".join([_head(exported, prefix, stops, steps), "#include <stdio.h>", used, *arrays,
+    turns, halvings = NEWTON if fixed is None else NEWTON_IN_REAL_TIME
+    arrays.append(f"enum {{ {prefix}_turns = {turns}, {prefix}_halvings = {halvings} }}; /* of Newton's method */")
+    head = [_head(exported, prefix, stops, steps)]
+    if fixed:
+        head = [f"/* {c_comment(exported.name)}: a real-time program, written by heavebond {VERSION}; see {prefix}.h */",
+                f'#include "{prefix}.h"', "#include <math.h>"]
+        del arrays[0]  # the sizes are in the header
+        arrays += _real_time_arrays(exported, prefix, fixed)
+    return "\n".join([*head, "#include <stdio.h>", used, *arrays,
                       *([*_event_arrays(exported, prefix), *_start_arrays(exported, prefix),
-                         *_delay_arrays(exported, prefix)] if whole or steps else []),
+                         *_delay_arrays(exported, prefix, longest=not fixed)] if whole or steps else []),
                       *(_limit_arrays(exported, prefix) if whole or steps or exported.limited else []),
                       *(part.replace("MODEL", prefix) for part in parts), *([programs] if programs else [])])
+
+
+def _real_time_arrays(exported: Portable, prefix: str, fixed: FixedStepProgram) -> list[str]:
+    """The constants of `real_time.c`, and the names of parameters, inputs and outputs."""
+    methods = [f"{prefix}_{method.replace('-', '_')}" for method in METHODS]
+    return [f"enum {{ {', '.join(methods)}, {prefix}_method = {methods[METHODS.index(fixed.method)]}, "
+            f"{prefix}_ring = {fixed.ring} }};",
+            f"const double {prefix}_dt = {fixed.step!r}; /* s */",
+            f"static const double {prefix}_t0 = {float(exported.assembly.begin)!r}; /* s */",
+            *(f"const char *const {prefix}_{title}_{kind}[] = {{{', '.join(texts or ['0'])}}};"
+              for title, quantities in (("parameter", exported.parameters), ("input", exported.inputs),
+                                        ("output", exported.outputs))
+              for kind, texts in (("names", [c_string(q.name) for q in quantities]),
+                                  ("units", [c_string(q.unit.text) for q in quantities])))]
 
 
 def _with_places(functions: Iterable[ca.Function]) -> str:
@@ -240,9 +276,9 @@ def _event_arrays(exported: Portable, prefix: str) -> list[str]:
         f"static const double {prefix}_span = {float(times[-1] - times[0]) or 1.0!r}; /* s; of the run of the diagram */"]
 
 
-def _delay_arrays(exported: Portable, prefix: str) -> list[str]:
+def _delay_arrays(exported: Portable, prefix: str, longest: bool) -> list[str]:
     """Numbers, sizes and values before the start of the delayed variables; whether the equations have rates of them, whether
-    a source depends on one without a state between, and the longest step."""
+    a source depends on one without a state between, and with `longest` the longest step."""
     delays, u = exported.delays, exported.assembly.arguments[4]
     reduced = exported.assembly.reduced
     used = {s.element_hash() for s in ca.symvar(stack([reduced.ode, reduced.alg, reduced.unknowns()]))}
@@ -255,7 +291,8 @@ def _delay_arrays(exported: Portable, prefix: str) -> list[str]:
             f"{prefix}_direct = {int(direct)} }};",
             *(f"static const {kind} {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0]))}}};"
               for name, (kind, numbers) in arrays.items()),
-            f"static const double {prefix}_longest = {largest_step_of(exported.assembly.model)!r}; /* s; 0 for no limit */"]
+            *([f"static const double {prefix}_longest = {largest_step_of(exported.assembly.model)!r}; /* s; 0 for no limit */"]
+              if longest else [])]
 
 
 def _start_arrays(exported: Portable, prefix: str) -> list[str]:

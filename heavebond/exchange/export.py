@@ -10,31 +10,40 @@ from heavebond.exchange.c_code import export_c
 from heavebond.exchange.fmu_export import export_fmu
 from heavebond.exchange.modelica import ModelicaExport, export_modelica
 from heavebond.exchange.portable import Portable
+from heavebond.exchange.real_time import export_real_time
 from heavebond.language.model import ModelOrFile, loaded
+from heavebond.numerics.output_times import Time
 
 SUFFIXES = (".fmu", ".c", ".mo")
 
 
 def export(model: ModelOrFile, path: str | Path, *, inputs: Iterable[str] = (), fmi: int = 3,
-           parameters: Mapping[str, float | str] | None = None, cross: bool = False) -> Portable | ModelicaExport:
+           parameters: Mapping[str, float | str] | None = None, cross: bool = False, solver: str | None = None,
+           step: Time | None = None) -> Portable | ModelicaExport:
     """Write a diagram as an FMU (.fmu, needs a C compiler), as C (.c) or as a Modelica model (.mo) to `path`.
 
     `model` is a diagram, or the path or bundled name of one, `parameters` overrides its values by name. Measured inputs, and
     the signal inputs that are named in `inputs`, become inputs of the exported model; the outputs are those under `show:`.
     `fmi` is the standard of an FMU, 2 or 3, for model exchange and co-simulation; with `cross` it has binaries for Windows,
-    macOS and Linux (x86-64 and arm64). Returns the exported equations with their
+    macOS and Linux (x86-64 and arm64). With a fixed `step` (s or text, as `"1 ms"`) and a `solver` (euler, rk4, backward-euler or
+    rosenbrock, the default), the C is a program for real time, with a header and a runner. Returns the exported equations with their
     quantities, in SI. Raises UsageError for another suffix or without a compiler, ModelError for an invalid diagram or one
-    with FMUs, and for a part that Modelica cannot express.
+    with FMUs, and for a part that Modelica cannot express or a method of real-time programs cannot solve.
     """
     path, diagram = Path(path), loaded(model)
     if path.suffix.lower() not in SUFFIXES:
         raise UsageError([Problem("file-suffix", f"'{path}' does not end in {joined(SUFFIXES, 'or')}", None,
                                   f"Write for example {path.stem or 'model'}{SUFFIXES[0]}.")])
+    if (step is not None or solver is not None) and path.suffix.lower() != ".c":
+        raise UsageError([Problem("step-unused", f"'{path}' chooses its steps itself; a {'solver' if step is None else 'step'} was "
+                                  "specified", None, f"Write {path.stem}.c, or leave out `--step` and `--solver`.")])
     if parameters:
         diagram = diagram.with_parameters(parameters)
     try:
         if path.suffix.lower() == ".mo":
             return export_modelica(diagram, path, inputs)
+        if step is not None or solver is not None:
+            return export_real_time(diagram, path, inputs, solver, step)
         if path.suffix.lower() == ".c":
             return export_c(diagram, path, inputs)
         return export_fmu(diagram, path, inputs, fmi, cross=cross)

@@ -67,7 +67,8 @@ def export_fmu(model: Model, path: str | Path, inputs: Iterable[str] = (), versi
         for target, folders in TARGETS.items()}
     exported = portable(model, inputs, "model_", events=True)
     source = c_text(exported, "model", whole=True)
-    names = (f"fmi{version}.c", "fmu_core.c", "run.c", "fmu_start.c", "fmu_events.c", "history.c", "rosenbrock.c")
+    names = (f"fmi{version}.c", "fmu_core.c", "run.c", "rosenbrock.c", "history_memory.c", "values.c", "fmu_start.c",
+             "history.c", "fmu_events.c", "variable_step.c")
     identifier, wrappers = c_name(exported.name), {name: (SOURCES / name).read_text(encoding="utf-8") for name in names}
     hashed = hashlib.sha256("".join([source, *wrappers.values()]).encode())
     token = "{" + hashed.hexdigest()[:32] + "}"

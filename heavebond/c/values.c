@@ -1,0 +1,126 @@
+/* The values of a run, their evaluation and start. `History` is defined before. */
+enum { PASSED = 500 }; /* events that are remembered, to tell those that come without end */
+
+/* what the events of the diagram have done, and when those of time happen next */
+typedef struct {
+  bool known, truth[model_n_c + 1]; /* whether each condition is true, once it is known */
+  bool met[model_n_e + 1];          /* events that are to happen now */
+  bool timed;                       /* whether the instants belong to the parameters */
+  double next[model_n_e + 1];       /* INFINITY: never again */
+  double last[model_n_e + 1];       /* when it happened */
+  double span, passed[PASSED];      /* length of the run, and instants of the last events, in a ring */
+  int count;
+} Happened;
+
+/* all that changes: a copy of it is a snapshot, from which a run goes on to the last bit */
+typedef struct {
+  double t, x[model_n_x + 1], dx[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_v + 1], y[model_n_y + 1];
+  double step, tolerance; /* of the integrator of co-simulation */
+  bool fresh;             /* whether dx, z and y belong to the rest */
+  bool starting, own;     /* whether the start of the diagram follows parameters and inputs; unless a state was set */
+  Happened events;
+  History history;
+  char message[model_n_m]; /* on a physical limit */
+} Values;
+
+/* a direction of all arguments, and what the results change along it */
+typedef struct {
+  double t, x[model_n_x + 1], z[model_n_z + 1], p[model_n_p + 1], u[model_n_v + 1];
+  double dx[model_n_x + 1], y[model_n_y + 1], indicators[model_n_c + 1];
+} Direction;
+
+static const double SAME = 1e-12; /* share of the run within which two instants are one */
+static const char NO_SOLUTION[] = "the algebraic equations have no solution here";
+static const char NOT_FINITE[] = "a derivative is not finite";
+static const char NO_DERIVATIVE[] = "the algebraic equations have no derivative here";
+static const char NO_STEP[] = "the integration does not get any further";
+static const char NO_PERIOD[] = "an event would be repeated after a period that is not positive";
+static const char NO_START[] = "the diagram has no start with these parameters and inputs that continues the exported one";
+static const char CASCADE[] = "events set off each other without end";
+static const char CHATTER[] = "events follow each other without end";
+static const char IMPULSE[] = "an event makes jump what the equations differentiate";
+
+static void begin(Values *now) {
+  int k;
+  memset(now, 0, sizeof *now);
+  memcpy(now->x, model_x_start, sizeof(double) * model_n_x);
+  memcpy(now->z, model_z_start, sizeof(double) * model_n_z);
+  memcpy(now->p, model_p_start, sizeof(double) * model_n_p);
+  memcpy(now->u, model_u_start, sizeof(double) * model_n_u);
+  now->tolerance = 1e-9;
+  now->events.span = model_span;
+  now->starting = model_n_s > 0;
+  for (k = 0; k < model_n_e; ++k) now->events.last[k] = -INFINITY;
+}
+
+#include "fmu_start.c"
+
+/* Rates, outputs and algebraic unknowns of the present values; what is wrong, or NULL. */
+static const char *evaluate(Values *now) {
+  const char *wrong;
+  int k;
+  if (now->fresh) return NULL;
+  if ((wrong = solve_start(now)) != NULL) return wrong;
+  if (model_evaluate(now->t, now->x, now->z, now->p, now->u, now->dx, now->y)) {
+    memcpy(now->z, model_z_start, sizeof(double) * model_n_z); /* try from the first guess, once */
+    if (model_evaluate(now->t, now->x, now->z, now->p, now->u, now->dx, now->y)) return NO_SOLUTION;
+  }
+  for (k = 0; k < model_n_x; ++k)
+    if (!isfinite(now->dx[k])) return NOT_FINITE;
+  now->fresh = true;
+  return NULL;
+}
+
+/* A message on a physical limit that is passed at this point, or NULL. */
+static const char *limit_passed(Values *now) {
+  const char *wrong = model_n_l ? evaluate(now) : NULL;
+  if (wrong || !model_check(now->t, now->x, now->z, now->p, now->u, now->message, sizeof now->message)) return wrong;
+  return now->message;
+}
+
+/* The indicators of the conditions, of which one above zero is true. */
+static const char *indicate(Values *now, double indicators[]) {
+  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u};
+  double *res[] = {indicators, 0, 0};
+  const char *wrong = evaluate(now);
+  return wrong ? wrong : model_happenings(arg, res, 0, 0, 0) ? NO_SOLUTION : NULL;
+}
+
+/* What the rates, the outputs, the residual of the algebraic equations and the indicators change along a direction of
+   everything else. */
+static int slopes(const Values *now, const Direction *along, double *dx, double *y, double *residual, double *indicators) {
+  const double *arg[] = {&now->t, now->x, now->z, now->p, now->u, &along->t, along->x, along->z, along->p, along->u};
+  double *res[] = {dx, y, residual, indicators};
+  return model_directions(arg, res, 0, 0, 0);
+}
+
+/* As above, with the algebraic unknowns going along such that their equations hold: dg/dz z' = -(the rest of g'). */
+static const char *directions(const Values *now, Direction *along) {
+  double residual[model_n_z + 1], jacobian[model_n_z * model_n_z + 1];
+  int k;
+  if (model_n_z) {
+    if (slopes(now, along, 0, 0, residual, 0) || model_call(now->t, now->x, now->z, now->p, now->u, 0, 0, 0, jacobian) ||
+        !model_solve(model_n_z, jacobian, residual))
+      return NO_DERIVATIVE;
+    for (k = 0; k < model_n_z; ++k) along->z[k] = -residual[k];
+  }
+  return slopes(now, along, along->dx, along->y, 0, along->indicators) ? NO_DERIVATIVE : NULL;
+}
+
+/* The end of the initialisation: from here on states, parameters and inputs are what they are. */
+static const char *end_start(Values *now) {
+  const char *wrong = solve_start(now);
+  now->starting = false;
+  return wrong;
+}
+
+static double spacing(double t) { return nextafter(fabs(t), INFINITY) - fabs(t); }
+
+static double same_instant(const Values *now) { return fmax(SAME * now->events.span, 8 * spacing(now->t)); }
+
+static void set_point(Values *now, double t, const double *y) {
+  now->t = t;
+  memcpy(now->x, y, sizeof(double) * model_n_x);
+  memcpy(now->z, y + model_n_x, sizeof(double) * model_n_z);
+  now->fresh = false;
+}
