@@ -6,7 +6,7 @@
 
    A datagram consists of doubles of 8 bytes, little-endian: the time in s, then the values in the order of MODEL.h.
      to --port (received)  time, inputs:  8 * (1 + MODEL_n_u) bytes; the inputs are held until the next datagram
-     from --to (sent)      time, outputs: 8 * (1 + MODEL_n_y) bytes; the time is that of the outputs
+     to --to (sent)        time, outputs: 8 * (1 + MODEL_n_y) bytes, or those that --outputs names
    Without --lock-step the time of a received datagram is not read. A datagram of another length, or with a value that is
    infinite or not a number, is rejected and counted. */
 #define _POSIX_C_SOURCE 200809L
@@ -32,6 +32,7 @@ enum { BINS_IN_OCTAVE = 16, OCTAVES = 40, BINS = BINS_IN_OCTAVE * OCTAVES, MOST_
 static volatile sig_atomic_t interrupted = 0;
 static uint64_t histogram[BINS]; /* of step times: bin k begins at 2^(k / 16) ns */
 static unsigned char received[8 * (2 + MODEL_n_u)], sent[8 * (1 + MODEL_n_y)];
+static int chosen[MODEL_n_y + 1], n_chosen = MODEL_n_y; /* the outputs that are sent */
 static unsigned long n_sent, n_received, n_rejected;
 
 static void interrupt(int signal_number) {
@@ -69,10 +70,11 @@ static double get_double(const unsigned char *bytes) {
 }
 
 static void send_outputs(int udp, const struct sockaddr_in *to, const MODEL_run *run) {
+  size_t size = 8 * (1 + (size_t)n_chosen);
   int k;
   put_double(sent, MODEL_time(run));
-  for (k = 0; k < MODEL_n_y; ++k) put_double(sent + 8 * (1 + k), MODEL_get_output(run, k));
-  if (sendto(udp, sent, sizeof sent, 0, (const struct sockaddr *)to, sizeof *to) == (ssize_t)sizeof sent) ++n_sent;
+  for (k = 0; k < n_chosen; ++k) put_double(sent + 8 * (1 + k), MODEL_get_output(run, chosen[k]));
+  if (sendto(udp, sent, size, 0, (const struct sockaddr *)to, sizeof *to) == (ssize_t)size) ++n_sent;
 }
 
 /* Read one datagram, if there is any, and set the inputs: 1 if it was accepted, 0 if not, -1 if there is none. In lock step
@@ -108,6 +110,21 @@ static double quantile(double share, uint64_t n) {
   return 1e-9 * pow(2, (k + 1.0) / BINS_IN_OCTAVE);
 }
 
+/* The outputs with the names in a list, which commas separate: the first name that is unknown, or NULL. */
+static const char *choose_outputs(const char *list) {
+  static char name[200];
+  n_chosen = 0;
+  for (;;) {
+    size_t length = strcspn(list, ",");
+    snprintf(name, sizeof name, "%.*s", (int)(length < 199 ? length : 199), list);
+    chosen[n_chosen] = MODEL_output_index(name);
+    if (chosen[n_chosen] < 0 || n_chosen == MODEL_n_y) return name;
+    ++n_chosen;
+    if (!list[length]) return NULL;
+    list += length + 1;
+  }
+}
+
 static int usage(const char *name) {
   printf("usage: %s [options]\n"
          "  --until TIME    end of the run, in s of the model; by default it runs until it is interrupted\n"
@@ -115,6 +132,7 @@ static int usage(const char *name) {
          "  --processor-time  measure the processor time of the steps, without the time of other programs\n"
          "  --port PORT     receive inputs on this port of 127.0.0.1\n"
          "  --to PORT       send outputs to this port of 127.0.0.1\n"
+         "  --outputs LIST  names of the outputs to send, separated by commas; by default all\n"
          "  --every N       send the outputs of every N-th step (default 1)\n"
          "  --lock-step     after outputs are sent, wait for a datagram with a later time than the last one\n"
          "  --priority N    use the real-time scheduler of the system (SCHED_FIFO) with this priority\n"
@@ -138,6 +156,7 @@ int main(int argc, char **argv) {
   clockid_t measured = CLOCK_MONOTONIC;
   MODEL_run *run = malloc(MODEL_size());
   memcpy(p, MODEL_p_start, sizeof(double) * MODEL_n_p);
+  for (k = 0; k < MODEL_n_y; ++k) chosen[k] = k;
   for (k = 1; k < argc; ++k) {
     const char *option = argv[k], *text = k + 1 < argc ? argv[k + 1] : "";
     int valid = 1;
@@ -150,7 +169,15 @@ int main(int argc, char **argv) {
     else if (!strcmp(option, "--to")) valid = number(text, 1, 65535, &to_port);
     else if (!strcmp(option, "--every")) valid = number(text, 1, 1e9, &every);
     else if (!strcmp(option, "--priority")) valid = number(text, 1, 99, &priority);
-    else if (!strcmp(option, "--set")) {
+    else if (!strcmp(option, "--outputs")) {
+      const char *unknown = choose_outputs(text);
+      if (unknown) {
+        fprintf(stderr, "--outputs: '%s' is not an output, or there are too many names; the outputs are:", unknown);
+        for (k = 0; k < MODEL_n_y; ++k) fprintf(stderr, " %s", MODEL_output_names[k]);
+        fprintf(stderr, "\n");
+        return 2;
+      }
+    } else if (!strcmp(option, "--set")) {
       const char *equals = strchr(text, '=');
       char name[200] = "";
       int index;
@@ -200,7 +227,7 @@ int main(int argc, char **argv) {
     double before, taken;
     int bin, status;
     if (wait && !lock_step) wait_until(begin + (double)n * MODEL_dt);
-    if (lock_step) {
+    if (lock_step && n % (uint64_t)every == 0) {
       struct pollfd event;
       int accepted = 0, tries = 0;
       event.fd = udp, event.events = POLLIN;
@@ -216,7 +243,7 @@ int main(int argc, char **argv) {
         if (!interrupted) fprintf(stderr, "no datagram was received within %d s\n", TRIES * PATIENCE / 1000);
         break;
       }
-    } else if (port > 0) {
+    } else if (port > 0 && !lock_step) {
       struct pollfd event;
       event.fd = udp, event.events = POLLIN;
       for (k = 0; k < MOST_READ && poll(&event, 1, 0) > 0; ++k) read_inputs(udp, run, NULL);

@@ -40,7 +40,7 @@ SCHEMA = "heavebond.schema.json"
               help="Put binaries for Windows, macOS and Linux (x86-64 and arm64) into the FMU; needs `pip install "
                    "'heavebond[cross]'`.")
 @click.option("--step", metavar="TIME",
-              help="Write model.c as a program with this fixed step for real time, e.g. --step '1 ms', with its header and a "
+              help="Write model.c as a program with this fixed step for real time, e.g. --step '1 ms', with a header and a "
                    "runner.")
 @click.option("--solver", metavar="NAME",
               help="With --step: euler, rk4, backward-euler (one iteration) or rosenbrock (the default).")
@@ -97,7 +97,7 @@ def export(model: str | None, output: Path | None, for_editor: bool, version: st
 
         files += companions(output)
         if parts := split_periods(exported, step_of(exported.assembly.model, step)):
-            console.print(f"{listing(parts, 3)}: the period is not a multiple of the step, so that its instants divide steps",
+            console.print(f"{listing(parts, 3)}: the period is not a multiple of the step; the instants divide steps",
                           soft_wrap=True)
     for path in files:
         console.print(f"wrote {path}", soft_wrap=True)

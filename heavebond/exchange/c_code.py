@@ -291,7 +291,7 @@ def _delay_arrays(exported: Portable, prefix: str, longest: bool) -> list[str]:
             f"{prefix}_direct = {int(direct)} }};",
             *(f"static const {kind} {prefix}_{name}[] = {{{', '.join(map(repr, numbers or [0]))}}};"
               for name, (kind, numbers) in arrays.items()),
-            *([f"static const double {prefix}_longest = {largest_step_of(exported.assembly.model)!r}; /* s; 0 for no limit */"]
+            *([f"static const double {prefix}_longest = {largest_step_of(exported.assembly.model)!r}; /* s; 0: no limit */"]
               if longest else [])]
 
 

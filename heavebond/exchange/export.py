@@ -25,18 +25,20 @@ def export(model: ModelOrFile, path: str | Path, *, inputs: Iterable[str] = (), 
     `model` is a diagram, or the path or bundled name of one, `parameters` overrides its values by name. Measured inputs, and
     the signal inputs that are named in `inputs`, become inputs of the exported model; the outputs are those under `show:`.
     `fmi` is the standard of an FMU, 2 or 3, for model exchange and co-simulation; with `cross` it has binaries for Windows,
-    macOS and Linux (x86-64 and arm64). With a fixed `step` (s or text, as `"1 ms"`) and a `solver` (euler, rk4, backward-euler or
-    rosenbrock, the default), the C is a program for real time, with a header and a runner. Returns the exported equations with their
-    quantities, in SI. Raises UsageError for another suffix or without a compiler, ModelError for an invalid diagram or one
-    with FMUs, and for a part that Modelica cannot express or a method of real-time programs cannot solve.
+    macOS and Linux (x86-64 and arm64). With a fixed `step` (s or text, as `"1 ms"`) and a `solver` (euler, rk4,
+    backward-euler or rosenbrock, the default), the C is a program for real time, with a header and a runner. Returns the
+    exported equations with their quantities, in SI. Raises UsageError for another suffix, without a compiler, and for a step
+    or a method that does not suit the diagram, ModelError for an invalid diagram or one with FMUs, and for a part that
+    Modelica cannot express.
     """
     path, diagram = Path(path), loaded(model)
     if path.suffix.lower() not in SUFFIXES:
         raise UsageError([Problem("file-suffix", f"'{path}' does not end in {joined(SUFFIXES, 'or')}", None,
                                   f"Write for example {path.stem or 'model'}{SUFFIXES[0]}.")])
     if (step is not None or solver is not None) and path.suffix.lower() != ".c":
-        raise UsageError([Problem("step-unused", f"'{path}' chooses its steps itself; a {'solver' if step is None else 'step'} was "
-                                  "specified", None, f"Write {path.stem}.c, or leave out `--step` and `--solver`.")])
+        option = "solver" if step is None else "step"
+        raise UsageError([Problem("step-unused", f"a {option} is for programs in C; '{path}' is not one", None,
+                                  f"Write {path.stem}.c, or leave out `--step` and `--solver`.")])
     if parameters:
         diagram = diagram.with_parameters(parameters)
     try:
